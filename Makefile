@@ -1,0 +1,47 @@
+# Two commands need nothing but Python and make: `make demo` and `make test`.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+DEV    := $(VENV)/.installed-dev
+
+.PHONY: help demo test lint types layers check campaign clean
+
+help:
+	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
+	@echo "make test      every check: lint, types, layers, tests"
+	@echo "make campaign  the long seeded campaigns, with their tables"
+	@echo "make clean     remove what the above made"
+
+$(STAMP): pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	@touch $@
+
+$(DEV): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+demo: $(STAMP)
+	$(BIN)/palpate identify --seed 7 --picture demo.svg
+
+lint: $(DEV)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(DEV)
+	$(BIN)/mypy -p palpate
+
+layers: $(DEV)
+	$(BIN)/lint-imports
+
+check: lint types layers
+
+test: check
+	$(BIN)/pytest -n auto
+
+campaign: $(DEV)
+	$(BIN)/python benchmarks/bench_campaign.py
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,35 @@
+"""The seam between a wire and what hangs on it. Every skin (in process, pty) drives devices through it.
+
+A device is a transport-free core: it is fed the bytes that reached it and the time at which they did, and
+answers with bytes and the times at which it starts to send them. It never blocks, sleeps or reads a clock.
+"""
+
+from typing import Protocol
+
+__all__ = ["BITS_PER_BYTE", "Device", "Emission", "wire_time_s"]
+
+BITS_PER_BYTE = 10  # 8 data bits, one start bit, one stop bit
+
+Emission = tuple[float, bytes]
+"""(instant in s at which the first bit leaves the device, the bytes)."""
+
+
+class Device(Protocol):
+    """One end of a serial wire, as a state machine."""
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        """Take bytes whose last bit arrived at `now`; return what they provoke."""
+        ...
+
+    def poll(self, now: float) -> list[Emission]:
+        """Return what the device has sent of its own accord up to `now`."""
+        ...
+
+    def next_due(self) -> float | None:
+        """Instant of the next unprovoked emission, or None if there is none in sight."""
+        ...
+
+
+def wire_time_s(count: int, baudrate: int) -> float:
+    """Seconds that `count` bytes occupy a wire at `baudrate` (8N1)."""
+    return count * BITS_PER_BYTE / baudrate

@@ -1,0 +1,23 @@
+"""The one tree of errors. Beneath every layer: it imports nothing, everyone may import it.
+
+Every message says what was wrong, where, and what to do next, in one line, for a person who has not
+read the code. The command line turns the three branches into exit codes (see `docs/conventions.md`).
+"""
+
+__all__ = ["DeviceError", "InputError", "PalpateError", "SafetyStop"]
+
+
+class PalpateError(Exception):
+    """Root of every error that palpate raises on purpose."""
+
+
+class InputError(PalpateError):
+    """A file, option or value from outside is not usable. Exit code 2."""
+
+
+class DeviceError(PalpateError):
+    """A port or device is missing, silent or reports a fault; the message names it. Exit code 3."""
+
+
+class SafetyStop(PalpateError):
+    """A limit would be or was exceeded and the motion was stopped. Exit code 4."""
