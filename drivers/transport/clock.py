@@ -1,4 +1,4 @@
-"""Time as a value that is passed in. Beneath everything in `drivers`; nothing below `rig` reads another clock.
+"""Time as a value that is passed in. Beneath everything in `drivers`; nothing below `rig` reads another.
 
 A `VirtualClock` moves only when somebody waits on it: the mock transport advances it by wire time, by
 device latency and by polling, so an emulated session is deterministic and runs faster than real time.

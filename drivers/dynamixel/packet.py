@@ -1,0 +1,218 @@
+"""Dynamixel Protocol 2.0 on the wire: bytes to packets and packets to bytes, without any port or clock.
+
+    FF FF FD 00 | ID | LEN_L LEN_H | INST | params … | CRC_L CRC_H          instruction packet
+    FF FF FD 00 | ID | LEN_L LEN_H | 55 | error | params … | CRC_L CRC_H    status packet
+
+LEN counts everything after itself. Inside INST…params the sequence FF FF FD is followed by one stuffed FD
+that is not part of the data; LEN and CRC are taken over the stuffed bytes. Before, between and after packets
+there may be any garbage: the parser looks for the next header and counts what it skipped.
+
+The emulated servos speak through this module; the host speaks through the vendor's SDK and borrows only
+`stuff` and `unstuff` from here. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" and "CRC calculation".
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+__all__ = [
+    "ALERT_BIT",
+    "BROADCAST_ID",
+    "MAX_ID",
+    "Instruction",
+    "InstructionPacket",
+    "Parser",
+    "StatusErrorCode",
+    "StatusPacket",
+    "crc16",
+    "encode_instruction",
+    "encode_status",
+    "stuff",
+    "unstuff",
+]
+
+BROADCAST_ID = 0xFE
+MAX_ID = 252
+ALERT_BIT = 0x80
+
+_HEADER = b"\xff\xff\xfd\x00"
+_STUFFABLE = b"\xff\xff\xfd"
+_STUFFED = b"\xff\xff\xfd\xfd"
+_PREFIX = 7  # header, ID and length
+_STATUS = 0x55
+_LONGEST = 1024  # LEN beyond this is noise: no servo has a buffer for it
+
+
+class Instruction(IntEnum):
+    """Instructions by the e-Manual's names."""
+
+    PING = 0x01
+    READ = 0x02
+    WRITE = 0x03
+    REG_WRITE = 0x04
+    ACTION = 0x05
+    FACTORY_RESET = 0x06
+    REBOOT = 0x08
+    CLEAR = 0x10
+    CONTROL_TABLE_BACKUP = 0x20
+    SYNC_READ = 0x82
+    SYNC_WRITE = 0x83
+    FAST_SYNC_READ = 0x8A
+    BULK_READ = 0x92
+    BULK_WRITE = 0x93
+    FAST_BULK_READ = 0x9A
+
+
+class StatusErrorCode(IntEnum):
+    """Error numbers of a status packet by the e-Manual's names."""
+
+    NONE = 0
+    RESULT_FAIL = 1
+    INSTRUCTION_ERROR = 2
+    CRC_ERROR = 3
+    DATA_RANGE_ERROR = 4
+    DATA_LENGTH_ERROR = 5
+    DATA_LIMIT_ERROR = 6
+    ACCESS_ERROR = 7
+
+
+@dataclass(frozen=True, slots=True)
+class InstructionPacket:
+    """What a controller sends. `instruction` is a plain int: unknown ones must be answerable."""
+
+    dxl_id: int
+    instruction: int
+    params: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class StatusPacket:
+    """What a servo answers. `error` is the error byte: alert bit and error number."""
+
+    dxl_id: int
+    error: int = 0
+    params: bytes = b""
+
+    @property
+    def alert(self) -> bool:
+        """True if the servo reports a hardware error."""
+        return bool(self.error & ALERT_BIT)
+
+    @property
+    def error_number(self) -> int:
+        """The error number without the alert bit; 0 if the instruction was carried out."""
+        return self.error & ~ALERT_BIT
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        value = byte << 8
+        for _ in range(8):
+            value = ((value << 1) ^ 0x8005 if value & 0x8000 else value << 1) & 0xFFFF
+        table.append(value)
+    return tuple(table)
+
+
+_CRC_TABLE = _crc_table()
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16 with polynomial 0x8005, initial value 0, not reflected (catalogue name CRC-16/UMTS)."""
+    crc = 0
+    for byte in data:
+        crc = ((crc << 8) & 0xFF00) ^ _CRC_TABLE[(crc >> 8) ^ byte]
+    return crc
+
+
+def stuff(body: bytes) -> bytes:
+    """Put an FD after every FF FF FD in INST…params."""
+    return body.replace(_STUFFABLE, _STUFFED)
+
+
+def unstuff(body: bytes) -> bytes:
+    """Take away what `stuff` put in."""
+    return body.replace(_STUFFED, _STUFFABLE)
+
+
+def encode_instruction(packet: InstructionPacket) -> bytes:
+    """Bytes of an instruction packet."""
+    return _frame(packet.dxl_id, bytes((packet.instruction,)) + packet.params)
+
+
+def encode_status(packet: StatusPacket) -> bytes:
+    """Bytes of a status packet."""
+    return _frame(packet.dxl_id, bytes((_STATUS, packet.error)) + packet.params)
+
+
+def _frame(dxl_id: int, body: bytes) -> bytes:
+    stuffed = stuff(body)
+    length = len(stuffed) + 2
+    if length > _LONGEST:
+        raise ValueError(f"a packet of {length} bytes after LEN is longer than the {_LONGEST} a servo takes")
+    head = _HEADER + bytes((dxl_id,)) + length.to_bytes(2, "little") + stuffed
+    return head + crc16(head).to_bytes(2, "little")
+
+
+class Parser:
+    """Finds packets in a stream that may start, stop and break anywhere.
+
+    `dropped_bytes` counts bytes that belonged to no valid packet, `crc_failures` the complete packets among
+    them whose CRC was wrong. After a wrong CRC the search goes on right behind that header, so a packet that
+    begins inside a damaged one is still found.
+    """
+
+    def __init__(self) -> None:
+        self.dropped_bytes = 0
+        self.crc_failures = 0
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[InstructionPacket | StatusPacket]:
+        """Take more bytes and return the packets that they complete, in order."""
+        self._buffer += data
+        packets: list[InstructionPacket | StatusPacket] = []
+        while (frame := self._next_frame()) is not None:
+            body = unstuff(frame[_PREFIX:-2])
+            if body[0] != _STATUS:
+                packets.append(InstructionPacket(frame[4], body[0], body[1:]))
+            elif len(body) >= 2:
+                packets.append(StatusPacket(frame[4], body[1], body[2:]))
+            else:
+                self.dropped_bytes += len(frame)
+        return packets
+
+    def reset(self) -> None:
+        """Forget an unfinished packet, as a servo does when the line falls silent; its bytes are dropped."""
+        self._drop(len(self._buffer))
+
+    def _next_frame(self) -> bytes | None:
+        buffer = self._buffer
+        while True:
+            start = buffer.find(_HEADER)
+            self._drop(start if start >= 0 else len(buffer) - _header_overlap(buffer))
+            if len(buffer) < _PREFIX:
+                return None
+            length = int.from_bytes(buffer[5:7], "little")
+            if not 3 <= length <= _LONGEST or buffer[4] in (0xFD, 0xFF):
+                self._drop(1)
+                continue
+            end = _PREFIX + length
+            if len(buffer) < end:
+                return None
+            frame = bytes(buffer[:end])
+            if crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little"):
+                del buffer[:end]
+                return frame
+            self.crc_failures += 1
+            self._drop(1)
+
+    def _drop(self, count: int) -> None:
+        self.dropped_bytes += count
+        del self._buffer[:count]
+
+
+def _header_overlap(buffer: bytearray) -> int:
+    """Length of the longest end of `buffer` that could begin a header."""
+    for size in range(min(len(_HEADER) - 1, len(buffer)), 0, -1):
+        if buffer.endswith(_HEADER[:size]):
+            return size
+    return 0

@@ -1,0 +1,153 @@
+"""Wires in virtual time: what lies between a `mock://` port and an emulated device.
+
+A `MockHub` owns the wires of one emulated rig and shares one `VirtualClock` among them. A wire carries one
+byte after another: a byte is there once its last bit has arrived, so every byte costs its wire time.
+
+pyserial makes ports from strings alone, through classes that it finds by module name. The table of hubs
+below is therefore the one piece of module-level state in the drivers. It holds its hubs weakly: a hub that
+nobody owns any more takes its URLs with it.
+"""
+
+import weakref
+from collections import deque
+from dataclasses import dataclass
+
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.wire import BITS_PER_BYTE, Device, wire_time_s
+from palpate.errors import DeviceError
+
+__all__ = ["MOCK_SCHEME", "MockHub", "MockWire", "wire_for_url"]
+
+MOCK_SCHEME = "mock"
+_ROUNDING_BYTES = 1e-3  # of one byte's wire time; far above the clock's rounding, far below a byte
+
+_HUBS: "weakref.WeakValueDictionary[str, MockHub]" = weakref.WeakValueDictionary()
+
+
+@dataclass(slots=True)
+class _Burst:
+    """Bytes sent without a gap; byte i (from 0) has arrived at start_s + (i + 1) byte times."""
+
+    start_s: float
+    data: bytes
+    taken: int = 0
+
+
+class MockWire:
+    """A serial wire with a device at its far end, in virtual time."""
+
+    def __init__(self, url: str, device: Device, baudrate: int, clock: VirtualClock) -> None:
+        if baudrate <= 0:
+            raise ValueError(f"baud rate of {url} is {baudrate}; it must be positive")
+        self.url = url
+        self.baudrate = baudrate
+        self.clock = clock
+        self._device = device
+        self._byte_s = BITS_PER_BYTE / baudrate
+        self._bursts: deque[_Burst] = deque()
+        self._free_s = 0.0
+
+    def send(self, data: bytes, baudrate: int) -> None:
+        """Carry bytes to the device; moves the clock by their wire time.
+
+        At a baud rate that is not the device's the time passes and the device understands nothing.
+        """
+        self.clock.sleep(wire_time_s(len(data), baudrate))
+        if baudrate != self.baudrate:
+            self.poll()
+            return
+        self._enqueue(self._device.feed(data, self.clock.now()))
+
+    def poll(self) -> None:
+        """Take over what the device has sent of its own accord up to now. Does not move the clock."""
+        self._enqueue(self._device.poll(self.clock.now()))
+
+    def arrived(self) -> int:
+        """Number of bytes that have arrived and were not taken."""
+        now = self.clock.now()
+        return sum(self._complete(burst, now) - burst.taken for burst in self._bursts)
+
+    def take(self, count: int) -> bytes:
+        """Take up to `count` of the bytes that have arrived."""
+        now = self.clock.now()
+        parts: list[bytes] = []
+        while self._bursts and count > 0:
+            burst = self._bursts[0]
+            end = min(self._complete(burst, now), burst.taken + count)
+            if end <= burst.taken:
+                break
+            parts.append(burst.data[burst.taken : end])
+            count -= end - burst.taken
+            burst.taken = end
+            if end < len(burst.data):
+                break
+            self._bursts.popleft()
+        return b"".join(parts)
+
+    def next_event_s(self, wanted: int) -> float | None:
+        """Instant at which up to `wanted` more bytes of the burst under way will be there.
+
+        With nothing under way: the instant at which the device will next send of its own accord; None if
+        it never will.
+        """
+        if self._bursts:
+            burst = self._bursts[0]
+            last = min(len(burst.data), burst.taken + max(wanted, 1))
+            return burst.start_s + last * self._byte_s
+        return self._device.next_due()
+
+    def _enqueue(self, emissions: list[tuple[float, bytes]]) -> None:
+        for instant, data in emissions:
+            if not data:
+                continue
+            start = max(instant, self._free_s)
+            self._free_s = start + len(data) * self._byte_s
+            self._bursts.append(_Burst(start, data))
+
+    def _complete(self, burst: _Burst, now: float) -> int:
+        count = int((now - burst.start_s) / self._byte_s + _ROUNDING_BYTES)
+        return max(burst.taken, min(count, len(burst.data)))
+
+
+class MockHub:
+    """The wires of one emulated rig, all on one virtual clock."""
+
+    def __init__(self, clock: VirtualClock, name: str = "rig") -> None:
+        """Claim the first free of `name`, `name-2`, `name-3`, … as this hub's part of the URL."""
+        self.clock = clock
+        self._wires: dict[str, MockWire] = {}
+        unique = name
+        number = 1
+        while unique in _HUBS:
+            number += 1
+            unique = f"{name}-{number}"
+        self.name = unique
+        _HUBS[unique] = self
+
+    def attach(self, name: str, device: Device, baudrate: int) -> str:
+        """Put a device on a new wire and return the URL of its port, good as long as the hub lives.
+
+        Raises ValueError if the hub has a wire of that name.
+        """
+        if name in self._wires:
+            raise ValueError(f"hub {self.name} already has a wire named {name}")
+        url = f"{MOCK_SCHEME}://{self.name}/{name}"
+        self._wires[name] = MockWire(url, device, baudrate, self.clock)
+        return url
+
+    def wire(self, name: str) -> MockWire | None:
+        """Return the wire of that name, or None."""
+        return self._wires.get(name)
+
+
+def wire_for_url(url: str) -> MockWire:
+    """Find the wire behind `mock://HUB/NAME`. Raises DeviceError if there is none."""
+    hub_name, _, wire_name = url.partition("://")[2].partition("/")
+    hub = _HUBS.get(hub_name)
+    wire = hub.wire(wire_name) if hub is not None else None
+    if wire is None:
+        raise DeviceError(
+            f"port {url} does not exist: no emulated device is attached under that name; "
+            "check `port` in the rig file, or start the emulated rig first"
+        )
+    return wire
