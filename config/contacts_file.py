@@ -1,0 +1,116 @@
+"""Contacts, format `palpate/contacts@1`: what fingers felt, or did not feel, grip by grip.
+
+Stands where a session's contacts come from a file instead of the bench. Everything is in the
+support-plane frame W, mm and rad. The values keep the file's field names, which carry no unit suffix: the
+file's `units` header fixes them.
+"""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from palpate.config.fields import FileModel, Flag, Length, Name, Number, Point
+from palpate.config.loading import Source, load_json
+from palpate.config.problems import problem
+
+__all__ = ["ContactEntry", "ContactsFile", "GripEntry", "Travel", "load_contacts"]
+
+_NOUNS = {"grips": "grip", "contacts": "contact"}
+_ANGLE_SLACK_RAD = 1e-9
+
+
+def _normal_range(pair: tuple[float, float]) -> tuple[float, float]:
+    lo, hi = pair
+    if hi < lo:
+        raise problem(f"is [{lo:g}, {hi:g}]; hi is counter-clockwise from lo, add 2π to hi if it wraps")
+    if hi - lo > 2 * math.pi + _ANGLE_SLACK_RAD:
+        raise problem(f"is [{lo:g}, {hi:g}], more than a full turn; leave it out if the normal is unknown")
+    return pair
+
+
+class Travel(FileModel):
+    """How a finger came: a straight line of the tip's centre."""
+
+    direction: Number = Field(description="Direction of travel, rad, counter-clockwise from +x of W.")
+    start: Point = Field(description="Tip centre at the start, mm; nothing was touched there.")
+    end: Point | None = Field(default=None, description="Tip centre at the end of a miss, mm.")
+
+
+class ContactEntry(FileModel):
+    """One finger's approach: a touch (`centre`, perhaps `normal`) or a miss (`approach.end`)."""
+
+    finger: Name
+    touched: Flag
+    height: Length = Field(description="Height of the contact above the support plane, mm.")
+    tip_radius: Length = Field(description="Radius of the cylindrical tip, mm; 0 is the point finger.")
+    position_bound: Length = Field(description="The true tip centre is within this distance, mm.")
+    centre: Point | None = Field(default=None, description="Tip centre at the touch, mm.")
+    normal: Annotated[tuple[Number, Number], AfterValidator(_normal_range)] | None = Field(
+        default=None, description="Outward surface normal, rad, counter-clockwise from lo to hi."
+    )
+    approach: Travel
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> Self:
+        if self.touched:
+            if self.centre is None:
+                raise problem('a finger that touched needs the key "centre"')
+            if self.approach.end is not None:
+                raise problem(
+                    "a finger that touched stopped at its centre; leave the end out", "approach", "end"
+                )
+            self._check_travel(self.centre, "centre")
+            return self
+        for key in ("centre", "normal"):
+            if getattr(self, key) is not None:
+                raise problem("a finger that touched nothing has none; leave it out", key)
+        if self.approach.end is None:
+            raise problem('a finger that touched nothing needs the key "end"', "approach")
+        self._check_travel(self.approach.end, "approach", "end")
+        return self
+
+    def _check_travel(self, end: tuple[float, float], *place: str) -> None:
+        """Refuse an end behind the start: direction and points contradict each other."""
+        x, y = end[0] - self.approach.start[0], end[1] - self.approach.start[1]
+        along = x * math.cos(self.approach.direction) + y * math.sin(self.approach.direction)
+        if along < -2 * self.position_bound - _ANGLE_SLACK_RAD:
+            raise problem(f"lies {-along:.4g} mm behind the start, against the direction of travel", *place)
+
+
+class GripEntry(FileModel):
+    """Approaches carried out together, each finger at most once."""
+
+    contacts: list[ContactEntry] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _fingers_differ(self) -> Self:
+        names = [contact.finger for contact in self.contacts]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                first = names.index(name)
+                raise problem(
+                    f'"{name}" is contact {first} of this grip already; start a new grip',
+                    "contacts",
+                    index,
+                    "finger",
+                )
+        return self
+
+
+class ContactsFile(FileModel):
+    """Grips in the order in which they were carried out."""
+
+    format: Literal["palpate/contacts@1"]
+    units: Literal["mm, rad"]
+    grips: list[GripEntry] = Field(min_length=1)
+
+
+def load_contacts(source: Source) -> ContactsFile:
+    """Read and check the contacts in `source`.
+
+    Raises:
+        InputError: unreadable, wrong keys or values, or a contact that contradicts itself; one line.
+
+    """
+    return load_json(source, ContactsFile, _NOUNS)

@@ -1,0 +1,68 @@
+"""Kinds of values that the file formats are made of: strict numbers, points, names.
+
+Pydantic's own leniency ("1" for 1, true for 1.0) is switched off value by value here, so that a wrong
+kind of value in a file is an error with a place rather than a guess.
+"""
+
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from palpate.config.problems import problem
+
+__all__ = [
+    "Bounded",
+    "Count",
+    "FileModel",
+    "Flag",
+    "Fraction",
+    "Length",
+    "Name",
+    "Number",
+    "Point",
+    "Positive",
+    "Text",
+]
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""A finite number; whole numbers are taken too, texts and true/false are not."""
+
+Length = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0)]
+"""A finite number that is not negative."""
+
+Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0)]
+"""A finite number above zero."""
+
+Fraction = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=1)]
+"""A share between 0 and 1."""
+
+Count = Annotated[int, Field(strict=True, ge=0)]
+"""A whole number that is not negative."""
+
+Flag = Annotated[bool, Field(strict=True)]
+"""true or false, nothing else."""
+
+Text = Annotated[str, Field(strict=True, min_length=1)]
+"""A text that is not empty."""
+
+Name = Annotated[str, Field(strict=True, min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
+"""A name on one line, without blanks around it."""
+
+Point = tuple[Number, Number]
+"""x, y in mm; the frame is the file format's."""
+
+
+def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
+    if not pair[0] < pair[1]:
+        raise problem(f"is [{pair[0]:g}, {pair[1]:g}]; the first value must be below the second")
+    return pair
+
+
+Bounded = Annotated[tuple[Number, Number], AfterValidator(_in_order)]
+"""[lo, hi] with lo < hi."""
+
+
+class FileModel(BaseModel):
+    """A table of a file: unknown keys are refused, values cannot be changed once read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -1,0 +1,148 @@
+"""From a file's bytes to a checked pydantic model, or one `InputError` line. The way in for all formats.
+
+Every failure names the file, the place in it, what is wrong and what is allowed: a missing file, bytes
+that are not UTF-8, broken JSON or TOML (line and column), keys given twice, unknown keys, wrong values.
+"""
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from palpate.config.problems import Problem, place_in_words, problems_of, refuse, shown
+from palpate.errors import InputError
+
+__all__ = ["Source", "load_json", "load_toml", "source_name"]
+
+Source = str | os.PathLike[str] | Traversable
+"""A path, or a file that ships inside the package."""
+
+_Model = TypeVar("_Model", bound=BaseModel)
+_TOML_POSITION = re.compile(r"^(?P<what>.*?)\s*\(at (?P<where>.*)\)$", re.DOTALL)
+
+
+class _Refused(ValueError):
+    """Found while decoding JSON, at a place the decoder does not know."""
+
+
+def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> _Model:
+    """Read `source` as JSON into `model`, whose `format` field is the literal name of the format.
+
+    `nouns` says how list entries are called in messages: {"objects": "object"}.
+
+    Raises:
+        InputError: anything is wrong with the file; one line, the first problem and the number of others.
+
+    """
+    return _load(source, model, nouns, _decode_json, "JSON")
+
+
+def load_toml(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> _Model:
+    """Read `source` as TOML into `model`; otherwise as `load_json`."""
+    return _load(source, model, nouns, _decode_toml, "TOML")
+
+
+def source_name(source: Source) -> str:
+    """What messages call the file: its path as the user gave it."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else source.name
+
+
+def _load(
+    source: Source,
+    model: type[_Model],
+    nouns: Mapping[str, str],
+    decode: Callable[[str], object],
+    language: str,
+) -> _Model:
+    name = source_name(source)
+    text = _read_text(source, name)
+    try:
+        data = decode(text)
+    except _Refused as error:
+        raise InputError(f"{name}: {error}") from None
+    except RecursionError:
+        raise InputError(f"{name}: brackets are nested too deeply") from None
+    except ValueError as error:
+        raise InputError(f"{name}: not valid {language}: {_syntax(error)}") from None
+    wrong_format = _format_problem(data, model)
+    if wrong_format is not None:
+        raise refuse(name, [wrong_format])
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = problems_of(error, model, data, nouns)
+    raise refuse(name, problems)
+
+
+def _read_text(source: Source, name: str) -> str:
+    file = Path(source) if isinstance(source, str | os.PathLike) else source
+    try:
+        raw = file.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{name}: there is no such file") from None
+    except IsADirectoryError:
+        raise InputError(f"{name}: is a folder, not a file") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(f"{name}: cannot be read: {reason}") from None
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{name}: line {line} holds byte 0x{raw[error.start]:02x}, which is not UTF-8; save it as UTF-8"
+        ) from None
+
+
+def _decode_json(text: str) -> object:
+    return json.loads(text, object_pairs_hook=_no_repeats)
+
+
+def _decode_toml(text: str) -> object:
+    return tomllib.loads(text)
+
+
+def _no_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise _Refused(f"the key {shown(twice)} is given twice in one table")
+    return table
+
+
+def _syntax(error: ValueError) -> str:
+    if isinstance(error, json.JSONDecodeError):
+        return f"line {error.lineno}, column {error.colno}: {error.msg[:1].lower()}{error.msg[1:]}"
+    match = _TOML_POSITION.match(str(error))
+    if match is not None:
+        return f"{match['where']}: {match['what'][:1].lower()}{match['what'][1:]}"
+    return " ".join(str(error).split())
+
+
+def _format_problem(data: object, model: type[BaseModel]) -> Problem | None:
+    """Check the format before anything else: errors against the wrong format mislead."""
+    wanted = model.model_fields["format"].annotation.__args__[0]  # type: ignore[union-attr]
+    if not isinstance(data, dict):
+        return Problem("", f"holds {shown(data)}; it must be a table with the key format = {shown(wanted)}")
+    if "format" not in data:
+        return (
+            None
+            if len(data) and _misspelt_format(data)
+            else Problem("", f'the key "format" is missing; this file must say format {shown(wanted)}')
+        )
+    if data["format"] != wanted:
+        return Problem(
+            place_in_words(("format",), data, {}), f"is {shown(data['format'])}; needed here: {shown(wanted)}"
+        )
+    return None
+
+
+def _misspelt_format(data: Mapping[str, object]) -> bool:
+    return any(isinstance(value, str) and value.startswith("palpate/") for value in data.values())

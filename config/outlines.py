@@ -1,0 +1,96 @@
+"""Is an outline fit to be an object's cross section? Geometry checks that name the place.
+
+Stands behind `objects_file`: the values have the right kinds already, here their meaning is checked.
+Nothing is repaired: edge k of a model is the edge from point k to point k + 1 of the file, so merging or
+turning points silently would renumber the edges that recognition reports.
+"""
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+__all__ = ["MIN_EDGE_MM", "outline_problem", "polygons_problem"]
+
+MIN_EDGE_MM = 1e-6
+"""Points closer together than this are the same point."""
+
+_MIN_AREA_MM2 = 1e-6
+_OVERLAP_MM2 = 1e-9
+
+Found = tuple[int | None, str]
+"""Index of the offending point (None: the whole outline) and what is wrong with it."""
+
+
+def outline_problem(points: NDArray[np.float64]) -> Found | None:
+    """Say what keeps the outline through `points` (shape (n, 2), mm) from being simple, if anything."""
+    if len(points) < 3:
+        return None, f"has {len(points)} points; an outline needs at least 3"
+    lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    short = np.flatnonzero(lengths < MIN_EDGE_MM)
+    if len(short):
+        return _repeated(points, int(short[0]))
+    if not shapely.LinearRing(points).is_simple:
+        return None, _crossing(points)
+    if shapely.Polygon(points).area < _MIN_AREA_MM2:
+        return None, "encloses no area"
+    return None
+
+
+def polygons_problem(
+    polygons: list[tuple[NDArray[np.float64], list[NDArray[np.float64]]]],
+) -> tuple[int, int | None, str] | None:
+    """Check simple outlines against each other: (polygon, hole or None, what is wrong), or None.
+
+    `polygons`: (outer, holes) of one section, each outline of shape (n, 2), mm.
+    """
+    for index, (outer, holes) in enumerate(polygons):
+        shell = shapely.Polygon(outer)
+        cut = [shapely.Polygon(hole) for hole in holes]
+        for number, hole in enumerate(cut):
+            if not shapely.contains_properly(shell, hole):
+                outside = (
+                    hole.difference(shell) if not shell.covers(hole) else hole.intersection(shell.boundary)
+                )
+                x, y = outside.representative_point().coords[0]
+                where = "lies outside" if not shell.covers(hole) else "touches"
+                return index, number, f"{where} the outer outline at ({x:.4g}, {y:.4g})"
+            for other in range(number):
+                if hole.intersects(cut[other]):
+                    x, y = hole.intersection(cut[other]).representative_point().coords[0]
+                    return index, number, f"touches or overlaps hole {other} at ({x:.4g}, {y:.4g})"
+        solid = shapely.Polygon(outer, holes)
+        for other in range(index):
+            common = solid.intersection(shapely.Polygon(*polygons[other]))
+            if common.area > _OVERLAP_MM2:
+                x, y = common.representative_point().coords[0]
+                return index, None, f"overlaps polygon {other} at ({x:.4g}, {y:.4g})"
+    return None
+
+
+def _repeated(points: NDArray[np.float64], first: int) -> Found:
+    last = len(points) - 1
+    if first == last:
+        return last, "repeats point 0; an outline closes by itself, leave the last point out"
+    return first + 1, f"repeats point {first}; leave one of them out"
+
+
+def _crossing(points: NDArray[np.float64]) -> str:
+    """Name the first two edges that meet where they should not, and the place."""
+    edges = [shapely.LineString((points[k], points[(k + 1) % len(points)])) for k in range(len(points))]
+    tree = shapely.STRtree(edges)
+    firsts, seconds = tree.query(edges, predicate="intersects")
+    for first, second in sorted(zip(firsts.tolist(), seconds.tolist(), strict=True)):
+        if first >= second:
+            continue
+        meeting = edges[first].intersection(edges[second])
+        gap = min(second - first, len(edges) - second + first)
+        if gap == 1 and meeting.geom_type == "Point":
+            continue
+        x, y = (
+            meeting.representative_point().coords[0]
+            if meeting.geom_type != "LineString"
+            else meeting.coords[0]
+        )
+        verb = "meets" if meeting.geom_type == "Point" else "runs back along"
+        return f"intersects itself at ({x:.4g}, {y:.4g}): edge {first} {verb} edge {second}"
+    return "intersects itself"

@@ -1,0 +1,226 @@
+"""What is wrong with a file, in words for the person who wrote it.
+
+Turns pydantic's findings into `Problem` values: a place in the user's own terms and one sentence.
+Nothing of pydantic's vocabulary, and none of its links, gets past this module.
+"""
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import UnionType
+from typing import Annotated, Any, Union, cast, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from palpate.errors import InputError
+
+__all__ = ["Place", "Problem", "nearest", "place_in_words", "problem", "problems_of", "refuse", "shown"]
+
+Place = tuple[str | int, ...]
+"""Keys and indices (from 0) from the top of a file to a value."""
+
+_OWN_TYPE = "palpate"
+_KINDS: Mapping[str, str] = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "a text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a table of keys and values",
+    "model_type": "a table of keys and values",
+    "model_attributes_type": "a table of keys and values",
+}
+_LIMITS: Mapping[str, tuple[str, str]] = {
+    "greater_than": ("gt", "must be above"),
+    "greater_than_equal": ("ge", "must be at least"),
+    "less_than": ("lt", "must be below"),
+    "less_than_equal": ("le", "must be at most"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong: where (in words, may be empty for the whole file) and what."""
+
+    place: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.message}" if self.place else self.message
+
+
+def problem(message: str, *place: str | int) -> PydanticCustomError:
+    """Make what a validator raises: `message`, at `place` relative to the value being validated."""
+    # The text goes in as a parameter: braces in it would be taken for placeholders.
+    return PydanticCustomError(_OWN_TYPE, "{text}", {"text": message, "place": place})
+
+
+def refuse(source: str, problems: Sequence[Problem]) -> InputError:
+    """One line for the first of `problems` (not empty), with the number of the others."""
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    return InputError(f"{source}: {problems[0]}{more}")
+
+
+def shown(value: object, limit: int = 40) -> str:
+    """`value` as it stands in the file, cut to `limit` characters and kept on one line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if value is None:
+        return "null"
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return "a list"
+    text = str(value)
+    text = text if text.isprintable() else repr(text)[1:-1]
+    text = text if len(text) <= limit else text[: limit - 1] + "…"
+    return f'"{text}"' if isinstance(value, str) else text
+
+
+def nearest(word: str, allowed: Iterable[str]) -> str | None:
+    """The word of `allowed` that `word` was probably meant to be, or None."""
+    matches = difflib.get_close_matches(word, list(allowed), n=1, cutoff=0.6)
+    return matches[0] if matches else None
+
+
+def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:
+    """Write `place` for the person who wrote `data`.
+
+    Lists named in `nouns` read as `object "plate", outline point 3` (the name where the entry has one,
+    else the index); everything else as `fingers[1].slide.dxl_id`, with the entry's name behind it.
+    """
+    parts: list[str] = []
+    path = ""
+    owner = ""
+    noun: str | None = None
+    value: object = data
+    for position, step in enumerate(place):
+        value = _child(value, step)
+        name = value.get("name") if isinstance(value, dict) else None
+        if isinstance(step, int):
+            if noun is not None:
+                parts.append(f"{noun} {shown(name) if isinstance(name, str) else step}")
+                path, noun = "", None
+            else:
+                path += f"[{step}]"
+                owner = f" ({shown(name)})" if isinstance(name, str) else owner
+            continue
+        following = place[position + 1] if position + 1 < len(place) else None
+        noun = nouns.get(step) if isinstance(following, int) else None
+        if noun is None:
+            path += f".{step}" if path else step
+        elif path:
+            parts.append(path)
+            path = ""
+    if path:
+        parts.append(path)
+    return ", ".join(parts) + owner
+
+
+def problems_of(
+    error: ValidationError, model: type[BaseModel], data: object, nouns: Mapping[str, str]
+) -> list[Problem]:
+    """Everything `error` found in `data`, the likeliest cause first.
+
+    A mistyped key shows up twice (unknown, and missing under its right name): only the first is kept.
+    """
+    details = error.errors(include_url=False)
+    unknown = {
+        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), _keys_at(model, detail["loc"][:-1])))
+        for detail in details
+        if detail["type"] == "extra_forbidden"
+    }
+    kept = [
+        detail
+        for detail in details
+        if not (detail["type"] == "missing" and (detail["loc"][:-1], detail["loc"][-1]) in unknown)
+    ]
+    kept.sort(key=lambda detail: detail["type"] != "extra_forbidden")
+    return [_reworded(detail, model, data, nouns) for detail in kept]
+
+
+def _reworded(
+    detail: ErrorDetails, model: type[BaseModel], data: object, nouns: Mapping[str, str]
+) -> Problem:
+    kind, place, context = detail["type"], detail["loc"], detail.get("ctx", {})
+    about_parent = kind in {"extra_forbidden", "missing"}
+    if kind == _OWN_TYPE:
+        place += cast("Place", context["place"])
+    words = place_in_words(place[:-1] if about_parent else place, data, nouns)
+    return Problem(words, _sentence(detail, model))
+
+
+def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR0911 - a table with logic
+    kind, place, value = detail["type"], detail["loc"], detail["input"]
+    context = detail.get("ctx", {})
+    if kind == _OWN_TYPE:
+        return str(context["text"])
+    if kind == "extra_forbidden":
+        return _unknown_key(str(place[-1]), _keys_at(model, place[:-1]))
+    if kind == "missing":
+        if isinstance(place[-1], int):
+            return f"has {place[-1]} value{'' if place[-1] == 1 else 's'}, more are needed"
+        return f'the key "{place[-1]}" is missing'
+    if kind in _KINDS:
+        return f"is {shown(value)}; it must be {_KINDS[kind]}"
+    if kind in _LIMITS:
+        key, words = _LIMITS[kind]
+        return f"is {shown(value)}; it {words} {context[key]:g}"
+    if kind == "finite_number":
+        return f"is {shown(value)}; it must be a finite number"
+    if kind == "literal_error":
+        allowed = str(context["expected"]).replace("'", '"').replace(" or ", ", ")
+        return f"is {shown(value)}; allowed: {allowed}"
+    if kind in {"too_short", "too_long"}:
+        limit = "at least" if kind == "too_short" else "at most"
+        number = context["min_length" if kind == "too_short" else "max_length"]
+        return f"has {context['actual_length']} values; it must have {limit} {number}"
+    if kind == "string_too_short":
+        return "is empty"
+    if kind == "string_too_long":
+        return f"is {len(str(value))} characters long; at most {context['max_length']} are allowed"
+    if kind == "string_pattern_mismatch":
+        return f"is {shown(value)}; a name is one line without blanks around it"
+    return f"is {shown(value)}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
+
+
+def _unknown_key(key: str, allowed: Sequence[str]) -> str:
+    near = nearest(key, allowed)
+    if near is not None:
+        return f'unknown key "{shown(key)[1:-1]}"; did you mean "{near}"?'
+    return f'unknown key "{shown(key)[1:-1]}"; allowed: {", ".join(allowed)}'
+
+
+def _child(value: object, step: str | int) -> object:
+    if isinstance(step, str):
+        return value.get(step) if isinstance(value, dict) else None
+    return value[step] if isinstance(value, list | tuple) and step < len(value) else None
+
+
+def _keys_at(model: type[BaseModel], place: Place) -> list[str]:
+    """Keys that the table at `place` may have."""
+    kind: Any = model
+    for step in place:
+        kind = _inner(kind)
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            field = kind.model_fields.get(str(step))
+            kind = field.annotation if field else None
+        else:
+            arguments = [argument for argument in get_args(kind) if argument is not Ellipsis]
+            kind = arguments[-1] if arguments else None
+    kind = _inner(kind)
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
+
+
+def _inner(kind: Any) -> Any:
+    """`kind` without Annotated and without the None of an optional value."""
+    while True:
+        if get_origin(kind) is Annotated:
+            kind = get_args(kind)[0]
+        elif get_origin(kind) in {Union, UnionType}:
+            kind = next(part for part in get_args(kind) if part is not type(None))
+        else:
+            return kind

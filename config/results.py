@@ -1,0 +1,165 @@
+"""Results as JSON: `palpate/recognition@1` and `palpate/identification@1`. The far end of the data's way.
+
+The keys come out in the order declared here, numbers rounded to a fixed number of decimals (bounds
+outward), so that two runs with one seed can be compared byte by byte. A number that is not finite is a bug and raises.
+"""
+
+import json
+import math
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+__all__ = [
+    "DECIMALS",
+    "AlternativeOut",
+    "BoundsOut",
+    "ConfigurationOut",
+    "HypothesisOut",
+    "IdentificationOut",
+    "IdentificationVerdict",
+    "InterpretationOut",
+    "LevelOut",
+    "RecognitionOut",
+    "RecognitionVerdict",
+    "StatisticsOut",
+    "to_json",
+]
+
+DECIMALS = 6
+"""Decimals of every number written: nanometres, microradians, microseconds."""
+
+
+def _rounded(value: float) -> float:
+    return round(value, DECIMALS) + 0.0  # + 0.0 turns -0.0 into 0.0
+
+
+def _rounded_outward(interval: tuple[float, float]) -> tuple[float, float]:
+    """Widen to whole decimals: a bound that was rounded inward would no longer be one."""
+    scale = 10**DECIMALS
+    lo, hi = math.floor(interval[0] * scale), math.ceil(interval[1] * scale)
+    lo -= lo / scale > interval[0]
+    hi += hi / scale < interval[1]
+    return lo / scale, hi / scale
+
+
+Rounded = Annotated[float, Field(allow_inf_nan=False), AfterValidator(_rounded)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+Interval = Annotated[tuple[_Finite, _Finite], AfterValidator(_rounded_outward)]
+
+
+class RecognitionVerdict(StrEnum):
+    """What the contacts say about the catalogue."""
+
+    UNIQUE = "unique"
+    AMBIGUOUS = "ambiguous"
+    NONE = "none"
+
+
+class IdentificationVerdict(StrEnum):
+    """How a run on the bench ended."""
+
+    IDENTIFIED = "identified"
+    INDISTINGUISHABLE = "indistinguishable"
+    UNKNOWN = "unknown"
+    UNRESOLVED = "unresolved"
+
+
+class _Out(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ConfigurationOut(_Out):
+    """Maps object coordinates as given in the objects file to the support plane: mm, mm, rad."""
+
+    x: Rounded
+    y: Rounded
+    theta: Rounded
+
+
+class BoundsOut(_Out):
+    """[lo, hi] of each coordinate; `theta` may exceed ±π rather than wrap."""
+
+    x: Interval
+    y: Interval
+    theta: Interval
+
+
+class InterpretationOut(_Out):
+    """Edge of the object, counted from 0 as in the objects file, for each contact in turn."""
+
+    edges: tuple[int, ...]
+
+
+class HypothesisOut(_Out):
+    """An object in a state and a region of configurations that agree with every contact."""
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+    bounds: BoundsOut
+    weight: Rounded
+    verified: bool
+    symmetry_order: int
+    interpretations: tuple[InterpretationOut, ...]
+
+
+class LevelOut(_Out):
+    """Counts of one level of the interpretation tree."""
+
+    level: int
+    candidates: int
+    after_distance: int
+    after_angle: int
+
+
+class StatisticsOut(_Out):
+    """What the search did."""
+
+    levels: tuple[LevelOut, ...]
+    model_tests: int
+    seconds: Rounded
+
+
+class RecognitionOut(_Out):
+    """Answer of `palpate recognize`."""
+
+    format: Literal["palpate/recognition@1"] = "palpate/recognition@1"
+    verdict: RecognitionVerdict
+    hypotheses: tuple[HypothesisOut, ...]
+    statistics: StatisticsOut
+
+
+class AlternativeOut(_Out):
+    """A hypothesis that is left beside the first one."""
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+    bounds: BoundsOut
+    weight: Rounded | None = None
+
+
+class IdentificationOut(_Out):
+    """Answer of `palpate identify`; object, state, configuration and bounds are null if none is left."""
+
+    format: Literal["palpate/identification@1"] = "palpate/identification@1"
+    verdict: IdentificationVerdict
+    object: str | None
+    state: str | None
+    configuration: ConfigurationOut | None
+    bounds: BoundsOut | None
+    alternatives: tuple[AlternativeOut, ...]
+    symmetry_order: int
+    grips: int
+    touches: int
+    emulated: bool
+    rig_seconds: Rounded
+    wall_seconds: Rounded
+    session: str | None
+
+
+def to_json(result: BaseModel, *, indent: int | None = None) -> str:
+    """Write `result` as one JSON object: declared key order, rounded numbers, no NaN (ValueError)."""
+    return json.dumps(result.model_dump(mode="json"), indent=indent, allow_nan=False, ensure_ascii=False)

@@ -1,0 +1,194 @@
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.config import load_objects
+from palpate.errors import InputError
+
+SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
+INNER = [[2, 2], [4, 2], [4, 4], [2, 4]]
+
+
+def catalogue(**changes: Any) -> dict[str, Any]:
+    plate: dict[str, Any] = {"name": "plate", "outline": SQUARE, "height": 20}
+    plate.update(changes)
+    entry = {key: value for key, value in plate.items() if value is not ...}
+    return {"format": "palpate/objects@1", "units": "mm", "objects": [entry]}
+
+
+def in_states(*polygons: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    state = {"name": "up", "sections": [{"z": [0, 3], "polygons": list(polygons)}]} | changes
+    return catalogue(outline=..., height=..., states=[state])
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "parts.json"
+
+
+def refusal(file: Path, content: object) -> str:
+    file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_objects(file)
+    message = str(caught.value)
+    assert message.startswith(str(file))
+    assert "\n" not in message
+    assert "pydantic" not in message
+    assert "http" not in message
+    return message.removeprefix(f"{file}: ")
+
+
+def test_the_short_form_becomes_one_state_with_one_section(file: Path) -> None:
+    file.write_text(json.dumps(catalogue()), encoding="utf-8")
+    (plate,) = load_objects(file).objects
+    (state,) = plate.states
+    (section,) = state.sections
+    (polygon,) = section.polygons
+    assert (plate.name, plate.tolerance_mm, state.name, section.z_mm) == ("plate", 0.0, "flat", (0.0, 20.0))
+    assert state.probability is None
+    np.testing.assert_array_equal(polygon.outer, SQUARE)
+    assert not polygon.outer.flags.writeable
+
+
+def test_states_holes_and_numbers_come_through(file: Path) -> None:
+    content = in_states({"outer": SQUARE, "holes": [INNER]}, probability=0.38, tipping_angle=0.4)
+    content["objects"][0]["tolerance"] = 0.05
+    file.write_text(json.dumps(content), encoding="utf-8")
+    (part,) = load_objects(file).objects
+    assert part.tolerance_mm == 0.05
+    assert part.states[0].probability == 0.38
+    assert part.states[0].tipping_angle_rad == 0.4
+    np.testing.assert_array_equal(part.states[0].sections[0].polygons[0].holes[0], INNER)
+
+
+def test_both_directions_keep_the_order_of_the_file(file: Path) -> None:
+    file.write_text(json.dumps(catalogue(outline=SQUARE[::-1])), encoding="utf-8")
+    outer = load_objects(file).objects[0].states[0].sections[0].polygons[0].outer
+    np.testing.assert_array_equal(outer, SQUARE[::-1])
+
+
+def test_a_byte_order_mark_is_no_obstacle(file: Path) -> None:
+    file.write_bytes(b"\xef\xbb\xbf" + json.dumps(catalogue()).encode())
+    assert len(load_objects(file).objects) == 1
+
+
+CASES: list[tuple[object, str]] = [
+    (
+        catalogue(outline=..., outlin=SQUARE),
+        'object "plate": unknown key "outlin"; did you mean "outline"?',
+    ),
+    (
+        catalogue(zzz=1, objcts=2),
+        'object "plate": unknown key "zzz"; allowed: name, tolerance, outline, height, states (and 1 more)',
+    ),
+    (
+        in_states({"outer": SQUARE, "hole": []}),
+        'object "plate", state "up", section 0, polygon 0: unknown key "hole"; did you mean "holes"?',
+    ),
+    (
+        catalogue(outline=[[0, 0], [10, 10], [10, 0], [0, 10]]),
+        'object "plate", outline: intersects itself at (5, 5): edge 0 meets edge 2',
+    ),
+    (
+        catalogue(outline=[[0, 0], [10, 0], [10, 10], [5, 0], [0, 10]]),
+        'object "plate", outline: intersects itself at (5, 0): edge 0 meets edge 2',
+    ),
+    (
+        catalogue(outline=[[0, 0], [10, 0], [20, 0], [5, 0]]),
+        'object "plate", outline: intersects itself at (5, 0): edge 0 runs back along edge 2',
+    ),
+    (
+        catalogue(outline=[[0, 0], [10, 0], [10, 0], [5, 5]]),
+        'object "plate", outline point 2: repeats point 1; leave one of them out',
+    ),
+    (
+        catalogue(outline=[*SQUARE, SQUARE[0]]),
+        'object "plate", outline point 4: repeats point 0; an outline closes by itself',
+    ),
+    (catalogue(outline=[]), 'object "plate", outline: has 0 points; an outline needs at least 3'),
+    (
+        catalogue(outline=[[0, 0], [10, "a"], [1, 1]]),
+        'object "plate", outline point 1, [1]: is "a"; it must be a number',
+    ),
+    (
+        catalogue(outline=[[0, 0], [10, float("nan")], [1, 1]]),
+        'object "plate", outline point 1, [1]: is nan; it must be a finite number',
+    ),
+    (catalogue(height=float("inf")), 'object "plate", height: is inf; it must be a finite number'),
+    (catalogue(height=-3), 'object "plate", height: is -3; it must be above 0'),
+    (catalogue(height=True), 'object "plate", height: is true; it must be a number'),
+    (catalogue(height="20"), 'object "plate", height: is "20"; it must be a number'),
+    (catalogue(height=...), 'object "plate": the key "height" is missing (or give "states")'),
+    (catalogue(name="a\nb"), 'object "a\\nb", name: is "a\\nb"; a name is one line without blanks around it'),
+    (catalogue() | {"units": "inch"}, 'units: is "inch"; allowed: "mm"'),
+    (catalogue() | {"objects": []}, "objects: has 0 values; it must have at least 1"),
+    (catalogue() | {"objects": [3]}, "object 0: is 3; it must be a table of keys and values"),
+    (
+        catalogue() | {"objects": catalogue()["objects"] * 2},
+        'object "plate": the name is taken by object 0 already (objects are counted from 0)',
+    ),
+    (
+        in_states({"outer": SQUARE, "holes": [[[1, 1], [2, 1], [2, 20]]]}),
+        'object "plate", state "up", section 0, polygon 0, hole 0: lies outside the outer outline at',
+    ),
+    (
+        in_states({"outer": SQUARE, "holes": [[[0, 0], [2, 1], [2, 2]]]}),
+        'object "plate", state "up", section 0, polygon 0, hole 0: touches the outer outline at (0, 0)',
+    ),
+    (
+        in_states({"outer": SQUARE, "holes": [INNER, INNER]}),
+        'object "plate", state "up", section 0, polygon 0, hole 1: touches or overlaps hole 0 at',
+    ),
+    (
+        in_states({"outer": SQUARE}, {"outer": INNER}),
+        'object "plate", state "up", section 0, polygon 1: overlaps polygon 0 at',
+    ),
+    (
+        in_states({"outer": SQUARE}) | {"format": "palpate/objects@2"},
+        'format: is "palpate/objects@2"; needed',
+    ),
+    ({"fromat": "palpate/objects@1"}, 'unknown key "fromat"; did you mean "format"?'),
+    ({}, 'the key "format" is missing; this file must say format "palpate/objects@1"'),
+    ([1], "holds a list; it must be a table"),
+    ('{"a": 1,\n "b" 2}', "not valid JSON: line 2, column 6: "),
+    ('{"a": 1, "a": 2}', 'the key "a" is given twice in one table'),
+    ("[" * 100_000, "brackets are nested too deeply"),
+    ("", "not valid JSON: line 1, column 1: "),
+]
+
+
+@pytest.mark.parametrize(("content", "message"), CASES, ids=[message[:60] for _, message in CASES])
+def test_what_is_refused_is_named(file: Path, content: object, message: str) -> None:
+    assert refusal(file, content).startswith(message)
+
+
+def test_heights_that_overlap_or_lie_under_the_table_are_refused(file: Path) -> None:
+    sections = [{"z": [0, 8], "polygons": [{"outer": SQUARE}]}, {"z": [7, 9], "polygons": [{"outer": INNER}]}]
+    message = refusal(file, in_states(sections=sections))
+    assert message == 'object "plate", state "up", section 1, z: overlaps the heights of section 0'
+    sections[0]["z"] = [-1, 8]
+    assert "section 0, z: starts at -1 mm, below the support plane (and 1 more)" in refusal(
+        file, in_states(sections=sections)
+    )
+    sections[0]["z"] = [8, 8]
+    assert "the first value must be below the second" in refusal(file, in_states(sections=sections))
+
+
+def test_probabilities_add_up_to_one_at_most(file: Path) -> None:
+    content = in_states({"outer": SQUARE}, probability=0.6)
+    content["objects"][0]["states"].append(content["objects"][0]["states"][0] | {"name": "down"})
+    assert refusal(file, content).endswith("add up to 1.2; at most 1 is possible")
+
+
+def test_missing_file_folder_and_foreign_bytes(file: Path) -> None:
+    with pytest.raises(InputError, match=re.escape(f"{file}: there is no such file")):
+        load_objects(file)
+    with pytest.raises(InputError, match="is a folder, not a file"):
+        load_objects(file.parent)
+    file.write_bytes(b'{"format":\n "\xe9"}')
+    with pytest.raises(InputError, match="line 2 holds byte 0xe9, which is not UTF-8"):
+        load_objects(file)
