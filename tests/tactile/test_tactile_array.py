@@ -1,0 +1,225 @@
+"""The host driver against the emulated array over a wire in memory, in virtual time."""
+
+import math
+
+import numpy as np
+import pytest
+from serial.serialutil import PortNotOpenError
+
+from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.messages import Description, Message, MessageType, Shape, Start
+from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.errors import DeviceError
+
+PITCH = math.radians(13.5)
+DESCRIPTION = Description(
+    unique_id=b"test array no. 1",
+    firmware="emulated 0.1",
+    emulated=True,
+    shape=Shape.CYLINDER,
+    rows=8,
+    cols=20,
+    bit_depth=12,
+    max_rate_hz=500.0,
+    full_scale_n=1.0,
+    counts_per_n=4095.0,
+    tip_radius_mm=5.0,
+    columns=tuple(float(np.float32((j - 9.5) * PITCH)) for j in range(20)),
+    row_heights_mm=tuple(1.0 + 2.0 * i for i in range(8)),
+)
+
+
+class MemoryPort:
+    """A wire without bit times: bytes written reach the device at once, waiting moves the clock."""
+
+    def __init__(self, device: EmulatedArray | None, clock: VirtualClock) -> None:
+        self.port: str | None = "mem://f1"
+        self.timeout: float | None = 0.0
+        self.device = device
+        self.clock = clock
+        self.buffer = bytearray()
+        self.damage: set[int] = set()  # indices of received bytes to flip
+        self.received = 0
+        self.unplugged = False
+
+    def _take(self, emissions: list[tuple[float, bytes]]) -> None:
+        for _, data in emissions:
+            for byte in data:
+                self.buffer.append(byte ^ (0x55 if self.received in self.damage else 0))
+                self.received += 1
+
+    @property
+    def in_waiting(self) -> int:
+        if self.unplugged:
+            raise PortNotOpenError
+        if self.device is not None:
+            self._take(self.device.poll(self.clock.now()))
+        return len(self.buffer)
+
+    def read(self, size: int = 1, /) -> bytes:
+        if self.in_waiting < size:
+            self.clock.sleep(self.timeout or 0.0)
+        data = bytes(self.buffer[: min(size, self.in_waiting)])
+        del self.buffer[: len(data)]
+        return data
+
+    def write(self, data: bytes, /) -> int | None:
+        if self.device is not None:
+            self._take(self.device.feed(data, self.clock.now()))
+        return len(data)
+
+
+class World:
+    """Samples an array with a fixed force at the instants it asks for."""
+
+    def __init__(self, force_n: np.ndarray | None = None) -> None:
+        self.array: EmulatedArray | None = None
+        self.force_n = np.zeros((8, 20)) if force_n is None else force_n
+
+    def advance(self, now: float) -> None:
+        array = self.array
+        while array is not None and (due := array.next_sample_s()) is not None and due <= now:
+            array.sample(due, self.force_n)
+
+
+def bench(
+    force_n: np.ndarray | None = None, **faults
+) -> tuple[TactileArray, MemoryPort, VirtualClock, EmulatedArray]:
+    world = World(force_n)
+    emulated = EmulatedArray(DESCRIPTION, seed=5, advance=world.advance, **faults)
+    world.array = emulated
+    clock = VirtualClock()
+    port = MemoryPort(emulated, clock)
+    return TactileArray(port, clock, "f1"), port, clock, emulated
+
+
+def test_description_comes_over_the_wire() -> None:
+    array, *_ = bench()
+    got = array.connect()
+    assert got == DESCRIPTION
+    assert array.description is got
+
+
+def test_frames_come_at_the_rate_asked_for_with_both_times() -> None:
+    array, _, clock, _ = bench(noise_counts=0.0)
+    array.connect()
+    array.start(200.0)
+    began = clock.now()
+    clock.sleep(0.1001)
+    frames = array.frames()
+    assert len(frames) == 20
+    np.testing.assert_allclose([f.device_time_s - began for f in frames], np.arange(1, 21) / 200, atol=2e-6)
+    assert all(f.host_time_s == clock.now() for f in frames)
+    assert [f.sequence for f in frames] == list(range(frames[0].sequence, frames[0].sequence + 20))
+    assert frames[0].counts.shape == (8, 20)
+    assert frames[0].counts.dtype == np.uint16
+    array.stop()
+    clock.sleep(1.0)
+    assert array.frames() == []
+    assert array.counters.lost == array.counters.faults == 0
+
+
+def test_waiting_for_a_frame_passes_virtual_time() -> None:
+    array, _, clock, _ = bench()
+    array.connect()
+    array.start(50.0)
+    began = clock.now()
+    array.wait_frame(0.1)
+    assert 0.02 <= clock.now() - began < 0.03
+    array.stop()
+    with pytest.raises(DeviceError, match=r"f1 on mem://f1 sent no frame for 0\.1 s"):
+        array.wait_frame(0.1)
+
+
+def test_a_silent_port_is_named() -> None:
+    clock = VirtualClock()
+    array = TactileArray(MemoryPort(None, clock), clock, "f1")
+    with pytest.raises(DeviceError, match="tactile array f1 on mem://f1 does not answer; check its power"):
+        array.connect()
+    assert 0.5 < clock.now() < 3.0
+    with pytest.raises(DeviceError, match="call connect"):
+        array.start(10.0)
+
+
+def test_an_unplugged_port_is_named() -> None:
+    array, port, _, _ = bench()
+    array.connect()
+    port.unplugged = True
+    with pytest.raises(DeviceError, match="f1 on mem://f1 is gone"):
+        array.frames()
+
+
+def test_rates_out_of_range_are_refused_by_both_ends() -> None:
+    array, _, _, emulated = bench()
+    array.connect()
+    with pytest.raises(DeviceError, match="cannot sample at 501 Hz; choose a rate up to 500 Hz"):
+        array.start(501.0)
+    answer = emulated.feed(encode(Message(9, 0, Start(77, 600_000))), 1.0)
+    (item,) = Decoder().feed(answer[0][1])
+    assert isinstance(item, Message)
+    assert "BAD_RATE" in repr(item.body)
+    assert emulated.next_sample_s() is None
+
+
+def test_damage_on_the_wire_is_counted_and_survived() -> None:
+    array, port, clock, _ = bench()
+    array.connect()
+    array.start(200.0)
+    size = 347
+    port.damage = {port.received + size * 3 + 100, port.received + size * 7 + 10}
+    clock.sleep(0.1001)
+    assert len(array.frames()) == 18
+    assert array.counters.lost == 2
+    assert array.counters.faults == 4  # two broken frames, two gaps
+    assert array.counters.frames == 18
+
+
+def test_hello_ends_a_stream_left_running() -> None:
+    array, _, clock, emulated = bench()
+    array.connect()
+    array.start(200.0)
+    clock.sleep(0.05)
+    array.connect()
+    assert emulated.next_sample_s() is None
+    assert array.frames() == []
+
+
+def test_unknown_requests_get_a_nack_and_answers_do_not() -> None:
+    _, _, _, emulated = bench()
+    known = encode(Message(0, 0, Start(7, 1)))
+    assert MessageType.START == 0x02
+    import struct
+    import zlib
+
+    from cobs import cobs
+
+    for kind, reply in ((0x42, True), (0xC2, False)):
+        head = struct.pack("<BBHIQH", 1, kind, 0, 0, 0, 2) + b"\x07\x00"
+        data = cobs.encode(head + struct.pack("<I", zlib.crc32(head))) + b"\0"
+        assert bool(emulated.feed(data, 0.0)) is reply
+    assert emulated.feed(b"\x01\x02\x00" + known, 0.0)
+
+
+def test_same_seed_same_bytes_and_every_fault_shows() -> None:
+    force = np.zeros((8, 20))
+    force[3, 10] = 0.4
+    force[2, 2] = 9.0
+    force[5, 5] = 0.2
+    taken = []
+    for _ in range(2):
+        array, _, _, _ = bench(
+            force, gain_spread=0.2, offset_counts=30, crosstalk=0.1, dead=[(5, 5)], hot=[(0, 0)]
+        )
+        array.connect()
+        array.start(100.0)
+        taken.append(array.wait_frame(0.1).counts)
+    np.testing.assert_array_equal(taken[0], taken[1])
+    counts = taken[0].astype(float)
+    assert counts[5, 5] == 0
+    assert counts[0, 0] == 4095
+    assert counts[2, 2] == 4095
+    assert 0.48 * 0.4 * 4095 < counts[3, 10] - 30 < 0.72 * 0.4 * 4095
+    assert 0.07 * 0.4 * 4095 < counts[3, 11] - 30 < 0.13 * 0.4 * 4095
+    assert abs(counts[7, 19] - 30) < 12
