@@ -6,20 +6,51 @@ an `InputError` with one line that names the file, the place, what is wrong and 
 
 from palpate.config.contacts_file import ContactEntry, ContactsFile, GripEntry, Travel, load_contacts
 from palpate.config.objects_file import ObjectModel, ObjectsFile, Polygon, Section, State, load_objects
+from palpate.config.rig_file import (
+    AimServo,
+    Array,
+    Bounds,
+    Bus,
+    Closing,
+    Emulation,
+    Finger,
+    RigFile,
+    Search,
+    SlideServo,
+    Tip,
+    Workspace,
+    load_rig,
+)
 from palpate.config.scene_file import Scene, load_scene
+from palpate.config.shipped import shipped_objects, shipped_rig
 
 __all__ = [
+    "AimServo",
+    "Array",
+    "Bounds",
+    "Bus",
+    "Closing",
     "ContactEntry",
     "ContactsFile",
+    "Emulation",
+    "Finger",
     "GripEntry",
     "ObjectModel",
     "ObjectsFile",
     "Polygon",
+    "RigFile",
     "Scene",
+    "Search",
     "Section",
+    "SlideServo",
     "State",
+    "Tip",
     "Travel",
+    "Workspace",
     "load_contacts",
     "load_objects",
+    "load_rig",
     "load_scene",
+    "shipped_objects",
+    "shipped_rig",
 ]

@@ -22,6 +22,7 @@ __all__ = [
     "Point",
     "Positive",
     "Text",
+    "in_order",
 ]
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -52,13 +53,14 @@ Point = tuple[Number, Number]
 """x, y in mm; the frame is the file format's."""
 
 
-def _in_order(pair: tuple[float, float]) -> tuple[float, float]:
+def in_order(pair: tuple[float, float]) -> tuple[float, float]:
+    """Pass [lo, hi] on if lo < hi; a validator."""
     if not pair[0] < pair[1]:
         raise problem(f"is [{pair[0]:g}, {pair[1]:g}]; the first value must be below the second")
     return pair
 
 
-Bounded = Annotated[tuple[Number, Number], AfterValidator(_in_order)]
+Bounded = Annotated[tuple[Number, Number], AfterValidator(in_order)]
 """[lo, hi] with lo < hi."""
 
 

@@ -1,7 +1,8 @@
 """Results as JSON: `palpate/recognition@1` and `palpate/identification@1`. The far end of the data's way.
 
 The keys come out in the order declared here, numbers rounded to a fixed number of decimals (bounds
-outward), so that two runs with one seed can be compared byte by byte. A number that is not finite is a bug and raises.
+outward), so that two runs with one seed can be compared byte by byte. A number that is not finite is a bug
+and raises.
 """
 
 import json

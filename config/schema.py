@@ -1,0 +1,63 @@
+"""JSON Schemas of all file formats, for editors and for programs that read or write the files.
+
+The schemas ship in `config/schemas/`; `python -m palpate.config.schema` writes them anew after a format
+changed. References are inlined: the TOML language servers do not all follow `$defs`.
+"""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from palpate.config.contacts_file import ContactsFile
+from palpate.config.objects_file import ObjectsFileText
+from palpate.config.results import IdentificationOut, RecognitionOut
+from palpate.config.rig_file import RigFile
+from palpate.config.scene_file import SceneFile
+
+__all__ = ["FORMATS", "schema_text", "write_schemas"]
+
+FORMATS: Mapping[str, type[BaseModel]] = {
+    "contacts": ContactsFile,
+    "identification": IdentificationOut,
+    "objects": ObjectsFileText,
+    "recognition": RecognitionOut,
+    "rig": RigFile,
+    "scene": SceneFile,
+}
+"""Short name of each format and the model it is read into or written from."""
+
+
+def schema_text(name: str) -> str:
+    """JSON Schema of the format called `name`, as the text of its file."""
+    model = FORMATS[name]
+    mode: Any = "serialization" if name in {"identification", "recognition"} else "validation"
+    schema = model.model_json_schema(mode=mode)
+    definitions = schema.pop("$defs", {})
+    full = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _inlined(schema, definitions)
+    return json.dumps(full, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_schemas(folder: Path) -> None:
+    """Write `<name>.schema.json` for every format into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in FORMATS:
+        (folder / f"{name}.schema.json").write_text(schema_text(name), encoding="utf-8")
+
+
+def _inlined(node: Any, definitions: Mapping[str, Any]) -> Any:
+    """Replace every reference by what it refers to; the formats are trees, so this ends."""
+    if isinstance(node, list):
+        return [_inlined(item, definitions) for item in node]
+    if not isinstance(node, dict):
+        return node
+    rest = {key: _inlined(value, definitions) for key, value in node.items() if key != "$ref"}
+    if "$ref" not in node:
+        return rest
+    return _inlined(definitions[node["$ref"].rpartition("/")[2]], definitions) | rest
+
+
+if __name__ == "__main__":
+    write_schemas(Path(__file__).parent / "schemas")

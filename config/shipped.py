@@ -1,0 +1,16 @@
+"""What ships inside the package: the emulated bench and the six object models. Works without any file."""
+
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+__all__ = ["shipped_objects", "shipped_rig"]
+
+
+def shipped_rig() -> Traversable:
+    """Give the emulated bench with three fingers; for `load_rig`."""
+    return files("palpate.config").joinpath("rigs", "bench.toml")
+
+
+def shipped_objects() -> Traversable:
+    """Give the object models tr-1, tr-2, tr-3, grip, gator and hand; for `load_objects`."""
+    return files("palpate.config").joinpath("objects", "memo.json")

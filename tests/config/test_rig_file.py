@@ -1,0 +1,182 @@
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from palpate.config import load_rig, shipped_rig
+from palpate.config.schema import FORMATS, schema_text
+from palpate.errors import InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+BENCH = shipped_rig().read_text(encoding="utf-8")
+REAL = (ROOT / "examples" / "real-rig.toml").read_text(encoding="utf-8")
+
+
+def refusal(folder: Path, text: str) -> str:
+    file = folder / "rig.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        load_rig(file)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "http" not in message
+    return message.removeprefix(f"{file}: ")
+
+
+def changed(text: str, old: str, new: str, occurrence: int = 0) -> str:
+    places = [match.start() for match in re.finditer(re.escape(old), text)]
+    start = places[occurrence]
+    return text[:start] + new + text[start + len(old) :]
+
+
+def test_the_shipped_bench_is_emulated_and_has_three_fingers() -> None:
+    rig = load_rig(shipped_rig())
+    assert rig.emulated
+    assert [finger.name for finger in rig.fingers] == ["f1", "f2", "f3"]
+    assert [(f.aim.dxl_id, f.slide.dxl_id) for f in rig.fingers] == [(11, 12), (21, 22), (31, 32)]
+    for finger in rig.fingers:
+        assert sum(coordinate**2 for coordinate in finger.base_mm) == pytest.approx(190**2, abs=0.2)
+    assert [finger.heading_deg for finger in rig.fingers] == [270.0, 30.0, 150.0]
+
+
+def test_the_example_of_a_real_rig_is_accepted() -> None:
+    rig = load_rig(ROOT / "examples" / "real-rig.toml")
+    assert not rig.emulated
+    assert rig.fingers[1].slide.mm_per_turn == -24.0
+
+
+CASES = [
+    (
+        changed(BENCH, "dxl_id = 22", "dxl_id = 12"),
+        'fingers[1].slide.dxl_id ("f2"): 12 is the id of finger "f1" (slide) already; every servo',
+    ),
+    (
+        changed(BENCH, "dxl_id = 22", "dxl_id = 253"),
+        'fingers[1].slide.dxl_id ("f2"): is 253; it must be at most 252',
+    ),
+    (
+        changed(BENCH, "mock://f2", "mock://f1"),
+        'fingers[1].array.port ("f2"): "mock://f1" is the port of finger "f1"',
+    ),
+    (
+        changed(BENCH, "mock://f2", "mock://bus"),
+        'fingers[1].array.port ("f2"): "mock://bus" is the port of the bus',
+    ),
+    (
+        changed(BENCH, 'name = "f3"', 'name = "f1"'),
+        'fingers[2].name ("f1"): fingers[0] has this name already',
+    ),
+    (
+        changed(BENCH, "[-35.0, 35.0]", "[35.0, -35.0]"),
+        'fingers[0].aim.range_deg ("f1"): is [35, -35]; the first',
+    ),
+    (
+        changed(BENCH, "[-35.0, 35.0]", "[-35.0]"),
+        'fingers[0].aim.range_deg ("f1"): has 1 value, more are needed',
+    ),
+    (
+        changed(BENCH, "45.0, 250.0", "80.0, 250.0"),
+        'fingers[0].slide.range_mm ("f1"): retracted to 80 mm the tip\'s centre comes within 110 mm of the '
+        "origin; it must wait 130 mm away",
+    ),
+    (
+        changed(BENCH, "45.0, 250.0", "45.0, 50.0"),
+        'fingers[0] ("f1"): the tip\'s centre stays 140 mm or more from the origin, never in the workspace',
+    ),
+    (
+        changed(BENCH, "heading_deg = 30.0", "heading_deg = 210.0"),
+        'fingers[1] ("f2"): the tip\'s centre stays',
+    ),
+    (
+        changed(BENCH, "base_mm = [-164.545, -95.0]", "base_mm = [-5.0, 190.0]").replace(
+            "heading_deg = 30.0", "heading_deg = 270.0"
+        ),
+        'fingers[1].base_mm ("f2"): retracted, its tip is -5 mm from that of finger "f1"; closing.',
+    ),
+    (
+        changed(BENCH, "baudrate_bps = 1000000", "baudrate_bps = 100000"),
+        "bus.baudrate_bps: is 100000; allowed: 9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000",
+    ),
+    (
+        changed(BENCH, "XM430-W350", "XM430-W210"),
+        'fingers[0].aim.model ("f1"): is "XM430-W210"; allowed: "XL330-M288", "XC330-M288", "XM430-W350"',
+    ),
+    (
+        changed(BENCH, "gear_ratio = 5.0", "gear_ratio = 0.0"),
+        'fingers[0].aim.gear_ratio ("f1"): is 0; it must not be',
+    ),
+    (
+        changed(BENCH, "zero_mm = 40.0", "zero_mm = 9000.0"),
+        'fingers[0].slide.range_mm ("f1"): needs servo turns',
+    ),
+    (changed(BENCH, "radius_mm = 125.0", "radius = 125.0"), 'workspace: unknown key "radius"; did you mean'),
+    (
+        changed(BENCH, "radius_mm = 125.0", "radius_mm = nan"),
+        "workspace.radius_mm: is nan; it must be a finite number",
+    ),
+    (changed(BENCH, "radius_mm = 125.0", ""), 'workspace: the key "radius_mm" is missing'),
+    (changed(BENCH, "[workspace]", "[worksapce]"), 'unknown key "worksapce"; did you mean "workspace"?'),
+    (
+        changed(BENCH, "contact_force_n = 0.3", "contact_force_n = 9.0"),
+        "closing.contact_force_n: is 9, not below",
+    ),
+    (
+        changed(BENCH, "touch_speed_mm_s = 8.0", "touch_speed_mm_s = 90.0"),
+        "closing.touch_speed_mm_s: is 90, above",
+    ),
+    (
+        changed(BENCH, "max_grips = 8", "max_grips = 8.5"),
+        "search.max_grips: is 8.5; it must be a whole number",
+    ),
+    (
+        changed(BENCH, "placement_radius_mm = 20.0", "placement_radius_mm = 125.0"),
+        "emulation.placement_radius_mm: is",
+    ),
+    (
+        changed(BENCH, "gain_spread = 0.2", "gain_spread = 0.3"),
+        "emulation.gain_spread: is 0.3, beyond the bound fingers[0].array.gain_spread = 0.2; widen",
+    ),
+    (
+        changed(REAL, "/dev/serial/by-id/usb-palpate_array_0002-if00", "mock://left"),
+        'fingers[1].array.port ("left"): "mock://left" is an emulated port, but there is no [emulation]',
+    ),
+    (
+        changed(BENCH, "mock://bus", "/dev/ttyUSB0"),
+        'bus.port: "/dev/ttyUSB0" is not an emulated port (mock://…), but there is an [emulation] table',
+    ),
+    (changed(BENCH, 'name = "bench"', "name = bench"), "not valid TOML: line 5, column 8: "),
+    (changed(BENCH, 'name = "bench"', 'name = "a"\nname = "b"'), "not valid TOML: line 6, column 11: "),
+    (
+        changed(BENCH, "palpate/rig@1", "palpate/rig@2"),
+        'format: is "palpate/rig@2"; needed here: "palpate/rig@1"',
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), CASES, ids=[message[:70] for _, message in CASES])
+def test_what_does_not_go_together_is_named(tmp_path: Path, text: str, message: str) -> None:
+    assert refusal(tmp_path, text).startswith(message)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_shipped_schemas_are_up_to_date(name: str) -> None:
+    shipped = files("palpate.config").joinpath("schemas", f"{name}.schema.json").read_text(encoding="utf-8")
+    assert shipped == schema_text(name), "run: python -m palpate.config.schema"
+    assert "$ref" not in shipped
+    assert json.loads(shipped)["additionalProperties"] is False
+
+
+def test_every_key_of_a_rig_is_described() -> None:
+    def undescribed(node: dict[str, object], path: str) -> list[str]:
+        properties = node.get("properties", {})
+        assert isinstance(properties, dict)
+        found = []
+        for key, value in properties.items():
+            inner = value.get("items", value)
+            deeper = undescribed(inner, f"{path}{key}.") if "properties" in inner else []
+            found += deeper if "properties" in inner or "description" in value else [path + key]
+        return found
+
+    assert undescribed(json.loads(schema_text("rig")), "") == ["format", "name", "fingers.name"]
