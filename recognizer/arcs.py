@@ -1,0 +1,106 @@
+"""The model test in closed form: which orientations let all contacts lie on their edges (design §4.4).
+
+For a fixed orientation θ, a contact on an edge is four half-planes g·s ≤ C + A cos θ + B sin θ in the
+position s of the object, with g constant in the object's frame. By Helly's theorem and Farkas' lemma the
+half-planes have a common point iff every positively dependent pair or triple of them allows one, and each
+triple is again C + A cos θ + B sin θ ≥ 0: one arc of θ.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.catalogue import EdgeSet
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.segments import cross
+
+__all__ = ["PAIR_TRIPLES", "TRIPLE_TRIPLES", "arc_hull", "half_planes", "largest", "triple_arcs"]
+
+
+def _pair_triples() -> list[tuple[int, int, int]]:
+    """Two half-planes that meet at a corner of one contact's rectangle, and one of the other contact's."""
+    corners = [(0, 2), (0, 3), (1, 2), (1, 3)]
+    one = [(a, b, 4 + c) for (a, b), c in product(corners, range(4))]
+    return one + [(4 + a, 4 + b, c) for (a, b), c in product(corners, range(4))]
+
+
+PAIR_TRIPLES: Ints = np.array(_pair_triples())
+"""(32, 3) indices into the eight half-planes of two contacts: all triples that can rule a pairing out."""
+
+TRIPLE_TRIPLES: Ints = np.array([(a, 4 + b, 8 + c) for a, b, c in product(range(4), repeat=3)])
+"""(64, 3) indices into the twelve half-planes of three contacts: those that no pair of contacts holds."""
+
+
+def half_planes(edges: EdgeSet, edge: Ints, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
+    """The four half-planes g·s ≤ C + A cos θ + B sin θ of a contact on each of n edges.
+
+    s = R(−θ)(p − anchor), where p is the centroid's position in W. Returns g of shape (n, 4, 2) in the
+    object's frame and the coefficients (C, A, B) of shape (n, 4, 3), in mm. Order: outer side of the edge,
+    inner side, far end, near end.
+    """
+    normal, along = edges.normal[edge], edges.direction[edge]
+    start, length = edges.start[edge], edges.length[edge]
+    point = np.asarray(contact.end_mm) - anchor_mm
+    bound = contact.position_bound_mm
+    offset, begin = np.sum(normal * start, axis=1), np.sum(along * start, axis=1)
+    margin_out, margin_in = bound + edges.slack_out[edge], bound + edges.slack_in[edge]
+    across = np.column_stack([normal @ point, cross(normal, point)])
+    lengthwise = np.column_stack([along @ point, cross(along, point)])
+    g = np.stack([-normal, normal, -along, along], axis=1)
+    constant = np.stack(
+        [offset + margin_out, margin_in - offset, begin + length + margin_in, margin_in - begin], axis=1
+    )
+    waves = np.stack([-across, across, -lengthwise, lengthwise], axis=1)
+    return g, np.concatenate([constant[..., None], waves], axis=2)
+
+
+def triple_arcs(g: Floats, coefficients: Floats, triples: Ints) -> Floats:
+    """The condition that each triple of half-planes puts on θ: (C, A, B) with C + A cos θ + B sin θ ≥ 0.
+
+    g (n, m, 2), coefficients (n, m, 3), triples (t, 3); returns (n, t, 3). A triple that does not surround
+    the origin says nothing: (1, 0, 0).
+    """
+    a, b, c = (g[:, triples[:, k]] for k in range(3))
+    weight = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=2)
+    tiny = 1e-12
+    ccw, cw = np.all(weight >= -tiny, axis=2), np.all(weight <= tiny, axis=2)
+    magnitude = np.where(ccw[..., None], np.maximum(weight, 0.0), np.maximum(-weight, 0.0))
+    combined = np.einsum("ntk,ntkj->ntj", magnitude, coefficients[:, triples])
+    silent = ~(ccw | cw)
+    combined[silent] = (1.0, 0.0, 0.0)
+    combined[..., 0] += 1e-9
+    result: Floats = combined
+    return result
+
+
+def arc_hull(lo: Floats, hi: Floats, conditions: Floats) -> tuple[Floats, Floats]:
+    """Narrow intervals [lo, hi] (n,) of θ to the hull of what every condition (n, t, 3) leaves of them.
+
+    Each condition is C + A cos θ + B sin θ ≥ 0. Where nothing is left, lo > hi. The hull may hold
+    orientations that are ruled out, never the other way about.
+    """
+    constant, a, b = conditions[..., 0], conditions[..., 1], conditions[..., 2]
+    amplitude = np.hypot(a, b)
+    ratio = constant / np.maximum(amplitude, 1e-300)
+    always, never = ratio >= 1.0, ratio < -1.0
+    half = np.arccos(np.clip(-ratio, -1.0, 1.0)) + 1e-12
+    width = (hi - lo)[:, None]
+    # The allowed arcs are [begin, begin + 2 half] and its copies a turn before and after, from lo on.
+    begin = (np.arctan2(b, a) - half - lo[:, None]) % (2 * np.pi)
+    tail = begin - 2 * np.pi + 2 * half
+    reaches_lo, starts_inside = tail >= 0, begin <= width
+    first = np.where(reaches_lo, 0.0, np.where(starts_inside, begin, np.inf))
+    last = np.where(starts_inside, np.minimum(width, begin + 2 * half), np.minimum(width, tail))
+    first = np.where(always, 0.0, np.where(never, np.inf, first)).max(axis=1, initial=0.0)
+    last = np.where(always, width, np.where(never, -np.inf, last)).min(axis=1, initial=np.inf)
+    return lo + first, np.minimum(hi, lo + last)
+
+
+def largest(coefficients: Floats, lo: Floats, hi: Floats) -> Floats:
+    """Maximum of C + A cos θ + B sin θ over [lo, hi]; coefficients (…, 3), lo and hi broadcast to (…)."""
+    constant, a, b = coefficients[..., 0], coefficients[..., 1], coefficients[..., 2]
+    crest_inside = (np.arctan2(b, a) - lo) % (2 * np.pi) <= hi - lo
+    at_ends = np.maximum(a * np.cos(lo) + b * np.sin(lo), a * np.cos(hi) + b * np.sin(hi))
+    result: Floats = constant + np.where(crest_inside, np.hypot(a, b), at_ends)
+    return result

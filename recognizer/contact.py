@@ -1,0 +1,114 @@
+"""What one finger's approach says about the object: the recogniser's input.
+
+Stands between the fingers (tip kinematics and contact extractor) and the interpretation tree. Positions are
+those of the tip's centre in the support-plane frame W, because growing the cross sections by the tip radius
+turns the finger into a point (memo footnote 3).
+"""
+
+import math
+from dataclasses import dataclass
+
+from palpate.errors import InputError
+
+__all__ = ["Contact", "Finger", "NormalRange"]
+
+
+@dataclass(frozen=True)
+class NormalRange:
+    """Outward surface normals that a contact allows, as directions in W: counter-clockwise from lo to hi.
+
+    Raises InputError unless both are finite and 0 ≤ hi − lo ≤ 2π.
+    """
+
+    lo_rad: float
+    hi_rad: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.lo_rad) and math.isfinite(self.hi_rad)):
+            raise InputError("a normal range must be two finite angles in rad")
+        if not 0.0 <= self.hi_rad - self.lo_rad <= 2 * math.pi + 1e-9:
+            raise InputError(
+                f"a normal range runs counter-clockwise from lo to hi with 0 ≤ hi − lo ≤ 2π, "
+                f"not from {self.lo_rad:.6g} to {self.hi_rad:.6g}"
+            )
+
+
+@dataclass(frozen=True, order=True)
+class Finger:
+    """What of a finger decides which grown cross section its centre meets (memo §3.1 and footnote 3)."""
+
+    tip_radius_mm: float
+    height_mm: float
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One approach that was carried out: the tip's centre went straight from `start` to `end`.
+
+    If `touched`, it was stopped at `end` by the object, and by nothing before; otherwise the whole way was
+    free. The true centre is within `position_bound_mm` of the given one all along the path. `normal` is None
+    where nothing is known of it.
+    """
+
+    name: str
+    finger: Finger
+    touched: bool
+    start_mm: tuple[float, float]
+    end_mm: tuple[float, float]
+    position_bound_mm: float
+    normal: NormalRange | None = None
+
+    def __post_init__(self) -> None:
+        numbers = (*self.start_mm, *self.end_mm, self.position_bound_mm)
+        if not all(math.isfinite(value) for value in numbers):
+            raise InputError(f"contact of {self.name}: positions and bounds must be finite")
+        if self.position_bound_mm < 0 or self.finger.tip_radius_mm < 0:
+            raise InputError(f"contact of {self.name}: bounds and radii cannot be negative")
+
+    @property
+    def travel_mm(self) -> float:
+        """Length of the path in mm."""
+        return math.dist(self.start_mm, self.end_mm)
+
+    @property
+    def direction_rad(self) -> float:
+        """Direction of travel φ in W."""
+        return math.atan2(self.end_mm[1] - self.start_mm[1], self.end_mm[0] - self.start_mm[0])
+
+    @property
+    def direction_bound_rad(self) -> float:
+        """How far the true direction of travel may be off, given the position bound at both ends."""
+        if self.travel_mm <= 2 * self.position_bound_mm:
+            return math.pi
+        return math.asin(2 * self.position_bound_mm / self.travel_mm)
+
+    def outward_normals(self) -> NormalRange | None:
+        """Normals that both the sensor and the approach allow; None if together they allow nothing.
+
+        A finger that came to rest on a surface moved against its outward normal, so the normal lies within
+        a quarter turn of −φ (the weakest form of the memo's angle pocket, §2.2.2). Where the two ranges meet
+        in two pieces the shorter range stands for both: wider than need be, never too narrow.
+        """
+        half = min(math.pi, math.pi / 2 + self.direction_bound_rad + 1e-9)
+        against = self.direction_rad + math.pi
+        approach = NormalRange(against - half, against + half)
+        if self.normal is None:
+            return approach
+        return _meet(self.normal, approach)
+
+
+def _meet(first: NormalRange, second: NormalRange) -> NormalRange | None:
+    width_1 = first.hi_rad - first.lo_rad
+    width_2 = second.hi_rad - second.lo_rad
+    offset = (second.lo_rad - first.lo_rad) % (2 * math.pi)
+    pieces = []
+    if offset <= width_1:
+        pieces.append((offset, min(width_1, offset + width_2)))
+    if offset + width_2 >= 2 * math.pi:
+        pieces.append((0.0, min(width_1, offset + width_2 - 2 * math.pi)))
+    if not pieces:
+        return None
+    if len(pieces) == 2:
+        return first if width_1 <= width_2 else second
+    lo, hi = pieces[0]
+    return NormalRange(first.lo_rad + lo, first.lo_rad + hi)

@@ -1,0 +1,92 @@
+"""Pairing a further contact with edges, under interpretations whose pose regions are already known.
+
+From the fourth contact on. A region says where in the object's frame the new contact must lie, which prunes
+harder than distances to the earlier contacts and costs the same however many of those there are.
+"""
+
+import numpy as np
+
+from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.region import Cells
+from palpate.recognizer.segments import point_segment_distance
+from palpate.recognizer.tree import (
+    Interpretations,
+    LevelCount,
+    intersect,
+    orientation_range,
+    paired_by_normal,
+)
+
+__all__ = ["extend_by_region", "split_into_runs"]
+
+
+def extend_by_region(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    cells: Cells,
+    contact: Contact,
+    level: int,
+    anchor_mm: Floats,
+) -> tuple[Interpretations, LevelCount]:
+    """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells."""
+    edges = catalogue.edges(contact.finger)
+    candidates = int(np.sum(edges.count[nodes.state]))
+    owner, edge = paired_by_normal(edges, cells.state, cells.lo, cells.hi, contact)
+    after_angle = _distinct(cells.node[owner], edge, len(edges.state))
+    near = _near(catalogue, cells.select(owner), contact, edge, anchor_mm)
+    owner, edge = owner[near], edge[near]
+    normals = contact.outward_normals()
+    if normals is None or not len(owner):
+        count = LevelCount(level, candidates, after_angle, 0, 0)
+        return nodes.paired(np.empty(0, np.int64), np.empty(0, np.int64)), count
+    lo, hi = intersect(cells.lo[owner], cells.hi[owner], *orientation_range(normals, edges, edge))
+    meets = lo <= hi
+    owner, edge, lo, hi = owner[meets], edge[meets], lo[meets], hi[meets]
+    grown = _gathered(nodes, cells.node[owner], edge, lo, hi, len(edges.state))
+    return grown, LevelCount(level, candidates, after_angle, len(grown), len(grown))
+
+
+def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretations, Cells]:
+    """Narrow interpretations to their cells; one with a gap between its cells becomes one for each run.
+
+    Cells must be ordered by interpretation and orientation, as they are built.
+    """
+    if not len(cells):
+        return nodes.select(np.empty(0, np.int64)), cells
+    begins = np.ones(len(cells), dtype=bool)
+    begins[1:] = (np.diff(cells.node) != 0) | (cells.lo[1:] > cells.hi[:-1] + 1e-12)
+    first = np.flatnonzero(begins)
+    last = np.append(first[1:], len(cells)) - 1
+    owner = cells.node[first]
+    split = Interpretations(nodes.state[owner], nodes.edges[owner], cells.lo[first], cells.hi[last])
+    renumbered = Cells(np.cumsum(begins) - 1, cells.state, cells.lo, cells.hi, cells.polygon)
+    return split, renumbered
+
+
+def _distinct(node: Ints, edge: Ints, edges: int) -> int:
+    return len(np.unique(node * edges + edge))
+
+
+def _near(catalogue: Catalogue, cells: Cells, contact: Contact, edge: Ints, anchor_mm: Floats) -> Ints:
+    """Pairs of a cell and an edge (both (m,)) in which the contact may lie within its bound of the edge."""
+    edges = catalogue.edges(contact.finger)
+    x, y = np.asarray(contact.end_mm) - anchor_mm
+    cos, sin = np.cos(cells.middle), np.sin(cells.middle)
+    point = np.column_stack([cos * x + sin * y, cos * y - sin * x]) - cells.centre
+    reach = cells.half_width * np.hypot(x, y) + cells.radius
+    reach += contact.position_bound_mm + edges.slack_out[edge]
+    away = point_segment_distance(point, edges.start[edge], edges.direction[edge], edges.length[edge])
+    return np.flatnonzero(away <= reach)
+
+
+def _gathered(
+    nodes: Interpretations, node: Ints, edge: Ints, lo: Floats, hi: Floats, edges: int
+) -> Interpretations:
+    """One new interpretation for each pair of an old one and an edge, over the hull of its orientations."""
+    key, inverse = np.unique(node * edges + edge, return_inverse=True)
+    hull_lo, hull_hi = np.full(len(key), np.inf), np.full(len(key), -np.inf)
+    np.minimum.at(hull_lo, inverse, lo)
+    np.maximum.at(hull_hi, inverse, hi)
+    return nodes.paired(key // edges, key % edges).narrowed(hull_lo, hull_hi)

@@ -1,0 +1,132 @@
+"""From contacts to hypotheses, and on from there with every further contact. The recogniser's front door.
+
+    contacts → interpretation tree (levels 1–3) → cells → free-path evidence → hypotheses
+
+Further contacts extend the surviving interpretations; nothing is started again. Pure computation.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.recognizer.arrays import Floats
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.extension import extend_by_region, split_into_runs
+from palpate.recognizer.hypotheses import Hypothesis, hypotheses_of
+from palpate.recognizer.region import Cells, build_cells
+from palpate.recognizer.sweep import unblocked
+from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level
+
+__all__ = ["Recognition", "Verdict", "recognise"]
+
+_TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
+_COARSE_RAD, _FINE_CELLS = 0.015, 8
+
+
+class Verdict(Enum):
+    """What the contacts leave (design §4.5)."""
+
+    UNIQUE = "unique"
+    AMBIGUOUS = "ambiguous"
+    NONE = "none"
+
+
+@dataclass(frozen=True, eq=False)
+class Recognition:
+    """All that is known after some contacts. `contacts` includes misses; `levels` counts per contact."""
+
+    catalogue: Catalogue
+    contacts: tuple[Contact, ...]
+    interpretations: Interpretations
+    cells: Cells
+    anchor_mm: Floats
+    hypotheses: tuple[Hypothesis, ...]
+    levels: tuple[LevelCount, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Unique if one hypothesis is left, whatever its extent."""
+        if not self.hypotheses:
+            return Verdict.NONE
+        return Verdict.UNIQUE if len(self.hypotheses) == 1 else Verdict.AMBIGUOUS
+
+    def extend(self, contacts: Sequence[Contact]) -> "Recognition":
+        """The same with further contacts and misses; keeps only what survives them."""
+        return _grown(
+            self.catalogue,
+            self.contacts,
+            tuple(contacts),
+            self.interpretations,
+            self.cells,
+            self.anchor_mm,
+            self.levels,
+        )
+
+
+def recognise(catalogue: Catalogue, contacts: Sequence[Contact]) -> Recognition:
+    """Find every way to understand the contacts (misses included) as touches of one catalogued object.
+
+    Raises InputError if none of the contacts touched anything: misses alone bound no configuration.
+    """
+    touched = [contact for contact in contacts if contact.touched]
+    if not touched:
+        raise InputError("no finger touched anything: at least one contact is needed to place an object")
+    # The first contacts' middle: orientation and position are least entangled near the object.
+    anchor = np.mean([contact.end_mm for contact in touched[:_TREE_LEVELS]], axis=0)
+    nodes, count = first_level(catalogue, touched[0])
+    first = contacts.index(touched[0])
+    cells = _coarse(catalogue, nodes, touched[:1], anchor) if len(touched) == 1 else None
+    rest = tuple(contacts[first + 1 :])
+    return _grown(catalogue, tuple(contacts[: first + 1]), rest, nodes, cells, anchor, (count,))
+
+
+def _grown(
+    catalogue: Catalogue,
+    known: tuple[Contact, ...],
+    new: tuple[Contact, ...],
+    nodes: Interpretations,
+    cells: Cells | None,
+    anchor: Floats,
+    levels: tuple[LevelCount, ...],
+) -> Recognition:
+    """Pair every new contact in turn, then conclude."""
+    touched = [contact for contact in known if contact.touched]
+    for contact in new:
+        if not contact.touched:
+            continue
+        touched.append(contact)
+        if len(touched) <= _TREE_LEVELS:
+            nodes, count = next_level(catalogue, nodes, touched, anchor)
+        else:
+            known_cells = cells or _coarse(catalogue, nodes, touched[:-1], anchor)
+            nodes, count = extend_by_region(catalogue, nodes, known_cells, contact, len(touched), anchor)
+        cells = None
+        levels = (*levels, count)
+    return _concluded(catalogue, (*known, *new), nodes, anchor, levels)
+
+
+def _coarse(catalogue: Catalogue, nodes: Interpretations, touched: list[Contact], anchor: Floats) -> Cells:
+    return build_cells(catalogue, nodes, touched, anchor, step_rad=_COARSE_RAD, least=1)
+
+
+def _concluded(
+    catalogue: Catalogue,
+    contacts: tuple[Contact, ...],
+    nodes: Interpretations,
+    anchor: Floats,
+    levels: tuple[LevelCount, ...],
+) -> Recognition:
+    """Cells, evidence and hypotheses of the interpretations that are left."""
+    touched = [contact for contact in contacts if contact.touched]
+    # A coarse pass drops most interpretations cheaply; a fine one bounds those that are left.
+    for least in (1, _FINE_CELLS):
+        cells = build_cells(catalogue, nodes, touched, anchor, step_rad=_COARSE_RAD, least=least)
+        for contact in contacts:
+            cells = cells.select(unblocked(catalogue, cells, anchor, contact))
+        nodes, cells = split_into_runs(nodes, cells)
+    hypotheses = hypotheses_of(catalogue, nodes, cells, touched, list(contacts), anchor)
+    return Recognition(catalogue, contacts, nodes, cells, anchor, hypotheses, levels)

@@ -1,0 +1,135 @@
+"""What a straight approach must and may meet, over every configuration in a cell.
+
+Used backwards as evidence (the path before a contact was free; a missed approach was free all along) and
+forwards as prediction (where will the finger stop?), so that planner and recogniser cannot disagree. If no
+point of the object is further than ρ from where the cell's middle configuration puts it, the finger cannot
+stop before it comes within ρ of the middle outline, and cannot pass a point that lies deeper than ρ in it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats
+from palpate.recognizer.catalogue import Catalogue, EdgeSet
+from palpate.recognizer.contact import Contact, Finger
+from palpate.recognizer.region import Cells
+from palpate.recognizer.segments import capsule_interval
+
+__all__ = ["Approach", "StopInterval", "sweep", "unblocked"]
+
+_RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens of MB
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A straight path of a tip's centre in W: from `start_mm` along `direction_rad` for `travel_mm`."""
+
+    finger: Finger
+    start_mm: tuple[float, float]
+    direction_rad: float
+    travel_mm: float
+    position_bound_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class StopInterval:
+    """For k cells: the finger stops after a travel within [`earliest`, `latest`] (k,) mm.
+
+    `earliest` is infinite where nothing can be met; `latest` is infinite where the finger may miss.
+    """
+
+    earliest: Floats
+    latest: Floats
+
+
+def sweep(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approach: Approach) -> StopInterval:
+    """Enclose the travel at which the object stops the finger, for each cell and all of it."""
+    edges = catalogue.edges(approach.finger)
+    earliest, latest = np.full(len(cells), np.inf), np.full(len(cells), np.inf)
+    start, heading = _in_object_frame(cells, anchor_mm, approach)
+    for state in np.unique(cells.state):
+        rows = np.flatnonzero(cells.state == state)
+        block = slice(int(edges.first[state]), int(edges.first[state + 1]))
+        size = block.stop - block.start
+        if size == 0:
+            continue
+        reach = edges.start[block]
+        far = np.full(len(rows), float(np.hypot(*reach.T).max()) + 2.0)
+        slack = float(edges.slack_out[block].max())
+        rho = cells.select(rows).displacement(far) + approach.position_bound_mm + slack
+        chunk = max(1, _RAYS_TIMES_EDGES // size)
+        for begin in range(0, len(rows), chunk):
+            part = slice(begin, begin + chunk)
+            at = rows[part]
+            earliest[at], latest[at] = _stops(edges, block, start[at], heading[at], rho[part])
+    return StopInterval(earliest, latest)
+
+
+def unblocked(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, contact: Contact) -> Bools:
+    """Cells (k,) that the free path of a contact, or of a miss, does not rule out altogether.
+
+    A cell goes only if every configuration in it would have stopped the finger before the end of the path.
+    """
+    path = Approach(
+        contact.finger,
+        contact.start_mm,
+        contact.direction_rad,
+        contact.travel_mm,
+        contact.position_bound_mm,
+    )
+    result: Bools = sweep(catalogue, cells, anchor_mm, path).latest >= contact.travel_mm
+    return result
+
+
+def _in_object_frame(cells: Cells, anchor_mm: Floats, approach: Approach) -> tuple[Floats, Floats]:
+    """Start (k, 2) and unit heading (k, 2) of the path in the frame of each cell's middle configuration."""
+    cos, sin = np.cos(cells.middle), np.sin(cells.middle)
+    x, y = np.asarray(approach.start_mm) - anchor_mm
+    turned = np.column_stack([cos * x + sin * y, cos * y - sin * x])
+    relative = approach.direction_rad - cells.middle
+    return turned - cells.centre, np.column_stack([np.cos(relative), np.sin(relative)])
+
+
+def _stops(
+    edges: EdgeSet, block: slice, start: Floats, heading: Floats, rho: Floats
+) -> tuple[Floats, Floats]:
+    """Earliest and latest stop (m,) of m rays on the edges of one state, given each ray's ρ."""
+    enter, leave = capsule_interval(
+        start[:, None],
+        heading[:, None],
+        edges.start[block],
+        edges.direction[block],
+        edges.length[block],
+        rho[:, None],
+    )
+    touchable = (leave >= 0) & (enter <= leave)
+    earliest = np.where(touchable, np.maximum(enter, 0.0), np.inf).min(axis=1)
+    return earliest, _first_certain_depth(edges, block, start, heading, enter, leave)
+
+
+def _first_certain_depth(
+    edges: EdgeSet, block: slice, start: Floats, heading: Floats, enter: Floats, leave: Floats
+) -> Floats:
+    """First travel ≥ 0 at which a ray is inside the outline and in no edge's capsule; infinite if never."""
+    begin = edges.start[block]
+    end = begin + edges.direction[block] * edges.length[block, None]
+    left = _side(start, heading, begin) > 0
+    crossing = left != (_side(start, heading, end) > 0)
+    order = np.argsort(enter, axis=1)
+    enter = np.take_along_axis(enter, order, axis=1)
+    covered = np.maximum.accumulate(np.take_along_axis(leave, order, axis=1), axis=1)
+    # Every crossing lies in its own edge's capsule, so after the first i capsules the ray is inside iff an
+    # odd number of them held one.
+    inside = np.cumsum(np.take_along_axis(crossing, order, axis=1), axis=1) % 2 == 1
+    following = np.column_stack([enter[:, 1:], np.full(len(enter), np.inf)])
+    gap = inside & (following > covered) & (following > 0)
+    depth: Floats = np.where(gap, np.maximum(covered, 0.0), np.inf).min(axis=1)
+    return depth
+
+
+def _side(start: Floats, heading: Floats, point: Floats) -> Floats:
+    """Signed distance (m, n) of points (n, 2) from the lines of m rays."""
+    x = point[None, :, 0] - start[:, None, 0]
+    y = point[None, :, 1] - start[:, None, 1]
+    return heading[:, None, 0] * y - heading[:, None, 1] * x

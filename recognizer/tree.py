@@ -1,0 +1,177 @@
+"""The interpretation tree (memo §2): pairings of contacts with edges, grown level by level and pruned.
+
+From contacts to surviving interpretations, each with an interval of orientations. Breadth first, as
+whole-array operations over the whole catalogue. Each level is pruned by angle (a range look-up in the sorted
+normals), by distance, and by the closed-form model test on two and on three contacts.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.recognizer.arcs import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, half_planes, triple_arcs
+from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.catalogue import Catalogue, EdgeSet
+from palpate.recognizer.contact import Contact, NormalRange
+
+__all__ = [
+    "Interpretations",
+    "LevelCount",
+    "first_level",
+    "intersect",
+    "next_level",
+    "orientation_range",
+    "paired_by_normal",
+]
+
+_CHUNK = 8192  # interpretations tested at once: keeps the largest temporary array near 20 MB
+
+
+@dataclass(frozen=True)
+class LevelCount:
+    """How many interpretations a level of the tree had at each step (the memo's columns n, nA, nD, M)."""
+
+    level: int
+    candidates: int
+    after_angle: int
+    after_distance: int
+    after_model: int
+
+
+@dataclass(frozen=True, eq=False)
+class Interpretations:
+    """n k-interpretations: `state` (n,), `edges` (n, k) in contact order, θ within [`lo`, `hi`] (n,) rad."""
+
+    state: Ints
+    edges: Ints
+    lo: Floats
+    hi: Floats
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    def select(self, index: Ints) -> "Interpretations":
+        """Those at `index` (integers or a mask)."""
+        return Interpretations(self.state[index], self.edges[index], self.lo[index], self.hi[index])
+
+    def paired(self, owner: Ints, edge: Ints) -> "Interpretations":
+        """(k + 1)-interpretations: those at `owner` (m,), each with one more pairing, `edge` (m,)."""
+        edges = np.column_stack([self.edges[owner], edge])
+        return Interpretations(self.state[owner], edges, self.lo[owner], self.hi[owner])
+
+    def narrowed(self, lo: Floats, hi: Floats) -> "Interpretations":
+        """The same with other orientation intervals; those with none left are dropped."""
+        narrowed = Interpretations(self.state, self.edges, lo, hi)
+        return narrowed.select(np.flatnonzero(lo <= hi))
+
+
+def orientation_range(normals: NormalRange, edges: EdgeSet, edge: Ints) -> tuple[Floats, Floats]:
+    """Orientations (lo, hi), each (n,), that turn an edge's normal into the given range (memo §2.2.2)."""
+    psi, span = edges.normal_rad[edge], edges.span[edge]
+    lo = normals.lo_rad - psi - span
+    width = np.minimum(normals.hi_rad - normals.lo_rad + 2 * span, 2 * np.pi)
+    return lo, lo + width
+
+
+def first_level(catalogue: Catalogue, contact: Contact) -> tuple[Interpretations, LevelCount]:
+    """Pair the first contact with one edge of every symmetric orbit in the catalogue (memo Fig. 4)."""
+    edges = catalogue.edges(contact.finger)
+    edge = np.flatnonzero(edges.representative)
+    normals = contact.outward_normals()
+    kept = edge if normals is not None else edge[:0]
+    lo, hi = orientation_range(normals or NormalRange(0.0, 0.0), edges, kept)
+    count = LevelCount(1, len(edge), len(kept), len(kept), len(kept))
+    return Interpretations(edges.state[kept], kept[:, None], lo, hi), count
+
+
+def next_level(
+    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
+) -> tuple[Interpretations, LevelCount]:
+    """Pair the last of `contacts` with edges, under `nodes`, which pair all those before it."""
+    contact = contacts[-1]
+    edges = catalogue.edges(contact.finger)
+    candidates = int(np.sum(edges.count[nodes.state]))
+    grown = _by_angle(edges, nodes, contact)
+    after_angle = len(grown)
+    for level, earlier in enumerate(contacts[:-1]):
+        grown = _by_distance(catalogue, grown, level, earlier, contact)
+    after_distance = len(grown)
+    grown = _by_model(catalogue, grown, contacts, anchor_mm)
+    return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
+
+
+def paired_by_normal(
+    edges: EdgeSet, state: Ints, lo: Floats, hi: Floats, contact: Contact
+) -> tuple[Ints, Ints]:
+    """Edges whose normals fit `contact` at some θ in [lo, hi], for m queries; returns (owner, edge), flat."""
+    normals = contact.outward_normals()
+    if normals is None:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    margin = float(np.max(edges.span, initial=0.0))
+    width = np.minimum(normals.hi_rad - normals.lo_rad + 2 * margin + hi - lo, 2 * np.pi)
+    return edges.by_normal(state, normals.lo_rad - margin - hi, width)
+
+
+def _by_angle(edges: EdgeSet, nodes: Interpretations, contact: Contact) -> Interpretations:
+    owner, edge = paired_by_normal(edges, nodes.state, nodes.lo, nodes.hi, contact)
+    paired = nodes.paired(owner, edge)
+    normals = contact.outward_normals()
+    if normals is None:
+        return paired
+    return paired.narrowed(*intersect(paired.lo, paired.hi, *orientation_range(normals, edges, edge)))
+
+
+def intersect(lo: Floats, hi: Floats, other_lo: Floats, other_hi: Floats) -> tuple[Floats, Floats]:
+    """Hull of the part of [lo, hi] inside [other_lo, other_hi] modulo 2π; lo > hi where there is none."""
+    width, other_width = hi - lo, other_hi - other_lo
+    begin = (other_lo - lo) % (2 * np.pi)
+    tail = begin - 2 * np.pi + other_width
+    first = np.where(tail >= 0, 0.0, np.where(begin <= width, begin, np.inf))
+    last = np.where(begin <= width, np.minimum(width, begin + other_width), np.minimum(width, tail))
+    return lo + first, lo + last
+
+
+def _by_distance(
+    catalogue: Catalogue, nodes: Interpretations, level: int, earlier: Contact, contact: Contact
+) -> Interpretations:
+    first, last = catalogue.edges(earlier.finger), catalogue.edges(contact.finger)
+    ranges = catalogue.ranges(earlier.finger, contact.finger)
+    edge_a, edge_b = nodes.edges[:, level], nodes.edges[:, -1]
+    shortest, longest = ranges.look_up(nodes.state, edge_a, edge_b, last.first[:-1])
+    measured = np.hypot(contact.end_mm[0] - earlier.end_mm[0], contact.end_mm[1] - earlier.end_mm[1])
+    slack = first.slack_out[edge_a] + last.slack_out[edge_b]
+    slack = slack + earlier.position_bound_mm + contact.position_bound_mm
+    keep = (measured >= shortest - slack) & (measured <= longest + slack)
+    return nodes.select(np.flatnonzero(keep))
+
+
+def _by_model(
+    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
+) -> Interpretations:
+    """Narrow by the closed-form test of the new contact with each earlier one and with each earlier pair."""
+    new = len(contacts) - 1
+    for group in [(old, new) for old in range(new)] + [
+        (a, b, new) for a in range(new) for b in range(a + 1, new)
+    ]:
+        triples = PAIR_TRIPLES if len(group) == 2 else TRIPLE_TRIPLES
+        parts = []
+        for begin in range(0, len(nodes), _CHUNK):
+            part = nodes.select(np.arange(begin, min(begin + _CHUNK, len(nodes))))
+            planes = [
+                half_planes(catalogue.edges(contacts[k].finger), part.edges[:, k], contacts[k], anchor_mm)
+                for k in group
+            ]
+            g = np.concatenate([plane[0] for plane in planes], axis=1)
+            coefficients = np.concatenate([plane[1] for plane in planes], axis=1)
+            parts.append(part.narrowed(*arc_hull(part.lo, part.hi, triple_arcs(g, coefficients, triples))))
+        nodes = _joined(parts) if parts else nodes
+    return nodes
+
+
+def _joined(parts: list[Interpretations]) -> Interpretations:
+    return Interpretations(
+        np.concatenate([part.state for part in parts]),
+        np.concatenate([part.edges for part in parts]),
+        np.concatenate([part.lo for part in parts]),
+        np.concatenate([part.hi for part in parts]),
+    )
