@@ -1,0 +1,171 @@
+"""What turns an emulated servo's shaft: profile, position loop, motor and gear, one step at a time.
+
+A DC motor behind its gear, seen at the output shaft, with the firmware's proportional position loop on the
+motor's voltage (PWM). Stall torque, stall current and no-load speed are the e-Manual's for the XM430-W350 at
+12 V; inertia and friction are plausible guesses, said where they stand. The velocity-based profile is the
+e-Manual's: no Profile Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
+
+Plain floats and slots: an emulated session takes tens of thousands of steps.
+"""
+
+import math
+from dataclasses import dataclass
+
+__all__ = ["MotorConstants", "ShaftMotion"]
+
+_LONGEST_STEP_S = 1e-3  # the position loop is stiff; longer steps are split
+
+
+@dataclass(frozen=True, slots=True)
+class MotorConstants:
+    """A servo as seen at its output shaft. Defaults: XM430-W350 at 12 V."""
+
+    stall_torque_nm: float = 4.1  # e-Manual
+    stall_current_a: float = 2.3  # e-Manual
+    no_load_rad_s: float = 46 * 2 * math.pi / 60  # e-Manual
+    inertia_kg_m2: float = 0.01  # guess: a 80 g·mm² rotor behind 353.5 : 1
+    friction_nm: float = 0.05  # guess: gear friction, the same at rest and in motion
+
+
+class ShaftMotion:
+    """State of the shaft and of the trajectory that it follows."""
+
+    __slots__ = (
+        "_a_per_rad_s",
+        "_friction_nm",
+        "_gain_per_rad",
+        "_inertia",
+        "_max_current_a",
+        "_nm_per_a",
+        "_profile_a",
+        "_profile_v",
+        "_stall_a",
+        "_u_max",
+        "current_a",
+        "driven",
+        "duty",
+        "goal_rad",
+        "reference_rad",
+        "reference_rad_s",
+        "shaft_rad",
+        "velocity_rad_s",
+    )
+
+    def __init__(self, constants: MotorConstants, start_rad: float) -> None:
+        self._nm_per_a = constants.stall_torque_nm / constants.stall_current_a
+        self._stall_a = constants.stall_current_a
+        self._a_per_rad_s = constants.stall_current_a / constants.no_load_rad_s
+        self._inertia = constants.inertia_kg_m2
+        self._friction_nm = constants.friction_nm
+        self._gain_per_rad = 0.0
+        self._u_max = 1.0
+        self._max_current_a = constants.stall_current_a
+        self._profile_v = 0.0
+        self._profile_a = 0.0
+        self.shaft_rad = start_rad
+        self.velocity_rad_s = 0.0
+        self.current_a = 0.0
+        self.duty = 0.0
+        self.driven = False
+        self.goal_rad = start_rad
+        self.reference_rad = start_rad
+        self.reference_rad_s = 0.0
+
+    def configure(self, *, gain_per_rad: float, duty_limit: float, current_limit_a: float) -> None:
+        """Set the position loop: duty per rad of error, largest duty (0…1), largest current in A."""
+        self._gain_per_rad = gain_per_rad
+        self._u_max = duty_limit
+        self._max_current_a = current_limit_a
+
+    def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
+        """Set the profile of the next goals; 0 means unlimited."""
+        self._profile_v = velocity_rad_s
+        self._profile_a = acceleration_rad_s2
+
+    def engage(self) -> None:
+        """Switch the drive on, holding where the shaft is."""
+        self.driven = True
+        self.hold()
+
+    def release(self) -> None:
+        """Switch the drive off: only the load and friction act on the shaft."""
+        self.driven = False
+        self.current_a = 0.0
+        self.duty = 0.0
+        self.hold()
+
+    def hold(self) -> None:
+        """Make the present position the goal, without a profile."""
+        self.goal_rad = self.reference_rad = self.shaft_rad
+        self.reference_rad_s = 0.0
+
+    def move_to(self, goal_rad: float) -> None:
+        """Start a profile towards a goal, from wherever the trajectory is now."""
+        self.goal_rad = goal_rad
+        if self._profile_v == 0.0:
+            self.reference_rad = goal_rad
+            self.reference_rad_s = 0.0
+
+    @property
+    def profile_ongoing(self) -> bool:
+        """True while the trajectory has not reached the goal."""
+        return self.reference_rad != self.goal_rad
+
+    def step(self, dt_s: float, load_nm: float) -> None:
+        """Integrate over `dt_s` with a constant outside torque; positive pushes towards +position."""
+        while dt_s > _LONGEST_STEP_S * 1.001:
+            self._step(_LONGEST_STEP_S, load_nm)
+            dt_s -= _LONGEST_STEP_S
+        self._step(dt_s, load_nm)
+
+    def _step(self, dt: float, load_nm: float) -> None:
+        velocity = self.velocity_rad_s
+        if self.driven:
+            if self.reference_rad != self.goal_rad:
+                self._advance_reference(dt)
+            duty = (self.reference_rad - self.shaft_rad) * self._gain_per_rad
+            limit = self._u_max
+            duty = limit if duty > limit else -limit if duty < -limit else duty
+            current = duty * self._stall_a - velocity * self._a_per_rad_s
+            limit = self._max_current_a
+            current = limit if current > limit else -limit if current < -limit else current
+            self.duty = duty
+            self.current_a = current
+            torque = current * self._nm_per_a + load_nm
+        else:
+            torque = load_nm
+        velocity += torque * dt / self._inertia
+        slowed = self._friction_nm * dt / self._inertia
+        if velocity > slowed:
+            velocity -= slowed
+        elif velocity < -slowed:
+            velocity += slowed
+        else:
+            velocity = 0.0
+        self.velocity_rad_s = velocity
+        self.shaft_rad += velocity * dt
+
+    def _advance_reference(self, dt: float) -> None:
+        distance = self.goal_rad - self.reference_rad
+        sign = 1.0 if distance > 0 else -1.0
+        wanted = self._profile_v or math.inf
+        rate = self._profile_a
+        if rate > 0.0:
+            # fastest speed from which the steps of this length can still stop at the goal
+            half = 0.5 * rate * dt
+            wanted = min(wanted, math.sqrt(half * half + 2.0 * rate * abs(distance)) - half)
+            change = sign * wanted - self.reference_rad_s
+            bound = rate * dt
+            speed = self.reference_rad_s + (
+                bound if change > bound else -bound if change < -bound else change
+            )
+        else:
+            speed = sign * wanted
+        travel = speed * dt
+        near = abs(distance) <= abs(travel) or (rate > 0.0 and abs(distance) < rate * dt * dt)
+        if near and travel * distance >= 0.0 and (rate == 0.0 or abs(speed) <= 2.0 * rate * dt):
+            self.reference_rad = self.goal_rad
+            self.reference_rad_s = 0.0
+            return
+        self.reference_rad += travel
+        self.reference_rad_s = speed
