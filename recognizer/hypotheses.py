@@ -56,14 +56,15 @@ class Bounds:
 class Hypothesis:
     """One way to understand all contacts.
 
-    `verified`: `configuration` satisfies every contact and every free path exactly. `weight`: share of the
-    feasible volume among all hypotheses. `features` lists the paired edge features (see `GrownSection`) of
-    each interpretation, `cells` is the region itself.
+    `verified`: `configuration` satisfies every contact and every free path exactly; `witness_mm` (2,) is its
+    position s as in `cells`, the region itself. `weight`: share of the feasible volume of all hypotheses.
+    `features` lists the paired edge features (see `GrownSection`) of each interpretation.
     """
 
     state_index: int
     state: CatalogueState
     configuration: Configuration
+    witness_mm: Floats
     bounds: Bounds
     weight: float
     verified: bool
@@ -85,12 +86,13 @@ def hypotheses_of(
     for group in _groups(catalogue, cells, anchor_mm):
         part = _on_one_branch(catalogue, group)
         state = catalogue.states[int(part.state[0])]
-        configuration, verified = _witness(catalogue, nodes, part, touched, evidence, anchor_mm)
+        configuration, position, verified = _witness(catalogue, nodes, part, touched, evidence, anchor_mm)
         found.append(
             Hypothesis(
                 state_index=int(part.state[0]),
                 state=state,
                 configuration=configuration,
+                witness_mm=position,
                 bounds=_bounds(part, state.origin_mm, anchor_mm),
                 weight=float(part.volume.sum()) / total,
                 verified=verified,
@@ -162,7 +164,7 @@ def _witness(
     touched: list[Contact],
     evidence: list[Contact],
     anchor_mm: Floats,
-) -> tuple[Configuration, bool]:
+) -> tuple[Configuration, Floats, bool]:
     """A configuration that satisfies everything exactly, near the middle of the region if one is there.
 
     Tried at the region's mean orientation and at the largest cells' middles; if none holds, the middle of
@@ -189,9 +191,9 @@ def _witness(
     if not found[best]:
         best = len(holding)
         position[best], steps[best] = cells.centre[by_size[0]], 0.0
-    at = float(theta[best] + steps[best])
-    centre = _turned(position[best], at) + anchor_mm
-    return _configuration(centre, float(theta[best]), state), bool(found.any())
+    here = _turned(position[best], float(steps[best]))
+    centre = _turned(here, float(theta[best])) + anchor_mm
+    return _configuration(centre, float(theta[best]), state), here, bool(found.any())
 
 
 def _configuration(centre_mm: Floats, theta: float, state: CatalogueState) -> Configuration:

@@ -1,0 +1,251 @@
+"""The next approach (memo §3.2, third strategy): which reachable touches tell the hypotheses apart best.
+
+From hypotheses and the approaches that the rig can reach to a grip. Every hypothesis is represented by some
+configurations of its region; for each candidate approach the stop and the surface normal are predicted for
+each of them. Two configurations that would feel alike stay confused; the grip that leaves the least expected
+confusion is chosen, finger by finger. Configurations of one hypothesis count as well, so that the same rule
+goes on to sharpen the pose when only one hypothesis is left.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.hypotheses import Hypothesis
+from palpate.recognizer.recognise import Recognition
+from palpate.recognizer.region import Cells
+from palpate.recognizer.segments import cross
+from palpate.recognizer.sweep import Approach, sweep
+
+__all__ = ["Candidate", "Grip", "Prediction", "Resolution", "plan_grip", "separable"]
+
+_POSES = 160  # configurations in all; shared out among the hypotheses
+_MOST_POSES, _LEAST_POSES = 24, 4
+_HOPELESS = 1e-3  # a further finger must take at least this share of confusion away
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An approach that the rig can reach with one of its fingers."""
+
+    finger_index: int
+    approach: Approach
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What the rig can feel: stops and normals that differ by less may look alike."""
+
+    distance_mm: float
+    normal_rad: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What an approach will meet under one hypothesis, over its whole region.
+
+    The travel before the stop lies in [`earliest_mm`, `latest_mm`]; `latest_mm` is infinite if it may miss,
+    `earliest_mm` is infinite if it must.
+    """
+
+    earliest_mm: float
+    latest_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Approaches to carry out together, and what each of the hypotheses says will happen.
+
+    `predictions[a][h]` belongs to approach a and hypothesis h. `decisive`: whatever happens, at most one
+    hypothesis survives it: every two of them have disjoint predictions for some approach. `confusion`:
+    expected share of weight that will still feel alike, from 0 to 1.
+    """
+
+    candidates: tuple[Candidate, ...]
+    predictions: tuple[tuple[Prediction, ...], ...]
+    decisive: bool
+    confusion: float
+
+
+def plan_grip(
+    recognition: Recognition,
+    candidates: Sequence[Candidate],
+    compatible: Bools,
+    resolution: Resolution,
+) -> Grip | None:
+    """Choose approaches, at most one for each finger, that leave the least confusion; None if none helps.
+
+    `compatible` (n, n): whether two candidates can be carried out together.
+    """
+    poses, weight = _poses(recognition.hypotheses)
+    likeness = _likeness(recognition, poses, candidates, resolution)
+    joint = np.ones((len(poses), len(poses)))
+    pair_weight = weight[:, None] * weight
+    open_to = np.ones(len(candidates), dtype=bool)
+    chosen: list[int] = []
+    confusion = 1.0
+    while open_to.any():
+        scores = np.where(open_to, np.einsum("cij,ij->c", likeness, joint * pair_weight), np.inf)
+        best = int(np.argmin(scores))
+        if scores[best] > confusion * (1 - _HOPELESS):
+            break
+        chosen.append(best)
+        confusion = float(scores[best])
+        joint = joint * likeness[best]
+        open_to &= compatible[best]
+    if not chosen:
+        return None
+    picked = tuple(candidates[k] for k in chosen)
+    predictions = tuple(predict(recognition, item.approach) for item in picked)
+    return Grip(picked, predictions, _decisive(predictions), confusion)
+
+
+def predict(recognition: Recognition, approach: Approach) -> tuple[Prediction, ...]:
+    """What `approach` will meet under each hypothesis, enclosed over its whole region."""
+    result = []
+    for hypothesis in recognition.hypotheses:
+        stops = sweep(recognition.catalogue, hypothesis.cells, recognition.anchor_mm, approach)
+        earliest, latest = float(stops.earliest.min()), float(stops.latest.max())
+        result.append(
+            Prediction(
+                earliest if earliest <= approach.travel_mm else np.inf,
+                latest if latest <= approach.travel_mm else np.inf,
+            )
+        )
+    return tuple(result)
+
+
+def separable(
+    recognition: Recognition, candidates: Sequence[Candidate], resolution: Resolution
+) -> tuple[bool, bool]:
+    """Whether some candidate is sure to tell two hypotheses apart, and whether one at least may.
+
+    Sure: predictions over the whole regions are disjoint. May: for the hypotheses' own configurations the
+    stops or the normals differ by more than the rig's resolution.
+    """
+    poses = _joined([_witness_cell(item) for item in recognition.hypotheses])
+    likeness = _likeness(recognition, poses, candidates, resolution)
+    maybe = bool(np.any(likeness < np.exp(-1.0)))
+    for candidate in candidates:
+        predictions = predict(recognition, candidate.approach)
+        if any(_disjoint(a, b) for k, a in enumerate(predictions) for b in predictions[:k]):
+            return True, maybe
+    return False, maybe
+
+
+def _decisive(predictions: Sequence[Sequence[Prediction]]) -> bool:
+    count = len(predictions[0])
+    return all(any(_disjoint(row[a], row[b]) for row in predictions) for a in range(count) for b in range(a))
+
+
+def _disjoint(a: Prediction, b: Prediction) -> bool:
+    return a.latest_mm < b.earliest_mm or b.latest_mm < a.earliest_mm
+
+
+def _poses(hypotheses: Sequence[Hypothesis]) -> tuple[Cells, Floats]:
+    """Configurations to predict for, as cells without extent, and the weight of each (they sum to 1).
+
+    Half of a hypothesis's weight is its share of the volume; the other half is the same for all, because a
+    well-bounded hypothesis has little volume and is none the less likely for it.
+    """
+    share = max(_LEAST_POSES, min(_MOST_POSES, _POSES // max(len(hypotheses), 1)))
+    parts, weights = [], []
+    for hypothesis in hypotheses:
+        part = _spread(hypothesis, share)
+        parts.append(part)
+        weight = (hypothesis.weight + 1 / len(hypotheses)) / 2
+        weights.append(np.full(len(part), weight / len(part)))
+    return _joined(parts), np.concatenate(weights)
+
+
+def _spread(hypothesis: Hypothesis, count: int) -> Cells:
+    """The configuration of a hypothesis, and vertices of its cells spread evenly over them."""
+    cells = hypothesis.cells
+    vertices = cells.polygon.shape[1]
+    total = len(cells) * vertices
+    pick: Ints = np.unique(np.linspace(0, total - 1, count - 1).astype(np.int64))
+    row, corner = pick // vertices, (pick % vertices + pick // vertices) % vertices
+    theta = np.where(pick % 2 == 0, cells.lo[row], cells.hi[row])
+    at = Cells(cells.node[row], cells.state[row], theta, theta, cells.polygon[row, corner][:, None])
+    return _joined([_witness_cell(hypothesis), at])
+
+
+def _witness_cell(hypothesis: Hypothesis) -> Cells:
+    theta = np.array([hypothesis.configuration.theta_rad])
+    state = np.array([hypothesis.state_index])
+    return Cells(np.zeros(1, np.int64), state, theta, theta, hypothesis.witness_mm[None, None])
+
+
+def _joined(parts: Sequence[Cells]) -> Cells:
+    """Poses of several hypotheses in one; each has a single position."""
+    return Cells(
+        np.concatenate([part.node for part in parts]),
+        np.concatenate([part.state for part in parts]),
+        np.concatenate([part.lo for part in parts]),
+        np.concatenate([part.hi for part in parts]),
+        np.concatenate([part.polygon for part in parts]),
+    )
+
+
+def _likeness(
+    recognition: Recognition, poses: Cells, candidates: Sequence[Candidate], resolution: Resolution
+) -> Floats:
+    """How alike two poses feel to each candidate, (c, p, p): 1 if nothing differs, 1/e at the resolution."""
+    result = np.empty((len(candidates), len(poses), len(poses)))
+    for index, candidate in enumerate(candidates):
+        travel, normal = first_stops(recognition.catalogue, poses, recognition.anchor_mm, candidate.approach)
+        apart = (travel[:, None] - travel) / resolution.distance_mm
+        turned = np.abs((normal[:, None] - normal + np.pi) % (2 * np.pi) - np.pi) / resolution.normal_rad
+        hit = travel < candidate.approach.travel_mm
+        turned = np.where(hit[:, None] & hit, turned, 0.0)
+        result[index] = np.exp(-np.maximum(apart * apart, turned * turned))
+    return result
+
+
+def first_stops(
+    catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approach: Approach
+) -> tuple[Floats, Floats]:
+    """Where the approach stops for each pose (p,) mm, and the outward normal there in W (p,) rad.
+
+    A miss stops at a fixed distance beyond the approach's travel, so that it is told apart from any hit.
+    """
+    edges = catalogue.edges(approach.finger)
+    travel = np.full(len(poses), approach.travel_mm + 100.0)
+    normal = np.zeros(len(poses))
+    point = np.asarray(approach.start_mm) - anchor_mm
+    cos, sin = np.cos(poses.lo), np.sin(poses.lo)
+    start = np.column_stack([cos * point[0] + sin * point[1], cos * point[1] - sin * point[0]])
+    start -= poses.polygon[:, 0]
+    relative = approach.direction_rad - poses.lo
+    heading = np.column_stack([np.cos(relative), np.sin(relative)])
+    for state in np.unique(poses.state):
+        rows = np.flatnonzero(poses.state == state)
+        block = slice(int(edges.first[state]), int(edges.first[state + 1]))
+        if block.stop == block.start:
+            continue
+        at, which = _first_crossing(
+            start[rows], heading[rows], edges.start[block], edges.direction[block], edges.length[block]
+        )
+        hit = at <= approach.travel_mm
+        travel[rows[hit]] = at[hit]
+        normal[rows[hit]] = edges.normal_rad[block][which[hit]] + poses.lo[rows[hit]]
+    return travel, normal
+
+
+def _first_crossing(
+    start: Floats, heading: Floats, begin: Floats, direction: Floats, length: Floats
+) -> tuple[Floats, Ints]:
+    """First crossing of rays (m, 2) into edges (n, 2) from outside: travel (m,) and edge (m,)."""
+    rel = begin - start[:, None]
+    facing = cross(heading[:, None], direction)
+    inward = facing < -1e-12  # facing is heading · outward normal
+    safe = np.where(inward, facing, 1.0)
+    travel = cross(rel, direction[None]) / safe
+    along = cross(rel, heading[:, None]) / safe
+    hits = inward & (travel >= 0) & (along >= -1e-9) & (along <= length + 1e-9)
+    travel = np.where(hits, travel, np.inf)
+    which = np.argmin(travel, axis=1)
+    return travel[np.arange(len(travel)), which], which
