@@ -1,0 +1,104 @@
+"""The vendor's SDK, corrected where it must be and nowhere else. Between `bus` and the port.
+
+Host traffic goes through dynamixel_sdk's own packet handler. Corrected, each with a test that fails on the
+plain SDK 4.1:
+
+- it opens only `serial.Serial` by device name, and knows no baud rate above 4 Mbps: ours takes any open
+  pyserial port and any rate;
+- it times out and busy-waits on the wall clock: ours takes the clock, and lets the port wait;
+- an exception from the port leaves the handler marked busy for ever: ours releases it;
+- `txPacket` computes the byte stuffing and sends the packet without it;
+- `removeStuffing` reads bytes that it has already overwritten, and loses data.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from dynamixel_sdk import PortHandler, Protocol2PacketHandler
+from serial.serialutil import SerialBase
+
+from palpate.drivers.dynamixel.packet import stuff, unstuff
+from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.wire import wire_time_s
+
+__all__ = ["ClockedPortHandler", "StuffingPacketHandler"]
+
+READ_WAIT_S = 1e-3
+"""How long a read may wait in the port before the SDK looks at its packet timeout again."""
+
+_BODY = 7  # index of INST: behind header, ID and length
+
+
+class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's port handler on any open pyserial port and any clock."""
+
+    def __init__(self, port: SerialBase, clock: Clock, baudrate: int) -> None:
+        """Use `port`, which is open; closing the handler closes it."""
+        super().__init__(port.port)
+        self._port = port
+        self._clock = clock
+        self.baudrate = baudrate
+
+    def setupPort(self, cflag_baud: int) -> bool:
+        """Set the port up instead of opening one."""
+        self.ser = self._port
+        self._port.baudrate = cflag_baud
+        self._port.timeout = READ_WAIT_S
+        self.is_open = True
+        self.clearPort()
+        self.tx_time_per_byte = wire_time_s(1, cflag_baud) * 1e3
+        return True
+
+    def getCFlagBaud(self, baudrate: int) -> int:
+        """Leave the judgement of a baud rate to the port."""
+        return baudrate
+
+    def getCurrentTime(self) -> float:
+        """Milliseconds on the clock that was given."""
+        return self._clock.now() * 1e3
+
+    def clearPort(self) -> None:
+        """Drop received bytes."""
+        with self._released_on_error():
+            super().clearPort()
+
+    def readPort(self, length: int) -> bytes:
+        """Read what is there, waiting for `READ_WAIT_S` at most."""
+        with self._released_on_error():
+            return bytes(super().readPort(length))
+
+    def writePort(self, packet: list[int]) -> int:
+        """Write a packet, given as the SDK's list of bytes."""
+        with self._released_on_error():
+            return int(super().writePort(bytes(packet)))
+
+    @contextmanager
+    def _released_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except BaseException:  # an interrupted transfer, too, must leave a port that can switch torque off
+            self.is_using = False
+            raise
+
+
+class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
+    """The SDK's packet handler with byte stuffing that reaches the wire and comes off it whole."""
+
+    def addStuffing(self, packet: list[int]) -> list[int]:
+        """Stuff in place: the SDK's `txPacket` goes on with the list that it passed in."""
+        length = packet[5] | packet[6] << 8
+        body = stuff(bytes(packet[_BODY : _BODY + length - 2]))
+        _replace_body(packet, length, body)
+        return packet
+
+    def removeStuffing(self, packet: list[int]) -> list[int]:
+        """Take the stuffing out of a packet whose CRC was found right."""
+        length = packet[5] | packet[6] << 8
+        body = unstuff(bytes(packet[_BODY : _BODY + length - 2]))
+        _replace_body(packet, length, body)
+        return packet
+
+
+def _replace_body(packet: list[int], old_length: int, body: bytes) -> None:
+    packet[_BODY : _BODY + old_length - 2] = body
+    packet[5:7] = (len(body) + 2).to_bytes(2, "little")

@@ -1,0 +1,171 @@
+"""One suite for every kind of port: what a client may rely on, in virtual time and on a pty alike."""
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import pytest
+import serial
+from serial.serialutil import SerialBase
+
+from palpate.drivers.emulators.serve import serve_pty
+from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.tap import Direction, TappedPort
+from palpate.drivers.transport.wire import Emission
+
+BAUD = 115_200
+
+
+class EchoTicker:
+    """Echoes every byte 1 ms later, and sends b'tick' every 50 ms while ticking."""
+
+    def __init__(self) -> None:
+        self.ticking = False
+        self._next = 0.05
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        if data == b"T":
+            self.ticking = True
+            self._next = now + 0.05
+            return []
+        return [(now + 1e-3, data)]
+
+    def poll(self, now: float) -> list[Emission]:
+        emissions: list[Emission] = []
+        while self.ticking and self._next <= now:
+            emissions.append((self._next, b"tick"))
+            self._next += 0.05
+        return emissions
+
+    def next_due(self) -> float | None:
+        return self._next if self.ticking else None
+
+
+@dataclass
+class Bench:
+    clock: Clock
+    open: Callable[..., SerialBase]
+
+
+@pytest.fixture(params=["mock", "pty", "tapped mock", "tapped pty"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    tapped = request.param.startswith("tapped")
+
+    def opener(url: str, clock: Clock) -> Callable[..., SerialBase]:
+        def open_(baudrate: int = BAUD, timeout_s: float = 0.5) -> SerialBase:
+            port = open_port(url, baudrate, timeout_s=timeout_s)
+            return TappedPort(port, clock, lambda *_: None) if tapped else port
+
+        return open_
+
+    if request.param.endswith("mock"):
+        virtual = VirtualClock()
+        hub = MockHub(virtual, "conformance")
+        yield Bench(virtual, opener(hub.attach("echo", EchoTicker(), BAUD), virtual))
+        return
+    real = MonotonicClock()
+    with serve_pty({"echo": (EchoTicker(), BAUD)}, real, threading.Event()) as service:
+        yield Bench(real, opener(service.paths["echo"], real))
+
+
+def test_bytes_come_back_in_order(bench: Bench) -> None:
+    data = bytes(range(256))
+    with bench.open() as port:
+        assert port.write(data) == 256
+        assert port.read(256) == data
+
+
+def test_read_gives_no_more_than_asked(bench: Bench) -> None:
+    with bench.open() as port:
+        port.write(b"abcdef")
+        assert port.read(2) == b"ab"
+        assert port.read(4) == b"cdef"
+
+
+def test_read_returns_what_came_when_time_is_up(bench: Bench) -> None:
+    with bench.open(timeout_s=0.05) as port:
+        port.write(b"abc")
+        start = bench.clock.now()
+        assert port.read(10) == b"abc"
+        assert 0.04 < bench.clock.now() - start < 0.3
+
+
+def test_a_silent_device_costs_the_timeout(bench: Bench) -> None:
+    with bench.open(timeout_s=0.05) as port:
+        start = bench.clock.now()
+        assert port.read(1) == b""
+        assert 0.049 < bench.clock.now() - start < 0.3
+
+
+def test_polling_without_timeout_ends(bench: Bench) -> None:
+    with bench.open(timeout_s=0) as port:
+        port.write(b"xyz")
+        received = b""
+        start = bench.clock.now()
+        while len(received) < 3:
+            received += port.read(3)
+            assert bench.clock.now() - start < 1.0
+        assert received == b"xyz"
+
+
+def test_in_waiting_counts_what_a_read_would_give(bench: Bench) -> None:
+    with bench.open() as port:
+        assert port.in_waiting == 0  # type: ignore[attr-defined]
+        port.write(b"12345")
+        assert port.read(1) == b"1"
+        bench.clock.sleep(0.05)
+        assert port.in_waiting == 4  # type: ignore[attr-defined]
+        assert port.read(4) == b"2345"
+
+
+def test_reset_forgets_what_came(bench: Bench) -> None:
+    with bench.open(timeout_s=0.05) as port:
+        port.write(b"old")
+        bench.clock.sleep(0.05)
+        port.reset_input_buffer()  # type: ignore[attr-defined]
+        assert port.read(3) == b""
+        port.write(b"new")
+        assert port.read(3) == b"new"
+
+
+def test_unasked_bytes_arrive_in_time(bench: Bench) -> None:
+    with bench.open() as port:
+        port.write(b"T")
+        start = bench.clock.now()
+        assert port.read(8) == b"ticktick"
+        assert 0.09 < bench.clock.now() - start < 0.3
+
+
+def test_another_client_may_follow(bench: Bench) -> None:
+    for word in (b"one", b"two"):
+        with bench.open() as port:
+            port.write(word)
+            assert port.read(3) == word
+
+
+def test_closing_twice_is_harmless_and_use_after_is_an_error(bench: Bench) -> None:
+    port = bench.open()
+    port.close()
+    port.close()
+    with pytest.raises(serial.SerialException):
+        port.read(1)
+    with pytest.raises(serial.SerialException):
+        port.write(b"x")
+
+
+def test_wrong_baud_rate_is_not_understood(bench: Bench) -> None:
+    with bench.open(baudrate=57_600, timeout_s=0.05) as port:
+        port.write(b"hello")
+        assert port.read(5) == b""
+
+
+def test_tap_sees_both_directions(bench: Bench) -> None:
+    seen: list[tuple[Direction, float, bytes]] = []
+    with TappedPort(bench.open(), bench.clock, lambda *event: seen.append(event)) as port:
+        port.write(b"ping")
+        assert port.read(4) == b"ping"
+    assert seen[0][0] is Direction.SENT
+    assert b"".join(s[2] for s in seen if s[0] is Direction.RECEIVED) == b"ping"
+    assert seen == sorted(seen, key=lambda s: s[1])
