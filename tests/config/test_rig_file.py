@@ -180,3 +180,21 @@ def test_every_key_of_a_rig_is_described() -> None:
         return found
 
     assert undescribed(json.loads(schema_text("rig")), "") == ["format", "name", "fingers.name"]
+
+
+def test_every_key_of_a_rig_is_explained_in_the_docs() -> None:
+    documented = set(re.findall(r"`(\w+)`", (ROOT / "docs" / "rig-file.md").read_text(encoding="utf-8")))
+
+    def keys(node: dict[str, object]) -> set[str]:
+        properties = node.get("properties", {})
+        assert isinstance(properties, dict)
+        leaves: set[str] = set()
+        for key, value in properties.items():
+            options = [value, value.get("items", {}), *value.get("anyOf", [])]
+            inner = [option for option in options if "properties" in option]
+            leaves |= keys(inner[0]) if inner else {key}
+        return leaves
+
+    known = keys(json.loads(schema_text("rig")))
+    assert {"dxl_id", "placement_radius_mm", "max_grips"} <= known
+    assert known <= documented
