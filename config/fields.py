@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from palpate.config.problems import problem
+from palpate.config.problems import problem, shown
 
 __all__ = [
     "Bounded",
@@ -46,8 +46,19 @@ Flag = Annotated[bool, Field(strict=True)]
 Text = Annotated[str, Field(strict=True, min_length=1)]
 """A text that is not empty."""
 
-Name = Annotated[str, Field(strict=True, min_length=1, max_length=100, pattern=r"^\S(.*\S)?$")]
-"""A name on one line, without blanks around it."""
+
+def _printable(name: str) -> str:
+    if not name.isprintable():
+        raise problem(f"is {shown(name)}; a name is made of printable characters")
+    return name
+
+
+Name = Annotated[
+    str,
+    Field(strict=True, min_length=1, max_length=100, pattern=r"^\S(.*\S)?$"),
+    AfterValidator(_printable),
+]
+"""A name on one line of printable characters, without blanks around it."""
 
 Point = tuple[Number, Number]
 """x, y in mm; the frame is the file format's."""

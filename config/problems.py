@@ -26,6 +26,7 @@ _KINDS: Mapping[str, str] = {
     "int_type": "a whole number",
     "int_from_float": "a whole number",
     "string_type": "a text",
+    "string_unicode": "a text of valid characters",
     "bool_type": "true or false",
     "list_type": "a list",
     "tuple_type": "a list",

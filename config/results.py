@@ -25,6 +25,7 @@ __all__ = [
     "RecognitionOut",
     "RecognitionVerdict",
     "StatisticsOut",
+    "TruthOut",
     "to_json",
 ]
 
@@ -142,8 +143,19 @@ class AlternativeOut(_Out):
     weight: Rounded | None = None
 
 
+class TruthOut(_Out):
+    """What the emulator had put on the table; written after the run, unknown to everything in it."""
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+
+
 class IdentificationOut(_Out):
-    """Answer of `palpate identify`; object, state, configuration and bounds are null if none is left."""
+    """Answer of `palpate identify`.
+
+    object, state, configuration and bounds are null if no hypothesis is left, `truth` on a real rig.
+    """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
     verdict: IdentificationVerdict
@@ -159,6 +171,7 @@ class IdentificationOut(_Out):
     rig_seconds: Rounded
     wall_seconds: Rounded
     session: str | None
+    truth: TruthOut | None = None
 
 
 def to_json(result: BaseModel, *, indent: int | None = None) -> str:

@@ -124,6 +124,11 @@ CASES: list[tuple[object, str]] = [
     (catalogue(height="20"), 'object "plate", height: is "20"; it must be a number'),
     (catalogue(height=...), 'object "plate": the key "height" is missing (or give "states")'),
     (catalogue(name="a\nb"), 'object "a\\nb", name: is "a\\nb"; a name is one line without blanks around it'),
+    (
+        catalogue(name="a\x1bb"),
+        'object "a\\x1bb", name: is "a\\x1bb"; a name is made of printable characters',
+    ),
+    (catalogue(name="\ud800"), 'object "\\ud800", name: is "\\ud800"; it must be a text of valid characters'),
     (catalogue() | {"units": "inch"}, 'units: is "inch"; allowed: "mm"'),
     (catalogue() | {"objects": []}, "objects: has 0 values; it must have at least 1"),
     (catalogue() | {"objects": [3]}, "object 0: is 3; it must be a table of keys and values"),
