@@ -113,7 +113,10 @@ class MockHub:
     """The wires of one emulated rig, all on one virtual clock."""
 
     def __init__(self, clock: VirtualClock, name: str = "rig") -> None:
-        """Claim the first free of `name`, `name-2`, `name-3`, … as this hub's part of the URL."""
+        """Claim the first free of `name`, `name-2`, `name-3`, … as this hub's part of the URL.
+
+        It is free again once the hub is closed or collected.
+        """
         self.clock = clock
         self._wires: dict[str, MockWire] = {}
         unique = name
@@ -134,6 +137,11 @@ class MockHub:
         url = f"{MOCK_SCHEME}://{self.name}/{name}"
         self._wires[name] = MockWire(url, device, baudrate, self.clock)
         return url
+
+    def close(self) -> None:
+        """Give up name and URLs at once; open ports stay usable. Closing twice is harmless."""
+        if _HUBS.get(self.name) is self:
+            del _HUBS[self.name]
 
     def wire(self, name: str) -> MockWire | None:
         """Return the wire of that name, or None."""

@@ -13,7 +13,7 @@ __all__ = ["open_port"]
 
 
 def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0) -> SerialBase:
-    """Open a port (8N1) whose reads wait for at most `timeout_s`.
+    """Open a port (8N1), for this process alone, whose reads wait for at most `timeout_s`.
 
     Raises DeviceError naming the port if it does not exist, is taken, or refuses the baud rate.
     """
@@ -21,7 +21,7 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0) -> SerialBase:
     if handlers not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(handlers)
     try:
-        port: SerialBase = serial.serial_for_url(url, baudrate=baudrate, timeout=timeout_s)
+        port: SerialBase = serial.serial_for_url(url, baudrate=baudrate, timeout=timeout_s, exclusive=True)
     except (OSError, ValueError) as error:
         raise DeviceError(
             f"port {url} does not exist or cannot be opened at {baudrate} baud: {error}; "

@@ -81,6 +81,16 @@ def test_a_hub_that_is_gone_takes_its_ports_with_it() -> None:
         open_port(url, 9600)
 
 
+def test_a_closed_hub_frees_its_name() -> None:
+    hub = MockHub(VirtualClock(), "closing")
+    url = hub.attach("x", Echo(), 9600)
+    hub.close()
+    hub.close()
+    with pytest.raises(DeviceError):
+        open_port(url, 9600)
+    assert MockHub(VirtualClock(), "closing").name == "closing"
+
+
 def test_hubs_of_one_name_do_not_collide() -> None:
     clock = VirtualClock()
     one, two = MockHub(clock, "twin"), MockHub(clock, "twin")

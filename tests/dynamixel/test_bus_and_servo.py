@@ -1,0 +1,284 @@
+"""The host stack on emulated servos over a mock wire: units, blocks of items, and errors that name who."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import pytest
+import serial
+
+from palpate.drivers.dynamixel import control_table as ct
+from palpate.drivers.dynamixel.bus import Bus, Ping
+from palpate.drivers.dynamixel.control_table import HardwareError, OperatingMode
+from palpate.drivers.dynamixel.failures import (
+    DamagedAnswer,
+    HardwareAlert,
+    NotAnswering,
+    PortFailed,
+    StatusError,
+)
+from palpate.drivers.dynamixel.packet import StatusErrorCode
+from palpate.drivers.dynamixel.servo import Servo, read_states, torque_off_all, write_goals
+from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.wire import Device, Emission
+from palpate.errors import DeviceError, SafetyStop
+
+BAUD = 1_000_000
+STEP_S = 1e-3
+
+
+class FaultyWire:
+    """Lies between port and device and spoils things on demand."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.unplugged = False
+        self.flip_answer: int | None = None  # which answer, from now on, gets one bit flipped
+        self.lose_answer: int | None = None
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        if self.unplugged:
+            raise serial.SerialException("device disconnected")
+        answers = self._device.feed(data, now)
+        if self.flip_answer is not None and answers:
+            instant, raw = answers[self.flip_answer]
+            answers[self.flip_answer] = instant, raw[:-1] + bytes([raw[-1] ^ 4])
+            self.flip_answer = None
+        if self.lose_answer is not None and answers:
+            del answers[self.lose_answer]
+            self.lose_answer = None
+        return answers
+
+    def poll(self, now: float) -> list[Emission]:
+        return self._device.poll(now)
+
+    def next_due(self) -> float | None:
+        return self._device.next_due()
+
+
+@dataclass
+class Bench:
+    clock: VirtualClock = field(default_factory=VirtualClock)
+    load_nm: float = 0.0
+    stepped_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.emulated = {dxl_id: EmulatedServo(dxl_id) for dxl_id in (11, 12, 13)}
+        self.wire = FaultyWire(ServoChain(list(self.emulated.values()), self._advance))
+        self.hub = MockHub(self.clock, "servos")
+        self.url = self.hub.attach("bus", self.wire, BAUD)
+        self.bus = Bus(open_port(self.url, BAUD), self.clock, BAUD)
+        self.servos = [Servo(self.bus, dxl_id) for dxl_id in self.emulated]
+
+    def _advance(self, now: float) -> None:
+        while self.stepped_s + STEP_S <= now:
+            for servo in self.emulated.values():
+                servo.step(STEP_S, self.load_nm)
+            self.stepped_s += STEP_S
+
+    def wait(self, seconds: float) -> None:
+        self.clock.sleep(seconds)
+
+    def torque_on(self, mode: OperatingMode = OperatingMode.POSITION) -> None:
+        for servo in self.servos:
+            servo.prepare(mode, current_limit_a=1.0, velocity_limit_rad_s=5.0)
+            servo.set_profile(2.0, 20.0)
+            servo.torque(on=True)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.bus.close()
+    bench.hub.close()
+
+
+def test_ping_and_check(bench: Bench) -> None:
+    assert bench.bus.ping(12) == Ping(model_number=1020, firmware=44)
+    assert bench.servos[0].check() == Ping(1020, 44)
+    with pytest.raises(DeviceError, match=r"servo 11 on mock://servos/bus is a XM430-W350 .* not a XL330"):
+        Servo(bench.bus, 11, "XL330-M288").check()
+
+
+def test_a_silent_servo_is_named(bench: Bench) -> None:
+    with pytest.raises(NotAnswering, match="servo 7 on mock://servos/bus does not answer") as caught:
+        bench.bus.read(7, ct.PRESENT_POSITION)
+    assert caught.value.dxl_ids == (7,)
+
+
+def test_signed_items_survive_the_wire(bench: Bench) -> None:
+    for value in (-1, -3, -769, 1_000_000):
+        bench.servos[0].torque(on=False)
+        bench.bus.write(11, ct.OPERATING_MODE, OperatingMode.EXTENDED_POSITION)
+        bench.bus.write(11, ct.GOAL_POSITION, value)
+        assert bench.bus.read(11, ct.GOAL_POSITION) == value
+    with pytest.raises(ValueError, match="Goal Current"):
+        bench.bus.write(11, ct.GOAL_CURRENT, 40_000)
+
+
+def test_values_that_look_like_headers_survive_the_wire(bench: Bench) -> None:
+    bench.bus.write(11, ct.OPERATING_MODE, OperatingMode.EXTENDED_POSITION)
+    value = int.from_bytes(bytes.fromhex("FFFFFDFF"), "little", signed=True)
+    bench.bus.write(11, ct.GOAL_POSITION, value)
+    assert bench.bus.read(11, ct.GOAL_POSITION) == value
+    assert bench.bus.sync_read([11], ct.GOAL_POSITION, ct.GOAL_POSITION)[11] == {ct.GOAL_POSITION: value}
+
+
+def test_prepare_writes_only_what_differs(bench: Bench) -> None:
+    servo = bench.servos[0]
+    servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
+    assert bench.bus.read(11, ct.OPERATING_MODE) == 5
+    assert bench.bus.read(11, ct.CURRENT_LIMIT) == 371  # 1 A in units of 2.69 mA, rounded down
+    assert bench.bus.read(11, ct.RETURN_DELAY_TIME) == 0
+    servo.torque(on=True)
+    bench.bus.write(11, ct.PROFILE_VELOCITY, 33)
+    servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
+    assert bench.bus.read(11, ct.TORQUE_ENABLE) == 0
+    assert bench.bus.read(11, ct.PROFILE_VELOCITY) == 33  # a rewritten mode would have reset it
+    with pytest.raises(ValueError, match="servo 11"):
+        servo.prepare(OperatingMode.POSITION, 10.0)
+
+
+def test_goals_are_reached_in_radians(bench: Bench) -> None:
+    bench.torque_on(OperatingMode.CURRENT_BASED_POSITION)
+    goals = dict(zip(bench.servos, (0.5, -1.25, 3.0), strict=True))
+    write_goals(bench.bus, goals)
+    bench.wait(4.0)
+    states = read_states(bench.bus, bench.servos)
+    for servo, goal in goals.items():
+        state = states[servo.dxl_id]
+        assert state.position_rad == pytest.approx(goal, abs=3 * ct.RAD_PER_TICK)
+        assert state.position_rad == pytest.approx(
+            bench.emulated[servo.dxl_id].shaft_rad, abs=0.5001 * ct.RAD_PER_TICK
+        )
+        assert state.velocity_rad_s == 0.0
+
+
+def test_current_tells_the_load(bench: Bench) -> None:
+    bench.torque_on(OperatingMode.CURRENT_BASED_POSITION)
+    bench.servos[0].set_goal_current_a(0.5)
+    bench.servos[0].set_goal_rad(3.0)
+    bench.load_nm = -3.0  # more than 0.5 A can hold
+    bench.wait(0.5)
+    state = read_states(bench.bus, bench.servos)[11]
+    assert state.current_a == pytest.approx(0.5, abs=2.7e-3)
+    assert state.velocity_rad_s < 0
+
+
+def test_out_of_range_goals_send_nothing(bench: Bench) -> None:
+    bench.torque_on()
+    low_first = {bench.servos[0]: 0.3, bench.servos[1]: 4.0}
+    with pytest.raises(SafetyStop, match=r"servo 12 .* 4\.0000 rad, outside its range"):
+        write_goals(bench.bus, low_first)
+    with pytest.raises(SafetyStop, match="nan"):
+        bench.servos[0].set_goal_rad(math.nan)
+    bench.wait(1.0)
+    assert all(abs(s.shaft_rad) < 1e-3 for s in bench.emulated.values())
+
+
+@pytest.mark.parametrize(("velocity", "acceleration"), [(0.0, 1.0), (0.01, 1.0), (1.0, 0.1), (math.nan, 1.0)])
+def test_a_profile_that_would_mean_unlimited_is_refused(
+    bench: Bench, velocity: float, acceleration: float
+) -> None:
+    with pytest.raises(ValueError, match="profile"):
+        bench.servos[0].set_profile(velocity, acceleration)
+
+
+def test_sync_read_names_the_missing_servo_and_not_those_behind_it(bench: Bench) -> None:
+    bench.emulated[12].power_off()
+    with pytest.raises(NotAnswering) as caught:
+        read_states(bench.bus, bench.servos)
+    assert caught.value.dxl_ids == (12,)
+    assert "servo 12 on mock://servos/bus" in str(caught.value)
+
+
+@pytest.mark.parametrize("fault", ["flip_answer", "lose_answer"])
+def test_a_spoilt_answer_is_not_a_missing_servo(bench: Bench, fault: str) -> None:
+    setattr(bench.wire, fault, 1)
+    with pytest.raises(DamagedAnswer) as caught:
+        read_states(bench.bus, bench.servos)
+    assert caught.value.dxl_ids == (12,)
+    assert set(read_states(bench.bus, bench.servos)) == {11, 12, 13}
+
+
+def test_a_spoilt_single_answer(bench: Bench) -> None:
+    bench.wire.flip_answer = 0
+    with pytest.raises(DamagedAnswer):
+        bench.bus.read(11, ct.MODEL_NUMBER)
+    assert bench.bus.read(11, ct.MODEL_NUMBER) == 1020
+
+
+def test_refusals_carry_the_manuals_name(bench: Bench) -> None:
+    with pytest.raises(StatusError, match=r"servo 13 .* refused 5000 .*: Data Limit Error") as caught:
+        bench.bus.write(13, ct.GOAL_POSITION, 5000)
+    assert caught.value.code is StatusErrorCode.DATA_LIMIT_ERROR
+
+
+def test_a_hardware_alert_carries_its_cause(bench: Bench) -> None:
+    bench.torque_on()
+    bench.emulated[12].report_hardware_error(OVERLOAD_BIT)
+    with pytest.raises(HardwareAlert, match=r"servo 12 .* \(overload\)") as caught:
+        read_states(bench.bus, bench.servos)
+    assert caught.value.cause == HardwareError.OVERLOAD
+    assert bench.bus.hardware_error(12) == HardwareError.OVERLOAD
+    assert torque_off_all(bench.bus, bench.servos) == []  # it confirmed, and is off
+    bench.bus.reboot(12)
+    with pytest.raises(NotAnswering):
+        bench.bus.ping(12)
+    bench.wait(0.5)
+    bench.bus.ping(12)
+    bench.bus.read(12, ct.PRESENT_POSITION)
+
+
+def test_torque_goes_off_on_all_others(bench: Bench) -> None:
+    bench.torque_on()
+    bench.emulated[11].power_off()
+    errors = torque_off_all(bench.bus, bench.servos)
+    assert [str(error).split(" on ")[0] for error in errors] == ["servo 11"]
+    assert bench.bus.read(12, ct.TORQUE_ENABLE) == 0
+    assert bench.bus.read(13, ct.TORQUE_ENABLE) == 0
+
+
+def test_an_unplugged_port_is_named_and_comes_back(bench: Bench) -> None:
+    bench.wire.unplugged = True
+    with pytest.raises(PortFailed, match="mock://servos/bus failed: device disconnected"):
+        bench.bus.ping(11)
+    assert len(torque_off_all(bench.bus, bench.servos)) == 3
+    bench.wire.unplugged = False
+    assert bench.bus.ping(11).model_number == 1020
+
+
+def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
+    bench.torque_on(OperatingMode.EXTENDED_POSITION)
+    servo = bench.servos[0]
+    servo.arm_watchdog(0.1)
+    servo.set_goal_rad(3.0)
+    for _ in range(5):
+        bench.wait(0.05)
+        assert not servo.watchdog_tripped()
+    bench.wait(0.3)
+    assert servo.watchdog_tripped()
+    assert bench.emulated[11].shaft_rad < 2.0
+    with pytest.raises(StatusError):
+        servo.set_goal_rad(0.0)
+    servo.disarm_watchdog()
+    servo.set_goal_rad(0.0)
+
+
+def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:
+    bench.torque_on()  # sets Return Delay Time 0
+    start = bench.clock.now()
+    read_states(bench.bus, bench.servos)
+    assert bench.clock.now() - start == pytest.approx((14 + 3 + 3 * (11 + 10)) * 1e-5, abs=1e-6)
+
+
+def test_closing_twice_is_harmless(bench: Bench) -> None:
+    bench.bus.close()
+    bench.bus.close()
+    with pytest.raises(PortFailed):
+        bench.bus.ping(11)
