@@ -118,22 +118,14 @@ def predict(recognition: Recognition, approach: Approach) -> tuple[Prediction, .
     return tuple(result)
 
 
-def separable(
-    recognition: Recognition, candidates: Sequence[Candidate], resolution: Resolution
-) -> tuple[bool, bool]:
-    """Whether some candidate is sure to tell two hypotheses apart, and whether one at least may.
+def separable(recognition: Recognition, candidates: Sequence[Candidate], resolution: Resolution) -> bool:
+    """Whether some candidate may tell two of the hypotheses apart.
 
-    Sure: predictions over the whole regions are disjoint. May: for the hypotheses' own configurations the
-    stops or the normals differ by more than the rig's resolution.
+    It may if, for the hypotheses' own configurations, the stops or the normals differ by more than the rig's
+    resolution, or one is hit and the other missed. If not, what is left is indistinguishable.
     """
     poses = _joined([_witness_cell(item) for item in recognition.hypotheses])
-    likeness = _likeness(recognition, poses, candidates, resolution)
-    maybe = bool(np.any(likeness < np.exp(-1.0)))
-    for candidate in candidates:
-        predictions = predict(recognition, candidate.approach)
-        if any(_disjoint(a, b) for k, a in enumerate(predictions) for b in predictions[:k]):
-            return True, maybe
-    return False, maybe
+    return bool(np.any(_likeness(recognition, poses, candidates, resolution) < np.exp(-1.0)))
 
 
 def _decisive(predictions: Sequence[Sequence[Prediction]]) -> bool:

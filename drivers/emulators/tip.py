@@ -55,12 +55,12 @@ def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per
     touched = dent > 0
     if not touched.any():
         return None
-    by_ray = np.zeros(_RAYS)
+    by_ray: Floats = np.zeros(_RAYS)
     for stretch in _stretches(touched):
         depth = dent[stretch]
         by_ray[stretch] = stiffness_n_per_mm * depth.max() * depth / depth.sum()
-    force: Floats = -(by_ray @ heading)
-    return Press(force, angle, by_ray)
+    force = np.asarray(-(by_ray @ heading), dtype=np.float64)
+    return Press(force, np.asarray(angle, dtype=np.float64), by_ray)
 
 
 def _reach(outline: Outline, centre_mm: Floats, heading: Floats) -> Floats:
