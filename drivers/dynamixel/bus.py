@@ -27,6 +27,7 @@ from palpate.drivers.dynamixel.failures import (
 from palpate.drivers.dynamixel.packet import ALERT_BIT, MAX_ID
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
 from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.port import PORT_ERRORS
 
 __all__ = ["Bus", "Ping"]
 
@@ -196,7 +197,7 @@ class Bus:
     def _port_errors(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:  # pyserial's SerialException is one
+        except PORT_ERRORS as error:
             raise PortFailed(self.port_name, error) from error
         finally:
             # an interrupt may hit between the SDK's own lines; torque must still go off after it

@@ -8,7 +8,7 @@ Error because the emulator does not act on them: Drive Mode other than 0 (normal
 Baud Rate other than the wire's, Secondary ID, Protocol Version other than 2.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -137,6 +137,9 @@ class ControlTable:
         self._items = {item.name: item for item in items}
         self._at = {item.address: item for item in items}
         self._end = max(item.address + item.size for item in items)
+        self._defined = {
+            address for item in items for address in range(item.address, item.address + item.size)
+        }
         self._memory = bytearray(self._end)
         for item in items:
             self.set(item.name, item.default)
@@ -166,7 +169,7 @@ class ControlTable:
         Access Error. Undefined addresses within a range read as 0.
         """
         end = address + length
-        if length == 0 or end > self._end or not any(i.address <= address < i.address + i.size for i in self):
+        if length == 0 or end > self._end or address not in self._defined:
             raise Refused(StatusErrorCode.ACCESS_ERROR)
         return bytes(self._memory[address:end])
 
@@ -193,6 +196,3 @@ class ControlTable:
         if not writes:
             raise Refused(StatusErrorCode.DATA_LENGTH_ERROR)
         return writes
-
-    def __iter__(self) -> Iterator[TableItem]:
-        return iter(self._items.values())

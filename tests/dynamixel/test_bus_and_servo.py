@@ -17,13 +17,14 @@ from palpate.drivers.dynamixel.failures import (
     PortFailed,
     StatusError,
 )
-from palpate.drivers.dynamixel.packet import StatusErrorCode
+from palpate.drivers.dynamixel.packet import StatusErrorCode, StatusPacket, encode_status
 from palpate.drivers.dynamixel.servo import Servo, read_states, torque_off_all, write_goals
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.tap import Direction, TappedPort
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.errors import DeviceError, SafetyStop
 
@@ -39,11 +40,15 @@ class FaultyWire:
         self.unplugged = False
         self.flip_answer: int | None = None  # which answer, from now on, gets one bit flipped
         self.lose_answer: int | None = None
+        self.interrupt = False
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         if self.unplugged:
             raise serial.SerialException("device disconnected")
         answers = self._device.feed(data, now)
+        if self.interrupt:
+            self.interrupt = False
+            raise KeyboardInterrupt
         if self.flip_answer is not None and answers:
             instant, raw = answers[self.flip_answer]
             answers[self.flip_answer] = instant, raw[:-1] + bytes([raw[-1] ^ 4])
@@ -244,6 +249,15 @@ def test_torque_goes_off_on_all_others(bench: Bench) -> None:
     assert bench.bus.read(13, ct.TORQUE_ENABLE) == 0
 
 
+def test_torque_goes_off_after_an_interrupt(bench: Bench) -> None:
+    bench.torque_on()
+    bench.wire.interrupt = True
+    with pytest.raises(KeyboardInterrupt):
+        read_states(bench.bus, bench.servos)
+    assert torque_off_all(bench.bus, bench.servos) == []
+    assert all(bench.bus.read(dxl_id, ct.TORQUE_ENABLE) == 0 for dxl_id in bench.emulated)
+
+
 def test_an_unplugged_port_is_named_and_comes_back(bench: Bench) -> None:
     bench.wire.unplugged = True
     with pytest.raises(PortFailed, match="mock://servos/bus failed: device disconnected"):
@@ -275,6 +289,24 @@ def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:
     start = bench.clock.now()
     read_states(bench.bus, bench.servos)
     assert bench.clock.now() - start == pytest.approx((14 + 3 + 3 * (11 + 10)) * 1e-5, abs=1e-6)
+
+
+def test_a_tapped_bus_logs_the_packets_of_the_manual(bench: Bench) -> None:
+    log: list[tuple[Direction, float, bytes]] = []
+    url = bench.hub.attach("tapped", ServoChain([EmulatedServo(1)], lambda _: None), BAUD)
+    tapped = TappedPort(open_port(url, BAUD), bench.clock, lambda *event: log.append(event))
+    bus = Bus(tapped, bench.clock, BAUD)
+    assert bus.read(1, ct.PRESENT_POSITION) == 2048
+    assert log[0][0] is Direction.SENT
+    assert log[0][2] == bytes.fromhex("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15")
+    assert all(direction is Direction.RECEIVED for direction, _, _ in log[1:])
+    answer = encode_status(StatusPacket(1, 0, (2048).to_bytes(4, "little")))
+    assert b"".join(data for _, _, data in log[1:]) == answer
+    # 14 bytes there, the default return delay, 15 bytes back
+    assert log[-1][1] - log[0][1] == pytest.approx(14e-5 + 500e-6 + 15e-5)
+    bus.close()
+    with pytest.raises(PortFailed, match="tapped"):
+        bus.ping(1)
 
 
 def test_closing_twice_is_harmless(bench: Bench) -> None:

@@ -7,10 +7,12 @@ import threading
 
 import pytest
 
+from palpate.drivers.dynamixel import Bus, PortFailed, Servo, torque_off_all
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.serve import serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
+from palpate.drivers.transport.port import open_port
 
 CLIENT = """
 import json, sys, time
@@ -63,3 +65,20 @@ def test_unmodified_sdk_in_another_process() -> None:
             assert told["model"] == 1020
             assert abs(told["seen"][-1] - 2600) <= 3
         assert abs(servo.shaft_rad / 6.283185307 * 4096 + 2048 - 2600) < 4
+
+
+@pytest.mark.timeout(30)
+def test_a_port_that_goes_away_is_reported_by_name() -> None:
+    clock = MonotonicClock()
+    service = serve_pty(
+        {"bus": (ServoChain([EmulatedServo(5)], lambda _: None), 1_000_000)}, clock, threading.Event()
+    )
+    path = service.paths["bus"]
+    bus = Bus(open_port(path, 1_000_000), clock, 1_000_000)
+    assert bus.ping(5).model_number == 1020
+    service.stop()
+    for _ in range(2):
+        with pytest.raises(PortFailed, match=f"{path} failed"):
+            bus.ping(5)
+    assert [type(error) for error in torque_off_all(bus, [Servo(bus, 5)])] == [PortFailed]
+    bus.close()

@@ -14,6 +14,7 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.tap import Direction, TappedPort
 from palpate.drivers.transport.wire import Emission
+from palpate.errors import DeviceError
 
 BAUD = 115_200
 
@@ -169,3 +170,10 @@ def test_tap_sees_both_directions(bench: Bench) -> None:
     assert seen[0][0] is Direction.SENT
     assert b"".join(s[2] for s in seen if s[0] is Direction.RECEIVED) == b"ping"
     assert seen == sorted(seen, key=lambda s: s[1])
+
+
+def test_a_real_port_in_use_says_so() -> None:
+    with serve_pty({"echo": (EchoTicker(), BAUD)}, MonotonicClock(), threading.Event()) as service:
+        path = service.paths["echo"]
+        with open_port(path, BAUD), pytest.raises(DeviceError, match=f"{path} .* another program"):
+            open_port(path, BAUD)
