@@ -14,8 +14,6 @@ Position 2048 is shaft angle 0. At power-up, at a reboot and at a change of mode
 within one turn only (0…4095); the turns counted before are lost.
 """
 
-import math
-
 from palpate.drivers.dynamixel.packet import (
     ALERT_BIT,
     BROADCAST_ID,
@@ -24,6 +22,7 @@ from palpate.drivers.dynamixel.packet import (
     StatusErrorCode,
     StatusPacket,
 )
+from palpate.drivers.emulators.servo_drive import POSITION_MODE, ServoDrive
 from palpate.drivers.emulators.servo_motion import MotorConstants, ShaftMotion
 from palpate.drivers.emulators.servo_table import (
     XM430_W350,
@@ -37,19 +36,8 @@ __all__ = ["OVERLOAD_BIT", "EmulatedServo"]
 
 OVERLOAD_BIT = 0x20  # Hardware Error Status, bit 5
 
-_TICKS = 4096
-_ZERO_TICK = 2048
-_RAD_PER_TICK = 2 * math.pi / _TICKS
-_VELOCITY_UNIT = 0.229 * 2 * math.pi / 60  # rad/s
-_ACCELERATION_UNIT = 214.577 * 2 * math.pi / 3600  # rad/s²
-_CURRENT_UNIT = 2.69e-3  # A
 _WATCHDOG_UNIT = 0.020  # s
 _EXTENDED_RANGE = 1_048_575
-_FULL_DUTY = 885
-_IN_POSITION_TICKS = 5  # the manual says "a predefined value"
-
-_POSITION_MODE = 3
-_CURRENT_BASED_MODE = 5
 _BUS_WATCHDOG_ERROR = -1
 
 # The manual calls overload "persistent load that exceeds maximum output" and gives no numbers.
@@ -92,6 +80,7 @@ class EmulatedServo:
         self._table.set("Firmware Version", firmware)
         self._table.set("Baud Rate", baud_rate_code)
         self._motion = ShaftMotion(constants, start_rad)
+        self._drive = ServoDrive(self._table, self._motion)
         self._overload_a = _OVERLOAD_FRACTION * constants.stall_current_a
         self._powered = True
         self._registered: tuple[int, bytes] | None = None
@@ -239,7 +228,8 @@ class EmulatedServo:
 
     def _read(self, address: int, length: int) -> bytes:
         if address + length > 120:
-            self._refresh()
+            self._table.set("Realtime Tick", int(self._uptime_s * 1000) % 32768)
+            self._drive.refresh()
         return self._table.read(address, length)
 
     def _write(self, address: int, data: bytes) -> None:
@@ -273,7 +263,7 @@ class EmulatedServo:
         if table.get("Bus Watchdog") == _BUS_WATCHDOG_ERROR:
             raise Refused(StatusErrorCode.DATA_RANGE_ERROR)
         if name == "Goal Position":
-            if table.get("Operating Mode") == _POSITION_MODE:
+            if table.get("Operating Mode") == POSITION_MODE:
                 if not table.get("Min Position Limit") <= value <= table.get("Max Position Limit"):
                     raise Refused(StatusErrorCode.DATA_LIMIT_ERROR)
             elif abs(value) > _EXTENDED_RANGE:
@@ -290,18 +280,16 @@ class EmulatedServo:
             return
         if name == "Operating Mode" and value != table.get(name):
             table.set(name, value)
-            self._reset_for_mode()
+            self._drive.reset_for_mode()
             return
         table.set(name, value)
         if name == "Bus Watchdog":
             self._watchdog_s = value * _WATCHDOG_UNIT
             self._silence_s = 0.0
         elif name == "Goal Position":
-            self._configure()
-            if self._motion.driven:
-                self._motion.move_to(self._rad_of_tick(value))
+            self._drive.move_to(value)
         elif name in _DRIVE_SETTINGS:
-            self._configure()
+            self._drive.configure()
 
     # -- state --------------------------------------------------------------------------------------------
 
@@ -314,91 +302,21 @@ class EmulatedServo:
         self._watchdog_s = 0.0
         self._overloaded_s = 0.0
         self._registered = None
-        self._reset_for_mode()
-
-    def _reset_for_mode(self) -> None:
-        """What the manual resets when Operating Mode changes."""
-        table = self._table
-        table.set("Position P Gain", 800)
-        table.set("Profile Velocity", 0)
-        table.set("Profile Acceleration", 0)
-        table.set("Goal PWM", table.get("PWM Limit"))
-        table.set("Goal Current", table.get("Current Limit"))
-        self._forget_turns()
-        table.set("Goal Position", self._present_tick())
-        self._configure()
-
-    def _configure(self) -> None:
-        """Hand the drive settings of the table to the motion."""
-        table = self._table
-        current = table.get("Current Limit")
-        if table.get("Operating Mode") == _CURRENT_BASED_MODE:
-            current = min(current, abs(table.get("Goal Current")))
-        self._motion.configure(
-            gain_per_rad=table.get("Position P Gain") / 128 / _FULL_DUTY / _RAD_PER_TICK,
-            duty_limit=min(table.get("PWM Limit"), abs(table.get("Goal PWM"))) / _FULL_DUTY,
-            current_limit_a=current * _CURRENT_UNIT,
-        )
-        velocity = min(table.get("Profile Velocity"), table.get("Velocity Limit"))
-        acceleration = min(table.get("Profile Acceleration"), table.get("Acceleration Limit"))
-        self._motion.set_profile(velocity * _VELOCITY_UNIT, acceleration * _ACCELERATION_UNIT)
+        self._drive.reset_for_mode()
 
     def _set_torque(self, *, on: bool) -> None:
         self._table.set("Torque Enable", int(on))
         self._overloaded_s = 0.0
         self._silence_s = 0.0
-        if not on:
+        if on:
+            self._drive.engage()
+        else:
             self._motion.release()
-        elif not self._motion.driven:
-            if self._table.get("Operating Mode") == _POSITION_MODE:
-                self._forget_turns()
-            self._configure()
-            self._motion.engage()
-            # not in the manual: the goal starts where the shaft is, so that switching on does not jump
-            self._table.set("Goal Position", self._present_tick())
 
     def _trip_watchdog(self) -> None:
         self._watchdog_s = 0.0
-        self._motion.hold()
         self._table.set("Bus Watchdog", _BUS_WATCHDOG_ERROR)
-        self._table.set("Profile Velocity", 0)
-        self._table.set("Profile Acceleration", 0)
-        self._table.set("Goal Position", self._present_tick())
-        self._configure()
-
-    def _encoder(self) -> int:
-        return round(self._motion.shaft_rad / _RAD_PER_TICK) + _ZERO_TICK
-
-    def _forget_turns(self) -> None:
-        self._turn_ticks = self._encoder() // _TICKS * _TICKS
-
-    def _present_tick(self) -> int:
-        return self._encoder() - self._turn_ticks + self._table.get("Homing Offset")
-
-    def _rad_of_tick(self, tick: int) -> float:
-        absolute = tick - self._table.get("Homing Offset") + self._turn_ticks
-        return (absolute - _ZERO_TICK) * _RAD_PER_TICK
-
-    def _refresh(self) -> None:
-        """Bring the items that report the present up to date."""
-        table, motion = self._table, self._motion
-        velocity = round(motion.velocity_rad_s / _VELOCITY_UNIT)
-        fast = abs(velocity) > table.get("Moving Threshold")
-        goal_error = abs(motion.goal_rad - motion.shaft_rad) / _RAD_PER_TICK
-        shape = 0 if not table.get("Profile Velocity") else 1 if not table.get("Profile Acceleration") else 3
-        table.set("Realtime Tick", int(self._uptime_s * 1000) % 32768)
-        table.set("Moving", int(fast or motion.profile_ongoing))
-        table.set(
-            "Moving Status",
-            int(goal_error <= _IN_POSITION_TICKS) | int(motion.profile_ongoing) << 1 | shape << 4,
-        )
-        table.set("Present PWM", round(motion.duty * _FULL_DUTY))
-        table.set("Present Current", round(motion.current_a / _CURRENT_UNIT))
-        table.set("Present Velocity", velocity)
-        table.set("Present Position", self._present_tick())
-        table.set("Velocity Trajectory", round(motion.reference_rad_s / _VELOCITY_UNIT))
-        shift = _ZERO_TICK - self._turn_ticks + table.get("Homing Offset")
-        table.set("Position Trajectory", round(motion.reference_rad / _RAD_PER_TICK) + shift)
+        self._drive.stop()
 
 
 def _word(params: bytes, at: int) -> int:
