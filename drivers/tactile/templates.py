@@ -1,0 +1,208 @@
+"""Which contact normals can explain a row of column forces? The bound behind `contact.ContactExtractor`.
+
+A cylindrical tip is taken as an elastic foundation: pressure in direction a is proportional to the depth
+max(0, r - rho(a)), where rho is the distance from the tip's axis to the object along a. An object that is
+convex around the contact is closest at one direction phi, and recedes on either side as a flat edge, as the
+face behind a vertex, or as an edge that ends at a vertex; a notch is two edges at once. Tabulated over phi,
+penetration and shape, those profiles, integrated over the columns and smeared by the crosstalk, are the
+templates. All directions whose template fits the measurement within its errors are kept: their hull is the
+normal range.
+
+Pure arrays: no device, no clock. Angles in rad, lengths in mm, templates normalised to unit sum.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Match", "Profile", "TemplateSet"]
+
+_REACH = 6  # columns on either side of the one that a template is centred in
+_STEPS_PER_COLUMN = 11
+_GRID_STEP = math.radians(0.2)
+_GRID_COUNT = 750  # samples on either side: 150°
+_DEPTHS = tuple(float(d) for d in np.geomspace(0.012, 0.29, 22))  # penetration in tip radii
+_RECEDE = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0, 88.0))
+_SHARPEST = math.radians(155.0)  # vertices down to 25°
+_ENDS = tuple(math.radians(a) for a in (5.0, 10.0, 16.0, 24.0))
+_END_FALL = math.radians(50.0)
+_NOTCH_TURNS = tuple(math.radians(a) for a in (30.0, 45.0, 60.0, 75.0, 90.0, 120.0))
+_NOTCH_SHARES = (1.0, 0.7, 0.45, 0.2)
+_REFERENCE_DEPTH = 0.1  # tip radii at which linear and foundation stiffness agree
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Measured forces of the columns, each of shape (cols,): N, and the variance of its error in N².
+
+    A column of infinite variance is not looked at. `whole` says that the array saw all of the patch.
+    """
+
+    force_n: Floats
+    variance: Floats
+    first: int
+    last: int
+    whole: bool
+
+
+@dataclass(frozen=True)
+class Match:
+    """Directions that explain a profile, relative to column 0's centre, and how well the best one does."""
+
+    low_rad: float
+    high_rad: float
+    misfit: float
+    one_edge: bool
+
+
+class TemplateSet:
+    """Templates for one geometry: `pitch_rad` between columns, tip radius, stiffness (N per mm).
+
+    `stiffness_bound` is the relative error of the stiffness, gains included. The force is allowed to grow
+    with the penetration linearly or as the foundation's, whichever is wider.
+    """
+
+    def __init__(
+        self,
+        *,
+        pitch_rad: float,
+        radius_mm: float,
+        stiffness_n_per_mm: float,
+        stiffness_bound: float,
+        crosstalk: float,
+    ) -> None:
+        self._pitch = pitch_rad
+        grid = np.arange(-_GRID_COUNT, _GRID_COUNT + 1) * _GRID_STEP
+        shapes, depths, others = _all_shapes(grid)
+        cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP, ((0, 0), (1, 0)))
+        self._offsets = ((np.arange(_STEPS_PER_COLUMN) + 0.5) / _STEPS_PER_COLUMN - 0.5) * pitch_rad
+        edges = (np.arange(2 * _REACH + 2) - _REACH - 0.5) * pitch_rad - self._offsets[:, None]
+        place = edges / _GRID_STEP + _GRID_COUNT + 0.5  # the running sum stands between the samples
+        left = np.clip(place.astype(int), 0, len(grid) - 1)
+        share = np.clip(place - left, 0.0, 1.0)
+        cells = np.diff(cumulative[:, left] * (1 - share) + cumulative[:, left + 1] * share, axis=2)
+        total = cells.sum(axis=2, keepdims=True)
+        cells = _smear(cells / total, crosstalk)
+        self._cells = np.ascontiguousarray(cells.reshape(-1, 2 * _REACH + 1).astype(np.float32))
+        self._squares = self._cells**2
+        self._angles = np.tile(self._offsets, len(shapes))
+        self._one_edge = np.repeat(others == 0, _STEPS_PER_COLUMN)
+        linear = stiffness_n_per_mm * radius_mm * depths
+        flat = _flat(grid, _REFERENCE_DEPTH).sum() * _GRID_STEP
+        founded = cumulative[:, -1] / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
+        lowest = np.minimum(linear, founded) * (1 - stiffness_bound)
+        highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
+            1 + stiffness_bound
+        )
+        self._lowest = np.repeat(lowest, _STEPS_PER_COLUMN)
+        self._highest = np.repeat(highest, _STEPS_PER_COLUMN)
+
+    def match(self, profile: Profile, slack: float) -> Match | None:
+        """Return the hull of directions whose misfit is within `slack` of the best, if any is possible.
+
+        Misfit is the sum of squared errors over their variances, the amplitude being free.
+        """
+        total = float(profile.force_n[profile.first : profile.last + 1].sum())
+        allowed = np.ones(len(self._cells), dtype=bool)
+        if profile.whole:
+            allowed = (self._lowest <= total) & (total <= self._highest)
+        keep = np.flatnonzero(allowed)
+        if not len(keep):
+            return None
+        cells, squares = self._cells[keep], self._squares[keep]
+        beyond = 1 if profile.whole else 3
+        centres = np.arange(profile.first - beyond, profile.last + beyond + 1)
+        misfits = np.stack([_misfit(profile, int(c), cells, squares) for c in centres])
+        best = float(misfits.min())
+        where, which = np.nonzero(misfits <= best + slack)
+        angles = centres[where] * self._pitch + self._angles[keep[which]]
+        margin = 0.75 * self._pitch / _STEPS_PER_COLUMN  # half a step, and what lies between the shapes
+        return Match(
+            low_rad=float(angles.min()) - margin,
+            high_rad=float(angles.max()) + margin,
+            misfit=best,
+            one_edge=bool(self._one_edge[keep[which]].any()),
+        )
+
+
+def _misfit(profile: Profile, centre: int, cells: Singles, squares: Singles) -> Floats:
+    """Squared errors over variances, shape (templates,), of templates centred in column `centre`."""
+    columns = np.arange(centre - _REACH, centre + _REACH + 1)
+    inside = (columns >= 0) & (columns < len(profile.force_n))
+    weight = np.zeros(len(columns))
+    force = np.zeros(len(columns))
+    weight[inside] = 1 / profile.variance[columns[inside]]
+    force[inside] = profile.force_n[columns[inside]]
+    # Patch columns that this window does not reach count as unexplained.
+    missed = np.ones(len(profile.force_n), dtype=bool)
+    missed[columns[inside]] = False
+    rest = float((profile.force_n[missed] ** 2 / profile.variance[missed]).sum())
+    power = float((weight * force**2).sum()) + rest
+    along = np.maximum(cells @ (weight * force).astype(np.float32), 0.0).astype(float)
+    norm = np.maximum((squares @ weight.astype(np.float32)).astype(float), 1e-30)
+    misfit: Floats = power - along**2 / norm
+    return misfit
+
+
+def _flat(angle: Floats, depth: float) -> Floats:
+    """Depth (tip radii) of a flat edge in direction `angle` from its normal."""
+    return np.where(np.abs(angle) < math.pi / 2, np.maximum(0.0, 1 - (1 - depth) / _cos(angle)), 0.0)
+
+
+def _side(angle: Floats, depth: float, recede: float, end: float) -> Floats:
+    """Depth on one side (angle >= 0) of the closest direction.
+
+    The surface recedes from the closest point by `recede`, or stays flat up to `end` and falls off there.
+    """
+    if math.isfinite(end):
+        start = (1 - depth) / math.cos(end)
+        beyond = 1 - start * math.cos(end + _END_FALL) / _cos(angle + _END_FALL)
+        falling = np.where(angle + _END_FALL < math.pi / 2, np.maximum(0.0, beyond), 0.0)
+        return np.where(angle <= end, _flat(angle, depth), falling)
+    slope = 1 - (1 - depth) * math.cos(recede) / _cos(angle + recede)
+    return np.where(angle + recede < math.pi / 2, np.maximum(0.0, slope), 0.0)
+
+
+def _cos(angle: Floats) -> Floats:
+    return np.maximum(np.cos(angle), 1e-9)
+
+
+def _all_shapes(grid: Floats) -> tuple[Floats, Floats, Floats]:
+    """Depth profiles (n, grid), their penetration and that of a second edge (n,), in tip radii."""
+    kinds = [(recede, math.inf) for recede in _RECEDE] + [(0.0, end) for end in _ENDS]
+    positive = np.maximum(grid, 0.0)
+    shapes: list[Floats] = []
+    depths: list[float] = []
+    others: list[float] = []
+    tip = int(np.abs(grid).argmin())
+    for depth in _DEPTHS:
+        right = [np.where(grid >= 0, _side(positive, depth, *kind), 0.0) for kind in kinds]
+        left = [side[::-1] for side in right]
+        for a, (recede_left, _) in zip(left, kinds, strict=True):
+            for b, (recede_right, _) in zip(right, kinds, strict=True):
+                if recede_left + recede_right > _SHARPEST:
+                    continue
+                shapes.append(np.maximum(a, b))
+                shapes[-1][tip] = depth
+                depths.append(depth)
+                others.append(0.0)
+        first = _flat(grid, depth)
+        for turn in _NOTCH_TURNS:
+            for share in _NOTCH_SHARES:
+                for side in (turn, -turn):
+                    shapes.append(np.maximum(first, _flat(grid - side, share * depth)))
+                    depths.append(depth)
+                    others.append(share * depth)
+    return np.stack(shapes), np.array(depths), np.array(others)
+
+
+def _smear(cells: Floats, share: float) -> Floats:
+    out = cells * (1 - 2 * share)
+    out[..., 1:] += share * cells[..., :-1]
+    out[..., :-1] += share * cells[..., 1:]
+    return out
