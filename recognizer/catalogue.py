@@ -47,15 +47,16 @@ class CatalogueState:
 class EdgeSet:
     """The grown edges that one kind of finger can meet, over the whole catalogue; n edges, S states.
 
-    `state` (n,), `start` (n, 2), `direction` (n, 2), `normal` (n, 2) outward, `length` (n,), all in the
-    centred object frames in mm; `slack_in` and `slack_out` (n,): how far the tip's centre may lie inside or
-    outside of the edge's line though nothing is mismeasured; `normal_rad` (n,) in [0, 2π), ascending within
-    a state; `span` (n,) half-turn of the normal on the edge; `representative` (n,): one edge of each
-    symmetric orbit; `first` (S + 1,): where each state begins.
+    `state` (n,), `start`, `end`, `direction` and outward `normal` (n, 2), `length` (n,), all in the centred
+    object frames in mm, neighbours meeting in the same numbers; `slack_in` and `slack_out` (n,): how far the
+    tip's centre may lie inside or outside of the edge's line though nothing is mismeasured; `normal_rad`
+    (n,) in [0, 2π), ascending within a state; `span` (n,) half-turn of the normal on the edge;
+    `representative` (n,): one edge of each symmetric orbit; `first` (S + 1,): where each state begins.
     """
 
     state: Ints
     start: Floats
+    end: Floats
     direction: Floats
     normal: Floats
     length: Floats
@@ -155,13 +156,14 @@ def _edge_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: 
     slack = np.repeat([state.slack_mm for state in states], np.diff(first))
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("start", "direction", "length", "bulge", "span", "feature")
+        for name in ("start", "end", "direction", "length", "bulge", "span", "feature")
     }
     direction = joined["direction"]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
     return EdgeSet(
         state=np.repeat(np.arange(len(states)), np.diff(first)),
         start=joined["start"],
+        end=joined["end"],
         direction=direction,
         normal=normal,
         length=joined["length"],
@@ -182,12 +184,13 @@ def _state_edges(item: CatalogueState, finger: Finger, facet_error_mm: float) ->
     height = finger.height_mm
     at_height = [s for s in item.state.sections if s.z_lo_mm <= height <= s.z_hi_mm]
     if not at_height:
-        none = np.empty(0)
-        return GrownSection(np.empty((0, 2)), np.empty((0, 2)), none, none, none, np.empty(0, np.int64))
+        none, nowhere = np.empty(0), np.empty((0, 2))
+        return GrownSection(nowhere, nowhere, nowhere, none, none, none, np.empty(0, np.int64))
     grown = grow(at_height[0], finger.tip_radius_mm, facet_error_mm)
     order = np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
     return GrownSection(
         start=grown.start[order] - item.origin_mm,
+        end=grown.end[order] - item.origin_mm,
         direction=grown.direction[order],
         length=grown.length[order],
         bulge=grown.bulge[order],

@@ -46,8 +46,9 @@ class Contact:
     """One approach that was carried out: the tip's centre went straight from `start` to `end`.
 
     If `touched`, it was stopped at `end` by the object, and by nothing before; otherwise the whole way was
-    free. The true centre is within `position_bound_mm` of the given one all along the path. `normal` is None
-    where nothing is known of it.
+    free. The true centre is within `position_bound_mm` of the given one all along the path. A real tip may
+    be dented a little before anything is felt: `path_bound_mm` is the position bound with that allowance, for
+    the free path only (None: none needed). `normal` is None where nothing is known of it.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Contact:
     end_mm: tuple[float, float]
     position_bound_mm: float
     normal: NormalRange | None = None
+    path_bound_mm: float | None = None
 
     def __post_init__(self) -> None:
         numbers = (*self.start_mm, *self.end_mm, self.position_bound_mm)
@@ -64,6 +66,11 @@ class Contact:
             raise InputError(f"contact of {self.name}: positions and bounds must be finite")
         if self.position_bound_mm < 0 or self.finger.tip_radius_mm < 0:
             raise InputError(f"contact of {self.name}: bounds and radii cannot be negative")
+
+    @property
+    def free_path_bound_mm(self) -> float:
+        """Bound that holds for the path before its end."""
+        return self.position_bound_mm if self.path_bound_mm is None else self.path_bound_mm
 
     @property
     def travel_mm(self) -> float:

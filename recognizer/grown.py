@@ -4,7 +4,8 @@ Memo footnote 3; Lozano-Pérez 1981. The Minkowski sum of a section with a disc 
 edges moved outwards and by arcs about its convex vertices. Arcs are faceted from inside; how far an arc
 bulges out over its facet is kept with every edge and is part of the error bound. The sum is built as a union
 of exact pieces rather than by a polygon buffer, because buffers simplify their input by an amount that they
-do not state.
+do not state. Facets cross elsewhere than their arcs do, so the union only says which pieces meet where; the
+corners are then put where the arcs themselves meet, and each visible arc is faceted anew between its corners.
 """
 
 import math
@@ -15,23 +16,26 @@ import shapely
 
 from palpate.recognizer.arrays import Floats, Ints
 from palpate.recognizer.model import Section
+from palpate.recognizer.outline_arcs import facet_turn, with_exact_arcs
 
 __all__ = ["GrownSection", "grow"]
 
 _MERGE_MM = 1e-7  # union vertices nearer than this are one
+_UNION_FINER = 16.0  # facets of the union are this much closer to their arcs than the final ones
 
 
 @dataclass(frozen=True, eq=False)
 class GrownSection:
     """Edges of a grown section in the object's frame; n edges, the solid on the left of each.
 
-    `start` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` (n,) mm: how far the true boundary
-    may stand out over the edge, `span` (n,) rad: half of the turn of the true normal along the edge.
+    `start` and `end` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` (n,) mm: how far the true
+    boundary may stand out over the edge, `span` (n,) rad: half of the turn of the true normal along the edge.
     `feature` (n,): edge k of the section is k, an arc about vertex k is −1 − k; edges are counted through
     the section's polygons in the order given, outer ring first.
     """
 
     start: Floats
+    end: Floats
     direction: Floats
     length: Floats
     bulge: Floats
@@ -41,14 +45,24 @@ class GrownSection:
 
 def grow(section: Section, radius_mm: float, facet_error_mm: float) -> GrownSection:
     """Grow a section by a disc of `radius_mm`, with no arc further than `facet_error_mm` from its facet."""
-    rings = _rings(section)
+    sources = _sources(section)
     pieces: list[shapely.Geometry] = [shapely.Polygon(p.outer, p.holes) for p in section.polygons]
     if radius_mm > 0:
-        turn = _facet_turn(radius_mm, facet_error_mm)
-        for ring in rings:
-            pieces += _skirt(ring.points, radius_mm, turn)
-    start, end = _boundary_edges(shapely.union_all(pieces))
-    return _labelled(start, end, rings, radius_mm)
+        turn = facet_turn(radius_mm, facet_error_mm / _UNION_FINER)
+        for ring in sources.rings:
+            pieces += _skirt(ring, radius_mm, turn)
+    outlines = []
+    for outline in _boundary_rings(shapely.union_all(pieces)):
+        features = sources.features_of(outline, radius_mm)
+        if radius_mm > 0:
+            turn = facet_turn(radius_mm, facet_error_mm)
+            outlines.append(with_exact_arcs(outline, features, sources.vertex_at, radius_mm, turn))
+        else:
+            outlines.append((outline, features))
+    start = np.vstack([points for points, _ in outlines])
+    end = np.vstack([np.roll(points, -1, axis=0) for points, _ in outlines])
+    feature = np.concatenate([features for _, features in outlines])
+    return _edges(start, end, feature, sources.vertex_at, radius_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +74,60 @@ class _Ring:
     vertex: Ints
 
 
-def _rings(section: Section) -> list[_Ring]:
-    rings = []
+@dataclass(frozen=True, eq=False)
+class _Sources:
+    """The section's own edges and vertices; `vertex_at` (n, 2) holds vertex k of the section at row k."""
+
+    rings: tuple[_Ring, ...]
+    vertex_at: Floats
+
+    def features_of(self, outline: Floats, radius_mm: float) -> Ints:
+        """Feature from which each edge of a grown outline (n, 2) stems: the one nearest to its midpoint."""
+        middle = (outline + np.roll(outline, -1, axis=0)) / 2
+        source = np.vstack([ring.points for ring in self.rings])
+        leg = np.vstack([np.roll(ring.points, -1, axis=0) for ring in self.rings]) - source
+        square = np.sum(leg * leg, axis=1)
+        edge = np.concatenate([ring.edge for ring in self.rings])
+        vertex = np.concatenate([ring.vertex for ring in self.rings])
+        next_vertex = np.concatenate([np.roll(ring.vertex, -1) for ring in self.rings])
+        features = [
+            _nearest_features(part, source, leg, square, edge, vertex, next_vertex, radius_mm)
+            for part in np.array_split(middle, math.ceil(len(middle) * len(source) / 2e5))
+        ]
+        return np.concatenate(features)
+
+
+def _nearest_features(
+    middle: Floats,
+    source: Floats,
+    leg: Floats,
+    square: Floats,
+    edge: Ints,
+    vertex: Ints,
+    next_vertex: Ints,
+    radius_mm: float,
+) -> Ints:
+    fraction = np.sum((middle[:, None] - source) * leg, axis=2) / square
+    nearest = source + np.clip(fraction, 0, 1)[..., None] * leg
+    which = np.argmin(np.linalg.norm(middle[:, None] - nearest, axis=2), axis=1)
+    # A midpoint that projects onto the open edge came from that edge; otherwise from one of its ends.
+    at = fraction[np.arange(len(middle)), which]
+    margin = _MERGE_MM / np.sqrt(square[which])
+    on_arc = ((at <= margin) | (at >= 1 - margin)) & (radius_mm > 0)
+    nearest_vertex = np.where(at > 0.5, next_vertex[which], vertex[which])
+    features: Ints = np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64)
+    return features
+
+
+def _sources(section: Section) -> _Sources:
+    rings, vertices = [], []
     first = 0
     for polygon in section.polygons:
         for points, ccw in ((polygon.outer, True), *((hole, False) for hole in polygon.holes)):
             rings.append(_ring(points, first, ccw=ccw))
+            vertices.append(points)
             first += len(points)
-    return rings
+    return _Sources(tuple(rings), np.vstack(vertices))
 
 
 def _ring(points: Floats, first: int, *, ccw: bool) -> _Ring:
@@ -82,15 +142,9 @@ def _ring(points: Floats, first: int, *, ccw: bool) -> _Ring:
     return _Ring(points, first + edge, first + vertex)
 
 
-def _facet_turn(radius_mm: float, facet_error_mm: float) -> float:
-    """Largest turn (rad) that one facet may stand for."""
-    if radius_mm <= facet_error_mm:
-        return math.pi / 4
-    return min(math.pi / 4, 2 * math.acos(1 - facet_error_mm / radius_mm))
-
-
-def _skirt(ring: Floats, radius_mm: float, facet_turn: float) -> list[shapely.Polygon]:
+def _skirt(source: _Ring, radius_mm: float, turn_rad: float) -> list[shapely.Polygon]:
     """What growing adds along a ring: a rectangle on each edge and a fan at each convex vertex."""
+    ring = source.points
     following = np.roll(ring, -1, axis=0)
     along = following - ring
     angle = np.arctan2(along[:, 1], along[:, 0]) - np.pi / 2
@@ -103,7 +157,7 @@ def _skirt(ring: Floats, radius_mm: float, facet_turn: float) -> list[shapely.Po
         turn = (angle[k] - angle[k - 1] + np.pi) % (2 * np.pi) - np.pi
         if turn <= 1e-12:
             continue
-        count = math.ceil(turn / facet_turn)
+        count = math.ceil(turn / turn_rad)
         inner = angle[k - 1] + turn * np.arange(1, count) / count
         rim = ring[k] + radius_mm * np.column_stack([np.cos(inner), np.sin(inner)])
         pieces.append(
@@ -112,18 +166,18 @@ def _skirt(ring: Floats, radius_mm: float, facet_turn: float) -> list[shapely.Po
     return pieces
 
 
-def _boundary_edges(solid: shapely.Geometry) -> tuple[Floats, Floats]:
-    """Starts and ends (n, 2) of all boundary edges, solid on the left, collinear neighbours merged."""
-    starts, ends = [], []
+def _boundary_rings(solid: shapely.Geometry) -> list[Floats]:
+    """All boundary rings (n, 2), solid on the left, collinear neighbours merged."""
+    rings = []
     for part in shapely.get_parts(solid):
         if part.geom_type != "Polygon":
             continue
         oriented = shapely.geometry.polygon.orient(part)
         for ring in (oriented.exterior, *oriented.interiors):
             points = _without_collinear(np.asarray(ring.coords)[:-1])
-            starts.append(points)
-            ends.append(np.roll(points, -1, axis=0))
-    return np.vstack(starts), np.vstack(ends)
+            if len(points) >= 3:
+                rings.append(points)
+    return rings
 
 
 def _without_collinear(points: Floats) -> Floats:
@@ -140,31 +194,22 @@ def _without_collinear(points: Floats) -> Floats:
     return kept
 
 
-def _labelled(start: Floats, end: Floats, rings: list[_Ring], radius_mm: float) -> GrownSection:
-    """Attach to every boundary edge the source feature nearest to its midpoint, and its arc's bulge."""
+def _edges(start: Floats, end: Floats, feature: Ints, vertex_at: Floats, radius_mm: float) -> GrownSection:
+    """Edges with the bulge and the turn of the arcs that they stand for."""
     along = end - start
     length = np.linalg.norm(along, axis=1)
-    middle = (start + end) / 2
-    source = np.vstack([ring.points for ring in rings])
-    leg = np.vstack([np.roll(ring.points, -1, axis=0) for ring in rings]) - source
-    square = np.sum(leg * leg, axis=1)
-    fraction = np.sum((middle[:, None] - source) * leg, axis=2) / square
-    nearest = source + np.clip(fraction, 0, 1)[..., None] * leg
-    which = np.argmin(np.linalg.norm(middle[:, None] - nearest, axis=2), axis=1)
-    # A midpoint that projects onto the open edge came from that edge; otherwise from one of its ends.
-    at = fraction[np.arange(len(middle)), which]
-    margin = _MERGE_MM / np.sqrt(square[which])
-    on_arc = ((at <= margin) | (at >= 1 - margin)) & (radius_mm > 0)
-    edge = np.concatenate([ring.edge for ring in rings])
-    vertex = np.concatenate([ring.vertex for ring in rings])
-    next_vertex = np.concatenate([np.roll(ring.vertex, -1) for ring in rings])
-    nearest_vertex = np.where(at > 0.5, next_vertex[which], vertex[which])
-    half = np.where(on_arc, np.arcsin(np.clip(length / (2 * max(radius_mm, 1e-12)), 0, 1)), 0.0)
+    direction = along / length[:, None]
+    on_arc = feature < 0
+    offset = start - vertex_at[np.where(on_arc, -1 - feature, 0)]
+    # How far the facet's line passes from the vertex; a facet that was cut short bulges as if it were whole.
+    away = np.clip(offset[:, 0] * direction[:, 1] - offset[:, 1] * direction[:, 0], 0.0, radius_mm)
+    half = np.arccos(np.clip(away / max(radius_mm, 1e-12), 0.0, 1.0))
     return GrownSection(
         start=start,
-        direction=along / length[:, None],
+        end=end,
+        direction=direction,
         length=length,
-        bulge=radius_mm * (1 - np.cos(half)),
-        span=half,
-        feature=np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64),
+        bulge=np.where(on_arc, radius_mm - away, 0.0),
+        span=np.where(on_arc, half, 0.0),
+        feature=feature,
     )

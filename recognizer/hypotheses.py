@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.recognizer.arcs import largest
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.arrays import Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue, CatalogueState
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.region import Cells, exact_position
@@ -110,12 +110,28 @@ def _groups(catalogue: Catalogue, cells: Cells, anchor_mm: Floats) -> Iterator[C
         rows = np.flatnonzero(cells.state == state)
         turn = 2 * np.pi / catalogue.states[int(state)].symmetry_order
         lo, hi = corner_lo[rows], corner_hi[rows]
-        apart = np.abs((cells.middle[rows][:, None] - cells.middle[rows] + turn / 2) % turn - turn / 2)
-        reach = cells.half_width[rows][:, None] + cells.half_width[rows] + 1e-9
-        meets = (apart <= reach) & np.all((lo[:, None] <= hi) & (lo <= hi[:, None]), axis=2)
-        _, label = connected_components(coo_array(meets), directed=False)
+        a, b = _near_in_orientation(cells.middle[rows], cells.half_width[rows], turn)
+        meets = np.all((lo[a] <= hi[b]) & (lo[b] <= hi[a]), axis=1)
+        a, b = a[meets], b[meets]
+        links = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
+        _, label = connected_components(links, directed=False)
         for group in range(int(label.max()) + 1):
             yield cells.select(rows[label == group])
+
+
+def _near_in_orientation(middle: Floats, half_width: Floats, turn: float) -> tuple[Ints, Ints]:
+    """Pairs of cells whose orientation intervals meet modulo `turn`, each pair at least once."""
+    folded = middle % turn
+    order = np.argsort(folded, kind="stable")
+    keys = np.concatenate([folded[order], folded[order] + turn])
+    reach = min(2 * float(half_width.max()) + 1e-9, turn)
+    last = np.searchsorted(keys, folded[order] + reach, side="right")
+    begin = np.arange(len(order))
+    owner, index = expand_ranges(begin + 1, np.minimum(last - begin - 1, len(order) - 1))
+    a, b = order[owner], order[index % len(order)]
+    apart = keys[index] - keys[owner]
+    meets = apart <= half_width[a] + half_width[b] + 1e-9
+    return a[meets], b[meets]
 
 
 def _on_one_branch(catalogue: Catalogue, cells: Cells) -> Cells:

@@ -76,7 +76,7 @@ def unblocked(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, contact: Co
         contact.start_mm,
         contact.direction_rad,
         contact.travel_mm,
-        contact.position_bound_mm,
+        contact.free_path_bound_mm,
     )
     result: Bools = sweep(catalogue, cells, anchor_mm, path).latest >= contact.travel_mm
     return result
@@ -112,10 +112,9 @@ def _first_certain_depth(
     edges: EdgeSet, block: slice, start: Floats, heading: Floats, enter: Floats, leave: Floats
 ) -> Floats:
     """First travel ≥ 0 at which a ray is inside the outline and in no edge's capsule; infinite if never."""
-    begin = edges.start[block]
-    end = begin + edges.direction[block] * edges.length[block, None]
-    left = _side(start, heading, begin) > 0
-    crossing = left != (_side(start, heading, end) > 0)
+    # Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither.
+    left = _side(start, heading, edges.start[block]) > 0
+    crossing = left != (_side(start, heading, edges.end[block]) > 0)
     order = np.argsort(enter, axis=1)
     enter = np.take_along_axis(enter, order, axis=1)
     covered = np.maximum.accumulate(np.take_along_axis(leave, order, axis=1), axis=1)

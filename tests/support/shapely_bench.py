@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from shapely import affinity
+from shapely import affinity, ops
 
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
@@ -81,7 +81,7 @@ def touch(
     centre = start + travel * heading
     normal = None
     if half_range is not None and radius > 0:
-        nearest = shapely.ops.nearest_points(shape, shapely.Point(centre))[0]
+        nearest = ops.nearest_points(shape, shapely.Point(centre))[0]
         true = math.atan2(centre[1] - nearest.y, centre[0] - nearest.x)
         shift = rng.choice([-1, 1]) * half_range if at_bound else rng.uniform(-half_range, half_range)
         normal = NormalRange(true + shift - half_range, true + shift + half_range)
