@@ -307,10 +307,16 @@ class ContactExtractor:
             if (a, b) != (first, last):
                 variance[max(a - 1, 0) : b + 2] = np.inf
         variance[first : last + 1] = columns.variance[first : last + 1]
-        whole = not flags & {PatchFlag.TRUNCATED, PatchFlag.SATURATED} and bool(
-            columns.seen[first : last + 1].all()
-        )
-        return templates.match(Profile(columns.force_n, variance, first, last, whole), MISFIT_SLACK)
+        missing = 0.0
+        if PatchFlag.SATURATED in flags or not columns.seen[first : last + 1].all():
+            missing = math.inf
+        elif PatchFlag.TRUNCATED in flags:
+            ends = float(
+                max(columns.force_n[0] * (first == 0), columns.force_n[-1] * (last == len(variance) - 1))
+            )
+            # A patch that has fallen off this far at the array's edge goes on for at most two columns more.
+            missing = 2 * ends if ends < 0.5 * columns.force_n.max() else math.inf
+        return templates.match(Profile(columns.force_n, variance, first, last, missing), MISFIT_SLACK)
 
     def _height(self, columns: _Columns, first: int, last: int) -> tuple[float, float]:
         """Centroid along the tip and its bound, mm: half a row, and the gain errors and noise of the rows."""

@@ -22,8 +22,10 @@ __all__ = ["Match", "Profile", "TemplateSet"]
 _REACH = 6  # columns on either side of the one that a template is centred in
 _STEPS_PER_COLUMN = 11
 _GRID_STEP = math.radians(0.2)
+_PIECE = 768
 _GRID_COUNT = 750  # samples on either side: 150°
 _DEPTHS = tuple(float(d) for d in np.geomspace(0.012, 0.29, 22))  # penetration in tip radii
+_DEPTH_STEP = (_DEPTHS[1] / _DEPTHS[0]) ** 0.25  # a quarter of the way from one depth to the next
 _RECEDE = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0, 88.0))
 _SHARPEST = math.radians(155.0)  # vertices down to 25°
 _ENDS = tuple(math.radians(a) for a in (5.0, 10.0, 16.0, 24.0))
@@ -40,14 +42,15 @@ Singles = NDArray[np.float32]
 class Profile:
     """Measured forces of the columns, each of shape (cols,): N, and the variance of its error in N².
 
-    A column of infinite variance is not looked at. `whole` says that the array saw all of the patch.
+    A column of infinite variance is not looked at. `missing_n` bounds the force of the patch that the array
+    did not see; inf if that is unknown.
     """
 
     force_n: Floats
     variance: Floats
     first: int
     last: int
-    whole: bool
+    missing_n: float
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,7 @@ class TemplateSet:
         crosstalk: float,
     ) -> None:
         self._pitch = pitch_rad
-        grid = np.arange(-_GRID_COUNT, _GRID_COUNT + 1) * _GRID_STEP
+        grid: Floats = np.arange(-_GRID_COUNT, _GRID_COUNT + 1, dtype=np.float64) * np.float64(_GRID_STEP)
         shapes, depths, others = _all_shapes(grid)
         cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP, ((0, 0), (1, 0)))
         self._offsets = ((np.arange(_STEPS_PER_COLUMN) + 0.5) / _STEPS_PER_COLUMN - 0.5) * pitch_rad
@@ -95,7 +98,7 @@ class TemplateSet:
         linear = stiffness_n_per_mm * radius_mm * depths
         flat = _flat(grid, _REFERENCE_DEPTH).sum() * _GRID_STEP
         founded = cumulative[:, -1] / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
-        lowest = np.minimum(linear, founded) * (1 - stiffness_bound)
+        lowest = np.minimum(linear, founded) * (1 - stiffness_bound) / _DEPTH_STEP
         highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
             1 + stiffness_bound
         )
@@ -109,15 +112,15 @@ class TemplateSet:
         """
         total = float(profile.force_n[profile.first : profile.last + 1].sum())
         allowed = np.ones(len(self._cells), dtype=bool)
-        if profile.whole:
-            allowed = (self._lowest <= total) & (total <= self._highest)
+        if math.isfinite(profile.missing_n):
+            allowed = (self._lowest <= total + profile.missing_n) & (total <= self._highest)
         keep = np.flatnonzero(allowed)
         if not len(keep):
             return None
         cells, squares = self._cells[keep], self._squares[keep]
-        beyond = 1 if profile.whole else 3
+        beyond = 1 if math.isfinite(profile.missing_n) else 3
         centres = np.arange(profile.first - beyond, profile.last + beyond + 1)
-        misfits = np.stack([_misfit(profile, int(c), cells, squares) for c in centres])
+        misfits = _misfits(profile, centres, cells, squares)
         best = float(misfits.min())
         where, which = np.nonzero(misfits <= best + slack)
         angles = centres[where] * self._pitch + self._angles[keep[which]]
@@ -130,23 +133,29 @@ class TemplateSet:
         )
 
 
-def _misfit(profile: Profile, centre: int, cells: Singles, squares: Singles) -> Floats:
-    """Squared errors over variances, shape (templates,), of templates centred in column `centre`."""
-    columns = np.arange(centre - _REACH, centre + _REACH + 1)
+def _misfits(profile: Profile, centres: NDArray[np.int_], cells: Singles, squares: Singles) -> Floats:
+    """Squared errors over variances of templates centred in each column, shape (centres, templates)."""
+    columns = centres[:, None] + np.arange(-_REACH, _REACH + 1)
     inside = (columns >= 0) & (columns < len(profile.force_n))
-    weight = np.zeros(len(columns))
-    force = np.zeros(len(columns))
-    weight[inside] = 1 / profile.variance[columns[inside]]
-    force[inside] = profile.force_n[columns[inside]]
-    # Patch columns that this window does not reach count as unexplained.
-    missed = np.ones(len(profile.force_n), dtype=bool)
-    missed[columns[inside]] = False
-    rest = float((profile.force_n[missed] ** 2 / profile.variance[missed]).sum())
-    power = float((weight * force**2).sum()) + rest
-    along = np.maximum(cells @ (weight * force).astype(np.float32), 0.0).astype(float)
-    norm = np.maximum((squares @ weight.astype(np.float32)).astype(float), 1e-30)
-    misfit: Floats = power - along**2 / norm
-    return misfit
+    place = np.where(inside, columns, 0)
+    weight = np.where(inside, 1 / profile.variance[place], 0.0)
+    force = np.where(inside, profile.force_n[place], 0.0)
+    # Columns that a window does not reach count as unexplained: the power is that of the whole array.
+    power = float((profile.force_n**2 / profile.variance).sum())
+    along = _product(cells, weight * force)
+    norm = _product(squares, weight)
+    misfits: Floats = power - np.maximum(along, 0.0) ** 2 / np.maximum(norm, 1e-30)
+    return misfits
+
+
+def _product(table: Singles, windows: Floats) -> Floats:
+    """Each window with each template, shape (windows, templates).
+
+    In pieces too small for the linear algebra library to start threads, which cost six times what they save.
+    """
+    right = windows.T.astype(np.float32)
+    pieces = [table[i : i + _PIECE] @ right for i in range(0, len(table), _PIECE)]
+    return np.concatenate(pieces).T.astype(np.float64)
 
 
 def _flat(angle: Floats, depth: float) -> Floats:

@@ -198,13 +198,13 @@ def test_three_thousand_contacts_stay_inside_their_bounds(capsys: pytest.Capture
     for kind, values in [*halves.items(), ("all", every)]:
         low, middle, high = np.percentile(values, [50, 90, 99])
         report.append(
-            f"{kind:7s}{len(values):6d} half range (deg): 50 % {low:.1f}, 90 % {middle:.1f}, 99 % {high:.1f}"
+            f"{kind:7s}{len(values):6d}  half range: 50 % {low:.1f}°, 90 % {middle:.1f}°, 99 % {high:.1f}°"
         )
     capsys.readouterr()
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(report) + "\n")
     assert outside == []
-    assert np.median(halves["flat"]) < 8.0
+    assert np.median(halves["flat"]) < 8.5
     assert np.median(every) < 9.5
 
 
