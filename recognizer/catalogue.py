@@ -4,18 +4,20 @@ Work done once per catalogue and kept: grown edges sorted by normal within a sta
 a range look-up (design §4.3), and the ranges of distance between the edges of each state (memo §2.2.1).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from palpate.errors import InputError
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.grown import GrownSection, grow
-from palpate.recognizer.model import ObjectModel, State
-from palpate.recognizer.segments import distance_range
+from palpate.recognizer.model import ObjectModel, Section, State
+from palpate.recognizer.segments import cross, distance_range
 from palpate.recognizer.symmetry import centroid, symmetry_order
 
 __all__ = ["Catalogue", "CatalogueState", "EdgeSet", "PairRanges"]
@@ -186,7 +188,9 @@ def _state_edges(item: CatalogueState, finger: Finger, facet_error_mm: float) ->
     if not at_height:
         none, nowhere = np.empty(0), np.empty((0, 2))
         return GrownSection(nowhere, nowhere, nowhere, none, none, none, np.empty(0, np.int64))
-    grown = grow(at_height[0], finger.tip_radius_mm, facet_error_mm)
+    # Where two sections meet, the finger meets whichever stands out.
+    polygons = tuple(polygon for section in at_height for polygon in section.polygons)
+    grown = grow(Section(height, height, polygons), finger.tip_radius_mm, facet_error_mm)
     order = np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
     return GrownSection(
         start=grown.start[order] - item.origin_mm,
@@ -203,7 +207,8 @@ def _representative(part: GrownSection, order: int) -> Bools:
     """One edge of each orbit under the state's rotations: those whose midpoints lie in one sector.
 
     The sector starts in the widest gap between midpoints, so that rounding cannot put two edges of an orbit
-    in it, or none. Where midpoints leave no clear gap, every edge is kept: slower, never wrong.
+    in it, or none. Where midpoints leave no clear gap, or edges are no exact images of one another (the
+    symmetry itself has a tolerance), every edge is kept: slower, never wrong.
     """
     everything = np.ones(len(part.length), dtype=bool)
     if order == 1 or not len(part.length):
@@ -217,7 +222,24 @@ def _representative(part: GrownSection, order: int) -> Bools:
     begin = folded[widest] + gaps[widest] / 2
     chosen: Bools = (angle - begin) % (2 * np.pi) < sector
     clear = gaps[widest] > 1e-3 and float(np.min(np.linalg.norm(middle, axis=1))) > 1e-2
-    return chosen if clear and np.sum(chosen) * order == len(chosen) else everything
+    if not clear or np.sum(chosen) * order != len(chosen):
+        return everything
+    return chosen if _turned_onto_edges(part, chosen, order) else everything
+
+
+def _turned_onto_edges(part: GrownSection, chosen: Bools, order: int) -> bool:
+    """Whether turning the chosen edges by every multiple of 2π/order gives exactly the others."""
+    edges = np.column_stack([part.start, part.end])
+    tree = cKDTree(edges)
+    for step in range(1, order):
+        cos, sin = math.cos(2 * math.pi * step / order), math.sin(2 * math.pi * step / order)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        image = np.column_stack([part.start[chosen] @ turn, part.end[chosen] @ turn])
+        away, match = tree.query(image)
+        leaning = np.abs(cross(part.direction[chosen] @ turn, part.direction[match]))
+        if float(np.max(away)) > ROUNDING_MM / 2 or float(np.max(leaning)) > 5e-10:
+            return False
+    return True
 
 
 def _pair_ranges(a: EdgeSet, b: EdgeSet) -> PairRanges:

@@ -21,6 +21,7 @@ from palpate.recognizer.outline_arcs import facet_turn, with_exact_arcs
 __all__ = ["GrownSection", "grow"]
 
 _MERGE_MM = 1e-7  # union vertices nearer than this are one
+_STRAIGHT_MM = 1e-8  # a union vertex nearer than this to its neighbours' line is none
 _UNION_FINER = 16.0  # facets of the union are this much closer to their arcs than the final ones
 
 
@@ -184,14 +185,21 @@ def _without_collinear(points: Floats) -> Floats:
     """The ring without repeated points and without points that lie on their neighbours' line."""
     gap = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
     points = points[gap > _MERGE_MM]
-    before = points - np.roll(points, 1, axis=0)
-    after = np.roll(points, -1, axis=0) - points
-    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    dot = np.sum(before * after, axis=1)
-    span = np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)
-    straight = (np.abs(cross) <= _MERGE_MM * span) & (dot > 0)
-    kept: Floats = points[~straight]
-    return kept
+    while len(points) > 3:
+        before = points - np.roll(points, 1, axis=0)
+        after = np.roll(points, -1, axis=0) - points
+        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+        dot = np.sum(before * after, axis=1)
+        span = np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)
+        straight = (np.abs(cross) <= _STRAIGHT_MM * span) & (dot > 0)
+        # Of neighbours only every other one at a time: each may be straight and the two together a bend.
+        dropped = np.zeros(len(points), dtype=bool)
+        for k in np.flatnonzero(straight):
+            dropped[k] = not (dropped[k - 1] or dropped[(k + 1) % len(points)])
+        if not dropped.any():
+            break
+        points = points[~dropped]
+    return points
 
 
 def _edges(start: Floats, end: Floats, feature: Ints, vertex_at: Floats, radius_mm: float) -> GrownSection:
