@@ -21,6 +21,7 @@ from palpate.recognizer.outline_arcs import facet_turn, with_exact_arcs
 __all__ = ["GrownSection", "grow"]
 
 _MERGE_MM = 1e-7  # union vertices nearer than this are one
+_ON_ARC_MM = 1e-9
 _STRAIGHT_MM = 1e-8  # a union vertex nearer than this to its neighbours' line is none
 _UNION_FINER = 16.0  # facets of the union are this much closer to their arcs than the final ones
 
@@ -84,7 +85,7 @@ class _Sources:
 
     def features_of(self, outline: Floats, radius_mm: float) -> Ints:
         """Feature from which each edge of a grown outline (n, 2) stems: the one nearest to its midpoint."""
-        middle = (outline + np.roll(outline, -1, axis=0)) / 2
+        legs = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
         source = np.vstack([ring.points for ring in self.rings])
         leg = np.vstack([np.roll(ring.points, -1, axis=0) for ring in self.rings]) - source
         square = np.sum(leg * leg, axis=1)
@@ -93,13 +94,13 @@ class _Sources:
         next_vertex = np.concatenate([np.roll(ring.vertex, -1) for ring in self.rings])
         features = [
             _nearest_features(part, source, leg, square, edge, vertex, next_vertex, radius_mm)
-            for part in np.array_split(middle, math.ceil(len(middle) * len(source) / 2e5))
+            for part in np.array_split(legs, math.ceil(len(legs) * len(source) / 2e5))
         ]
         return np.concatenate(features)
 
 
 def _nearest_features(
-    middle: Floats,
+    legs: Floats,
     source: Floats,
     leg: Floats,
     square: Floats,
@@ -108,14 +109,19 @@ def _nearest_features(
     next_vertex: Ints,
     radius_mm: float,
 ) -> Ints:
+    middle = legs.mean(axis=1)
     fraction = np.sum((middle[:, None] - source) * leg, axis=2) / square
     nearest = source + np.clip(fraction, 0, 1)[..., None] * leg
     which = np.argmin(np.linalg.norm(middle[:, None] - nearest, axis=2), axis=1)
-    # A midpoint that projects onto the open edge came from that edge; otherwise from one of its ends.
+    # A midpoint that projects onto the open edge came from that edge; otherwise from one of its ends, unless
+    # that end is a vertex without a bend: the edge is a facet only if neither of its own ends is further off.
     at = fraction[np.arange(len(middle)), which]
     margin = _MERGE_MM / np.sqrt(square[which])
-    on_arc = ((at <= margin) | (at >= 1 - margin)) & (radius_mm > 0)
+    at_end = (at <= margin) | (at >= 1 - margin)
     nearest_vertex = np.where(at > 0.5, next_vertex[which], vertex[which])
+    centre = source[which] + (at > 0.5)[:, None] * leg[which]
+    furthest = np.linalg.norm(legs - centre[:, None], axis=2).max(axis=1)
+    on_arc = at_end & (furthest <= radius_mm + _ON_ARC_MM) & (radius_mm > 0)
     features: Ints = np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64)
     return features
 

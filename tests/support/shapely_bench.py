@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +11,11 @@ import shapely
 from shapely import affinity, ops
 
 from palpate.recognizer.contact import Contact, Finger, NormalRange
+from palpate.recognizer.hypotheses import Hypothesis
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
+from palpate.recognizer.recognise import Recognition
 
+SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
 SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
 
 
@@ -36,9 +40,18 @@ class Placed:
     theta: float
 
     @property
-    def shape(self) -> shapely.Polygon:
-        outline = shapely.Polygon(self.model.states[0].sections[0].polygons[0].outer)
-        turned = affinity.rotate(outline, self.theta, origin=(0, 0), use_radians=True)
+    def shape(self) -> shapely.Geometry:
+        return self.shape_at(10.0)
+
+    def shape_at(self, height: float) -> shapely.Geometry:
+        """Where the object is at a height: all of its sections there."""
+        parts = [
+            shapely.Polygon(polygon.outer, polygon.holes)
+            for section in self.model.states[0].sections
+            if section.z_lo_mm <= height <= section.z_hi_mm
+            for polygon in section.polygons
+        ]
+        turned = affinity.rotate(shapely.union_all(parts), self.theta, origin=(0, 0), use_radians=True)
         return affinity.translate(turned, self.x, self.y)
 
 
@@ -66,6 +79,7 @@ def touch(
     reach: float,
     at_bound: bool = False,
     name: str = "f",
+    height: float = 10.0,
 ) -> Contact:
     """One approach with its position and normal mismeasured by no more than their bounds."""
     heading = np.array([math.cos(direction), math.sin(direction)])
@@ -73,7 +87,7 @@ def touch(
     angle = rng.uniform(0, 2 * math.pi)
     size = bound if at_bound else bound * math.sqrt(rng.uniform())
     error = size * np.array([math.cos(angle), math.sin(angle)])
-    finger = Finger(radius, 10.0)
+    finger = Finger(radius, height)
     given = tuple(float(v) for v in start + error)
     if not math.isfinite(travel):
         end = tuple(float(v) for v in start + error + reach * heading)
@@ -87,6 +101,35 @@ def touch(
         normal = NormalRange(true + shift - half_range, true + shift + half_range)
     end = tuple(float(v) for v in centre + error)
     return Contact(name, finger, True, given, end, bound, normal)
+
+
+def equivalent_configurations(
+    placed: Placed, order: int, centre: np.ndarray
+) -> Iterator[tuple[float, float, float]]:
+    """(x, y, θ) of the object turned about `centre` (object's frame) by every multiple of 2π/order."""
+    at = _turned(centre, placed.theta) + np.array([placed.x, placed.y])
+    for step in range(-2 * order, 2 * order + 1):
+        theta = placed.theta + 2 * math.pi * step / order
+        x, y = at - _turned(centre, theta)
+        yield float(x), float(y), theta
+
+
+def holding_truth(recognition: Recognition, placed: Placed) -> Hypothesis | None:
+    """The hypothesis whose bounds contain the true configuration or a symmetric one; None if lost."""
+    for item in recognition.hypotheses:
+        if item.state.object_name != placed.model.name:
+            continue
+        bounds = item.bounds
+        for x, y, theta in equivalent_configurations(placed, item.state.symmetry_order, item.state.origin_mm):
+            values = ((x, bounds.x_mm), (y, bounds.y_mm), (theta, bounds.theta_rad))
+            if all(lo <= value <= hi for value, (lo, hi) in values):
+                return item
+    return None
+
+
+def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
+    cos, sin = math.cos(angle), math.sin(angle)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
 
 
 def place(model: ObjectModel, rng: np.random.Generator, spread: float = 15.0) -> Placed:
