@@ -226,7 +226,6 @@ class Emulation(FileModel):
     )
     heading_error_deg: Length = Field(default=0.0, description="Headings are off by up to this.")
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
-    friction_n: Length = Field(default=0.0, description="Force that a slide eats before it moves the tip.")
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
     )

@@ -15,7 +15,7 @@ from palpate.drivers.dynamixel.control_table import Item, OperatingMode, model_n
 from palpate.drivers.dynamixel.failures import HardwareAlert
 from palpate.errors import DeviceError, SafetyStop
 
-__all__ = ["Servo", "ServoState", "read_states", "torque_off_all", "write_goals"]
+__all__ = ["Servo", "ServoState", "read_states", "stop_at", "torque_off_all", "write_goals"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +179,15 @@ def write_goals(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
     bus.sync_write(
         ct.GOAL_POSITION, {servo.dxl_id: servo.goal_ticks(rad) for servo, rad in goals_rad.items()}
     )
+
+
+def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
+    """Stop several servos at once at the given angles: goals without a profile, so that none slows down first.
+
+    The profile must be set again before the next move. Raises SafetyStop as `write_goals` does.
+    """
+    bus.sync_write(ct.PROFILE_VELOCITY, {servo.dxl_id: 0 for servo in goals_rad})
+    write_goals(bus, goals_rad)
 
 
 def torque_off_all(bus: Bus, servos: Iterable[Servo]) -> list[DeviceError]:

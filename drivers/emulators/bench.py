@@ -47,7 +47,6 @@ class FingerTruth:
     slide_play_mm: float
     tip_radius_mm: float
     stiffness_n_per_mm: float
-    friction_n: float
     array_heading_rad: float
 
 
@@ -67,12 +66,22 @@ class _Play:
 
 
 class EmulatedFinger:
-    """One finger: two servos, the mechanics between them and the tip, and the array on it."""
+    """One finger: two servos, the mechanics between them and the tip, and the array on it.
+
+    `outline` is what stands on the table at the finger's height, None for nothing. `press` is what touches
+    the tip now, `hardest_n` the largest force so far.
+    """
 
     def __init__(
-        self, truth: FingerTruth, aim: EmulatedServo, slide: EmulatedServo, array: EmulatedArray
+        self,
+        truth: FingerTruth,
+        aim: EmulatedServo,
+        slide: EmulatedServo,
+        array: EmulatedArray,
+        outline: Outline | None,
     ) -> None:
         self.truth = truth
+        self.outline = outline
         self.aim = aim
         self.slide = slide
         self.array = array
@@ -95,7 +104,7 @@ class EmulatedFinger:
         x, y = self.truth.base_mm
         return np.array([x + distance * math.cos(angle), y + distance * math.sin(angle)])
 
-    def step(self, dt_s: float, outline: Outline | None) -> None:
+    def step(self, dt_s: float) -> None:
         """Let servos, couplings and skin move on by `dt_s`."""
         push = 0.0
         if self.press is not None:
@@ -106,17 +115,16 @@ class EmulatedFinger:
         self.aim.step(dt_s, 0.0)
         self._aim_play.follow(self._aim_drive())
         self._slide_play.follow(self._slide_drive())
-        self.press = None if outline is None else self._touch(outline)
+        self.press = None if self.outline is None else self._touch(self.outline)
         if self.press is not None:
             self.hardest_n = max(self.hardest_n, float(np.hypot(*self.press.force_n)))
 
-    def sample(self, now: float, outline: Outline | None) -> None:
+    def sample(self, now: float) -> None:
         """Hand the array the forces on its taxels at `now`."""
-        shape = (self.array.description.rows, self.array.description.cols)
-        if self.press is None or outline is None:
-            self.array.sample(now, np.zeros(shape))
+        if self.press is None or self.outline is None:
+            self.array.sample(now, np.zeros((self.array.description.rows, self.array.description.cols)))
         else:
-            self.array.sample(now, self._taxels(self.press, outline))
+            self.array.sample(now, self._taxels(self.press, self.outline))
 
     def _aim_drive(self) -> float:
         truth = self.truth
@@ -155,21 +163,26 @@ class EmulatedFinger:
 
 
 class Bench:
-    """All fingers round one table. `outline` is what stands on it, None for an empty one."""
+    """All fingers round one table, in one time."""
 
-    def __init__(self, fingers: Sequence[EmulatedFinger], outline: Outline | None) -> None:
+    def __init__(self, fingers: Sequence[EmulatedFinger]) -> None:
         self.fingers = tuple(fingers)
-        self.outline = outline
         self._steps = 0
 
     def advance(self, now: float) -> None:
-        """Let the mechanics catch up with `now` (s), which never runs backwards."""
+        """Let the mechanics catch up with `now` (s), which never runs backwards.
+
+        Mechanics move in whole steps; arrays sample at their own instants what the last step left.
+        """
         steps = int(now / _STEP_S + 1e-6)
         while self._steps < steps:
+            self._sample_until((self._steps + 1) * _STEP_S)
             self._steps += 1
-            at = self._steps * _STEP_S
             for finger in self.fingers:
-                finger.step(_STEP_S, self.outline)
-                due = finger.array.next_sample_s()
-                if due is not None and due <= at:
-                    finger.sample(at, self.outline)
+                finger.step(_STEP_S)
+        self._sample_until(now)
+
+    def _sample_until(self, now: float) -> None:
+        for finger in self.fingers:
+            while (due := finger.array.next_sample_s()) is not None and due <= now:
+                finger.sample(due)

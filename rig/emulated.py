@@ -1,0 +1,153 @@
+"""The emulated rig: what a rig file's `[emulation]` table turns into. Called by the composition root only.
+
+Builds the emulated servos, arrays and mechanics with their hidden truth, and puts them on `mock://` wires in
+virtual time or hands them out to be served on real ports.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.config import Emulation, Finger, RigFile
+from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.bench import Bench, EmulatedFinger, FingerTruth
+from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.wire import Device
+from palpate.errors import InputError
+from palpate.rig.convert import kinematics_of
+from palpate.rig.scene import Placement, outline_at
+
+__all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
+
+_ROWS, _COLUMNS = 8, 20
+_ROW_PITCH_MM = 2.0
+_COVERAGE_RAD = math.radians(270.0)
+_BIT_DEPTH = 12
+_COUNTS_PER_N = 2000.0
+
+
+@dataclass(frozen=True, eq=False)
+class EmulatedRig:
+    """Emulated devices by the port that the rig file names, with each wire's baud rate."""
+
+    bench: Bench
+    devices: Mapping[str, tuple[Device, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class MockRig:
+    """An emulated rig on mock wires. `urls` maps the rig file's ports to ports that can be opened.
+
+    The hub lives as long as this value does, and the ports with it.
+    """
+
+    rig: EmulatedRig
+    hub: MockHub
+    clock: VirtualClock
+    urls: Mapping[str, str]
+
+
+def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig:
+    """Build the emulated devices of `rig` round what lies on the table; same seed, same devices.
+
+    Raises InputError if the rig file has no `[emulation]` table.
+    """
+    if rig.emulation is None:
+        raise InputError(
+            f'rig "{rig.name}" describes real devices; '
+            "add an [emulation] table and mock:// ports to emulate it"
+        )
+    # The catalogue's draw and the devices' draws must not depend on each other's number.
+    rng = np.random.default_rng([seed, 1])
+    fingers: list[EmulatedFinger] = []
+    bench_of: list[Bench] = []
+
+    def advance(now: float) -> None:
+        bench_of[0].advance(now)
+
+    for finger in rig.fingers:
+        truth = _truth(finger, rig.emulation, rng)
+        aim = EmulatedServo(finger.aim.dxl_id, start_rad=truth.aim_zero_rad)
+        retracted = (finger.slide.range_mm[0] + 1.0 - truth.zero_mm) / truth.mm_per_rad
+        slide = EmulatedServo(finger.slide.dxl_id, start_rad=retracted)
+        array = EmulatedArray(
+            _description(finger),
+            seed=int(rng.integers(2**63)),
+            noise_counts=rig.emulation.noise_counts,
+            gain_spread=rig.emulation.gain_spread,
+            offset_counts=rig.emulation.offset_counts,
+            crosstalk=rig.emulation.crosstalk,
+            advance=advance,
+        )
+        outline = None if placement is None else outline_at(placement, finger.height_mm)
+        fingers.append(EmulatedFinger(truth, aim, slide, array, outline))
+    bench = Bench(fingers)
+    bench_of.append(bench)
+    servos = [servo for finger in fingers for servo in (finger.aim, finger.slide)]
+    chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
+    devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
+    for finger, emulated in zip(rig.fingers, fingers, strict=True):
+        devices[finger.array.port] = (emulated.array, finger.array.baudrate_bps)
+    return EmulatedRig(bench, devices)
+
+
+def on_mock_wires(rig: EmulatedRig) -> MockRig:
+    """Put the devices on in-process wires in virtual time."""
+    clock = VirtualClock()
+    hub = MockHub(clock)
+    urls = {
+        port: hub.attach(port.partition("://")[2].replace("/", "-"), device, baudrate)
+        for port, (device, baudrate) in rig.devices.items()
+    }
+    return MockRig(rig, hub, clock, urls)
+
+
+def _truth(finger: Finger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth:
+    """How this finger really is built: somewhere within what the emulation table allows."""
+    nominal = kinematics_of(finger)
+    away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
+    return FingerTruth(
+        base_mm=(
+            finger.base_mm[0] + away * math.cos(bearing),
+            finger.base_mm[1] + away * math.sin(bearing),
+        ),
+        heading_rad=nominal.heading_rad + turn,
+        height_mm=finger.height_mm,
+        gear_ratio=nominal.gear_ratio,
+        aim_zero_rad=nominal.aim_zero_rad,
+        aim_play_rad=math.radians(emulation.aim_backlash_deg) * rng.uniform(0.3, 1),
+        mm_per_rad=nominal.mm_per_rad,
+        zero_mm=nominal.zero_mm,
+        slide_play_mm=emulation.backlash_mm * rng.uniform(0.3, 1),
+        tip_radius_mm=finger.tip.radius_mm,
+        stiffness_n_per_mm=finger.tip.stiffness_n_per_mm
+        * (1 + emulation.stiffness_spread * rng.uniform(-1, 1)),
+        array_heading_rad=math.radians(finger.array.heading_deg),
+    )
+
+
+def _description(finger: Finger) -> Description:
+    """The emulated array: 8 rows of 20 taxels over three quarters of the tip's circumference."""
+    pitch = _COVERAGE_RAD / _COLUMNS
+    return Description(
+        unique_id=finger.name.encode()[:16].ljust(16, b"\0"),
+        firmware="palpate emulator 1",
+        emulated=True,
+        shape=Shape.CYLINDER,
+        rows=_ROWS,
+        cols=_COLUMNS,
+        bit_depth=_BIT_DEPTH,
+        max_rate_hz=1000.0,
+        full_scale_n=(2**_BIT_DEPTH - 1) / _COUNTS_PER_N,
+        counts_per_n=_COUNTS_PER_N,
+        tip_radius_mm=finger.tip.radius_mm,
+        columns=tuple((k - (_COLUMNS - 1) / 2) * pitch for k in range(_COLUMNS)),
+        row_heights_mm=tuple((k + 0.5) * _ROW_PITCH_MM for k in range(_ROWS)),
+    )

@@ -1,0 +1,90 @@
+"""What lies on an emulated table: given by a scene file, or drawn from the catalogue by a seed.
+
+Only emulators are told. The object's outlines in the support plane are worked out here, with shapely, so that
+the emulated bench shares no geometry with the recogniser.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from palpate.config import ObjectModel, ObjectsFile, Scene, Section, State, load_objects
+from palpate.drivers.emulators.tip import Outline
+from palpate.errors import InputError
+
+__all__ = ["Placement", "draw_placement", "outline_at", "placement_of", "rings_of"]
+
+
+@dataclass(frozen=True)
+class Placement:
+    """An object on the table: x ↦ R(θ) x + (x, y), mm and rad, W."""
+
+    model: ObjectModel
+    state: State
+    x_mm: float
+    y_mm: float
+    theta_rad: float
+
+
+def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
+    """What the scene file says. Raises InputError for an object or a state that there is none of."""
+    objects = catalogue if scene.objects is None else load_objects(scene.objects)
+    models = {model.name: model for model in objects.objects}
+    model = models.get(scene.object)
+    if model is None:
+        raise InputError(f'scene: no object "{scene.object}"; there are {_listed(models)}')
+    states = {state.name: state for state in model.states}
+    name = scene.state or (model.states[0].name if len(model.states) == 1 else "")
+    if name not in states:
+        what = f'no state "{scene.state}"' if scene.state else "give the state"
+        raise InputError(f'scene: object "{scene.object}": {what}; there are {_listed(states)}')
+    return Placement(model, states[name], scene.x_mm, scene.y_mm, scene.theta_rad)
+
+
+def draw_placement(objects: ObjectsFile, radius_mm: float, rng: np.random.Generator) -> Placement:
+    """Any object in any state with its centre of area anywhere within `radius_mm` of the middle."""
+    model = objects.objects[int(rng.integers(len(objects.objects)))]
+    state = model.states[int(rng.integers(len(model.states)))]
+    theta = float(rng.uniform(-math.pi, math.pi))
+    away, bearing = radius_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    centre = affinity.rotate(_shape(state.sections[0]), theta, origin=(0, 0), use_radians=True).centroid
+    x, y = away * math.cos(bearing) - centre.x, away * math.sin(bearing) - centre.y
+    return Placement(model, state, float(x), float(y), theta)
+
+
+def outline_at(placement: Placement, height_mm: float) -> Outline | None:
+    """Edges of the object in W at a height; None if it is not that high."""
+    for section in placement.state.sections:
+        if section.z_mm[0] <= height_mm <= section.z_mm[1]:
+            rings = rings_of(placement, section)
+            start = np.vstack(rings)
+            end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
+            return Outline(start, end, max(part.z_mm[1] for part in placement.state.sections))
+    return None
+
+
+def rings_of(
+    placement: Placement, section: Section
+) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+    """Rings (n, 2) of a section in W."""
+    placed = affinity.translate(
+        affinity.rotate(_shape(section), placement.theta_rad, origin=(0, 0), use_radians=True),
+        placement.x_mm,
+        placement.y_mm,
+    )
+    rings = []
+    for part in shapely.get_parts(placed):
+        rings += [np.asarray(ring.coords)[:-1] for ring in (part.exterior, *part.interiors)]
+    return rings
+
+
+def _shape(section: Section) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
+
+
+def _listed(names: object) -> str:
+    every = sorted(str(name) for name in names)  # type: ignore[attr-defined]
+    return ", ".join(every[:12]) + (f" and {len(every) - 12} more" if len(every) > 12 else "")
