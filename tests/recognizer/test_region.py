@@ -1,0 +1,118 @@
+"""Cells hold every feasible configuration; witnesses are feasible."""
+
+import math
+
+import numpy as np
+import pytest
+from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
+
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.region import Cells, build_cells, exact_position
+from palpate.recognizer.segments import point_segment_distance
+from palpate.recognizer.tree import Interpretations, first_level, next_level
+
+MODELS = outlines(SHIPPED_OBJECTS)
+
+
+def interpreted(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpretations, np.ndarray]:
+    anchor = np.mean([c.end_mm for c in contacts], axis=0)
+    nodes, _ = first_level(catalogue, contacts[0])
+    for count in range(2, len(contacts) + 1):
+        nodes, _ = next_level(catalogue, nodes, contacts[:count], anchor)
+    return nodes, anchor
+
+
+def contains(cells: Cells, row: int, theta: float, position: np.ndarray) -> bool:
+    if not cells.lo[row] - 1e-12 <= theta <= cells.hi[row] + 1e-12:
+        return False
+    corners = cells.polygon[row]
+    leg = np.roll(corners, -1, axis=0) - corners
+    rel = position - corners
+    return bool(
+        np.all(leg[:, 0] * rel[:, 1] - leg[:, 1] * rel[:, 0] >= -1e-7 * (1 + np.abs(leg).sum(axis=1)))
+    )
+
+
+def feasible(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    node: int,
+    contacts: list[Contact],
+    anchor: np.ndarray,
+    theta: np.ndarray,
+    position: np.ndarray,
+) -> np.ndarray:
+    """Which configurations put every contact's centre within its bound of its edge (a disc, not a square)."""
+    ok = np.ones(len(theta), dtype=bool)
+    cos, sin = np.cos(theta), np.sin(theta)
+    for level, contact in enumerate(contacts):
+        edges = catalogue.edges(contact.finger)
+        edge = int(nodes.edges[node, level])
+        x, y = np.asarray(contact.end_mm) - anchor
+        local = np.column_stack([cos * x + sin * y, cos * y - sin * x]) - position
+        away = point_segment_distance(local, edges.start[edge], edges.direction[edge], edges.length[edge])
+        ok &= away <= contact.position_bound_mm
+    return ok
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("fingers", [2, 3])
+def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int) -> None:
+    rng = np.random.default_rng(seed)
+    catalogue = Catalogue(MODELS[seed % 6 : seed % 6 + 1])
+    contacts: list[Contact] = []
+    while len(contacts) < fingers:
+        placed = place(MODELS[seed % 6], rng)
+        contacts = [c for c in grip(placed, rng, fingers=fingers, bound=1.0, half_range=0.4) if c.touched]
+    nodes, anchor = interpreted(catalogue, contacts)
+    cells = build_cells(catalogue, nodes, contacts, anchor, step_rad=0.015, least=3)
+    hits = 0
+    for node in rng.permutation(len(nodes))[:12]:
+        rows = np.flatnonzero(cells.node == node)
+        theta = rng.uniform(nodes.lo[node], nodes.hi[node], 4000)
+        # Sample positions about those that put the first contact on its edge.
+        edges = catalogue.edges(contacts[0].finger)
+        edge = int(nodes.edges[node, 0])
+        on = edges.start[edge] + rng.uniform(0, edges.length[edge], 4000)[:, None] * edges.direction[edge]
+        x, y = np.asarray(contacts[0].end_mm) - anchor
+        cos, sin = np.cos(theta), np.sin(theta)
+        position = np.column_stack([cos * x + sin * y, cos * y - sin * x]) - on
+        position += rng.uniform(-1, 1, (4000, 2))
+        ok = feasible(catalogue, nodes, int(node), contacts, anchor, theta, position)
+        for t, s in list(zip(theta[ok], position[ok], strict=True))[:60]:
+            hits += 1
+            assert any(contains(cells, int(row), t, s) for row in rows)
+    assert hits > 20
+
+
+def test_witness_positions_are_feasible() -> None:
+    rng = np.random.default_rng(3)
+    catalogue = Catalogue(MODELS)
+    placed = place(MODELS[4], rng)
+    contacts = grip(placed, rng, bound=0.5)
+    nodes, anchor = interpreted(catalogue, contacts)
+    theta = (nodes.lo + nodes.hi) / 2
+    position, found = exact_position(catalogue, nodes, contacts, anchor, theta)
+    assert found.any()
+    for node in np.flatnonzero(found):
+        for level, contact in enumerate(contacts):
+            edges = catalogue.edges(contact.finger)
+            edge = int(nodes.edges[node, level])
+            cos, sin = math.cos(theta[node]), math.sin(theta[node])
+            x, y = np.asarray(contact.end_mm) - anchor
+            local = np.array([cos * x + sin * y, cos * y - sin * x]) - position[node]
+            rel = local - edges.start[edge]
+            along, across = rel @ edges.direction[edge], rel @ edges.normal[edge]
+            bound = contact.position_bound_mm + 1e-5
+            assert -bound <= along <= edges.length[edge] + bound
+            assert -bound <= across <= edges.slack_out[edge] + bound
+
+
+def test_volume_and_radius_of_a_square_cell() -> None:
+    square = np.array([[[0, 0], [2, 0], [2, 2], [0, 2], [0, 0]]], dtype=float)
+    one = np.zeros(1, dtype=np.int64)
+    cells = Cells(one, one, np.array([0.1]), np.array([0.4]), square)
+    assert cells.volume[0] == pytest.approx(4 * 0.3)
+    assert cells.radius[0] == pytest.approx(math.sqrt(2))
+    assert cells.centre[0] == pytest.approx([1.0, 1.0])
