@@ -4,13 +4,16 @@ Everything drawn is known as sample points with weights. A label tries positions
 anchor and takes the one that covers the least weight, nearest first; labels placed earlier cannot be covered.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.rig.svg import Floats
 
-__all__ = ["Box", "LabelPlacer"]
+__all__ = ["Box", "LabelPlacer", "enclosed"]
 
 _SAMPLE = 3.0  # spacing of sample points in SVG units: less than the smallest label's height
 _RADII = (0.0, 10.0, 20.0, 32.0, 46.0, 62.0, 80.0, 100.0, 125.0)
@@ -44,6 +47,18 @@ class Box:
         return apart_x < margin and apart_y < margin
 
 
+def enclosed(points: Floats, rings: Sequence[Floats]) -> NDArray[np.bool_]:
+    """Which points (n, 2) the rings, each (m, 2), enclose by the even-odd rule."""
+    crossings = np.zeros(len(points), dtype=np.int64)
+    for ring in rings:
+        for (x1, y1), (x2, y2) in zip(ring.tolist(), np.roll(ring, -1, axis=0).tolist(), strict=True):
+            if y1 != y2:
+                spans = (points[:, 1] >= min(y1, y2)) & (points[:, 1] < max(y1, y2))
+                crossings += spans & (points[:, 0] < x1 + (points[:, 1] - y1) * (x2 - x1) / (y2 - y1))
+    odd: NDArray[np.bool_] = crossings % 2 == 1
+    return odd
+
+
 class LabelPlacer:
     """Free places within a frame. Coordinates are SVG units, y downwards."""
 
@@ -55,7 +70,7 @@ class LabelPlacer:
 
     def add_line(self, points: Floats, weight: float = 1.0) -> None:
         """Mark a polyline (n, 2) as drawn."""
-        for start, end in zip(points[:-1], points[1:], strict=True):
+        for start, end in pairwise(points):
             count = max(2, int(np.ceil(np.hypot(*(end - start)) / _SAMPLE)) + 1)
             self._add(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start), weight)
 
@@ -76,16 +91,10 @@ class LabelPlacer:
         high = np.max([ring.max(axis=0) for ring in rings], axis=0)
         grid = np.meshgrid(*(np.arange(low[k], high[k], 2 * _SAMPLE) for k in range(2)))
         points = np.column_stack([part.ravel() for part in grid])
-        crossings = np.zeros(len(points), dtype=np.int64)
-        for ring in rings:
-            for (x1, y1), (x2, y2) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-                if y1 != y2:
-                    spans = (points[:, 1] >= min(y1, y2)) & (points[:, 1] < max(y1, y2))
-                    crossings += spans & (points[:, 0] < x1 + (points[:, 1] - y1) * (x2 - x1) / (y2 - y1))
-        self._add(points[crossings % 2 == 1], weight)
+        self._add(points[enclosed(points, rings)], weight)
 
     def place(self, anchor: Floats, width: float, height: float, *, clear: float, towards: float) -> Box:
-        """Claim a place for a label: at least `clear` from its anchor, if equal in direction `towards` (rad)."""
+        """Claim a place for a label, at least `clear` from its anchor, best in direction `towards` (rad)."""
         drawn = np.vstack(self._points) if self._points else np.empty((0, 2))
         weights = np.concatenate(self._weights) if self._weights else np.empty(0)
         best, least = Box(float(anchor[0]), float(anchor[1]), width, height), np.inf

@@ -37,6 +37,8 @@ def draw(picture: Picture) -> str:
     top = y + 24
     view = view_of(picture, left, top)
     panel_left = left + view.width + _GAP
+    _, panel_end = draw_panel(picture, view, panel_left, top - 2)
+    view = view.taller(panel_end - _BELOW - top)
     panel, panel_end = draw_panel(picture, view, panel_left, top - 2)
     width = panel_left + PANEL_WIDTH + _EDGE
     height = max(top + view.height + _BELOW, panel_end) + _EDGE - 8
@@ -64,9 +66,8 @@ def _description(picture: Picture) -> str:
     touched = sum(touch.touched for touch in picture.touches)
     grips = len({touch.grip for touch in picture.touches})
     words = [*picture.subtitle]
-    words.append(
-        f"Grips: {grips}; contacts: {touched}; approaches that touched nothing: {len(picture.touches) - touched}."
-    )
+    missed = len(picture.touches) - touched
+    words.append(f"Grips: {grips}; contacts: {touched}; approaches that touched nothing: {missed}.")
     words.append(f"Other hypotheses: {len(picture.others)}.")
     if picture.pose is not None:
         x, y, theta = picture.pose.x_mm[0], picture.pose.y_mm[0], picture.pose.theta_rad[0]

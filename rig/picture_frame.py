@@ -5,19 +5,20 @@ mm scales.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.rig.labels import Box
 from palpate.rig.picture_style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
-from palpate.rig.picture_values import Picture
+from palpate.rig.picture_values import Picture, Touch
 from palpate.rig.svg import Floats, element, number, text
 
 __all__ = ["View", "grid", "nice_step", "scale_bar", "ticks", "view_of"]
 
 _WIDTH = 780.0
 _ASPECTS = (0.95, 1.35)  # width over height
+_MISS_AIR = 0.2  # of the longer side, for the sake of misses
 _MARGIN = 0.09  # of the longer side, around what must be seen
 
 
@@ -40,6 +41,11 @@ class View:
     def height(self) -> float:
         """Height in SVG units."""
         return (self.y_mm[1] - self.y_mm[0]) * self.scale
+
+    def taller(self, height: float) -> "View":
+        """The window with as much more above and below as makes it `height` units high."""
+        more = max(0.0, height - self.height) / self.scale / 2
+        return replace(self, y_mm=(self.y_mm[0] - more, self.y_mm[1] + more))
 
     @property
     def frame(self) -> Box:
@@ -65,9 +71,8 @@ def view_of(picture: Picture, left: float, top: float) -> View:
     """The window that shows all outlines and contacts with some air, and as much of the table as fits."""
     parts = [*picture.found, *picture.truth]
     parts += [ring for other in picture.others[:MOST_OTHERS] for ring in other.rings]
-    for touch in picture.touches:
-        centre = np.array([touch.end_mm])
-        parts += [centre - touch.tip_radius_mm, centre + touch.tip_radius_mm]
+    parts += [_around(touch) for touch in picture.touches if touch.touched]
+    parts += _nearest_part(parts, [_around(touch) for touch in picture.touches if not touch.touched])
     if not parts:
         reach = picture.workspace_radius_mm or 50.0
         parts = [np.array([[-reach, -reach], [reach, reach]])]
@@ -87,6 +92,21 @@ def view_of(picture: Picture, left: float, top: float) -> View:
         top,
         _WIDTH / width,
     )
+
+
+def _around(touch: Touch) -> Floats:
+    centre = np.array([touch.end_mm])
+    return np.vstack([centre - touch.tip_radius_mm, centre + touch.tip_radius_mm])
+
+
+def _nearest_part(seen: list[Floats], missed: list[Floats]) -> list[Floats]:
+    """What of the missed tips is worth showing: misses end far away, and must not make the object small."""
+    if not seen:
+        return missed
+    points = np.vstack(seen)
+    low, high = points.min(axis=0), points.max(axis=0)
+    air = _MISS_AIR * float((high - low).max())
+    return [np.clip(tip, low - air, high + air) for tip in missed]
 
 
 def nice_step(span: float, parts: float) -> float:
@@ -122,24 +142,14 @@ def ticks(view: View) -> str:
     step = _tick_step(view)
     decimals = max(0, -math.floor(math.log10(step) + 1e-9))
     bottom = view.top + view.height
-    shown = []
-    for x in _lines_of(view.x_mm, step):
-        shown.append(
-            text(
-                _signed(x, decimals), view.at((x, 0.0))[0], bottom + 16, fill=MUTED, anchor="middle", size=11
-            )
-        )
-    for y in _lines_of(view.y_mm, step):
-        shown.append(
-            text(
-                _signed(y, decimals),
-                view.left - 7,
-                view.at((0.0, y))[1] + 4,
-                fill=MUTED,
-                anchor="end",
-                size=11,
-            )
-        )
+    shown = [
+        text(_signed(x, decimals), view.at((x, 0.0))[0], bottom + 16, fill=MUTED, anchor="middle", size=11)
+        for x in _lines_of(view.x_mm, step)
+    ]
+    shown += [
+        text(_signed(y, decimals), view.left - 7, view.at((0.0, y))[1] + 4, fill=MUTED, anchor="end", size=11)
+        for y in _lines_of(view.y_mm, step)
+    ]
     shown.append(text("x, y in mm, frame W", view.left, bottom + 38, fill=MUTED, size=11))
     return "".join(shown)
 

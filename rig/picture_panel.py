@@ -28,8 +28,8 @@ from palpate.rig.picture_style import (
     TRUTH,
 )
 from palpate.rig.picture_values import Picture, Pose
-from palpate.rig.picture_view import badge, sector
-from palpate.rig.svg import element, number, path_data, shorten, text, text_width
+from palpate.rig.picture_view import badge, sector, shows_base
+from palpate.rig.svg import Floats, element, number, path_data, shorten, text, text_width
 
 __all__ = ["PANEL_WIDTH", "draw_panel"]
 
@@ -54,7 +54,7 @@ def _heading(content: str, left: float, y: float) -> str:
     return text(content, left, y, size=12, fill=MUTED, weight="bold") + rule
 
 
-def _pose(picture: Picture, view: View, left: float, y: float) -> tuple[str, float]:
+def _pose(picture: Picture, _view: View, left: float, y: float) -> tuple[str, float]:
     pose = picture.pose
     if pose is None:
         return "", y
@@ -88,7 +88,7 @@ def _outward(values: tuple[float, ...]) -> str:
     return f"{math.ceil(max(hi - shown, shown - lo, 0.0) * 100 - 1e-6) / 100:.2f}"
 
 
-def _facts(picture: Picture, view: View, left: float, y: float) -> tuple[str, float]:
+def _facts(picture: Picture, _view: View, left: float, y: float) -> tuple[str, float]:
     if not picture.facts:
         return "", y
     shown = [_heading("Facts", left, y + 12)]
@@ -102,7 +102,7 @@ def _facts(picture: Picture, view: View, left: float, y: float) -> tuple[str, fl
     return "".join(shown), y + 6
 
 
-def _others(picture: Picture, view: View, left: float, y: float) -> tuple[str, float]:
+def _others(picture: Picture, _view: View, left: float, y: float) -> tuple[str, float]:
     if not picture.others:
         return "", y
     shown = [_heading(f"Other hypotheses ({len(picture.others)})", left, y + 12)]
@@ -131,8 +131,8 @@ def _legend(picture: Picture, view: View, left: float, y: float) -> tuple[str, f
         (bool(touched), _touch_key, "approach, and the tip in contact"),
         (any(t.normal_rad for t in touched), _normal_key, "range of the outward normal"),
         (len(touched) < len(picture.touches), _miss_key, "approach that touched nothing"),
-        (any(not view.holds(b.at_mm) for b in picture.bases), _beyond_key, "finger's base, beyond the frame"),
-        (any(view.holds(b.at_mm) for b in picture.bases), _base_key, "finger's base"),
+        (any(not shows_base(b, view) for b in picture.bases), _beyond_key, "finger's base, beyond the frame"),
+        (any(shows_base(b, view) for b in picture.bases), _base_key, "finger's base"),
         (picture.workspace_radius_mm is not None, _workspace_key, "workspace"),
     ]
     shown = [_heading("Legend", left, y + 12)]
@@ -169,7 +169,7 @@ def _pose_key(x: float, y: float) -> str:
 
 
 def _truth_key(x: float, y: float) -> str:
-    return _line_key(x, y, TRUTH, THIN)
+    return _line_key(x, y, TRUTH, LINE)
 
 
 def _other_key(x: float, y: float) -> str:
@@ -213,7 +213,7 @@ def _miss_key(x: float, y: float) -> str:
 
 
 def _beyond_key(x: float, y: float) -> str:
-    head = np.array([[x + 6, y], [x - 5, y - 6], [x - 5, y + 6]])
+    head = np.array([[x + 8, y], [x - 8, y - 6], [x - 4, y], [x - 8, y + 6]])
     return element("path", d=path_data([head]), fill=INK)
 
 
@@ -249,13 +249,14 @@ def _inset(picture: Picture, view: View, left: float, y: float) -> tuple[str, fl
     top = y + 28
     box = np.array([left + PANEL_WIDTH / 2, top + _INSET / 2])
 
-    def page(values: object) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-        moved = (np.asarray(values, dtype=float) - centre) * (scale, -scale)
-        return moved + box
+    def page(values: object) -> Floats:
+        moved: Floats = (np.asarray(values, dtype=float) - centre) * (scale, -scale) + box
+        return moved
 
     x, cy = page((0.0, 0.0)).tolist()
     corners = page([(view.x_mm[0], view.y_mm[1]), (view.x_mm[1], view.y_mm[0])])
-    window = np.clip(corners, box - (PANEL_WIDTH / 2, _INSET / 2), box + (PANEL_WIDTH / 2, _INSET / 2))
+    room = np.array([PANEL_WIDTH, _INSET]) / 2
+    window = np.clip(corners, box - room, box + room)
     size = window[1] - window[0]
     shown = [
         heading,
@@ -297,10 +298,10 @@ def _inset(picture: Picture, view: View, left: float, y: float) -> tuple[str, fl
         at = page(base.at_mm)
         shown.append(element("rect", x=at[0] - 4, y=at[1] - 4, width=8.0, height=8.0, fill=INK))
         side = 1 if at[0] >= box[0] else -1
-        room = box[0] + PANEL_WIDTH / 2 - at[0] - 10 if side > 0 else at[0] - 10 - (box[0] - PANEL_WIDTH / 2)
+        free = box[0] + PANEL_WIDTH / 2 - at[0] - 10 if side > 0 else at[0] - 10 - (box[0] - PANEL_WIDTH / 2)
         shown.append(
             text(
-                shorten(base.name, 11, float(room)),
+                shorten(base.name, 11, float(free)),
                 at[0] + 9 * side,
                 at[1] + 4,
                 size=11,

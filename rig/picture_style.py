@@ -32,7 +32,7 @@ FOUND, FOUND_FILL = "#0072b2", "#d6e8f4"
 TRUTH = "#d55e00"
 TIP, TIP_FILL = "#007a5a", "#bfe5d8"
 MISS = "#8f5a7e"
-THIN, LINE, THICK = 1.0, 1.4, 2.2
+THIN, LINE, THICK = 1.0, 1.4, 3.0
 
 MOST_OTHERS = 12
 BADGES = ("#5b6874", "#8c6a1f", "#6a5aa8", "#7a4a3a")

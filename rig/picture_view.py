@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from palpate.rig.labels import Box, LabelPlacer
+from palpate.rig.labels import Box, LabelPlacer, enclosed
 from palpate.rig.picture_frame import View, grid, scale_bar, ticks
 from palpate.rig.picture_style import (
     AXIS,
@@ -31,12 +31,12 @@ from palpate.rig.picture_style import (
 from palpate.rig.picture_values import FingerBase, Picture, Pose, Touch
 from palpate.rig.svg import Floats, element, escape, number, path_data, shorten, text, text_width
 
-__all__ = ["badge", "draw_view", "sector"]
+__all__ = ["badge", "draw_view", "sector", "shows_base"]
 
 _WEDGE = 30.0
 _LABEL = 11.5
 _AXIS = 44.0
-_INSIDE = 0.12  # weight of the found object's inside: a label may lie there, but rather not
+_INSIDE = 0.5  # weight of the found object's inside: a label may lie there, but rather not
 
 
 def sector(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
@@ -137,7 +137,7 @@ def _found(picture: Picture, view: View, placer: LabelPlacer) -> str:
         rings = [view.to_page(ring) for ring in picture.truth]
         for ring in rings:
             placer.add_ring(ring, 3.0)
-        shown.append(element("path", d=path_data(rings), fill="none", stroke=TRUTH, stroke_width=THIN))
+        shown.append(element("path", d=path_data(rings), fill="none", stroke=TRUTH, stroke_width=LINE))
     if picture.pose is not None:
         shown.append(_pose_mark(picture.pose, view, placer))
     return "".join(shown)
@@ -214,7 +214,7 @@ def _tip(touch: Touch, view: View, placer: LabelPlacer) -> str:
     shown = [element("circle", cx=x, cy=y, r=radius, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
     if touch.normal_rad is not None:
         lo, hi = touch.normal_rad
-        reach = max(_WEDGE, radius + 14)
+        reach = max(_WEDGE, radius + 20)
         wedge = sector(centre, reach, lo, hi)
         shown.append(
             element(
@@ -234,6 +234,10 @@ def _touch_label(touch: Touch, view: View, placer: LabelPlacer) -> str:
     width = text_width(content, _LABEL, bold=True)
     end, start = view.at(touch.end_mm), view.at(touch.start_mm)
     back = math.atan2(end[1] - start[1], start[0] - end[0])
+    shown = _last_shown(start, end, view)
+    if shown is None:
+        return ""
+    end = shown
     clear = max(touch.tip_radius_mm * view.scale, 5.0) + 4
     box = placer.place(end, width + 4, 15.0, clear=clear, towards=back + math.pi / 2)
     verb = "touched" if touch.touched else "missed"
@@ -244,6 +248,18 @@ def _touch_label(touch: Touch, view: View, placer: LabelPlacer) -> str:
         _leader(end, box, clear, colour),
         text(content, box.x, box.y + 4, size=_LABEL, fill=colour, anchor="middle", weight="bold"),
     )
+
+
+def _last_shown(start: Floats, end: Floats, view: View) -> Floats | None:
+    """The last point of a path that lies well within the window, if any does."""
+    frame = view.frame
+    path = end + np.linspace(0.0, 1.0, 200)[:, None] * (start - end)
+    room = np.array([frame.width, frame.height]) / 2 - 6
+    seen = np.all(np.abs(path - (frame.x, frame.y)) <= room, axis=1)
+    if not seen.any():
+        return None
+    last: Floats = path[int(np.argmax(seen))]
+    return last
 
 
 def _leader(anchor: Floats, box: Box, clear: float, colour: str) -> str:
@@ -286,6 +302,9 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
     for index, own in enumerate(drawn):
         inside = np.all(np.abs(own - middle) < np.array([frame.width, frame.height]) / 2 - 12, axis=1)
         points = own[inside] if inside.any() else own
+        if picture.found:
+            open_points = points[~enclosed(points, rivals[: len(picture.found)])]
+            points = open_points if len(open_points) else points
         crowd = np.vstack([*rivals, *drawn[:index], *drawn[index + 1 :], middle[None]])
         apart = np.hypot(*(points[:, None] - crowd).transpose(2, 0, 1)).min(axis=1)
         anchor = points[int(np.argmax(apart))]
@@ -295,6 +314,12 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
     return "".join(shown)
 
 
+def shows_base(base: FingerBase, view: View) -> bool:
+    """Whether a finger's base lies within the window with its mark whole."""
+    away = np.abs(view.at(base.at_mm) - (view.frame.x, view.frame.y))
+    return bool(np.all(away <= np.array([view.width, view.height]) / 2 - 8))
+
+
 def _base(base: FingerBase, view: View, placer: LabelPlacer) -> str:
     """A finger's base, or an arrowhead on the frame where it lies beyond."""
     at, frame = view.at(base.at_mm), view.frame
@@ -302,7 +327,7 @@ def _base(base: FingerBase, view: View, placer: LabelPlacer) -> str:
     away = at - middle
     half = np.array([frame.width, frame.height]) / 2
     beyond = float(np.max(np.abs(away) / half))
-    if beyond <= 1:
+    if shows_base(base, view):
         mark = element("rect", x=at[0] - 5, y=at[1] - 5, width=10.0, height=10.0, fill=INK)
     else:
         at = middle + away / beyond
@@ -310,7 +335,9 @@ def _base(base: FingerBase, view: View, placer: LabelPlacer) -> str:
         across = np.array([-along[1], along[0]])
         mark = element(
             "path",
-            d=path_data([np.array([at, at - 11 * along + 6 * across, at - 11 * along - 6 * across])]),
+            d=path_data(
+                [np.array([at, at - 16 * along + 6 * across, at - 12 * along, at - 16 * along - 6 * across])]
+            ),
             fill=INK,
         )
     placer.add_disc(at, 12.0, 4.0)

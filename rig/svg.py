@@ -100,7 +100,7 @@ def shorten(content: str, size: float, room: float, *, bold: bool = False) -> st
 
 
 def wrap(content: str, size: float, room: float, *, most_lines: int, bold: bool = False) -> list[str]:
-    """The text in at most `most_lines` lines no wider than `room`; what does not fit is cut with an ellipsis."""
+    """The text in at most `most_lines` lines no wider than `room`; an ellipsis stands for the rest."""
     lines: list[str] = []
     for word in content.split():
         if lines and text_width(f"{lines[-1]} {word}", size, bold=bold) <= room:
