@@ -1,0 +1,64 @@
+"""The composition root: from a rig file to a hand that can be used, on real ports or on emulated devices.
+
+The only runtime module that knows the emulators.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from serial.serialutil import SerialBase
+
+from palpate.config import ObjectsFile, RigFile, Scene
+from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.tap import BytesObserver, TappedPort
+from palpate.errors import InputError
+from palpate.rig.emulated import MockRig, emulate, on_mock_wires
+from palpate.rig.hand import Hand
+from palpate.rig.scene import Placement, draw_placement, placement_of
+
+__all__ = ["BenchRig", "connect", "place", "set_up"]
+
+
+@dataclass(frozen=True, eq=False)
+class BenchRig:
+    """A rig that is ready to be connected: its clock, how to open its ports, and what only emulators know."""
+
+    rig: RigFile
+    clock: Clock
+    urls: Callable[[str], str]
+    placement: Placement | None
+    mock: MockRig | None
+
+
+def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
+    """What lies on the table of an emulated rig; None for a real one.
+
+    Raises InputError for a scene on a real rig, or one that does not fit the catalogue.
+    """
+    if rig.emulation is None:
+        if scene is not None:
+            raise InputError(f'--scene is for emulated rigs; rig "{rig.name}" has real devices')
+        return None
+    if scene is not None:
+        return placement_of(scene, objects)
+    return draw_placement(objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0]))
+
+
+def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
+    """Start the emulated devices of an emulated rig in virtual time; leave a real rig's ports alone."""
+    if rig.emulation is None:
+        return BenchRig(rig, MonotonicClock(), str, None, None)
+    mock = on_mock_wires(emulate(rig, placement, seed))
+    return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
+
+
+def connect(bench: BenchRig, tap: Callable[[str], BytesObserver] | None = None) -> Hand:
+    """Open the ports and connect the hand; `tap(port)` gives an observer of a port's bytes."""
+
+    def open_tapped(port: str, baudrate: int) -> SerialBase:
+        opened = open_port(bench.urls(port), baudrate)
+        return opened if tap is None else TappedPort(opened, bench.clock, tap(port))
+
+    return Hand(bench.rig, bench.clock, open_tapped)
