@@ -1,0 +1,115 @@
+"""The repository's layout keeps the promises that packaging and static checks rest on."""
+
+import ast
+import os
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("errors", "config", "recognizer", "drivers", "calibration", "rig")
+MODULES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+OUTSIDE = sorted(
+    path
+    for folder in ("tests", "examples", "benchmarks", "firmware")
+    for path in (ROOT / folder).rglob("*.py")
+)
+TEXTS = {".py", ".toml", ".json", ".md", ".txt", ".yml", ".yaml", ".svg", ".ino", ".c", ".h", ""}
+SKIPPED = {"build", "dist", "__pycache__"}
+MACHINE_PATH = re.compile(r"(?<![\w.$}])/(?:home|root|Users|work|mnt|workspace)/[\w.-]")
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def setuptools_table() -> dict[str, object]:
+    with (ROOT / "pyproject.toml").open("rb") as file:
+        table: dict[str, object] = tomllib.load(file)["tool"]["setuptools"]
+    return table
+
+
+def own_files() -> list[Path]:
+    """Text files of the project below the root, leaving out what is made, hidden or another checkout's."""
+    found = []
+    for directory, folders, files in os.walk(ROOT):
+        folders[:] = [
+            f
+            for f in folders
+            if f not in SKIPPED
+            and not f.endswith(".egg-info")
+            and (not f.startswith(".") or f == ".ci")
+            and not f.startswith("palpate-sessions")
+        ]
+        found += [Path(directory) / file for file in files if Path(file).suffix in TEXTS]
+    return [path for path in found if not path.is_symlink()]
+
+
+@pytest.mark.parametrize("path", MODULES + OUTSIDE, ids=name_of)
+def test_imports_go_through_the_one_root(path: Path) -> None:
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"line {node.lineno}: relative import"
+            roots = [(node.module or "").partition(".")[0]]
+        elif isinstance(node, ast.Import):
+            roots = [alias.name.partition(".")[0] for alias in node.names]
+        else:
+            continue
+        assert not set(roots) & set(FOLDERS), f"line {node.lineno}: import palpate.{roots[0]} instead"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_modules_say_what_they_are_for(path: Path) -> None:
+    docstring = ast.get_docstring(tree_of(path))
+    assert docstring, f"{name_of(path)} has no docstring"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name_of)
+def test_only_the_command_line_prints_or_asks(path: Path) -> None:
+    if path.parent == ROOT / "rig" and path.stem.startswith("cli"):
+        return
+    calls = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)]
+    named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
+    assert not named & {"print", "input"}
+
+
+def test_every_package_folder_is_listed_for_the_wheel() -> None:
+    folders = {path.parent for path in MODULES}
+    packages = {"palpate." + ".".join(folder.relative_to(ROOT).parts) for folder in folders}
+    assert set(setuptools_table()["packages"]) == packages  # type: ignore[call-overload]
+
+
+def test_every_package_folder_is_a_package_and_says_it_is_typed() -> None:
+    assert all((path.parent / "__init__.py").is_file() for path in MODULES)
+    assert all((ROOT / folder / "py.typed").is_file() for folder in FOLDERS)
+
+
+def test_every_top_level_package_is_mapped_to_its_folder() -> None:
+    assert setuptools_table()["package-dir"] == {f"palpate.{folder}": folder for folder in FOLDERS}
+
+
+def test_there_is_no_root_package() -> None:
+    assert not (ROOT / "palpate").exists()
+    assert not (ROOT / "typings" / "palpate" / "__init__.py").exists()
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_static_tools_see_the_real_folders(folder: str) -> None:
+    link = ROOT / "typings" / "palpate" / folder
+    assert link.is_symlink()
+    assert not link.readlink().is_absolute()
+    assert link.resolve() == ROOT / folder
+
+
+def test_no_file_names_a_path_of_one_machine() -> None:
+    found = []
+    for path in own_files():
+        text = path.read_text(encoding="utf-8", errors="replace")
+        found += [f"{name_of(path)}: {match.group()}" for match in MACHINE_PATH.finditer(text)]
+    assert not found

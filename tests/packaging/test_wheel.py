@@ -1,0 +1,165 @@
+"""sdist → wheel → a clean environment: what a user installs is what the repository holds.
+
+An editable install finds modules and data that a wheel lacks; only building and installing one shows it.
+Nothing is fetched: the build uses the setuptools at hand, and the clean environment sees the dependencies of
+this one through a path file, but not the project itself.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("errors", "config", "recognizer", "drivers", "calibration", "rig")
+LEFT_OUT = {"build", "dist", "__pycache__"}
+
+IMPORT_ALL = """
+import importlib, json, sys
+failed = {}
+for name in json.load(sys.stdin):
+    try:
+        found = importlib.import_module(name).__file__
+        if not found.startswith(sys.prefix):
+            failed[name] = "found outside the environment: " + found
+    except Exception as error:
+        failed[name] = repr(error)
+json.dump(failed, sys.stdout)
+"""
+
+
+def run(*command: str | Path, cwd: Path, stdin: str | None = None) -> str:
+    """Run a program outside the repository, with an environment in which nothing points back to it."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "COV_", "PYTEST"))}
+    done = subprocess.run(
+        [str(word) for word in command],
+        cwd=cwd,
+        env=environment,
+        input=stdin,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, f"{command} failed:\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def source_files() -> list[Path]:
+    """Files of the project, relative to its root: what git would hold, or without git what is not made."""
+    if (ROOT / ".git").exists() and shutil.which("git"):
+        listed = subprocess.run(
+            ["git", "ls-files", "-co", "--exclude-standard", "-z"], cwd=ROOT, capture_output=True, check=True
+        ).stdout.decode()
+        # a file deleted but still listed is gone; a link to a folder is no file
+        return sorted(Path(name) for name in set(listed.split("\0")) if name and (ROOT / name).is_file())
+    found = []
+    for directory, folders, files in os.walk(ROOT):
+        folders[:] = [
+            f for f in folders if f not in LEFT_OUT and not f.startswith(".") and "egg-info" not in f
+        ]
+        found += [(Path(directory) / file).relative_to(ROOT) for file in files]
+    return sorted(found)
+
+
+def packaged(suffixes: tuple[str, ...]) -> set[str]:
+    """Files of the packages that end so, as POSIX paths below `palpate/`."""
+    return {
+        path.as_posix()
+        for path in source_files()
+        if path.parts[0] in FOLDERS and path.name.endswith(suffixes)
+    }
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel built from an sdist of a clean copy."""
+    work = tmp_path_factory.mktemp("build")
+    copy = work / "copy"
+    for path in source_files():
+        (copy / path).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / path, copy / path)
+    # without --sdist and --wheel, build makes the wheel from the sdist
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", work / "dist", copy, cwd=work)
+    (built,) = (work / "dist").glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def clean(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A new environment with the wheel installed, and this one's dependencies behind it."""
+    root = tmp_path_factory.mktemp("clean") / "env"
+    venv.create(root, symlinks=True, with_pip=False)
+    site = Path(sysconfig.get_path("purelib", "venv", {"base": str(root), "platbase": str(root)}))
+    # a path file adds the folder but does not run the path files inside: an editable install stays behind
+    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    pip = (sys.executable, "-m", "pip", "--python", root / "bin" / "python", "--disable-pip-version-check")
+    run(
+        *pip, "install", "--no-deps", "--no-index", "--force-reinstall", "--ignore-installed", wheel, cwd=root
+    )
+    return root
+
+
+def test_wheel_holds_every_module_and_every_data_file(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name.removeprefix("palpate/") for name in archive.namelist() if name.startswith("palpate/")}
+    wanted = packaged((".py", ".toml", ".json", "py.typed"))
+    assert wanted - held == set()
+    assert held - wanted == set()
+    for example in ("config/rigs/bench.toml", "config/objects/memo.json", "config/schemas/rig.schema.json"):
+        assert example in held
+    assert {f"{folder}/py.typed" for folder in FOLDERS} <= held
+
+
+def test_nothing_lands_at_top_level_but_the_one_root(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        top = {name.partition("/")[0] for name in archive.namelist()}
+        assert "palpate/__init__.py" not in archive.namelist()
+    (info,) = top - {"palpate"}
+    assert info.startswith("palpate-")
+    assert info.endswith(".dist-info")
+
+
+def test_wheel_carries_license_readme_and_requirements(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        (metadata,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
+        content = archive.read(metadata).decode()
+        assert any(name.endswith("/LICENSE") for name in archive.namelist())
+    assert "License-Expression: Apache-2.0" in content
+    assert "Requires-Python: >=3.11" in content
+    assert (ROOT / "README.md").read_text(encoding="utf-8").splitlines()[0] in content
+
+
+def test_every_module_can_be_imported_from_the_wheel(clean: Path) -> None:
+    modules = sorted(
+        "palpate." + path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        for path in packaged((".py",))
+    )
+    assert len(modules) > len(FOLDERS)
+    answer = run(clean / "bin" / "python", "-c", IMPORT_ALL, cwd=clean, stdin=json.dumps(modules))
+    assert json.loads(answer) == {}
+
+
+def test_shipped_files_are_found_from_the_wheel(clean: Path) -> None:
+    program = (
+        "from palpate.config import *; import palpate.config as c\n"
+        "print(c.load_rig(c.shipped_rig()).name, len(c.load_objects(c.shipped_objects()).objects))"
+    )
+    assert run(clean / "bin" / "python", "-c", program, cwd=clean).split() == ["bench", "6"]
+
+
+def test_console_script_is_installed_and_helps(clean: Path) -> None:
+    script = clean / "bin" / "palpate"
+    assert script.is_file()
+    if not (ROOT / "rig" / "cli.py").is_file():
+        pytest.skip("rig/cli.py is not written yet")
+    assert "identify" in run(script, "--help", cwd=clean)
