@@ -6,7 +6,6 @@ anchor and takes the one that covers the least weight, nearest first; labels pla
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ __all__ = ["Box", "LabelPlacer", "enclosed"]
 _SAMPLE = 3.0  # spacing of sample points in SVG units: less than the smallest label's height
 _RADII = (0.0, 10.0, 20.0, 32.0, 46.0, 62.0, 80.0, 100.0, 125.0)
 _DIRECTIONS = 24
+_PER_SAMPLE = 14.0  # cost of covering one sample point of weight 1, in SVG units of distance
 _COVERED = 1e6
 
 
@@ -70,9 +70,11 @@ class LabelPlacer:
 
     def add_line(self, points: Floats, weight: float = 1.0) -> None:
         """Mark a polyline (n, 2) as drawn."""
-        for start, end in pairwise(points):
-            count = max(2, int(np.ceil(np.hypot(*(end - start)) / _SAMPLE)) + 1)
-            self._add(start + np.linspace(0.0, 1.0, count)[:, None] * (end - start), weight)
+        along = np.diff(points, axis=0)
+        count = np.ceil(np.hypot(*along.T) / _SAMPLE).astype(np.int64) + 1
+        leg = np.repeat(np.arange(len(along)), count)
+        fraction = (np.arange(len(leg)) - np.repeat(np.cumsum(count) - count, count)) / count[leg]
+        self._add(np.vstack([points[leg] + fraction[:, None] * along[leg], points[-1:]]), weight)
 
     def add_ring(self, points: Floats, weight: float = 1.0) -> None:
         """Mark a closed ring (n, 2) as drawn."""
@@ -97,15 +99,18 @@ class LabelPlacer:
         """Claim a place for a label, at least `clear` from its anchor, best in direction `towards` (rad)."""
         drawn = np.vstack(self._points) if self._points else np.empty((0, 2))
         weights = np.concatenate(self._weights) if self._weights else np.empty(0)
+        reach = clear + _RADII[-1] + width + height
+        near = np.all(np.abs(drawn - anchor) <= reach, axis=1)
+        drawn, weights = drawn[near], weights[near]
         best, least = Box(float(anchor[0]), float(anchor[1]), width, height), np.inf
         turn = 2 * np.pi / _DIRECTIONS
         offsets = sorted((turn * k for k in range(_DIRECTIONS)), key=lambda a: (min(a, 2 * np.pi - a), a))
         for radius in _RADII:
             for offset in offsets:
                 box = self._beside(anchor, width, height, clear + radius, towards + offset)
-                near = np.abs(drawn - (box.x, box.y)) <= ((width + 4) / 2, (height + 4) / 2)
-                covered = float(weights[near[:, 0] & near[:, 1]].sum())
-                cost = 4 * covered + radius + 6 * min(offset, 2 * np.pi - offset)
+                under = np.abs(drawn - (box.x, box.y)) <= ((width + 4) / 2, (height + 4) / 2)
+                covered = float(weights[under[:, 0] & under[:, 1]].sum())
+                cost = _PER_SAMPLE * covered + radius + 6 * min(offset, 2 * np.pi - offset)
                 cost += _COVERED * (not self._is_open(box))
                 if cost < least:
                     best, least = box, cost

@@ -36,7 +36,7 @@ __all__ = ["badge", "draw_view", "sector", "shows_base"]
 _WEDGE = 30.0
 _LABEL = 11.5
 _AXIS = 44.0
-_INSIDE = 0.5  # weight of the found object's inside: a label may lie there, but rather not
+_INSIDE = 0.12  # weight of the found object's inside: a label may lie there, but rather not
 
 
 def sector(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
@@ -305,13 +305,20 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
         if picture.found:
             open_points = points[~enclosed(points, rivals[: len(picture.found)])]
             points = open_points if len(open_points) else points
-        crowd = np.vstack([*rivals, *drawn[:index], *drawn[index + 1 :], middle[None]])
+        points = _thinned(points, 200)
+        crowd = _thinned(np.vstack([*rivals, *drawn[:index], *drawn[index + 1 :], middle[None]]), 3000)
         apart = np.hypot(*(points[:, None] - crowd).transpose(2, 0, 1)).min(axis=1)
         anchor = points[int(np.argmax(apart))]
         outward = math.atan2(middle[1] - anchor[1], anchor[0] - middle[0])
         box = placer.place(anchor, 17.0, 17.0, clear=1.0, towards=outward)
         shown.append(_leader(anchor, box, 4.0, BADGES[index % len(BADGES)]) + badge(index, box.x, box.y))
     return "".join(shown)
+
+
+def _thinned(points: Floats, most: int) -> Floats:
+    """At most `most` of the points (n, 2), evenly picked."""
+    result: Floats = points[:: -(-len(points) // most)]
+    return result
 
 
 def shows_base(base: FingerBase, view: View) -> bool:
