@@ -89,9 +89,14 @@ class BoundsOut(_Out):
 
 
 class InterpretationOut(_Out):
-    """Edge of the object, counted from 0 as in the objects file, for each contact in turn."""
+    """What each contact in turn is paired with, counted from 0 as in the objects file.
+
+    `edges`: the edge; for a tip on a corner, the edge that begins there. `features` says which: "edge 3",
+    "vertex 5".
+    """
 
     edges: tuple[int, ...]
+    features: tuple[str, ...]
 
 
 class HypothesisOut(_Out):
@@ -144,11 +149,20 @@ class AlternativeOut(_Out):
 
 
 class TruthOut(_Out):
-    """What the emulator had put on the table; written after the run, unknown to everything in it."""
+    """What the emulator had put on the table; written after the run, unknown to everything in it.
+
+    Of the configurations that the state's symmetry makes equal, the one nearest to the answer is given.
+    `named`: object and state are among the answers; then the errors (mm, rad) are those of that answer and
+    `inside_bounds` says whether the truth is inside its bounds.
+    """
 
     object: str
     state: str
     configuration: ConfigurationOut
+    named: bool
+    inside_bounds: bool
+    position_error_mm: Rounded | None
+    orientation_error_rad: Rounded | None
 
 
 class IdentificationOut(_Out):

@@ -36,6 +36,7 @@ _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
 _USED_MM = 6.0  # exploring approaches keep this far from earlier ones of the same finger
 _INWARD_MM = 6.0
 _SPARE_MM = 5.0  # beyond the furthest predicted stop
+_LEAST_GAIN = 0.1
 
 
 class Outcome(Enum):
@@ -96,6 +97,7 @@ class _Search:
     grips: list[tuple[Touch, ...]] = field(default_factory=list)
     used: list[int] = field(default_factory=list)
     recognition: Recognition | None = None
+    before: Recognition | None = None
     ruled_out: list[tuple[int, Hypothesis]] = field(default_factory=list)
 
 
@@ -126,7 +128,7 @@ def _next(search: _Search) -> tuple[Outcome | None, list[Close]]:
         return Outcome.UNKNOWN, []
     rig = search.hand.rig
     fine = all(_is_fine(item, rig.search) for item in recognition.hypotheses)
-    if recognition.verdict is Verdict.UNIQUE and fine:
+    if recognition.verdict is Verdict.UNIQUE and (fine or not _still_gains(search, recognition)):
         return Outcome.IDENTIFIED, []
     candidates, resolution = search.reach.candidates, resolution_of(rig)
     if (
@@ -161,6 +163,20 @@ def _is_fine(hypothesis: Hypothesis, goals: Search) -> bool:
     return (
         hypothesis.bounds.position_half_mm <= goals.goal_position_mm
         and hypothesis.bounds.orientation_half_rad <= math.radians(goals.goal_orientation_deg)
+    )
+
+
+def _still_gains(search: _Search, recognition: Recognition) -> bool:
+    """Whether the last grip narrowed the only hypothesis's bounds enough to make another one worth it.
+
+    Every touch is as blunt as the rig is: a small part's orientation may be out of reach of the goals.
+    """
+    if search.before is None or search.before.verdict is not Verdict.UNIQUE:
+        return True
+    old, new = search.before.hypotheses[0].bounds, recognition.hypotheses[0].bounds
+    return (
+        new.position_half_mm < (1 - _LEAST_GAIN) * old.position_half_mm
+        or new.orientation_half_rad < (1 - _LEAST_GAIN) * old.orientation_half_rad
     )
 
 
@@ -227,9 +243,11 @@ def _carry_out(search: _Search, grip: Sequence[Close]) -> None:
         observer.touches(number, touches)
     contacts = [touch.contact for touch in touches]
     if search.recognition is not None:
-        before = search.recognition.hypotheses
-        search.recognition = search.recognition.extend(contacts)
-        search.ruled_out += [(number, item) for item in before if not _survives(item, search.recognition)]
+        search.before = search.recognition
+        search.recognition = search.before.extend(contacts)
+        search.ruled_out += [
+            (number, item) for item in search.before.hypotheses if not _survives(item, search.recognition)
+        ]
     else:
         every = [touch.contact for each in search.grips for touch in each]
         if sum(contact.touched for contact in every) < _FIRST_CONTACTS:

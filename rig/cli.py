@@ -1,0 +1,181 @@
+"""The command line: `palpate identify`, `recognize`, `emulate`. Errors become one line and an exit code.
+
+Results go to stdout (with `--json` one object), everything for people while it works to stderr. Exit codes: 0
+done, 1 not resolved, 2 usage or configuration, 3 device, 4 safety stop, 130 interrupted.
+"""
+
+import signal
+import sys
+from enum import IntEnum
+from pathlib import Path
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from palpate.errors import DeviceError, PalpateError, SafetyStop
+
+__all__ = ["ExitCode", "app", "main"]
+
+app = typer.Typer(
+    name="palpate",
+    help="Tells which known object lies on the table, how it rests and exactly where, from a few touches.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+RigOption = Annotated[
+    Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
+]
+ObjectsOption = Annotated[
+    Path | None, typer.Option("--objects", help="Object models (JSON); without it, the six shipped ones.")
+]
+SceneOption = Annotated[
+    Path | None, typer.Option("--scene", help="What lies on the table of an emulated rig (JSON).")
+]
+SeedOption = Annotated[
+    int, typer.Option("--seed", min=0, help="Draws the scene and the emulated devices' errors.")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also write a picture (SVG) here.")]
+
+
+class ExitCode(IntEnum):
+    """What a command's end tells its caller."""
+
+    DONE = 0
+    NOT_RESOLVED = 1
+    INPUT = 2
+    DEVICE = 3
+    SAFETY = 4
+    INTERRUPTED = 130
+    TERMINATED = 143
+
+
+_KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
+    DeviceError: ("device error", ExitCode.DEVICE),
+    SafetyStop: ("safety stop", ExitCode.SAFETY),
+    PalpateError: ("error", ExitCode.INPUT),
+}
+
+_USAGE_ERROR = typer.BadParameter.__mro__[2]  # click's ClickException, from wherever typer has its click
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"palpate {installed('palpate')}")
+        raise typer.Exit
+
+
+@app.command()
+def identify(
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    scene: SceneOption = None,
+    seed: SeedOption = 0,
+    json: JsonOption = False,
+    picture: PictureOption = None,
+    sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = Path(
+        "palpate-sessions"
+    ),
+) -> None:
+    """Touch what lies on the table until it is known which object it is and where."""
+    from palpate.rig.command_identify import run_identify
+
+    raise typer.Exit(
+        run_identify(
+            rig=rig,
+            objects=objects,
+            scene=scene,
+            seed=seed,
+            json=json,
+            picture=picture,
+            sessions=sessions,
+        )
+    )
+
+
+@app.command()
+def recognize(
+    objects: Annotated[Path, typer.Option("--objects", help="Object models (JSON).")],
+    contacts: Annotated[Path, typer.Option("--contacts", help="What fingers felt (JSON).")],
+    json: JsonOption = False,
+    picture: PictureOption = None,
+) -> None:
+    """Say which objects, states and configurations agree with a file of contacts."""
+    from palpate.rig.command_recognize import run_recognize
+
+    raise typer.Exit(run_recognize(objects=objects, contacts=contacts, json=json, picture=picture))
+
+
+@app.command()
+def emulate(
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    scene: SceneOption = None,
+    seed: SeedOption = 0,
+    pty: Annotated[bool, typer.Option("--pty", help="Serve on pseudo-terminals (the default).")] = True,
+    seconds: Annotated[
+        float | None, typer.Option("--for", min=0.0, help="End after this many seconds.")
+    ] = None,
+    rig_out: Annotated[
+        Path | None, typer.Option("--rig-out", help="Write a rig file that uses the served ports.")
+    ] = None,
+) -> None:
+    """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
+    del pty  # the only way there is so far; the option says so on the command line
+    from palpate.rig.command_emulate import run_emulate
+
+    raise typer.Exit(
+        run_emulate(rig=rig, objects=objects, scene=scene, seed=seed, seconds=seconds, rig_out=rig_out)
+    )
+
+
+def main() -> None:
+    """Run the command line; ends the process with an `ExitCode`."""
+    signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGTERM, _interrupt)
+    sys.exit(_guarded())
+
+
+def _guarded() -> int:
+    try:
+        # In its own "standalone" mode typer would print several lines for an error.
+        return int(app(standalone_mode=False) or 0)
+    except typer.Exit as end:
+        return int(end.exit_code)
+    except Interrupted as interrupted:
+        return _say("interrupted: torque off", interrupted.code)
+    except _USAGE_ERROR as error:
+        return _say(f"error: {error.format_message()}", ExitCode.INPUT)
+    except PalpateError as error:
+        word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
+        return _say(f"{word}: {error}", code)
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal asked the process to end; carries the exit code that says which."""
+
+    def __init__(self, code: ExitCode) -> None:
+        super().__init__(code.name.lower())
+        self.code = code
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """Unwind once; further signals wait until torque is off."""
+    del frame
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise Interrupted(ExitCode.INTERRUPTED if number == signal.SIGINT else ExitCode.TERMINATED)
+
+
+def _say(message: str, code: int) -> int:
+    typer.echo(message, err=True)
+    return code

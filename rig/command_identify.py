@@ -1,0 +1,203 @@
+"""`palpate identify`: the main job, from a rig file to a verdict, a session log and a picture."""
+
+import hashlib
+import json as jsonlib
+import math
+import time
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+import typer
+from rich.console import Console
+from rich.status import Status
+
+from palpate.config import load_objects, load_rig, load_scene, shipped_objects, shipped_rig
+from palpate.config.results import IdentificationOut, to_json
+from palpate.recognizer import Catalogue, Grip, Recognition
+from palpate.rig.bench import connect, place, set_up
+from palpate.rig.closing import Stage, Touch
+from palpate.rig.convert import models_of
+from palpate.rig.files import write_text
+from palpate.rig.identify import Outcome, identify
+from palpate.rig.report import contacts_json, identification_out, identification_picture
+from palpate.rig.session import SessionLog, session_folder
+
+__all__ = ["run_identify"]
+
+_NAMES_SHOWN = 5
+
+
+def run_identify(
+    *,
+    rig: Path | None,
+    objects: Path | None,
+    scene: Path | None,
+    seed: int,
+    json: bool,
+    picture: Path | None,
+    sessions: Path,
+) -> int:
+    """Run the bench to a verdict; returns the exit code (1 if it is not an answer)."""
+    begin = time.perf_counter()
+    sources: list[Path | Traversable] = [rig or shipped_rig(), objects or shipped_objects()]
+    rig_file, objects_file = load_rig(sources[0]), load_objects(sources[1])
+    given_scene = None if scene is None else load_scene(scene)
+    placement = place(rig_file, objects_file, given_scene, seed)
+    catalogue = Catalogue(models_of(objects_file))
+    bench = set_up(rig_file, placement, seed)
+    name = _session_name(sources, scene, seed, emulated=rig_file.emulated)
+    folder = session_folder(sessions, name)
+    header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed, "started": _now()}
+    console = Console(stderr=True, highlight=False)
+    with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
+        with connect(bench, log.tap) as hand:
+            hand.prepare()
+            result = identify(hand, catalogue, [log, progress])
+            emulated = hand.emulated
+        out = identification_out(
+            result,
+            placement,
+            emulated=emulated,
+            rig_seconds=bench.clock.now(),
+            wall_seconds=time.perf_counter() - begin,
+            session=str(folder),
+        )
+        log.event("result", result=out.model_dump(mode="json"))
+    drawn = identification_picture(result, placement, rig_file, _facts(out))
+    write_text(folder / "picture.svg", drawn)
+    write_text(folder / "result.json", to_json(out, indent=2) + "\n")
+    felt = contacts_json([[touch.contact for touch in grip] for grip in result.grips])
+    write_text(folder / "contacts.json", jsonlib.dumps(felt, indent=1) + "\n")
+    if picture is not None:
+        write_text(picture, drawn)
+    if json:
+        typer.echo(to_json(out))
+    else:
+        _print(out, picture or folder / "picture.svg")
+    resolved = result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
+    return 0 if resolved else 1
+
+
+class Progress:
+    """Shows on stderr what the bench is doing: a line for each grip, and a moving line on a terminal."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._status: Status | None = None
+
+    def __enter__(self) -> "Progress":
+        if self._console.is_terminal:
+            self._status = self._console.status("connecting")
+            self._status.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def stage(self, grip: int, stage: Stage) -> None:
+        """Fingers began something."""
+        if self._status is not None:
+            self._status.update(f"grip {grip}: {stage.value}")
+
+    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
+        """A grip was carried out."""
+        felt = ", ".join(
+            f"{touch.contact.name} {'touched' if touch.contact.touched else 'missed'}" for touch in touches
+        )
+        self._console.print(f"grip {grip}: {felt}")
+
+    def recognised(self, grip: int, recognition: Recognition) -> None:
+        """All contacts so far were understood."""
+        del grip
+        names = [item.state.object_name for item in recognition.hypotheses]
+        distinct = list(dict.fromkeys(names))
+        shown = ", ".join(distinct[:_NAMES_SHOWN])
+        more = f" and {len(distinct) - _NAMES_SHOWN} more" if len(distinct) > _NAMES_SHOWN else ""
+        count = "1 hypothesis" if len(names) == 1 else f"{len(names)} hypotheses"
+        self._console.print(f"        {count}{': ' if names else ''}{shown}{more}")
+
+    def planned(self, grip: int, plan: Grip) -> None:
+        """The next grip was chosen."""
+        if self._status is not None:
+            self._status.update(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
+
+
+def _session_name(
+    sources: Sequence[Path | Traversable], scene: Path | None, seed: int, *, emulated: bool
+) -> str:
+    """After everything that decides an emulated session, so that it is the same again; else the time."""
+    if not emulated:
+        return datetime.now(UTC).strftime("identify-%Y%m%d-%H%M%S")
+    content = hashlib.sha256(version("palpate").encode())
+    for source in [*sources, *([] if scene is None else [scene])]:
+        content.update(source.read_bytes())
+    return f"identify-seed-{seed}-{content.hexdigest()[:8]}"
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
+    """Rows for the picture's panel; nothing that differs between two runs of one seed."""
+    rows = [
+        ("grips", str(out.grips)),
+        ("touches", str(out.touches)),
+        ("rig time", f"{out.rig_seconds:.1f} s"),
+        ("devices", "emulated" if out.emulated else "hardware"),
+    ]
+    if out.symmetry_order > 1:
+        rows.append(("symmetry", f"{out.symmetry_order}-fold: θ modulo {360 / out.symmetry_order:g}°"))
+    if out.truth is not None and out.truth.named:
+        off, turned = out.truth.position_error_mm or 0.0, math.degrees(out.truth.orientation_error_rad or 0.0)
+        rows.append(("off the truth", f"{off:.2f} mm, {turned:.2f}°"))
+    return rows
+
+
+def _print(out: IdentificationOut, picture: Path) -> None:
+    """The answer for a person."""
+    if out.object is None:
+        typer.echo(f"{out.verdict}: no object of the catalogue agrees with what was felt")
+    else:
+        typer.echo(f"{out.verdict}: {out.object}, {out.state}")
+    if out.configuration is not None and out.bounds is not None:
+        at, bounds = out.configuration, out.bounds
+        typer.echo(f"  x  {at.x:9.3f} mm   in [{bounds.x[0]:.3f}, {bounds.x[1]:.3f}]")
+        typer.echo(f"  y  {at.y:9.3f} mm   in [{bounds.y[0]:.3f}, {bounds.y[1]:.3f}]")
+        lo, hi = (math.degrees(value) for value in bounds.theta)
+        typer.echo(f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]")
+        if out.symmetry_order > 1:
+            typer.echo(f"  ({out.symmetry_order}-fold symmetric: θ modulo {360 / out.symmetry_order:g}°)")
+    for other in out.alternatives:
+        typer.echo(
+            f"  or {other.object}, {other.state} at x {other.configuration.x:.2f} mm, "
+            f"y {other.configuration.y:.2f} mm, θ {math.degrees(other.configuration.theta):.2f}°"
+        )
+    if out.truth is not None:
+        typer.echo(_truth_line(out))
+    typer.echo(
+        f"{out.grips} grips, {out.touches} touches, {out.rig_seconds:.1f} s on the "
+        f"{'emulated ' if out.emulated else ''}rig, {out.wall_seconds:.1f} s here"
+    )
+    typer.echo(f"picture {picture}, session {out.session}")
+
+
+def _truth_line(out: IdentificationOut) -> str:
+    truth = out.truth
+    assert truth is not None, "only called with a truth"
+    where = truth.configuration
+    line = (
+        f"emulator's truth: {truth.object}, {truth.state} at x {where.x:.3f} mm, y {where.y:.3f} mm, "
+        f"θ {math.degrees(where.theta):.3f}°"
+    )
+    if not truth.named or truth.position_error_mm is None or truth.orientation_error_rad is None:
+        return f"{line}; not among the answers"
+    turned = math.degrees(truth.orientation_error_rad)
+    return (
+        f"{line}; off by {truth.position_error_mm:.3f} mm and {turned:.3f}°, "
+        f"{'inside' if truth.inside_bounds else 'OUTSIDE'} the bounds"
+    )
