@@ -5,7 +5,7 @@ From cells to what a person or the planner is told: object, state, configuration
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -15,13 +15,16 @@ from palpate.recognizer.arcs import largest
 from palpate.recognizer.arrays import Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue, CatalogueState
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.region import Cells, exact_position
+from palpate.recognizer.region import Cells, exact_position, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
 
 __all__ = ["Bounds", "Configuration", "Hypothesis", "hypotheses_of"]
 
-_WITNESS_TRIES = 6
+_WITNESS_TRIES = 12
+_REFINEMENTS, _PARTS, _MOST_REFINED = 3, 4, 2048
+_PAIRS_AT_ONCE = 2_000_000
+_FIRST_NEIGHBOURS = 32
 
 
 @dataclass(frozen=True)
@@ -81,26 +84,54 @@ def hypotheses_of(
     anchor_mm: Floats,
 ) -> tuple[Hypothesis, ...]:
     """Group the cells into hypotheses, heaviest first."""
-    total = float(cells.volume.sum()) or 1.0
     found = []
     for group in _groups(catalogue, cells, anchor_mm):
-        part = _on_one_branch(catalogue, group)
-        state = catalogue.states[int(part.state[0])]
-        configuration, position, verified = _witness(catalogue, nodes, part, touched, evidence, anchor_mm)
-        found.append(
-            Hypothesis(
-                state_index=int(part.state[0]),
-                state=state,
-                configuration=configuration,
-                witness_mm=position,
-                bounds=_bounds(part, state.origin_mm, anchor_mm),
-                weight=float(part.volume.sum()) / total,
-                verified=verified,
-                features=_features(catalogue, nodes, part, touched),
-                cells=part,
-            )
+        found += _settled(catalogue, nodes, group, touched, evidence, anchor_mm, _REFINEMENTS)
+    total = sum(item.weight for item in found) or 1.0
+    shares = [replace(item, weight=item.weight / total) for item in found]
+    return tuple(sorted(shares, key=lambda item: (-item.weight, item.state_index)))
+
+
+def _settled(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    group: Cells,
+    touched: list[Contact],
+    evidence: list[Contact],
+    anchor_mm: Floats,
+    refinements: int,
+) -> list[Hypothesis]:
+    """The hypothesis of one connected region, weighted by its volume; none if it proves to be empty.
+
+    Cells are a little larger than what they enclose. Where no configuration in them holds, they are cut finer:
+    either one comes to light, or nothing is left, or the doubt stays and the hypothesis is unverified.
+    """
+    part = _on_one_branch(catalogue, group)
+    state = catalogue.states[int(part.state[0])]
+    configuration, position, verified = _witness(catalogue, nodes, part, touched, evidence, anchor_mm)
+    if not verified and refinements and len(group) * _PARTS <= _MOST_REFINED:
+        finer = refined(catalogue, nodes, group, touched, anchor_mm, _PARTS)
+        for contact in evidence:
+            finer = finer.select(unblocked(catalogue, finer, anchor_mm, contact))
+        rest = refinements - 1
+        return [
+            item
+            for piece in _groups(catalogue, finer, anchor_mm)
+            for item in _settled(catalogue, nodes, piece, touched, evidence, anchor_mm, rest)
+        ]
+    return [
+        Hypothesis(
+            state_index=int(part.state[0]),
+            state=state,
+            configuration=configuration,
+            witness_mm=position,
+            bounds=_bounds(part, state.origin_mm, anchor_mm),
+            weight=float(part.volume.sum()),
+            verified=verified,
+            features=_features(catalogue, nodes, part, touched),
+            cells=part,
         )
-    return tuple(sorted(found, key=lambda item: (-item.weight, item.state_index)))
+    ]
 
 
 def _groups(catalogue: Catalogue, cells: Cells, anchor_mm: Floats) -> Iterator[Cells]:
@@ -110,28 +141,54 @@ def _groups(catalogue: Catalogue, cells: Cells, anchor_mm: Floats) -> Iterator[C
         rows = np.flatnonzero(cells.state == state)
         turn = 2 * np.pi / catalogue.states[int(state)].symmetry_order
         lo, hi = corner_lo[rows], corner_hi[rows]
-        a, b = _near_in_orientation(cells.middle[rows], cells.half_width[rows], turn)
-        meets = np.all((lo[a] <= hi[b]) & (lo[b] <= hi[a]), axis=1)
-        a, b = a[meets], b[meets]
-        links = coo_array((np.ones(len(a), dtype=bool), (a, b)), shape=(len(rows), len(rows)))
-        _, label = connected_components(links, directed=False)
+        label = _connected(cells.middle[rows], cells.half_width[rows], turn, lo, hi)
         for group in range(int(label.max()) + 1):
             yield cells.select(rows[label == group])
 
 
-def _near_in_orientation(middle: Floats, half_width: Floats, turn: float) -> tuple[Ints, Ints]:
-    """Pairs of cells whose orientation intervals meet modulo `turn`, each pair at least once."""
-    folded = middle % turn
-    order = np.argsort(folded, kind="stable")
-    keys = np.concatenate([folded[order], folded[order] + turn])
+def _connected(middle: Floats, half_width: Floats, turn: float, lo: Floats, hi: Floats) -> Ints:
+    """Component (k,) of each of k boxes: θ within `half_width` of `middle` modulo `turn`, position in [lo, hi].
+
+    Links among near neighbours in θ join nearly everything that belongs together. The rest is done for cells
+    outside of the largest component only, so that wide regions do not cost the square of their cells.
+    """
+    size = len(middle)
+    order = np.argsort(middle % turn, kind="stable")
+    folded = (middle % turn)[order]
+    keys = np.concatenate([folded - turn, folded, folded + turn])
     reach = min(2 * float(half_width.max()) + 1e-9, turn)
-    last = np.searchsorted(keys, folded[order] + reach, side="right")
-    begin = np.arange(len(order))
-    owner, index = expand_ranges(begin + 1, np.minimum(last - begin - 1, len(order) - 1))
-    a, b = order[owner], order[index % len(order)]
-    apart = keys[index] - keys[owner]
-    meets = apart <= half_width[a] + half_width[b] + 1e-9
-    return a[meets], b[meets]
+    at = np.arange(size) + size
+    before = np.minimum(at - np.searchsorted(keys, folded - reach, side="left"), size)
+    after = np.minimum(np.searchsorted(keys, folded + reach, side="right") - at - 1, size)
+    left, right = [], []
+
+    def link(cell: Ints, begin: Ints, count: Ints) -> None:
+        pieces = np.array_split(np.arange(len(cell)), int(count.sum()) // _PAIRS_AT_ONCE + 1)
+        for piece in pieces:
+            owner, key = expand_ranges(begin[piece], count[piece])
+            one, two = cell[piece][owner], order[key % size]
+            apart = np.abs(keys[key] - folded[rank[one]])
+            meets = apart <= half_width[one] + half_width[two] + 1e-9
+            one, two = one[meets], two[meets]
+            meets = np.all((lo[one] <= hi[two]) & (lo[two] <= hi[one]), axis=1)
+            left.append(one[meets])
+            right.append(two[meets])
+
+    def components() -> Ints:
+        a, b = np.concatenate(left), np.concatenate(right)
+        links = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
+        label: Ints = connected_components(links, directed=False)[1].astype(np.int64)
+        return label
+
+    rank = np.empty(size, dtype=np.int64)
+    rank[order] = np.arange(size)
+    link(order, at + 1, np.minimum(after, _FIRST_NEIGHBOURS))
+    label = components()
+    outside = np.flatnonzero(label[order] != np.argmax(np.bincount(label)))
+    if len(outside) and int(after.max()) > _FIRST_NEIGHBOURS:
+        link(order[outside], at[outside] - before[outside], (before + after + 1)[outside])
+        label = components()
+    return label
 
 
 def _on_one_branch(catalogue: Catalogue, cells: Cells) -> Cells:

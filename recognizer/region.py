@@ -16,9 +16,10 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.tree import Interpretations
 
-__all__ = ["Cells", "build_cells", "exact_position"]
+__all__ = ["Cells", "build_cells", "exact_position", "refined"]
 
 _MAX_CELLS = 64  # per interpretation and pass
+_FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +99,32 @@ def build_cells(
 ) -> Cells:
     """Cells of every interpretation over its orientation interval, empty ones left out.
 
-    Each interval is cut into steps of at most `step_rad`, at least `least` and at most 64 of them.
+    Each interval is cut into steps of at most `step_rad`, at least `least` and at most 64 of them; but one that
+    is narrow already is not cut for the sake of `least`.
     """
-    count = np.clip(np.ceil((nodes.hi - nodes.lo) / step_rad), least, _MAX_CELLS).astype(np.int64)
+    width = nodes.hi - nodes.lo
+    fewest = np.clip(np.ceil(width / _FINEST_RAD), 1, least)
+    count = np.clip(np.ceil(width / step_rad), fewest, _MAX_CELLS).astype(np.int64)
     node, part = expand_ranges(np.zeros_like(count), count)
     width = (nodes.hi - nodes.lo)[node] / count[node]
     lo = nodes.lo[node] + part * width
     return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, lo + width)
+
+
+def refined(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    cells: Cells,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    parts: int,
+) -> Cells:
+    """The same region in cells of 1/`parts` of the width, cut anew: never larger, often smaller or empty."""
+    owner, part = expand_ranges(np.zeros(len(cells), np.int64), np.full(len(cells), parts))
+    width = (cells.hi - cells.lo)[owner] / parts
+    lo = cells.lo[owner] + part * width
+    hi = np.where(part == parts - 1, cells.hi[owner], lo + width)
+    return _cut(catalogue, nodes, contacts, anchor_mm, cells.node[owner], lo, hi)
 
 
 def exact_position(

@@ -12,6 +12,7 @@ from types import FrameType
 from typing import Annotated
 
 import typer
+from typer.exceptions import TyperException
 
 from palpate.errors import DeviceError, PalpateError, SafetyStop
 
@@ -59,8 +60,6 @@ _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
     SafetyStop: ("safety stop", ExitCode.SAFETY),
     PalpateError: ("error", ExitCode.INPUT),
 }
-
-_USAGE_ERROR = typer.BadParameter.__mro__[2]  # click's ClickException, from wherever typer has its click
 
 
 @app.callback(invoke_without_command=True)
@@ -153,7 +152,7 @@ def _guarded() -> int:
         return int(end.exit_code)
     except Interrupted as interrupted:
         return _say("interrupted: torque off", interrupted.code)
-    except _USAGE_ERROR as error:
+    except TyperException as error:
         return _say(f"error: {error.format_message()}", ExitCode.INPUT)
     except PalpateError as error:
         word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
