@@ -1,4 +1,4 @@
-"""The model test in closed form: which orientations let all contacts lie on their edges (design §4.4).
+"""The model test in closed form: which orientations let all contacts lie on their edges.
 
 For a fixed orientation θ, a contact on an edge is four half-planes g·s ≤ C + A cos θ + B sin θ in the
 position s of the object, with g constant in the object's frame. By Helly's theorem and Farkas' lemma the

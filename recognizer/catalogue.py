@@ -1,7 +1,7 @@
 """The catalogue: every state of every object, grown for each kind of finger, in flat arrays.
 
 Work done once per catalogue and kept: grown edges sorted by normal within a state, so that the angle test is
-a range look-up (design §4.3), and the ranges of distance between the edges of each state (memo §2.2.1).
+a range look-up, and the ranges of distance between the edges of each state (memo §2.2.1).
 """
 
 import math

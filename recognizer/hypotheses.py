@@ -1,7 +1,7 @@
 """Hypotheses: overlapping pose regions of one state, taken together; the recogniser's answer.
 
 From cells to what a person or the planner is told: object, state, configuration, certified bounds, weight
-(design §4.5). Configurations that differ by a symmetry of the state are one.
+(docs/recogniser.md, "Hypotheses"). Configurations that differ by a symmetry of the state are one.
 """
 
 from collections.abc import Iterator
@@ -103,8 +103,8 @@ def _settled(
 ) -> list[Hypothesis]:
     """The hypothesis of one connected region, weighted by its volume; none if it proves to be empty.
 
-    Cells are a little larger than what they enclose. Where no configuration in them holds, they are cut finer:
-    either one comes to light, or nothing is left, or the doubt stays and the hypothesis is unverified.
+    Cells are a little larger than what they enclose. Where no configuration in them is found to hold, they are
+    cut finer: one comes to light, or nothing is left, or the doubt stays and the hypothesis is unverified.
     """
     part = _on_one_branch(catalogue, group)
     state = catalogue.states[int(part.state[0])]
@@ -147,7 +147,7 @@ def _groups(catalogue: Catalogue, cells: Cells, anchor_mm: Floats) -> Iterator[C
 
 
 def _connected(middle: Floats, half_width: Floats, turn: float, lo: Floats, hi: Floats) -> Ints:
-    """Component (k,) of each of k boxes: θ within `half_width` of `middle` modulo `turn`, position in [lo, hi].
+    """Component (k,) of each of k boxes: θ within `half_width` of `middle` modulo `turn`, position lo to hi.
 
     Links among near neighbours in θ join nearly everything that belongs together. The rest is done for cells
     outside of the largest component only, so that wide regions do not cost the square of their cells.
@@ -160,7 +160,8 @@ def _connected(middle: Floats, half_width: Floats, turn: float, lo: Floats, hi: 
     at = np.arange(size) + size
     before = np.minimum(at - np.searchsorted(keys, folded - reach, side="left"), size)
     after = np.minimum(np.searchsorted(keys, folded + reach, side="right") - at - 1, size)
-    left, right = [], []
+    left: list[Ints] = []
+    right: list[Ints] = []
 
     def link(cell: Ints, begin: Ints, count: Ints) -> None:
         pieces = np.array_split(np.arange(len(cell)), int(count.sum()) // _PAIRS_AT_ONCE + 1)

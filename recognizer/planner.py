@@ -188,25 +188,49 @@ def _likeness(
     """How alike two poses feel to each candidate, (c, p, p): 1 if nothing differs, 1/e at the resolution."""
     result = np.empty((len(candidates), len(poses), len(poses)))
     for index, candidate in enumerate(candidates):
-        travel, normal = first_stops(recognition.catalogue, poses, recognition.anchor_mm, candidate.approach)
-        apart = (travel[:, None] - travel) / resolution.distance_mm
-        turned = np.abs((normal[:, None] - normal + np.pi) % (2 * np.pi) - np.pi) / resolution.normal_rad
-        hit = travel < candidate.approach.travel_mm
-        turned = np.where(hit[:, None] & hit, turned, 0.0)
-        result[index] = np.exp(-np.maximum(apart * apart, turned * turned))
+        felt = _felt(recognition.catalogue, poses, recognition.anchor_mm, candidate.approach)
+        result[index] = np.exp(-(_difference(felt, resolution) ** 2))
     return result
 
 
-def first_stops(
-    catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approach: Approach
-) -> tuple[Floats, Floats]:
-    """Where the approach stops for each pose (p,) mm, and the outward normal there in W (p,) rad.
+def _difference(felt: "_Felt", resolution: Resolution) -> Floats:
+    """How differently poses feel, pair by pair (p, p), in units of what the rig can just tell.
 
-    A miss stops at a fixed distance beyond the approach's travel, so that it is told apart from any hit.
+    Two hits differ by where they stop, as seen along the surface's normal, or by their normals. A hit and a
+    miss differ by how far the object would have to move sideways to turn one into the other: a graze is no
+    sure sign of anything, and both its outcomes carry an error.
     """
+    facing = np.minimum(felt.facing[:, None], felt.facing)
+    apart = facing * np.abs(felt.travel[:, None] - felt.travel) / resolution.distance_mm
+    turned = np.abs((felt.normal[:, None] - felt.normal + np.pi) % (2 * np.pi) - np.pi)
+    sideways = np.abs(felt.margin[:, None] - felt.margin) / (2 * resolution.distance_mm)
+    both = felt.hit[:, None] & felt.hit
+    one = felt.hit[:, None] != felt.hit
+    result: Floats = np.where(both, np.maximum(apart, turned / resolution.normal_rad), 0.0)
+    return np.where(one, sideways, result)
+
+
+@dataclass(frozen=True, eq=False)
+class _Felt:
+    """What an approach feels for each of p poses.
+
+    `hit` (p,); where hit, `travel` (p,) mm before the stop, `normal` (p,) rad, outward in W, and `facing`
+    (p,): cosine between the travel and the inward normal. `margin` (p,) mm: how far the path is from just
+    missing (negative: from just touching) the object, sideways.
+    """
+
+    hit: Bools
+    travel: Floats
+    normal: Floats
+    facing: Floats
+    margin: Floats
+
+
+def _felt(catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approach: Approach) -> _Felt:
+    """Predict an approach for poses without extent."""
     edges = catalogue.edges(approach.finger)
-    travel = np.full(len(poses), approach.travel_mm + 100.0)
-    normal = np.zeros(len(poses))
+    travel, normal = np.full(len(poses), np.inf), np.zeros(len(poses))
+    margin = np.full(len(poses), -np.inf)
     point = np.asarray(approach.start_mm) - anchor_mm
     cos, sin = np.cos(poses.lo), np.sin(poses.lo)
     start = np.column_stack([cos * point[0] + sin * point[1], cos * point[1] - sin * point[0]])
@@ -221,10 +245,17 @@ def first_stops(
         at, which = _first_crossing(
             start[rows], heading[rows], edges.start[block], edges.direction[block], edges.length[block]
         )
-        hit = at <= approach.travel_mm
-        travel[rows[hit]] = at[hit]
-        normal[rows[hit]] = edges.normal_rad[block][which[hit]] + poses.lo[rows[hit]]
-    return travel, normal
+        rel = edges.start[block] - start[rows][:, None]
+        offset = cross(heading[rows][:, None], rel)
+        margin[rows] = np.minimum(offset.max(axis=1), -offset.min(axis=1))
+        travel[rows] = at
+        normal[rows] = edges.normal_rad[block][which] + poses.lo[rows]
+    hit = travel <= approach.travel_mm
+    # Where no edge is high enough there is nothing to graze either.
+    margin = np.maximum(margin, -approach.travel_mm)
+    normal = np.where(hit, normal, 0.0)
+    facing = np.abs(np.cos(normal - approach.direction_rad))
+    return _Felt(hit, np.where(hit, travel, 0.0), normal, facing, margin)
 
 
 def _first_crossing(

@@ -28,7 +28,7 @@ _COARSE_RAD, _FINE_CELLS = 0.015, 8
 
 
 class Verdict(Enum):
-    """What the contacts leave (design §4.5)."""
+    """What the contacts leave (docs/recogniser.md, "Hypotheses")."""
 
     UNIQUE = "unique"
     AMBIGUOUS = "ambiguous"

@@ -2,7 +2,7 @@
 
 From interpretations to certified bounds, weights and witnesses, and to the planner. A cell is an interval of
 orientations and a convex polygon of positions that together contain every feasible configuration in that
-interval: each half-plane of design §4.4 is relaxed to its largest value over the interval, and the polygon is
+interval: each half-plane of `arcs` is relaxed to its largest value over the interval, and the polygon is
 clipped by them. The union of an interpretation's cells contains the truth whenever the errors are in bounds.
 """
 
@@ -99,8 +99,8 @@ def build_cells(
 ) -> Cells:
     """Cells of every interpretation over its orientation interval, empty ones left out.
 
-    Each interval is cut into steps of at most `step_rad`, at least `least` and at most 64 of them; but one that
-    is narrow already is not cut for the sake of `least`.
+    Each interval is cut into steps of at most `step_rad`, at least `least` and at most 64 of them; but one
+    that is narrow already is not cut for the sake of `least`.
     """
     width = nodes.hi - nodes.lo
     fewest = np.clip(np.ceil(width / _FINEST_RAD), 1, least)

@@ -89,7 +89,7 @@ def test_cut_parts() -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)
     rng = np.random.default_rng(7)
-    for trial in range(60):
+    for trial in range(40):
         placed = place(models[int(rng.integers(len(models)))], rng)
         contacts = grip(
             placed,
