@@ -85,5 +85,7 @@ def resolution_of(rig: RigFile) -> Resolution:
     for finger in rig.fingers:
         kinematics = kinematics_of(finger)
         middle = math.hypot(*finger.base_mm)
-        bounds.append(kinematics.position_bound_mm(middle))
+        # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
+        dent = rig.closing.contact_force_n / finger.tip.stiffness_n_per_mm
+        bounds.append(kinematics.position_bound_mm(middle) + dent)
     return Resolution(distance_mm=2 * max(bounds), normal_rad=math.radians(20.0))

@@ -128,12 +128,13 @@ def _next(search: _Search) -> tuple[Outcome | None, list[Close]]:
         return Outcome.UNKNOWN, []
     rig = search.hand.rig
     fine = all(_is_fine(item, rig.search) for item in recognition.hypotheses)
-    if recognition.verdict is Verdict.UNIQUE and (fine or not _still_gains(search, recognition)):
+    settled = fine or not _still_gains(search, recognition)
+    if recognition.verdict is Verdict.UNIQUE and settled:
         return Outcome.IDENTIFIED, []
     candidates, resolution = search.reach.candidates, resolution_of(rig)
     if (
         recognition.verdict is Verdict.AMBIGUOUS
-        and fine
+        and settled
         and not separable(recognition, candidates, resolution)
     ):
         return Outcome.INDISTINGUISHABLE, []
@@ -167,16 +168,23 @@ def _is_fine(hypothesis: Hypothesis, goals: Search) -> bool:
 
 
 def _still_gains(search: _Search, recognition: Recognition) -> bool:
-    """Whether the last grip narrowed the only hypothesis's bounds enough to make another one worth it.
+    """Whether the last grip ruled something out, or narrowed some bounds enough to make another worth it.
 
     Every touch is as blunt as the rig is: a small part's orientation may be out of reach of the goals.
     """
-    if search.before is None or search.before.verdict is not Verdict.UNIQUE:
+    before = search.before
+    if before is None or len(recognition.hypotheses) < len(before.hypotheses):
         return True
-    old, new = search.before.hypotheses[0].bounds, recognition.hypotheses[0].bounds
+    return any(
+        new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(recognition), strict=True)
+    )
+
+
+def _extent(recognition: Recognition) -> tuple[float, float]:
+    """Half-widths of all hypotheses' bounds, added up: position (mm) and orientation (rad)."""
     return (
-        new.position_half_mm < (1 - _LEAST_GAIN) * old.position_half_mm
-        or new.orientation_half_rad < (1 - _LEAST_GAIN) * old.orientation_half_rad
+        sum(item.bounds.position_half_mm for item in recognition.hypotheses),
+        sum(item.bounds.orientation_half_rad for item in recognition.hypotheses),
     )
 
 
