@@ -91,6 +91,7 @@ class EmulatedFinger:
         self._slide_play = _Play(truth.slide_play_mm, self._slide_drive())
         self._free_centre = np.full(2, np.inf)
         self._free_mm = 0.0
+        self._pressed_centre = np.full(2, np.inf)
 
     @property
     def direction_rad(self) -> float:
@@ -138,7 +139,9 @@ class EmulatedFinger:
         centre, radius = self.centre_mm, self.truth.tip_radius_mm
         if math.dist(centre, self._free_centre) < self._free_mm:
             return None
-        self._free_centre = centre
+        if self.press is not None and np.array_equal(centre, self._pressed_centre):
+            return self.press
+        self._pressed_centre = self._free_centre = centre
         self._free_mm = separation_mm(outline, centre) - radius
         if self._free_mm > 0:
             return None

@@ -39,16 +39,27 @@ class Press:
 
 def separation_mm(outline: Outline, centre_mm: Floats) -> float:
     """Distance from a point to the nearest edge (mm); the inside of the outline counts as outside."""
+    return float(np.sqrt(np.min(_squared_distances(outline, centre_mm))))
+
+
+def _squared_distances(outline: Outline, centre_mm: Floats) -> Floats:
+    """Squared distance (n,) in mm² from a point to each edge."""
     along = outline.end - outline.start
     rel = centre_mm - outline.start
     square = np.einsum("ij,ij->i", along, along)
     share = np.clip(np.einsum("ij,ij->i", rel, along) / square, 0.0, 1.0)
     away = rel - share[:, None] * along
-    return float(np.sqrt(np.min(np.einsum("ij,ij->i", away, away))))
+    result: Floats = np.einsum("ij,ij->i", away, away)
+    return result
 
 
 def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float) -> Press | None:
     """What the outline does to a tip with its axis at `centre_mm` in W; None if it does not touch it."""
+    # Served on real ports, this runs for every finger in every millisecond: far edges are left out first.
+    near = _squared_distances(outline, centre_mm) <= radius_mm**2
+    if not near.any():
+        return None
+    outline = Outline(outline.start[near], outline.end[near], outline.top_mm)
     angle = np.arange(_RAYS) * (2 * math.pi / _RAYS)
     heading = np.column_stack([np.cos(angle), np.sin(angle)])
     dent = radius_mm - _reach(outline, centre_mm, heading)
