@@ -85,10 +85,11 @@ def main() -> None:
                 verified += [item.verified for item in found.hypotheses]
                 kept += holding_truth(found, placed) is not None
             normals = "unknown" if degrees is None else f"±{degrees}°"
+            stages = stage_shares(catalogue, [contacts for _, contacts in chosen[:4]])
             print(
                 f"{label:<10} {fingers:>8}  {normals:<7} {1e3 * np.median(seconds):>7.0f} ms "
-                f"{1e3 * np.percentile(seconds, 90):>5.0f} ms  {np.median(left):>10.0f}  {np.mean(verified):>8.1%}"
-                f"  {kept}/{count}  {stage_shares(catalogue, [c for _, c in chosen[:4]])}",
+                f"{1e3 * np.percentile(seconds, 90):>5.0f} ms  {np.median(left):>10.0f}  "
+                f"{np.mean(verified):>8.1%}  {kept}/{count}  {stages}",
                 flush=True,
             )
 

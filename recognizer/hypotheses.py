@@ -103,8 +103,8 @@ def _settled(
 ) -> list[Hypothesis]:
     """The hypothesis of one connected region, weighted by its volume; none if it proves to be empty.
 
-    Cells are a little larger than what they enclose. Where no configuration in them is found to hold, they are
-    cut finer: one comes to light, or nothing is left, or the doubt stays and the hypothesis is unverified.
+    Cells are a little larger than what they enclose. Where no configuration in them is found to hold, they
+    are cut finer: one comes to light, or nothing is left, or the doubt stays and it remains unverified.
     """
     part = _on_one_branch(catalogue, group)
     state = catalogue.states[int(part.state[0])]

@@ -8,7 +8,7 @@ from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.region import Cells, build_cells, exact_position
+from palpate.recognizer.region import Cells, build_cells, exact_position, refined
 from palpate.recognizer.segments import point_segment_distance
 from palpate.recognizer.tree import Interpretations, first_level, next_level
 
@@ -67,6 +67,7 @@ def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int
         contacts = [c for c in grip(placed, rng, fingers=fingers, bound=1.0, half_range=0.4) if c.touched]
     nodes, anchor = interpreted(catalogue, contacts)
     cells = build_cells(catalogue, nodes, contacts, anchor, step_rad=0.015, least=3)
+    finer = refined(catalogue, nodes, cells, contacts, anchor, 3)
     hits = 0
     for node in rng.permutation(len(nodes))[:12]:
         rows = np.flatnonzero(cells.node == node)
@@ -83,6 +84,7 @@ def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int
         for t, s in list(zip(theta[ok], position[ok], strict=True))[:60]:
             hits += 1
             assert any(contains(cells, int(row), t, s) for row in rows)
+            assert any(contains(finer, int(row), t, s) for row in np.flatnonzero(finer.node == node))
     assert hits > 20
 
 
