@@ -45,6 +45,11 @@ class ContactEntry(FileModel):
     height: Length = Field(description="Height of the contact above the support plane, mm.")
     tip_radius: Length = Field(description="Radius of the cylindrical tip, mm; 0 is the point finger.")
     position_bound: Length = Field(description="The true tip centre is within this distance, mm.")
+    path_bound: Length | None = Field(
+        default=None,
+        description="The same along the way there, mm: more where a tip may be dented unfelt; "
+        "without it, position_bound.",
+    )
     centre: Point | None = Field(default=None, description="Tip centre at the touch, mm.")
     normal: Annotated[tuple[Number, Number], AfterValidator(_normal_range)] | None = Field(
         default=None, description="Outward surface normal, rad, counter-clockwise from lo to hi."
@@ -53,6 +58,10 @@ class ContactEntry(FileModel):
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
+        if self.path_bound is not None and self.path_bound < self.position_bound:
+            raise problem(
+                f"is {self.path_bound:g}, less than position_bound ({self.position_bound:g})", "path_bound"
+            )
         if self.touched:
             if self.centre is None:
                 raise problem('a finger that touched needs the key "centre"')

@@ -102,7 +102,7 @@ def _grown(
         if len(touched) <= _TREE_LEVELS:
             nodes, count = next_level(catalogue, nodes, touched, anchor)
         else:
-            known_cells = cells or _coarse(catalogue, nodes, touched[:-1], anchor)
+            known_cells = _coarse(catalogue, nodes, touched[:-1], anchor) if cells is None else cells
             nodes, count = extend_by_region(catalogue, nodes, known_cells, contact, len(touched), anchor)
         cells = None
         levels = (*levels, count)

@@ -51,6 +51,7 @@ def contacts_of(file: ContactsFile) -> list[Contact]:
                     start_mm=entry.approach.start,
                     end_mm=end,
                     position_bound_mm=entry.position_bound,
+                    path_bound_mm=entry.path_bound,
                     normal=None if entry.normal is None else NormalRange(*entry.normal),
                 )
             )

@@ -217,6 +217,8 @@ def _contact(contact: Contact) -> dict[str, object]:
         "tip_radius": contact.finger.tip_radius_mm,
         "position_bound": contact.position_bound_mm,
     }
+    if contact.path_bound_mm is not None:
+        entry["path_bound"] = contact.path_bound_mm
     if contact.touched:
         entry["centre"] = list(contact.end_mm)
         if contact.normal is not None:

@@ -118,7 +118,9 @@ def recognition(x: float = 1.23456789) -> RecognitionOut:
                 weight=1,
                 verified=True,
                 symmetry_order=1,
-                interpretations=(InterpretationOut(edges=(17, 3, 40)),),
+                interpretations=(
+                    InterpretationOut(edges=(17, 3, 40), features=("edge 17", "vertex 3", "edge 40")),
+                ),
             ),
         ),
         statistics=StatisticsOut(

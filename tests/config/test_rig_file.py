@@ -108,7 +108,7 @@ CASES = [
         'fingers[0].aim.gear_ratio ("f1"): is 0; it must not be',
     ),
     (
-        changed(BENCH, "zero_mm = 40.0", "zero_mm = 9000.0"),
+        changed(BENCH, "zero_mm = 40.0", "zero_mm = 29000.0"),
         'fingers[0].slide.range_mm ("f1"): needs servo turns',
     ),
     (changed(BENCH, "radius_mm = 125.0", "radius = 125.0"), 'workspace: unknown key "radius"; did you mean'),
@@ -123,7 +123,7 @@ CASES = [
         "closing.contact_force_n: is 9, not below",
     ),
     (
-        changed(BENCH, "touch_speed_mm_s = 8.0", "touch_speed_mm_s = 90.0"),
+        changed(BENCH, "touch_speed_mm_s = 5.0", "touch_speed_mm_s = 90.0"),
         "closing.touch_speed_mm_s: is 90, above",
     ),
     (
