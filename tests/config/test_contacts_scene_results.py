@@ -137,7 +137,9 @@ def test_results_are_rounded_and_bounds_never_inward() -> None:
     (hypothesis,) = written["hypotheses"]
     assert hypothesis["configuration"] == {"x": 1.234568, "y": 0.0, "theta": 0.1}
     assert hypothesis["bounds"] == {"x": [0.123456, 0.123457], "y": [-0.123457, 0.1], "theta": [0.0, 3.5]}
-    assert hypothesis["interpretations"] == [{"edges": [17, 3, 40]}]
+    assert hypothesis["interpretations"] == [
+        {"edges": [17, 3, 40], "features": ["edge 17", "vertex 3", "edge 40"]}
+    ]
     assert "-0.0" not in to_json(recognition())
     assert to_json(recognition()) == to_json(recognition())
 
