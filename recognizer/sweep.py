@@ -95,26 +95,31 @@ def _stops(
     edges: EdgeSet, block: slice, start: Floats, heading: Floats, rho: Floats
 ) -> tuple[Floats, Floats]:
     """Earliest and latest stop (m,) of m rays on the edges of one state, given each ray's ρ."""
-    enter, leave = capsule_interval(
-        start[:, None],
-        heading[:, None],
-        edges.start[block],
-        edges.direction[block],
-        edges.length[block],
-        rho[:, None],
+    begin, end = _side(start, heading, edges.start[block]), _side(start, heading, edges.end[block])
+    # Most edges lie clear of the ray's line on one side; the capsules of the others are looked at closely.
+    margin = rho[:, None] + 1e-9
+    ray, edge = np.nonzero((np.minimum(begin, end) <= margin) & (np.maximum(begin, end) >= -margin))
+    enter, leave = np.full(begin.shape, np.inf), np.full(begin.shape, -np.inf)
+    enter[ray, edge], leave[ray, edge] = capsule_interval(
+        start[ray],
+        heading[ray],
+        edges.start[block][edge],
+        edges.direction[block][edge],
+        edges.length[block][edge],
+        rho[ray],
     )
+    # Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither.
+    crossing = (begin > 0) != (end > 0)
     touchable = (leave >= 0) & (enter <= leave)
     earliest = np.where(touchable, np.maximum(enter, 0.0), np.inf).min(axis=1)
-    return earliest, _first_certain_depth(edges, block, start, heading, enter, leave)
+    return earliest, _first_certain_depth(crossing, enter, leave)
 
 
-def _first_certain_depth(
-    edges: EdgeSet, block: slice, start: Floats, heading: Floats, enter: Floats, leave: Floats
-) -> Floats:
-    """First travel ≥ 0 at which a ray is inside the outline and in no edge's capsule; infinite if never."""
-    # Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither.
-    left = _side(start, heading, edges.start[block]) > 0
-    crossing = left != (_side(start, heading, edges.end[block]) > 0)
+def _first_certain_depth(crossing: Bools, enter: Floats, leave: Floats) -> Floats:
+    """First travel ≥ 0 at which a ray is inside the outline and in no edge's capsule; infinite if never.
+
+    All (m, n): whether the ray's line crosses each edge, and where it is in the edge's capsule.
+    """
     order = np.argsort(enter, axis=1)
     enter = np.take_along_axis(enter, order, axis=1)
     covered = np.maximum.accumulate(np.take_along_axis(leave, order, axis=1), axis=1)
