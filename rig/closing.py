@@ -252,17 +252,15 @@ def _measure(hand: Hand, runs: Sequence[_Run]) -> list[tuple[_Run, ContactPatch 
     _go_to(hand, {run.finger: max(run.wait_mm, run.distance_mm - back) for run in runs})
     _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
     _settle(hand, runs)
-    for run in runs:
-        run.finger.array.frames()
-    result = []
-    for run in runs:
-        frames = [run.finger.array.wait_frame(1.0) for _ in range(_MEASURE_FRAMES)]
-        result.append((run, run.finger.extractor.extract(frames) if run.touched else None))
-    return result
+    measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
+    return [
+        (run, run.finger.extractor.extract(frames) if run.touched else None)
+        for run, frames in zip(runs, measured, strict=True)
+    ]
 
 
 def _settle(hand: Hand, runs: Sequence[_Run]) -> None:
-    hand.clock.sleep(_SETTLE_S)
+    hand.pause(_SETTLE_S)
     _look(hand, runs)
 
 

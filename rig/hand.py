@@ -20,7 +20,7 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo, ServoState, read_states, torque_off_all
 from palpate.drivers.finger import FingerKinematics
-from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.array import TactileArray, TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
@@ -31,7 +31,6 @@ __all__ = ["Hand", "HostFinger", "OpenPort"]
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
 
-_NM_PER_A = 1.78  # torque per current of the XM430-W350 at its shaft (e-Manual: 4.1 N·m at 2.3 A)
 _AIM_CURRENT_A = 0.6
 _AIM_SPEED_RAD_S = 3.0
 _ACCELERATION_RAD_S2 = 6.0
@@ -40,6 +39,7 @@ _TARE_FRAMES = 16
 _SETTLED_RAD_S = 0.03
 _MOVE_TIMEOUT_S = 20.0
 _POLL_S = 0.02
+_FRAME_TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ class Hand:
         closing = self.rig.closing
         for finger in self.fingers:
             lever_m = abs(finger.kinematics.mm_per_rad) / 1000
-            current = closing.max_force_n * lever_m / _NM_PER_A
+            current = closing.max_force_n * lever_m / finger.slide.model.torque_per_current_nm_a
             finger.aim.prepare(OperatingMode.POSITION, _AIM_CURRENT_A)
             finger.slide.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
             finger.slide.set_goal_current_a(current)
@@ -144,7 +144,7 @@ class Hand:
         """Wait until servos stand within a tolerance of their goals; DeviceError names one that is late."""
         deadline = self.clock.now() + _MOVE_TIMEOUT_S
         while True:
-            self.clock.sleep(_POLL_S)
+            self.pause(_POLL_S)
             states = self.states(servos)
             late = [
                 servo
@@ -166,9 +166,27 @@ class Hand:
         """Start every array and take its baseline; nothing may touch the tips."""
         for finger in self.fingers:
             finger.array.start(self.rig.closing.sample_rate_hz)
-        for finger in self.fingers:
-            frames = [finger.array.wait_frame(1.0) for _ in range(_TARE_FRAMES)]
+        for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
             finger.extractor.tare(frames)
+
+    def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:
+        """The next `count` frames of each finger, taken in turns so that no port waits for the others."""
+        taken: list[list[TactileFrame]] = [[] for _ in fingers]
+        for _ in range(count):
+            for finger, frames in zip(fingers, taken, strict=True):
+                frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
+        return taken
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass, and drop what the arrays send meanwhile.
+
+        A port that nobody reads keeps the oldest frames, up to a second of them: they would be felt as now.
+        """
+        looks = math.ceil(seconds / _POLL_S)
+        for _ in range(looks):
+            self.clock.sleep(seconds / looks)
+            for finger in self.fingers:
+                finger.array.frames()
 
     def stop_arrays(self) -> None:
         """Let the arrays rest; what they sent and nobody looked at is dropped."""

@@ -125,18 +125,23 @@ class HardwareError(IntFlag):
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What differs between models: number, unit of current (A) and largest Current Limit (units)."""
+    """What differs between models: number, unit of current (A) and largest Current Limit (units).
+
+    `torque_per_current_nm_a`: stall torque over stall current of the e-Manual's specifications, at the
+    recommended voltage; friction makes what reaches the shaft less.
+    """
 
     name: str
     number: int
     current_unit_a: float
     largest_current: int
+    torque_per_current_nm_a: float
 
 
 MODELS: tuple[Model, ...] = (
-    Model("XM430-W350", 1020, 2.69e-3, 1193),
-    Model("XL330-M288", 1200, 1.0e-3, 1750),
-    Model("XC330-M288", 1240, 1.0e-3, 2352),
+    Model("XM430-W350", 1020, 2.69e-3, 1193, 4.1 / 2.3),
+    Model("XL330-M288", 1200, 1.0e-3, 1750, 0.52 / 1.47),
+    Model("XC330-M288", 1240, 1.0e-3, 2352, 0.93 / 1.8),
 )
 
 
