@@ -5,6 +5,7 @@ Watchdog is armed while anything moves; leaving the `with` block, by whatever wa
 torque off, each by itself.
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from palpate.config import Finger as FingerFile
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.failures import DamagedAnswer
 from palpate.drivers.dynamixel.servo import Servo, ServoState, read_states, torque_off_all
 from palpate.drivers.finger import FingerKinematics
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
@@ -40,6 +42,7 @@ _SETTLED_RAD_S = 0.03
 _MOVE_TIMEOUT_S = 20.0
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
+_READS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +138,14 @@ class Hand:
         finger.slide.set_profile(speed_mm_s / abs(finger.kinematics.mm_per_rad), _ACCELERATION_RAD_S2)
 
     def states(self, servos: Sequence[Servo]) -> dict[int, ServoState]:
-        """What the servos measure now, by id."""
+        """What the servos measure now, by id.
+
+        Where answers were late or damaged but every servo is there, asks again: reading changes nothing, and
+        one stall of the computer must not end a run.
+        """
+        for _ in range(_READS - 1):
+            with contextlib.suppress(DamagedAnswer):
+                return read_states(self.bus, servos)
         return read_states(self.bus, servos)
 
     def wait_still(

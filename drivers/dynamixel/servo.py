@@ -182,7 +182,7 @@ def write_goals(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
 
 
 def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
-    """Stop several servos at once at the given angles: goals without a profile, so that none slows down first.
+    """Stop several servos at once at the given angles, without a profile, so that none slows down first.
 
     The profile must be set again before the next move. Raises SafetyStop as `write_goals` does.
     """
@@ -193,19 +193,23 @@ def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
 def torque_off_all(bus: Bus, servos: Iterable[Servo]) -> list[DeviceError]:
     """Switch torque off on every servo, each by itself whatever happens to the others.
 
-    Returns one error for every servo whose torque may still be on. A servo that confirms while it reports a
-    hardware error is off, and is not listed.
+    A servo that does not confirm is told again once all others are off. Returns one error for every servo
+    whose torque may still be on. A servo that confirms while it reports a hardware error is off, and is not
+    listed.
     """
-    errors: list[DeviceError] = []
-    for servo in servos:
-        try:
-            bus.write(servo.dxl_id, ct.TORQUE_ENABLE, 0)
-        except HardwareAlert as alert:
-            if not alert.carried_out:
-                errors.append(alert)
-        except DeviceError as error:
-            errors.append(error)
-    return errors
+    doubtful = [servo for servo in servos if _torque_off(bus, servo) is not None]
+    return [error for servo in doubtful if (error := _torque_off(bus, servo)) is not None]
+
+
+def _torque_off(bus: Bus, servo: Servo) -> DeviceError | None:
+    """What went wrong if torque may still be on."""
+    try:
+        bus.write(servo.dxl_id, ct.TORQUE_ENABLE, 0)
+    except HardwareAlert as alert:
+        return None if alert.carried_out else alert
+    except DeviceError as error:
+        return error
+    return None
 
 
 def _units_down(value: float, unit: float, what: str) -> int:
