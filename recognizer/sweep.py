@@ -54,10 +54,12 @@ def sweep(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approach: Appro
         size = block.stop - block.start
         if size == 0:
             continue
-        reach = edges.start[block]
-        far = np.full(len(rows), float(np.hypot(*reach.T).max()) + 2.0)
         slack = float(edges.slack_out[block].max())
-        rho = cells.select(rows).displacement(far) + approach.position_bound_mm + slack
+        reach = float(np.hypot(*edges.start[block].T).max()) + slack
+        here = cells.select(rows)
+        # A point of the path is moved into the object's frame by any configuration of the cell; seen from the
+        # middle one its lever is longer by as much as the centroid may be off.
+        rho = here.displacement(reach + here.radius) + approach.position_bound_mm + slack
         chunk = max(1, _RAYS_TIMES_EDGES // size)
         for begin in range(0, len(rows), chunk):
             part = slice(begin, begin + chunk)
