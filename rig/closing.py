@@ -201,9 +201,11 @@ def _stop(hand: Hand, runs: Sequence[_Run]) -> None:
 
 
 def _look(hand: Hand, runs: Sequence[_Run]) -> None:
-    states = hand.states([run.finger.slide for run in runs])
+    # The aim servos only hold, but one that has died or is pushed aside would spoil what is measured.
+    states = hand.states([servo for run in runs for servo in (run.finger.slide, run.finger.aim)])
     now = hand.clock.now()
     for run in runs:
+        run.aim_rad = run.finger.kinematics.aim_rad(states[run.finger.aim.dxl_id].position_rad)
         run.distance_mm = run.finger.kinematics.distance_mm(states[run.finger.slide.dxl_id].position_rad)
         if abs(run.distance_mm - run.last_mm) > 0.05:
             run.last_mm, run.moved_s = run.distance_mm, now

@@ -1,0 +1,144 @@
+"""What a closing claims is true of the bench: places, normals, free ways, forces, distances of fingers."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from emulated_session import EmulatedSession, angle_in, emulated_session, shape_of
+
+from palpate.config import ObjectsFile, load_objects, shipped_objects
+from palpate.drivers.tactile.contact import PatchFlag
+from palpate.recognizer.segments import distance_range
+from palpate.rig.bench import connect
+from palpate.rig.closing import Close, Stage, Touch
+from palpate.rig.reach import reach_of
+
+SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
+SEVERAL = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
+
+
+def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[Close]:
+    """One approach of each finger, most of them towards where things lie."""
+    reach = reach_of(session.rig)
+    closes = []
+    for index in range(len(session.rig.fingers)):
+        own = reach.of_finger(index)
+        k = int(np.clip(rng.normal(len(own) / 2, len(own) / 8), 0, len(own) - 1))
+        closes.append(Close(index, reach.aims_rad[own[k]], reach.candidates[own[k]].approach.travel_mm))
+    return closes
+
+
+def gaps_mm(session: EmulatedSession) -> list[float]:
+    """True free space between every two fingers, as discs swept from base to tip."""
+    ends = [(np.array([f.truth.base_mm]), np.array([f.centre_mm]), f.truth) for f in session.bench.fingers]
+    gaps = []
+    for i, (base, tip, one) in enumerate(ends):
+        for other_base, other_tip, other in ends[:i]:
+            apart, _ = distance_range(base, tip, other_base, other_tip)
+            gaps.append(float(apart[0]) - one.tip_radius_mm - other.tip_radius_mm)
+    return gaps
+
+
+def check_touch(shape: shapely.Polygon, touch: Touch, centre: np.ndarray, radius: float) -> None:
+    """Compare one touch with the true section and the true centre of the tip while it was measured."""
+    contact = touch.contact
+    way = shapely.LineString([contact.start_mm, contact.end_mm])
+    assert way.distance(shape) >= radius - contact.path_bound_mm
+    if not contact.touched:
+        return
+    assert touch.patch is not None
+    tip = shapely.Point(centre)
+    nearest = shape.boundary.interpolate(shape.boundary.project(tip))
+    outward = np.array([tip.x - nearest.x, tip.y - nearest.y])
+    if shape.contains(tip):
+        outward = -outward
+    just_touching = np.array([nearest.x, nearest.y]) + radius * outward / np.hypot(*outward)
+    # A tip in a notch touches twice; then the nearer edge need not be the one that was measured.
+    alone = shapely.Point(just_touching).distance(shape) > radius - 1e-6 and not touch.patch.flags & SEVERAL
+    if alone:
+        assert math.dist(contact.end_mm, just_touching) <= contact.position_bound_mm
+        if contact.normal is not None:
+            angle = math.atan2(outward[1], outward[0])
+            assert angle_in(angle, contact.normal.lo_rad, contact.normal.hi_rad)
+        return
+    where = shapely.Point(contact.end_mm).buffer(contact.position_bound_mm)
+    near = shape.buffer(radius, quad_segs=128).boundary.intersection(where)
+    assert not near.is_empty
+    if contact.normal is not None:
+        found = []
+        for point in shapely.get_coordinates(shapely.segmentize(near, 0.02)):
+            foot = shape.boundary.interpolate(shape.boundary.project(shapely.Point(point)))
+            found.append(math.atan2(point[1] - foot.y, point[0] - foot.x))
+        assert any(angle_in(angle, contact.normal.lo_rad, contact.normal.hi_rad) for angle in found)
+
+
+def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:
+    """Several random grips in one connection, each touch checked against the bench's truth."""
+    assert session.placement is not None
+    shape = shape_of(session.placement)
+    rng = np.random.default_rng([seed, 77])
+    centres: list[np.ndarray] = []
+
+    def remember(stage: Stage) -> None:
+        if stage is Stage.RETRACTING:
+            centres[:] = [finger.centre_mm for finger in session.bench.fingers]
+
+    every = []
+    with connect(session.bench_rig) as hand:
+        for _ in range(grips):
+            touches = session.grip(hand, random_grip(session, rng), remember)
+            for touch in touches:
+                radius = session.rig.fingers[touch.finger_index].tip.radius_mm
+                check_touch(shape, touch, centres[touch.finger_index], radius)
+            every += touches
+    limit = session.rig.closing.max_force_n
+    assert all(finger.hardest_n <= limit for finger in session.bench.fingers)
+    assert not any(session.torque().values())
+    return every
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_every_touch_is_within_its_bounds(number: int) -> None:
+    """Each shipped object at a drawn place, gripped at random."""
+    objects = load_objects(shipped_objects())
+    one = ObjectsFile((objects.objects[number],))
+    touches = run_checked(emulated_session(seed=100 + number, objects=one), 2, number)
+    assert sum(touch.contact.touched for touch in touches) >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not SHARED_OUTLINES.exists(), reason="no outlines of real cut parts beside the repository"
+)
+@pytest.mark.parametrize("seed", range(4))
+def test_every_touch_on_real_parts_is_within_its_bounds(seed: int) -> None:
+    touches = run_checked(emulated_session(seed=seed, objects=load_objects(SHARED_OUTLINES)), 3, seed)
+    assert touches
+
+
+def test_an_empty_table_is_missed_and_fingers_stay_apart() -> None:
+    session = emulated_session(empty=True)
+    closest = [math.inf]
+    session.clock.on_tick = lambda: closest.append(min(closest.pop(), *gaps_mm(session)))
+    with connect(session.bench_rig) as hand:
+        touches = session.grip(hand, session.middle())
+    assert [touch.contact.touched for touch in touches] == [False] * 3
+    assert all(touch.patch is None for touch in touches)
+    # Between two looks two fingers may come nearer by 0.8 mm, and they take a moment to stop.
+    assert session.rig.closing.clearance_mm - 2.0 <= closest[0] <= session.rig.closing.clearance_mm + 2.0
+    for touch in touches:
+        short = np.hypot(*touch.contact.end_mm)
+        assert 5.0 < short < 20.0, "they stopped on their ways, short of the middle"
+
+
+def test_fingers_wait_outside_the_workspace_between_grips() -> None:
+    session = emulated_session(seed=3)
+    with connect(session.bench_rig) as hand:
+        session.grip(hand, session.middle())
+        for finger in session.bench.fingers:
+            outside = session.rig.workspace.radius_mm + finger.truth.tip_radius_mm
+            assert np.hypot(*finger.centre_mm) >= outside - 1.5
+        assert all(session.torque().values())
+    assert not any(session.torque().values())

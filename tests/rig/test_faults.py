@@ -1,0 +1,214 @@
+"""Whatever fails or interrupts: it is named, all that can still hear is switched off, the log is whole."""
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from command import log_events
+from emulated_session import EmulatedSession, emulated_session
+
+from palpate.drivers.emulators.servo import OVERLOAD_BIT
+from palpate.drivers.tactile.messages import Message, Stop
+from palpate.drivers.tactile.protocol import encode
+from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.rig.closing import Stage
+
+IDS = (11, 12, 21, 22, 31, 32)
+
+
+def check_log(folder: Path, how: str) -> None:
+    events = log_events(folder / "session.jsonl")
+    assert events[0]["event"] == "session"
+    assert (events[-1]["event"], events[-1]["how"]) == ("end", how)
+    assert all("t_s" in event for event in events)
+    times = [event["t_s"] for event in events]
+    assert times == sorted(times)
+
+
+def check_off(session: EmulatedSession, *, but: int | None = None) -> None:
+    """Torque is off on every servo that can hear, and nothing moves any more."""
+    on = [dxl_id for dxl_id, torque in session.torque().items() if torque and dxl_id != but]
+    assert on == []
+    assert session.rest(0.5) < 4.0, "a slide coasts a little before friction has stopped it"
+    assert session.rest(0.5) < 1e-3
+
+
+def failing(
+    session: EmulatedSession, folder: Path, stage: Stage, after_s: float, fault: Callable[[], None]
+) -> PalpateError:
+    """Carry out a grip in which something happens `after_s` into a stage; returns what came of it."""
+
+    def on_stage(now: Stage) -> None:
+        if now is stage:
+            session.clock.after(after_s, fault)
+
+    with pytest.raises(PalpateError) as caught:
+        session.run_grip(folder, session.middle(), on_stage)
+    assert session.stages[-1] is stage, "the fault was noticed in the stage it happened in"
+    message = str(caught.value)
+    assert "\n" not in message
+    check_log(folder, type(caught.value).__name__)
+    return caught.value
+
+
+@pytest.mark.parametrize("dead", IDS)
+def test_a_servo_that_does_not_answer_is_named_and_nothing_gets_torque(tmp_path: Path, dead: int) -> None:
+    session = emulated_session()
+    session.servos[dead].power_off()
+    with pytest.raises(DeviceError, match=rf"servo {dead} on mock://\S+/bus does not answer"):
+        session.run_grip(tmp_path, session.middle())
+    assert session.stages == []
+    check_off(session)
+    check_log(tmp_path, "NotAnswering")
+
+
+def test_a_servo_left_on_by_someone_is_switched_off_when_another_one_is_missing(tmp_path: Path) -> None:
+    session = emulated_session()
+    for dxl_id in IDS:
+        session.servos[dxl_id].take_block(64, b"\1")
+    session.servos[22].power_off()
+    with pytest.raises(DeviceError, match="servo 22 "):
+        session.run_grip(tmp_path, session.middle())
+    check_off(session, but=22)
+
+
+@pytest.mark.parametrize("name", ["f1", "f3"])
+def test_a_silent_array_is_named_and_nothing_gets_torque(tmp_path: Path, name: str) -> None:
+    session = emulated_session()
+    session.cables[f"mock://{name}"].cut = True
+    with pytest.raises(DeviceError, match=rf"tactile array {name} on mock://\S+/{name} does not answer"):
+        session.run_grip(tmp_path, session.middle())
+    check_off(session)
+    check_log(tmp_path, "DeviceError")
+
+
+@pytest.mark.parametrize("dead", [12, 31])
+def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
+    session = emulated_session()
+    error = failing(session, tmp_path, Stage.CLOSING, 1.0, session.servos[dead].power_off)
+    assert isinstance(error, DeviceError)
+    # A slide is looked at all the time, an aim servo only with torque off: then it is at least named.
+    assert f"servo {dead} " in str(error)
+    check_off(session, but=dead)
+
+
+@pytest.mark.parametrize("how", ["cable", "stop"])
+def test_an_array_that_falls_silent_in_a_closing(tmp_path: Path, how: str) -> None:
+    session = emulated_session()
+
+    def cut() -> None:
+        session.cables["mock://f2"].cut = True
+
+    def stop() -> None:
+        session.bench.fingers[1].array.feed(encode(Message(0, 0, Stop(9))), session.clock.now())
+
+    noticed: list[float] = []
+    session.clock.on_tick = lambda: noticed.append(session.clock.now())
+    error = failing(session, tmp_path, Stage.CLOSING, 1.0, cut if how == "cable" else stop)
+    assert isinstance(error, DeviceError)
+    assert "tactile array f2 " in str(error)
+    assert "sent nothing" in str(error)
+    check_off(session)
+    assert all(finger.hardest_n < session.rig.closing.max_force_n for finger in session.bench.fingers)
+
+
+@pytest.mark.parametrize("dxl_id", [22, 32])
+def test_an_overload_in_a_closing(tmp_path: Path, dxl_id: int) -> None:
+    session = emulated_session()
+    servo = session.servos[dxl_id]
+    error = failing(session, tmp_path, Stage.CLOSING, 1.0, lambda: servo.report_hardware_error(OVERLOAD_BIT))
+    assert isinstance(error, DeviceError | SafetyStop)
+    assert f"servo {dxl_id} " in str(error)
+    assert "overload" in str(error)
+    check_off(session)
+
+
+def test_the_bus_unplugged_in_a_closing_leaves_the_watchdogs_to_stop_the_fingers(tmp_path: Path) -> None:
+    session = emulated_session()
+
+    def cut() -> None:
+        session.cables["mock://bus"].cut = True
+
+    error = failing(session, tmp_path, Stage.CLOSING, 1.0, cut)
+    assert isinstance(error, DeviceError)
+    session.rest(0.6)
+    assert session.rest(0.5) < 0.05, "every servo stopped by itself"
+    assert all(finger.press is None or finger.hardest_n < 8 for finger in session.bench.fingers)
+
+
+def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
+    """Something catches the finger behind its tip: the servo pulls, the array feels nothing."""
+    session = emulated_session(empty=True)
+    slide = session.servos[12]
+    free = slide.step
+
+    class Clamp:
+        def __init__(self) -> None:
+            self.at: float | None = None
+
+        def step(self, dt_s: float, load_nm: float) -> None:
+            pull = 0.0
+            if self.at is not None:
+                pull = -50.0 * (slide.shaft_rad - self.at) - 0.3 * slide.shaft_rad_s
+            free(dt_s, load_nm + pull)
+
+        def shut(self) -> None:
+            self.at = slide.shaft_rad
+
+    clamp = Clamp()
+    session.bench.fingers[0].slide.step = clamp.step  # type: ignore[method-assign]
+    error = failing(session, tmp_path, Stage.CLOSING, 1.0, clamp.shut)
+    assert isinstance(error, SafetyStop)
+    assert "finger f1 is held" in str(error)
+    clamp.at = None
+    check_off(session)
+
+
+STAGES = [
+    (Stage.AIMING, 0.02),
+    (Stage.AIMING, 0.6),
+    (Stage.CLOSING, 0.0),
+    (Stage.CLOSING, 1.5),
+    (Stage.CLOSING, 3.0),
+    (Stage.TOUCHING, 0.4),
+    (Stage.RETRACTING, 0.5),
+]
+
+
+@pytest.mark.parametrize(("stage", "base_s"), STAGES)
+def test_interrupted_anywhere_fingers_stop(tmp_path: Path, stage: Stage, base_s: float) -> None:
+    """The interrupt comes at an instant like any other: inside a transfer, between two, in a wait."""
+    session = emulated_session()
+    after_s = base_s + random.Random(f"{stage} {base_s}").uniform(0.0, 0.03)
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt("Ctrl-C")
+
+    def on_stage(now: Stage) -> None:
+        if now is stage:
+            session.clock.after(after_s, interrupt)
+
+    with pytest.raises(KeyboardInterrupt):
+        session.run_grip(tmp_path, session.middle(), on_stage)
+    assert session.stages[-1] is stage
+    check_off(session)
+    check_log(tmp_path, "KeyboardInterrupt")
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.001, 0.004, 0.02])
+def test_interrupted_while_connecting(tmp_path: Path, after_s: float) -> None:
+    session = emulated_session()
+    for dxl_id in IDS:
+        session.servos[dxl_id].take_block(64, b"\1")  # left on by whoever was here before
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt("Ctrl-C")
+
+    session.clock.after(after_s, interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        session.run_grip(tmp_path, session.middle())
+    session.rest(0.5)
+    check_log(tmp_path, "KeyboardInterrupt")
+    if after_s >= 0.004:
+        check_off(session)

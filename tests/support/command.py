@@ -1,0 +1,78 @@
+"""The installed command: in a process of its own, or its `main` in this one where that is enough."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from palpate.rig.cli import main
+
+PALPATE = Path(sys.executable).with_name("palpate")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> dict[str, Any]:
+        """The one JSON object on stdout; fails if there is anything else."""
+        found = json.loads(self.out)
+        assert isinstance(found, dict)
+        assert self.out.count("\n") == 1, "one object, one line"
+        return found
+
+
+def run(*args: object, cwd: Path, timeout_s: float = 120.0) -> Ended:
+    """Run the installed command."""
+    done = subprocess.run(
+        [str(PALPATE), *map(str, args)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+    return Ended(done.returncode, done.stdout, done.stderr)
+
+
+def run_here(
+    args: Sequence[object], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Ended:
+    """Run the command's entry point in this process; signal handlers are put back."""
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr(sys, "argv", ["palpate", *map(str, args)])
+    capsys.readouterr()
+    try:
+        with pytest.raises(SystemExit) as ended:
+            main()
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    told = capsys.readouterr()
+    assert isinstance(ended.value.code, int)
+    return Ended(ended.value.code, told.out, told.err)
+
+
+def log_events(path: Path) -> list[dict[str, Any]]:
+    """Every event of a session log; fails on a line that cannot be read."""
+    text = path.read_text(encoding="utf-8")
+    assert text.endswith("\n")
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def torque_writes(sent: bytes) -> list[tuple[int, int]]:
+    """(id, value) of every write of Torque Enable (address 64, one byte) among bytes sent to a bus."""
+    write = rb"\xff\xff\xfd\x00(.)\x06\x00\x03\x40\x00(.)"
+    return [(m[1][0], m[2][0]) for m in re.finditer(write, sent, re.DOTALL)]

@@ -1,0 +1,180 @@
+"""An emulated rig in this process, its hidden truth, and faults that come when the test says."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.drivers.emulators.bench import Bench
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.wire import Device, Emission
+from palpate.rig.bench import BenchRig, connect
+from palpate.rig.closing import Close, Stage, Touch, close_fingers
+from palpate.rig.emulated import EmulatedRig, MockRig, emulate
+from palpate.rig.hand import Hand
+from palpate.rig.reach import reach_of
+from palpate.rig.scene import Placement, draw_placement
+from palpate.rig.session import SessionLog
+
+TORQUE_ENABLE = 64
+
+
+class AlarmClock(VirtualClock):
+    """A virtual clock that lets something happen at an instant, in the middle of whatever is going on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._alarms: list[tuple[float, Callable[[], None]]] = []
+        self.on_tick: Callable[[], None] = lambda: None
+
+    def after(self, seconds: float, action: Callable[[], None]) -> None:
+        self._alarms.append((self.now() + seconds, action))
+
+    def sleep(self, seconds: float) -> None:
+        super().sleep(seconds)
+        self._ring()
+
+    def advance_to(self, instant: float) -> None:
+        super().advance_to(instant)
+        self._ring()
+
+    def _ring(self) -> None:
+        self.on_tick()
+        due = [alarm for alarm in self._alarms if alarm[0] <= self.now()]
+        self._alarms = [alarm for alarm in self._alarms if alarm not in due]
+        for _, action in due:
+            action()
+
+
+class Cable:
+    """What a device hangs on; once cut, nothing passes either way."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self.cut = False
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        answers = self._device.feed(b"" if self.cut else data, now)
+        return [] if self.cut else answers
+
+    def poll(self, now: float) -> list[Emission]:
+        answers = self._device.poll(now)
+        return [] if self.cut else answers
+
+    def next_due(self) -> float | None:
+        return None if self.cut else self._device.next_due()
+
+
+def _ignore(stage: Stage) -> None:
+    """Nobody wants to know."""
+
+
+@dataclass
+class EmulatedSession:
+    """A rig that can be connected, and everything that the host is not told."""
+
+    rig: RigFile
+    bench_rig: BenchRig
+    clock: AlarmClock
+    bench: Bench
+    cables: Mapping[str, Cable]
+    placement: Placement | None
+    hub: MockHub
+    stages: list[Stage] = field(default_factory=list)
+
+    @property
+    def servos(self) -> dict[int, EmulatedServo]:
+        return {s.dxl_id: s for finger in self.bench.fingers for s in (finger.aim, finger.slide)}
+
+    def torque(self) -> dict[int, bool]:
+        """Torque Enable of every servo, from its own control table."""
+        found = {}
+        for dxl_id, servo in self.servos.items():
+            answer = servo.answer_block(TORQUE_ENABLE, 1)
+            assert answer is not None
+            found[dxl_id] = bool(answer.params[0])
+        return found
+
+    def rest(self, seconds: float) -> float:
+        """Let the mechanics go on by themselves; returns how far any tip still moved (mm)."""
+        before = [finger.centre_mm for finger in self.bench.fingers]
+        self.clock.sleep(seconds)
+        self.bench.advance(self.clock.now())
+        after = [finger.centre_mm for finger in self.bench.fingers]
+        return max(float(np.hypot(*(b - a))) for a, b in zip(before, after, strict=True))
+
+    def run_grip(
+        self, folder: Path, closes: Sequence[Close], on_stage: Callable[[Stage], None] = _ignore
+    ) -> list[Touch]:
+        """Connect, prepare, carry out one grip, disconnect; everything logged as in a real session."""
+
+        def tell(stage: Stage) -> None:
+            self.stages.append(stage)
+            on_stage(stage)
+
+        with SessionLog(folder, self.clock, {}) as log, connect(self.bench_rig, log.tap) as hand:
+            return self.grip(hand, closes, tell)
+
+    def grip(
+        self, hand: Hand, closes: Sequence[Close], tell: Callable[[Stage], None] = _ignore
+    ) -> list[Touch]:
+        hand.prepare()
+        return close_fingers(hand, closes, tell)
+
+    def middle(self) -> list[Close]:
+        """Every finger straight towards the table's middle, as far as it goes."""
+        reach = reach_of(self.rig)
+        closes = []
+        for index in range(len(self.rig.fingers)):
+            best = min(reach.of_finger(index), key=lambda k: abs(reach.aims_rad[k]))
+            closes.append(Close(index, reach.aims_rad[best], reach.candidates[best].approach.travel_mm))
+        return closes
+
+
+def emulated_session(
+    *,
+    seed: int = 7,
+    rig: RigFile | None = None,
+    objects: ObjectsFile | None = None,
+    placement: Placement | None = None,
+    empty: bool = False,
+) -> EmulatedSession:
+    """The shipped bench with an object drawn by the seed, unless given or `empty`."""
+    rig = rig or load_rig(shipped_rig())
+    assert rig.emulation is not None
+    if placement is None and not empty:
+        objects = objects or load_objects(shipped_objects())
+        rng = np.random.default_rng([seed, 0])
+        placement = draw_placement(objects, rig.emulation.placement_radius_mm, rng)
+    emulated = emulate(rig, placement, seed)
+    clock = AlarmClock()
+    hub = MockHub(clock, "session")
+    cables = {port: Cable(device) for port, (device, _) in emulated.devices.items()}
+    urls = {
+        port: hub.attach(port.partition("://")[2], cable, emulated.devices[port][1])
+        for port, cable in cables.items()
+    }
+    mock = MockRig(EmulatedRig(emulated.bench, emulated.devices), hub, clock, urls)
+    bench_rig = BenchRig(rig, clock, urls.__getitem__, placement, mock)
+    return EmulatedSession(rig, bench_rig, clock, emulated.bench, cables, placement, hub)
+
+
+def shape_of(placement: Placement) -> shapely.Polygon:
+    """The object's lowest section where it really lies, in W."""
+    parts = [shapely.Polygon(p.outer, p.holes) for p in placement.state.sections[0].polygons]
+    turned = affinity.rotate(shapely.union_all(parts), placement.theta_rad, origin=(0, 0), use_radians=True)
+    placed = affinity.translate(turned, placement.x_mm, placement.y_mm)
+    assert isinstance(placed, shapely.Polygon)
+    return placed
+
+
+def angle_in(angle: float, lo: float, hi: float) -> bool:
+    """Whether a direction is in a range that runs counter-clockwise from lo to hi."""
+    return (angle - lo) % (2 * math.pi) <= hi - lo
