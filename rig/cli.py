@@ -159,8 +159,11 @@ def _guarded() -> int:
         return _say(f"{word}: {error}", code)
 
 
-class Interrupted(KeyboardInterrupt):
-    """A signal asked the process to end; carries the exit code that says which."""
+class Interrupted(BaseException):
+    """A signal asked the process to end; carries the exit code that says which.
+
+    Not a KeyboardInterrupt: typer makes one code of all of those.
+    """
 
     def __init__(self, code: ExitCode) -> None:
         super().__init__(code.name.lower())

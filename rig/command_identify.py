@@ -20,7 +20,7 @@ from palpate.recognizer import Catalogue, Grip, Recognition
 from palpate.rig.bench import connect, place, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
-from palpate.rig.files import write_text
+from palpate.rig.files import check_place, write_text
 from palpate.rig.identify import Outcome, identify
 from palpate.rig.report import contacts_json, identification_out, identification_picture
 from palpate.rig.session import SessionLog, session_folder
@@ -46,6 +46,8 @@ def run_identify(
     rig_file, objects_file = load_rig(sources[0]), load_objects(sources[1])
     given_scene = None if scene is None else load_scene(scene)
     placement = place(rig_file, objects_file, given_scene, seed)
+    if picture is not None:
+        check_place(picture)
     catalogue = Catalogue(models_of(objects_file))
     bench = set_up(rig_file, placement, seed)
     name = _session_name(sources, scene, seed, emulated=rig_file.emulated)

@@ -18,7 +18,9 @@ SAID_ELSEWHERE = {"$schema", "title", "description", "default", "properties", "p
 
 def violations(value: Any, schema: Mapping[str, Any], at: str = "$") -> list[str]:
     """What is wrong with `value`, each with its place; empty if nothing is."""
-    found: list[str] = []
+    found = _checked("type", schema["type"], value, schema, at) if "type" in schema else []
+    if found:
+        return found
     for keyword, wanted in schema.items():
         if keyword not in SAID_ELSEWHERE:
             found += _checked(keyword, wanted, value, schema, at)
