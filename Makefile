@@ -10,7 +10,7 @@ DEV    := $(VENV)/.installed-dev
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
 	@echo "make test      every check: lint, types, layers, tests"
-	@echo "make campaign  the long seeded campaigns, with their tables"
+	@echo "make campaign  the long seeded benchmarks, with their tables"
 	@echo "make clean     remove what the above made"
 
 $(STAMP): pyproject.toml
@@ -41,7 +41,8 @@ test: check
 	$(BIN)/pytest -n auto
 
 campaign: $(DEV)
-	$(BIN)/python benchmarks/bench_campaign.py
+	$(BIN)/python benchmarks/bench_recognizer.py
+	$(BIN)/python benchmarks/bench_identify.py
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

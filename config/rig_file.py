@@ -161,6 +161,13 @@ class SlideServo(FileModel):
     def _within_the_servo(self) -> Self:
         turns = [(distance - self.zero_mm) / self.mm_per_turn for distance in self.range_mm]
         _check_turns(turns, "range_mm")
+        # After power-up a servo knows its angle within one turn, so the finger must start in that one.
+        if not 0 <= turns[0] < 1:
+            raise problem(
+                f"is {self.zero_mm:g}: retracted, at {self.range_mm[0]:g} mm, the servo would stand at turn "
+                f"{turns[0]:.2f}; it must be in 0 … 1, because a servo starts within one turn",
+                "zero_mm",
+            )
         return self
 
 
@@ -214,7 +221,7 @@ class Emulation(FileModel):
     """How far the emulated devices stray from this description. What they draw stays hidden from the host."""
 
     noise_counts: Length = Field(default=0.0, description="Standard deviation of a taxel's noise.")
-    offset_counts: Length = Field(default=0.0, description="Taxels at rest read up to this.")
+    offset_counts: Length = Field(default=0.0, description="Every taxel at rest reads this.")
     gain_spread: Share = Field(default=0.0, description="Taxel gains differ by up to this share.")
     crosstalk: Annotated[Length, Field(le=0.25)] = Field(
         default=0.0, description="Share of a taxel's pressure that each neighbour shows."

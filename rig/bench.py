@@ -1,6 +1,6 @@
 """The composition root: from a rig file to a hand that can be used, on real ports or on emulated devices.
 
-The only runtime module that knows the emulators.
+With `emulated` and `scene`, which it calls, the only part of a run that knows the emulators.
 """
 
 from collections.abc import Callable

@@ -29,6 +29,7 @@ _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
 _COVERAGE_RAD = math.radians(270.0)
 _BIT_DEPTH = 12
+_EMULATED_MODEL = "XM430-W350"
 _COUNTS_PER_N = 2000.0
 
 
@@ -63,6 +64,13 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             f'rig "{rig.name}" describes real devices; '
             "add an [emulation] table and mock:// ports to emulate it"
         )
+    for finger in rig.fingers:
+        for servo in (finger.aim, finger.slide):
+            if servo.model != _EMULATED_MODEL:
+                raise InputError(
+                    f'rig "{rig.name}", finger "{finger.name}": only {_EMULATED_MODEL} is emulated so far, '
+                    f"not {servo.model} (servo {servo.dxl_id})"
+                )
     # The catalogue's draw and the devices' draws must not depend on each other's number.
     rng = np.random.default_rng([seed, 1])
     fingers: list[EmulatedFinger] = []

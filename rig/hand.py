@@ -96,15 +96,23 @@ class Hand:
 
     def close(self) -> list[DeviceError]:
         """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
+        try:
+            return self._switch_off()
+        except BaseException:
+            self._switch_off()  # an interrupt in the middle of it must not leave the other servos on
+            raise
+        finally:
+            for port in self._ports:
+                port.close()
+            self._servos, self._arrays, self._ports = [], [], []
+
+    def _switch_off(self) -> list[DeviceError]:
         failed = torque_off_all(self.bus, self._servos) if self._servos else []
         for array in self._arrays:
             try:
                 array.stop()
             except DeviceError:
                 continue  # an array that is gone moves nothing
-        for port in self._ports:
-            port.close()
-        self._servos, self._arrays, self._ports = [], [], []
         return failed
 
     def prepare(self) -> None:
@@ -169,7 +177,7 @@ class Hand:
                 raise DeviceError(
                     f"servo {servo.dxl_id} on {self.bus.port_name} did not reach "
                     f"{goals_rad[servo.dxl_id]:.3f} rad within {_MOVE_TIMEOUT_S:g} s (it is at "
-                    f"{states[servo.dxl_id].position_rad:.3f}); check what holds it and its current limit"
+                    f"{states[servo.dxl_id].position_rad:.3f}); check what holds it; if nothing does, raise max_force_n"
                 )
 
     def tare(self) -> None:

@@ -54,8 +54,8 @@ class Servo:
             names = {model.number: model.name for model in ct.MODELS}
             found = names.get(answer.model_number, "unknown model")
             raise DeviceError(
-                f"servo {self.dxl_id} on {self._bus.port_name} is a {found} (model number "
-                f"{answer.model_number}), not a {self.model.name}; check ids and `model` in the rig file"
+                f"servo {self.dxl_id} on {self._bus.port_name} answers as {found} (model number "
+                f"{answer.model_number}), not {self.model.name}; check ids and `model` in the rig file"
             )
         return answer
 

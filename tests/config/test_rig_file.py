@@ -44,7 +44,7 @@ def test_the_shipped_bench_is_emulated_and_has_three_fingers() -> None:
 def test_the_example_of_a_real_rig_is_accepted() -> None:
     rig = load_rig(ROOT / "examples" / "real-rig.toml")
     assert not rig.emulated
-    assert rig.fingers[1].slide.mm_per_turn == -24.0
+    assert rig.fingers[1].slide.mm_per_turn == -100.53
 
 
 CASES = [
@@ -110,6 +110,10 @@ CASES = [
     (
         changed(BENCH, "zero_mm = 40.0", "zero_mm = 29000.0"),
         'fingers[0].slide.range_mm ("f1"): needs servo turns',
+    ),
+    (
+        changed(BENCH, "zero_mm = 40.0", "zero_mm = 240.0"),
+        'fingers[0].slide.zero_mm ("f1"): is 240: retracted, at 45 mm, the servo would stand at turn -1.95',
     ),
     (changed(BENCH, "radius_mm = 125.0", "radius = 125.0"), 'workspace: unknown key "radius"; did you mean'),
     (

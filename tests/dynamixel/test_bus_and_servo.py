@@ -106,7 +106,9 @@ def bench() -> Iterator[Bench]:
 def test_ping_and_check(bench: Bench) -> None:
     assert bench.bus.ping(12) == Ping(model_number=1020, firmware=44)
     assert bench.servos[0].check() == Ping(1020, 44)
-    with pytest.raises(DeviceError, match=r"servo 11 on mock://servos/bus is a XM430-W350 .* not a XL330"):
+    with pytest.raises(
+        DeviceError, match=r"servo 11 on mock://servos/bus answers as XM430-W350 .* not XL330"
+    ):
         Servo(bench.bus, 11, "XL330-M288").check()
 
 
