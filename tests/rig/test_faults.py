@@ -208,7 +208,27 @@ def test_interrupted_while_connecting(tmp_path: Path, after_s: float) -> None:
     session.clock.after(after_s, interrupt)
     with pytest.raises(KeyboardInterrupt):
         session.run_grip(tmp_path, session.middle())
-    session.rest(0.5)
     check_log(tmp_path, "KeyboardInterrupt")
-    if after_s >= 0.004:
-        check_off(session)
+    check_off(session)
+
+
+def test_interrupted_while_switching_off(tmp_path: Path) -> None:
+    session = emulated_session()
+    held = False
+
+    def watch() -> None:
+        nonlocal held
+        torque = session.torque().values()
+        held = held or all(torque)
+        if held and not all(torque) and any(torque):
+            session.clock.on_tick = lambda: None
+            raise KeyboardInterrupt("Ctrl-C")
+
+    def on_stage(now: Stage) -> None:
+        if now is Stage.RETRACTING:
+            session.clock.on_tick = watch
+
+    with pytest.raises(KeyboardInterrupt):
+        session.run_grip(tmp_path, session.middle(), on_stage)
+    check_off(session)
+    check_log(tmp_path, "KeyboardInterrupt")

@@ -1,0 +1,154 @@
+"""`palpate emulate --pty` in its own process: for the unmodified SDK, and for `identify` in real time."""
+
+import json
+import math
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import PALPATE, log_events, run
+
+from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.rig.bench import place
+from palpate.rig.scene import Placement
+
+CLIENT = """
+import json, sys, time
+import dynamixel_sdk
+from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
+
+port, packets = PortHandler(sys.argv[1]), PacketHandler(2.0)
+assert port.openPort() and port.setBaudRate(1_000_000)
+
+def patiently(call, *args):  # the SDK waits 34 ms for an answer, which a busy machine may take
+    for _ in range(5):
+        answer = call(*args)
+        if answer[-2] == COMM_SUCCESS:
+            break
+    assert answer[-2:] == (COMM_SUCCESS, 0), answer
+    return answer[0]
+
+models = [patiently(packets.ping, port, dxl_id) for dxl_id in (11, 12, 21, 22, 31, 32)]
+assert packets.ping(port, 13)[1] != COMM_SUCCESS
+start = patiently(packets.read4ByteTxRx, port, 11, 132)
+patiently(packets.write4ByteTxRx, port, 11, 112, 150)
+patiently(packets.write1ByteTxRx, port, 11, 64, 1)
+patiently(packets.write4ByteTxRx, port, 11, 116, 2600)
+seen = [start]
+end = time.monotonic() + 10
+while time.monotonic() < end and abs(seen[-1] - 2600) > 3:
+    seen.append(patiently(packets.read4ByteTxRx, port, 11, 132))
+patiently(packets.write1ByteTxRx, port, 11, 64, 0)
+port.closePort()
+json.dump({"models": models, "start": start, "seen": seen, "sdk": dynamixel_sdk.__file__}, sys.stdout)
+"""
+
+
+@contextmanager
+def served(folder: Path, *args: object) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    """The emulator's process and the object that it prints; it is ended as Ctrl-C would."""
+    process = subprocess.Popen(
+        [str(PALPATE), "emulate", *map(str, args)],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        told = json.loads(process.stdout.readline())
+        assert isinstance(told, dict)
+        yield process, told
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=10)
+        finally:
+            process.kill()
+
+
+def drawn(seed: int) -> Placement:
+    """What the emulator puts on its table for a seed."""
+    placement = place(load_rig(shipped_rig()), load_objects(shipped_objects()), None, seed)
+    assert placement is not None
+    return placement
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(60)
+def test_the_vendors_sdk_moves_a_servo_from_its_own_process(tmp_path: Path) -> None:
+    with served(tmp_path, "--pty", "--seed", 7) as (process, told):
+        assert told["format"] == "palpate/ports@1"
+        assert set(told["ports"]) == {"mock://bus", "mock://f1", "mock://f2", "mock://f3"}
+        client = subprocess.run(
+            [sys.executable, "-c", CLIENT, told["ports"]["mock://bus"]],
+            capture_output=True,
+            text=True,
+            timeout=40,
+            check=False,
+        )
+        assert client.returncode == 0, client.stderr
+        assert process.poll() is None
+    assert process.returncode == 130
+    answer = json.loads(client.stdout)
+    assert answer["models"] == [1020] * 6
+    assert abs(answer["start"] - 2048) < 5
+    assert abs(answer["seen"][-1] - 2600) <= 3
+    assert len({position for position in answer["seen"] if answer["start"] + 10 < position < 2590}) > 5
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(200)
+def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
+    """The rig file that the emulator writes has no emulation in it: to the host, the rig is a real one."""
+    with served(tmp_path, "--pty", "--seed", 7, "--rig-out", "real.toml") as (process, told):
+        text = (tmp_path / "real.toml").read_text(encoding="utf-8")
+        assert "[emulation]" not in text
+        assert "mock://" not in text
+        assert all(port in text for port in told["ports"].values())
+        assert text.startswith("#"), "comments are kept"
+        done = run("identify", "--rig", "real.toml", "--json", cwd=tmp_path, timeout_s=150)
+        assert process.poll() is None
+    assert done.code == 0, done.err
+    answer = done.json
+    truth = drawn(7)
+    assert (answer["verdict"], answer["object"]) == ("identified", truth.model.name)
+    assert answer["emulated"] is True, "the arrays say so"
+    assert answer["truth"] is None, "nobody told the host"
+    assert answer["rig_seconds"] > 5.0
+    assert abs(answer["wall_seconds"] - answer["rig_seconds"]) < 10.0, "real time"
+    assert answer["symmetry_order"] == 1
+    turns = round((answer["configuration"]["theta"] - truth.theta_rad) / (2 * math.pi))
+    pose = {"x": truth.x_mm, "y": truth.y_mm, "theta": truth.theta_rad + 2 * math.pi * turns}
+    for key, value in pose.items():
+        lo, hi = answer["bounds"][key]
+        assert lo <= value <= hi
+    assert re.fullmatch(r"palpate-sessions/identify-\d{8}-\d{6}", answer["session"])
+    assert log_events(tmp_path / answer["session"] / "session.jsonl")[-1]["how"] == "done"
+
+
+def test_it_ends_by_itself_after_the_time_it_was_given(tmp_path: Path) -> None:
+    begin = time.monotonic()
+    done = run("emulate", "--for", 0.5, "--rig-out", "real.toml", cwd=tmp_path, timeout_s=30)
+    assert done.code == 0
+    assert done.err == ""
+    assert 0.5 < time.monotonic() - begin < 15
+    gone = run("identify", "--rig", "real.toml", "--json", cwd=tmp_path)
+    assert (gone.code, gone.out) == (3, "")
+    (line,) = gone.err.splitlines()
+    assert line.startswith(f"device error: port {done.json['ports']['mock://bus']} does not exist")
+
+
+def test_a_scene_on_the_served_rig(tmp_path: Path) -> None:
+    scene = {"format": "palpate/scene@1", "object": "no-such", "configuration": {"x": 0, "y": 0, "theta": 0}}
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    done = run("emulate", "--scene", "scene.json", "--for", 0, cwd=tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert "no-such" in done.err

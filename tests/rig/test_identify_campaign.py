@@ -1,0 +1,90 @@
+"""Whole runs over objects, places and seeds: right every time, and the truth inside the bounds every time."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from emulated_session import EmulatedSession, emulated_session
+
+from palpate.config import ObjectsFile, load_objects, shipped_objects
+from palpate.recognizer import Catalogue
+from palpate.rig.bench import connect
+from palpate.rig.convert import models_of
+from palpate.rig.identify import Identification, Outcome, identify
+from palpate.rig.report import identification_out
+from palpate.rig.scene import Placement
+from palpate.rig.truth import compare
+
+SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
+NAMES = ("tr-1", "tr-2", "tr-3", "grip", "gator", "hand")
+PLACES = {11: (12.0, -7.0, 2.5), 12: (-15.0, 9.0, -0.7)}
+
+
+@pytest.fixture(scope="module")
+def shipped() -> tuple[ObjectsFile, Catalogue]:
+    objects = load_objects(shipped_objects())
+    return objects, Catalogue(models_of(objects))
+
+
+@pytest.fixture(scope="module")
+def real_parts() -> tuple[ObjectsFile, Catalogue]:
+    objects = load_objects(SHARED_OUTLINES)
+    return objects, Catalogue(models_of(objects))
+
+
+def identified(session: EmulatedSession, catalogue: Catalogue) -> Identification:
+    with connect(session.bench_rig) as hand:
+        hand.prepare()
+        result = identify(hand, catalogue)
+    assert not any(session.torque().values())
+    assert all(f.hardest_n <= session.rig.closing.max_force_n for f in session.bench.fingers)
+    return result
+
+
+def check_against_truth(session: EmulatedSession, result: Identification) -> None:
+    placement = session.placement
+    assert placement is not None
+    assert result.recognition is not None
+    out = identification_out(
+        result, placement, emulated=True, rig_seconds=1.0, wall_seconds=1.0, session=None
+    )
+    assert out.truth is not None
+    assert out.truth.named, json.dumps(out.model_dump(mode="json"))
+    assert out.truth.inside_bounds, json.dumps(out.model_dump(mode="json"))
+    assert compare(placement, result.recognition.hypotheses).inside_bounds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", PLACES)
+@pytest.mark.parametrize("name", NAMES)
+def test_shipped_objects(shipped: tuple[ObjectsFile, Catalogue], name: str, seed: int) -> None:
+    objects, catalogue = shipped
+    (model,) = [item for item in objects.objects if item.name == name]
+    session = emulated_session(seed=seed, placement=Placement(model, model.states[0], *PLACES[seed]))
+    result = identified(session, catalogue)
+    check_against_truth(session, result)
+    assert result.outcome is Outcome.IDENTIFIED
+    assert result.recognition is not None
+    (only,) = result.recognition.hypotheses
+    assert only.state.object_name == name
+    assert session.placement is not None
+    found = compare(session.placement, [only])
+    assert found.position_error_mm is not None
+    assert found.orientation_error_rad is not None
+    assert found.position_error_mm < 1.0
+    assert found.orientation_error_rad < math.radians(1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not SHARED_OUTLINES.exists(), reason="no outlines of real cut parts beside the repository"
+)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_real_parts_among_all_of_them(real_parts: tuple[ObjectsFile, Catalogue], seed: int) -> None:
+    """129 outlines, some of them twins that no touch can tell apart."""
+    objects, catalogue = real_parts
+    session = emulated_session(seed=seed, objects=objects)
+    result = identified(session, catalogue)
+    check_against_truth(session, result)
+    assert result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
