@@ -182,6 +182,30 @@ def test_a_port_that_does_not_exist_is_named(tmp_path: Path) -> None:
     assert log_events(log)[-1]["how"] == "DeviceError"
 
 
+def test_pressing_too_hard_is_a_safety_stop(tmp_path: Path) -> None:
+    """A finger that runs fast and looks seldom has pressed too hard before it notices."""
+    text = shipped_rig().read_text(encoding="utf-8")
+    for old, new in (
+        ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 70.0"),
+        ("max_force_n = 8.0", "max_force_n = 4.0"),
+        ("sample_rate_hz = 250.0", "sample_rate_hz = 40.0"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "hasty.toml").write_text(text)
+    done = run("identify", "--rig", "hasty.toml", "--seed", 7, "--json", cwd=tmp_path)
+    assert done.code == 4
+    assert done.out == ""
+    (line,) = done.err.splitlines()
+    assert re.match(
+        r"safety stop: finger f\d felt \d\.\d N, above max_force_n = 4 N; fingers were stopped", line
+    )
+    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl")
+    events = log_events(log)
+    assert events[-1]["how"] == "SafetyStop"
+    assert off_at_the_end(events) == set(IDS)
+
+
 def real_rig(folder: Path, bus: str) -> Path:
     """The shipped bench as a rig file without emulation, on ports of real kinds."""
     text = shipped_rig().read_text(encoding="utf-8")
