@@ -4,9 +4,10 @@ Above: `servo`, in physical units. Below: the vendor's SDK (`sdk`) and a port. A
 gives no answer is always an error, never a default value.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from dynamixel_sdk import (
     COMM_RX_CORRUPT,
@@ -25,12 +26,13 @@ from palpate.drivers.dynamixel.failures import (
     StatusError,
 )
 from palpate.drivers.dynamixel.packet import ALERT_BIT, MAX_ID
-from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
+from palpate.drivers.dynamixel.sdk import READ_WAIT_S, ClockedPortHandler, StuffingPacketHandler
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS
 
 __all__ = ["Bus", "Ping"]
 
+_QUIET_S = 0.01  # a wire with nothing on it for so long will carry no late answer any more
 _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
 
 
@@ -74,21 +76,28 @@ class Bus:
         return Ping(int.from_bytes(params[:2], "little"), params[2])
 
     def read(self, dxl_id: int, item: Item) -> int:
-        """Read one item."""
+        """Read one item; a servo that keeps silent is asked once more."""
         _check_id(dxl_id)
         with self._port_errors():
-            raw, result, error = self._packets.readTxRx(self._handler, dxl_id, item.address, item.size)
+            raw, result, error = self._asked_twice(
+                lambda: self._packets.readTxRx(self._handler, dxl_id, item.address, item.size)
+            )
         self._check(dxl_id, result, error, f"to read {item.name}")
         if len(raw) != item.size:
             raise DamagedAnswer([dxl_id], self.port_name)
         return item.decode(bytes(raw))
 
     def write(self, dxl_id: int, item: Item, value: int) -> None:
-        """Write one item and wait for the servo to confirm. ValueError if the value does not fit the item."""
+        """Write one item and wait for the servo to confirm. ValueError if the value does not fit the item.
+
+        A servo that keeps silent is told once more: writing the same value twice does no harm.
+        """
         _check_id(dxl_id)
         data = list(item.encode(value))
         with self._port_errors():
-            result, error = self._packets.writeTxRx(self._handler, dxl_id, item.address, item.size, data)
+            result, error = self._asked_twice(
+                lambda: self._packets.writeTxRx(self._handler, dxl_id, item.address, item.size, list(data))
+            )
         self._check(dxl_id, result, error, f"{value} for {item.name}")
 
     def reboot(self, dxl_id: int) -> None:
@@ -162,7 +171,26 @@ class Bus:
                 break
         return answers
 
+    def _asked_twice(self, exchange: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
+        """Repeat an exchange that nobody answered: the SDK waits 34 ms, a busy computer may take longer."""
+        answer = exchange()
+        if answer[-2] == COMM_RX_TIMEOUT:
+            answer = exchange()
+            self._drop_late_answers()
+        return answer
+
+    def _drop_late_answers(self) -> None:
+        # believed to answer the next instruction, a late answer to the last one would be a wrong value
+        self._port.timeout = _QUIET_S
+        try:
+            while self._port.read(256):
+                pass
+        finally:
+            self._port.timeout = READ_WAIT_S
+
     def _raise_lost(self, lost: Sequence[int]) -> None:
+        with self._port_errors():
+            self._drop_late_answers()
         # a servo behind a missing one may stay silent in a sync read; asked by itself it answers
         absent = []
         for dxl_id in lost:

@@ -5,6 +5,7 @@ or a change of mode, a servo knows its angle within one turn only. Positive is t
 counter-clockwise seen from the horn. Angles are rounded to the nearest tick and never clamped.
 """
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -193,10 +194,13 @@ def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
 def torque_off_all(bus: Bus, servos: Iterable[Servo]) -> list[DeviceError]:
     """Switch torque off on every servo, each by itself whatever happens to the others.
 
-    A servo that does not confirm is told again once all others are off. Returns one error for every servo
-    whose torque may still be on. A servo that confirms while it reports a hardware error is off, and is not
-    listed.
+    All are told at once first; then each is asked to confirm, and one that does not is told again. Returns
+    one error for every servo whose torque may still be on. A servo that confirms while it reports a hardware
+    error is off, and is not listed.
     """
+    servos = list(servos)
+    with contextlib.suppress(DeviceError):  # a port that fails here is reported by what follows
+        bus.sync_write(ct.TORQUE_ENABLE, {servo.dxl_id: 0 for servo in servos})
     doubtful = [servo for servo in servos if _torque_off(bus, servo) is not None]
     return [error for servo in doubtful if (error := _torque_off(bus, servo)) is not None]
 

@@ -54,15 +54,16 @@ class AlarmClock(VirtualClock):
 
 
 class Cable:
-    """What a device hangs on; once cut, nothing passes either way."""
+    """What a device hangs on: once cut, nothing passes either way; `late_s` holds answers back."""
 
     def __init__(self, device: Device) -> None:
         self._device = device
         self.cut = False
+        self.late_s = 0.0
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         answers = self._device.feed(b"" if self.cut else data, now)
-        return [] if self.cut else answers
+        return [] if self.cut else [(instant + self.late_s, data) for instant, data in answers]
 
     def poll(self, now: float) -> list[Emission]:
         answers = self._device.poll(now)
