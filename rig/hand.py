@@ -177,7 +177,8 @@ class Hand:
                 raise DeviceError(
                     f"servo {servo.dxl_id} on {self.bus.port_name} did not reach "
                     f"{goals_rad[servo.dxl_id]:.3f} rad within {_MOVE_TIMEOUT_S:g} s (it is at "
-                    f"{states[servo.dxl_id].position_rad:.3f}); check what holds it; if nothing does, raise max_force_n"
+                    f"{states[servo.dxl_id].position_rad:.3f}); check what holds it; "
+                    "if nothing does, raise max_force_n"
                 )
 
     def tare(self) -> None:
