@@ -8,10 +8,12 @@ import pytest
 from command import log_events
 from emulated_session import EmulatedSession, emulated_session
 
+from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.tactile.messages import Message, Stop
 from palpate.drivers.tactile.protocol import encode
 from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.rig.bench import connect
 from palpate.rig.closing import Stage
 
 IDS = (11, 12, 21, 22, 31, 32)
@@ -212,26 +214,37 @@ def test_interrupted_while_connecting(tmp_path: Path, after_s: float) -> None:
     check_off(session)
 
 
-def test_interrupted_while_switching_off(tmp_path: Path) -> None:
+def test_interrupted_while_switching_off() -> None:
+    """The interrupt swallows the very packet that was to switch everything off."""
     session = emulated_session()
-    held = False
 
-    def watch() -> None:
-        nonlocal held
-        torque = session.torque().values()
-        held = held or all(torque)
-        if held and not all(torque):
-            session.clock.on_tick = lambda: None
-            raise KeyboardInterrupt("Ctrl-C")
+    def interrupt() -> None:
+        session.clock.on_tick = lambda: None
+        raise KeyboardInterrupt("Ctrl-C")
 
-    def on_stage(now: Stage) -> None:
-        if now is Stage.RETRACTING:
-            session.clock.on_tick = watch
+    def grip_and_leave() -> None:
+        with connect(session.bench_rig) as hand:
+            hand.prepare()
+            assert all(session.torque().values())
+            session.clock.on_tick = interrupt
 
     with pytest.raises(KeyboardInterrupt):
-        session.run_grip(tmp_path, session.middle(), on_stage)
+        grip_and_leave()
     check_off(session)
-    check_log(tmp_path, "KeyboardInterrupt")
+
+
+def test_a_late_answer_is_not_believed_to_answer_the_next_question() -> None:
+    session = emulated_session()
+    bus = session.cables["mock://bus"]
+
+    def recover() -> None:
+        bus.late_s = 0.0
+
+    with connect(session.bench_rig) as hand:
+        bus.late_s = 0.04
+        session.clock.after(0.002, recover)
+        assert hand.bus.read(11, ct.RETURN_DELAY_TIME) == 250
+        assert hand.bus.read(11, ct.OPERATING_MODE) == 3
 
 
 @pytest.mark.parametrize(
