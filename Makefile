@@ -38,7 +38,8 @@ layers: $(DEV)
 check: lint types layers
 
 test: check
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto -m "not realtime"
+	$(BIN)/pytest -m realtime
 
 campaign: $(DEV)
 	$(BIN)/python benchmarks/bench_recognizer.py

@@ -14,6 +14,8 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 
+pytestmark = pytest.mark.realtime
+
 CLIENT = """
 import json, sys, time
 from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler

@@ -19,6 +19,8 @@ from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.rig.bench import place
 from palpate.rig.scene import Placement
 
+pytestmark = pytest.mark.realtime
+
 CLIENT = """
 import json, sys, time
 import dynamixel_sdk
