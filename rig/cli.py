@@ -6,6 +6,7 @@ done, 1 not resolved, 2 usage or configuration, 3 device, 4 safety stop, 130 int
 
 import signal
 import sys
+from collections.abc import Sequence
 from enum import IntEnum
 from pathlib import Path
 from types import FrameType
@@ -151,12 +152,13 @@ def _guarded() -> int:
     except typer.Exit as end:
         return int(end.exit_code)
     except Interrupted as interrupted:
-        return _say("interrupted: torque off", interrupted.code)
+        sure = "interrupted" if _notes(interrupted) else "interrupted: torque off"
+        return _say(sure, interrupted.code, _notes(interrupted))
     except TyperException as error:
         return _say(f"error: {error.format_message()}", ExitCode.INPUT)
     except PalpateError as error:
         word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
-        return _say(f"{word}: {error}", code)
+        return _say(f"{word}: {error}", code, _notes(error))
 
 
 class Interrupted(BaseException):
@@ -178,6 +180,11 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise Interrupted(ExitCode.INTERRUPTED if number == signal.SIGINT else ExitCode.TERMINATED)
 
 
-def _say(message: str, code: int) -> int:
-    typer.echo(message, err=True)
+def _notes(error: BaseException) -> list[str]:
+    return getattr(error, "__notes__", [])
+
+
+def _say(message: str, code: int, notes: Sequence[str] = ()) -> int:
+    for line in (message, *notes):
+        typer.echo(line, err=True)
     return code

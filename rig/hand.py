@@ -80,8 +80,8 @@ class Hand:
         self.emulated = False
         try:
             self._connect(open_port)
-        except BaseException:
-            self.close()
+        except BaseException as error:
+            _warn(error, self.close())
             raise
 
     def __enter__(self) -> Self:
@@ -91,7 +91,10 @@ class Hand:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         failed = self.close()
-        if failed and error is None:
+        if error is not None:
+            _warn(error, failed)
+        elif failed:
+            _warn(failed[0], failed)
             raise failed[0]
 
     def close(self) -> list[DeviceError]:
@@ -267,3 +270,13 @@ class Hand:
                 f"outside its range {lo:g} … {hi:g} mm; with torque off, push the finger back by hand until "
                 "it is retracted within the servo's first turn, then start again"
             )
+
+
+def _warn(error: BaseException, failed: Sequence[DeviceError]) -> None:
+    """Add to what ends the run that some torque may still be on."""
+    if failed:
+        servos = "one servo" if len(failed) == 1 else f"{len(failed)} servos"
+        error.add_note(
+            f"warning: {servos} did not confirm that torque is off ({failed[0]}); "
+            "cut the power before you reach in"
+        )

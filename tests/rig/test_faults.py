@@ -92,6 +92,9 @@ def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
     assert isinstance(error, DeviceError)
     # A slide is looked at all the time, an aim servo only with torque off: then it is at least named.
     assert f"servo {dead} " in str(error)
+    [warning] = error.__notes__
+    assert "one servo did not confirm that torque is off" in warning
+    assert f"servo {dead} " in warning
     check_off(session, but=dead)
 
 
@@ -134,6 +137,7 @@ def test_the_bus_unplugged_in_a_closing_leaves_the_watchdogs_to_stop_the_fingers
 
     error = failing(session, tmp_path, Stage.CLOSING, 1.0, cut)
     assert isinstance(error, DeviceError)
+    assert ["6 servos did not confirm" in note for note in error.__notes__] == [True]
     session.rest(0.6)
     assert session.rest(0.5) < 0.05, "every servo stopped by itself"
     assert all(finger.press is None or finger.hardest_n < 8 for finger in session.bench.fingers)
