@@ -162,8 +162,10 @@ def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
 
 def _print(out: IdentificationOut, picture: Path) -> None:
     """The answer for a person."""
-    if out.object is None:
+    if out.object is None and out.verdict == Outcome.UNKNOWN.value:
         typer.echo(f"{out.verdict}: no object of the catalogue agrees with what was felt")
+    elif out.object is None:
+        typer.echo(f"{out.verdict}: too little was touched to tell anything")
     else:
         typer.echo(f"{out.verdict}: {out.object}, {out.state}")
     if out.configuration is not None and out.bounds is not None:
