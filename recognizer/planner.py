@@ -24,6 +24,7 @@ __all__ = ["Candidate", "Grip", "Prediction", "Resolution", "plan_grip", "separa
 
 _POSES = 160  # configurations in all; shared out among the hypotheses
 _MOST_POSES, _LEAST_POSES = 24, 4
+_OUT = 0.7  # of the way from a cell's middle to its corners
 _HOPELESS = 1e-3  # a further finger must take at least this share of confusion away
 
 
@@ -75,16 +76,19 @@ def plan_grip(
     candidates: Sequence[Candidate],
     compatible: Bools,
     resolution: Resolution,
+    used: Sequence[int] = (),
 ) -> Grip | None:
     """Choose approaches, at most one for each finger, that leave the least confusion; None if none helps.
 
-    `compatible` (n, n): whether two candidates can be carried out together.
+    `compatible` (n, n): whether two candidates can be carried out together. `used`: candidates not to choose,
+    because they were carried out before: what they can tell they have told.
     """
     poses, weight = _poses(recognition.hypotheses)
     likeness = _likeness(recognition, poses, candidates, resolution)
     joint = np.ones((len(poses), len(poses)))
     pair_weight = weight[:, None] * weight
     open_to = np.ones(len(candidates), dtype=bool)
+    open_to[list(used)] = False
     chosen: list[int] = []
     confusion = 1.0
     while open_to.any():
@@ -154,14 +158,20 @@ def _poses(hypotheses: Sequence[Hypothesis]) -> tuple[Cells, Floats]:
 
 
 def _spread(hypothesis: Hypothesis, count: int) -> Cells:
-    """The configuration of a hypothesis, and vertices of its cells spread evenly over them."""
+    """The configuration of a hypothesis, and some between its cells' middles and their corners.
+
+    Not the corners themselves: cells are a little larger than what they enclose, and a plan made for
+    configurations that are not there would never end.
+    """
     cells = hypothesis.cells
     vertices = cells.polygon.shape[1]
     total = len(cells) * vertices
     pick: Ints = np.unique(np.linspace(0, total - 1, count - 1).astype(np.int64))
     row, corner = pick // vertices, (pick % vertices + pick // vertices) % vertices
-    theta = np.where(pick % 2 == 0, cells.lo[row], cells.hi[row])
-    at = Cells(cells.node[row], cells.state[row], theta, theta, cells.polygon[row, corner][:, None])
+    theta = cells.middle[row] + np.where(pick % 2 == 0, -_OUT, _OUT) * cells.half_width[row]
+    middle = cells.centre[row]
+    position = middle + _OUT * (cells.polygon[row, corner] - middle)
+    at = Cells(cells.node[row], cells.state[row], theta, theta, position[:, None])
     return _joined([_witness_cell(hypothesis), at])
 
 

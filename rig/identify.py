@@ -131,14 +131,11 @@ def _next(search: _Search) -> tuple[Outcome | None, list[Close]]:
     settled = fine or not _still_gains(search, recognition)
     if recognition.verdict is Verdict.UNIQUE and settled:
         return Outcome.IDENTIFIED, []
-    candidates, resolution = search.reach.candidates, resolution_of(rig)
-    if (
-        recognition.verdict is Verdict.AMBIGUOUS
-        and settled
-        and not separable(recognition, candidates, resolution)
-    ):
+    if recognition.verdict is Verdict.AMBIGUOUS and settled and not _may_separate(search, recognition):
         return Outcome.INDISTINGUISHABLE, []
-    plan = plan_grip(recognition, candidates, search.reach.compatible, resolution)
+    plan = plan_grip(
+        recognition, search.reach.candidates, search.reach.compatible, resolution_of(rig), search.used
+    )
     if plan is None:
         return _at_the_end(search), []
     for observer in search.observers:
@@ -157,7 +154,10 @@ def _at_the_end(search: _Search) -> Outcome:
 
 
 def _may_separate(search: _Search, recognition: Recognition) -> bool:
-    return separable(recognition, search.reach.candidates, resolution_of(search.hand.rig))
+    """Whether an approach that has not been carried out yet may tell hypotheses apart."""
+    used = set(search.used)
+    left = [item for index, item in enumerate(search.reach.candidates) if index not in used]
+    return bool(left) and separable(recognition, left, resolution_of(search.hand.rig))
 
 
 def _is_fine(hypothesis: Hypothesis, goals: Search) -> bool:
