@@ -30,7 +30,9 @@ _RECEDE = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0
 _SHARPEST = math.radians(155.0)  # vertices down to 25°
 _ENDS = tuple(math.radians(a) for a in (5.0, 10.0, 16.0, 24.0))
 _END_FALL = math.radians(50.0)
-_NOTCH_TURNS = tuple(math.radians(a) for a in (30.0, 45.0, 60.0, 75.0, 90.0, 120.0))
+_NOTCH_TURNS = tuple(
+    math.radians(a) for a in (3.0, 6.0, 10.0, 15.0, 22.0, 30.0, 45.0, 60.0, 75.0, 90.0, 120.0)
+)
 _NOTCH_SHARES = (1.0, 0.7, 0.45, 0.2)
 _REFERENCE_DEPTH = 0.1  # tip radii at which linear and foundation stiffness agree
 

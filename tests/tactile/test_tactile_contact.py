@@ -96,7 +96,9 @@ def contact(rng: np.random.Generator, kind: str, middle: float, depth: float, fo
             planes.append(tipped(middle, middle + side * at, c / math.cos(at), -side * drop))
         rho = entry(planes)
     else:
-        other = middle + math.pi - math.radians(rng.uniform(60, 150))
+        # A "dell" is a notch so shallow that both its edges may dent the tip in one stretch.
+        between = rng.uniform(60, 150) if kind == "notch" else rng.uniform(150, 178)
+        other = middle + math.pi - math.radians(between)
         second = RADIUS - depth * rng.uniform(0.02, 1.0)
         normals.append(other)
         rho = np.minimum(entry([HalfPlane(middle, c)]), entry([HalfPlane(other, second)]))
@@ -160,7 +162,7 @@ def miss_rad(patch: ContactPatch, normals: tuple[float, ...]) -> float:
 
 def draw(rng: np.random.Generator, kind: str) -> Truth:
     middle = rng.uniform(-math.radians(100), math.radians(100))
-    if kind == "notch":
+    if kind in ("notch", "dell"):
         middle = rng.uniform(-math.radians(110), math.radians(0))
     if rng.random() < 0.5:
         force = math.exp(rng.uniform(math.log(0.3), math.log(3.0)))
@@ -171,7 +173,7 @@ def draw(rng: np.random.Generator, kind: str) -> Truth:
             return truth
 
 
-MIX = {"flat": 0.5, "end": 0.15, "vertex": 0.2, "notch": 0.15}
+MIX = {"flat": 0.45, "end": 0.15, "vertex": 0.15, "notch": 0.1, "dell": 0.15}
 
 
 def test_three_thousand_contacts_stay_inside_their_bounds(capsys: pytest.CaptureFixture[str]) -> None:
@@ -204,8 +206,9 @@ def test_three_thousand_contacts_stay_inside_their_bounds(capsys: pytest.Capture
     with capsys.disabled():
         sys.stdout.write("\n" + "\n".join(report) + "\n")
     assert outside == []
-    assert np.median(halves["flat"]) < 8.5
-    assert np.median(every) < 9.5
+    # How narrow ranges are today; allowing for shallow notches cost flat edges 0.6°.
+    assert np.median(halves["flat"]) < 9.0
+    assert np.median(every) < 10.0
 
 
 @pytest.mark.parametrize("spoiled", ["dead", "hot"])
