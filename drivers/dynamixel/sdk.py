@@ -29,6 +29,9 @@ READ_WAIT_S = 1e-3
 _BODY = 7  # index of INST: behind header, ID and length
 
 
+_STALL_MS = 50.0
+
+
 class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
     """The SDK's port handler on any open pyserial port and any clock."""
 
@@ -56,6 +59,15 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
     def getCurrentTime(self) -> float:
         """Milliseconds on the clock that was given."""
         return self._clock.now() * 1e3
+
+    def setPacketTimeout(self, packet_length: int) -> None:
+        """Wait as long as the SDK does, and a little more.
+
+        The SDK allows wire time and 34 ms. A computer that is busy for longer would take a servo that has
+        answered for a silent one.
+        """
+        super().setPacketTimeout(packet_length)
+        self.packet_timeout += _STALL_MS
 
     def clearPort(self) -> None:
         """Drop received bytes."""

@@ -39,30 +39,39 @@ class Press:
 
 def separation_mm(outline: Outline, centre_mm: Floats) -> float:
     """Distance from a point to the nearest edge (mm); the inside of the outline counts as outside."""
-    return float(np.sqrt(np.min(_squared_distances(outline, centre_mm))))
+    away = _to_edges(outline, centre_mm)
+    return float(np.sqrt(np.min(np.einsum("ij,ij->i", away, away))))
 
 
-def _squared_distances(outline: Outline, centre_mm: Floats) -> Floats:
-    """Squared distance (n,) in mm² from a point to each edge."""
+def _to_edges(outline: Outline, centre_mm: Floats) -> Floats:
+    """Shortest way (n, 2) in mm from each edge to a point."""
     along = outline.end - outline.start
     rel = centre_mm - outline.start
     square = np.einsum("ij,ij->i", along, along)
     share = np.clip(np.einsum("ij,ij->i", rel, along) / square, 0.0, 1.0)
-    away = rel - share[:, None] * along
-    result: Floats = np.einsum("ij,ij->i", away, away)
+    result: Floats = rel - share[:, None] * along
     return result
 
 
 def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float) -> Press | None:
     """What the outline does to a tip with its axis at `centre_mm` in W; None if it does not touch it."""
     # Served on real ports, this runs for every finger in every millisecond: far edges are left out first.
-    near = _squared_distances(outline, centre_mm) <= radius_mm**2
+    away = _to_edges(outline, centre_mm)
+    square = np.einsum("ij,ij->i", away, away)
+    near = square <= radius_mm**2
     if not near.any():
         return None
     outline = Outline(outline.start[near], outline.end[near], outline.top_mm)
     angle = np.arange(_RAYS) * (2 * math.pi / _RAYS)
     heading = np.column_stack([np.cos(angle), np.sin(angle)])
-    dent = radius_mm - _reach(outline, centre_mm, heading)
+    # An edge at distance d from the axis is inside the circle for at most acos(d / r) either way of its
+    # nearest point; all other rays reach the circle.
+    towards = np.arctan2(-away[near, 1], -away[near, 0])
+    width = np.arccos(np.minimum(np.sqrt(square[near]) / radius_mm, 1.0)) + 4 * math.pi / _RAYS
+    apart = np.abs((angle[:, None] - towards + math.pi) % (2 * math.pi) - math.pi)
+    looked = np.flatnonzero(np.any(apart <= width, axis=1))
+    dent: Floats = np.zeros(_RAYS)
+    dent[looked] = radius_mm - _reach(outline, centre_mm, heading[looked])
     touched = dent > 0
     if not touched.any():
         return None

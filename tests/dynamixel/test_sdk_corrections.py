@@ -159,4 +159,4 @@ def test_ours_times_out_on_the_given_clock(world: Any) -> None:
     _, port, clock, _ = world
     _, result, _ = StuffingPacketHandler().ping(ours(port, clock), 7)
     assert result != COMM_SUCCESS
-    assert 0.03 < clock.now() < 0.04
+    assert 0.08 < clock.now() < 0.09, "the SDK's 34 ms, and 50 ms for a busy computer"
