@@ -172,7 +172,7 @@ class Bus:
         return answers
 
     def _asked_twice(self, exchange: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
-        """Repeat an exchange that nobody answered: the SDK waits 34 ms, a busy computer may take longer."""
+        """Repeat an exchange that nobody answered: a busy computer may take longer than the time-out."""
         answer = exchange()
         if answer[-2] == COMM_RX_TIMEOUT:
             answer = exchange()
