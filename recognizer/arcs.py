@@ -11,11 +11,20 @@ from itertools import product
 import numpy as np
 
 from palpate.recognizer.arrays import Floats, Ints
-from palpate.recognizer.catalogue import EdgeSet
+from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import cross
 
-__all__ = ["PAIR_TRIPLES", "TRIPLE_TRIPLES", "arc_hull", "half_planes", "largest", "triple_arcs"]
+__all__ = [
+    "PAIR_TRIPLES",
+    "TRIPLE_TRIPLES",
+    "all_half_planes",
+    "arc_hull",
+    "half_planes",
+    "largest",
+    "triple_arcs",
+]
 
 
 def _pair_triples() -> list[tuple[int, int, int]]:
@@ -39,20 +48,24 @@ def half_planes(edges: EdgeSet, edge: Ints, contact: Contact, anchor_mm: Floats)
     object's frame and the coefficients (C, A, B) of shape (n, 4, 3), in mm. Order: outer side of the edge,
     inner side, far end, near end.
     """
-    normal, along = edges.normal[edge], edges.direction[edge]
-    start, length = edges.start[edge], edges.length[edge]
-    point = np.asarray(contact.end_mm) - anchor_mm
-    bound = contact.position_bound_mm
-    offset, begin = np.sum(normal * start, axis=1), np.sum(along * start, axis=1)
-    margin_out, margin_in = bound + edges.slack_out[edge], bound + edges.slack_in[edge]
-    across = np.column_stack([normal @ point, cross(normal, point)])
-    lengthwise = np.column_stack([along @ point, cross(along, point)])
-    g = np.stack([-normal, normal, -along, along], axis=1)
-    constant = np.stack(
-        [offset + margin_out, margin_in - offset, begin + length + margin_in, margin_in - begin], axis=1
-    )
-    waves = np.stack([-across, across, -lengthwise, lengthwise], axis=1)
-    return g, np.concatenate([constant[..., None], waves], axis=2)
+    x, y = np.asarray(contact.end_mm) - anchor_mm
+    g = edges.sides[edge]
+    coefficients = np.empty((*g.shape[:2], 3))
+    coefficients[..., 0] = edges.side_limits[edge] + contact.position_bound_mm
+    coefficients[..., 1] = g[..., 0] * x + g[..., 1] * y
+    coefficients[..., 2] = g[..., 0] * y - g[..., 1] * x
+    return g, coefficients
+
+
+def all_half_planes(
+    catalogue: Catalogue, paired: Ints, contacts: list[Contact], anchor_mm: Floats
+) -> tuple[Floats, Floats]:
+    """The half-planes of k contacts, each on its edge of `paired` (n, k): g (n, 4k, 2), (n, 4k, 3)."""
+    parts = [
+        half_planes(catalogue.edges(contact.finger), paired[:, level], contact, anchor_mm)
+        for level, contact in enumerate(contacts)
+    ]
+    return np.concatenate([g for g, _ in parts], axis=1), np.concatenate([c for _, c in parts], axis=1)
 
 
 def triple_arcs(g: Floats, coefficients: Floats, triples: Ints) -> Floats:

@@ -111,7 +111,7 @@ def predict(recognition: Recognition, approach: Approach) -> tuple[Prediction, .
     """What `approach` will meet under each hypothesis, enclosed over its whole region."""
     result = []
     for hypothesis in recognition.hypotheses:
-        stops = sweep(recognition.catalogue, hypothesis.cells, recognition.anchor_mm, approach)
+        stops = sweep(recognition.catalogue, hypothesis.cells, recognition.anchor_mm, [approach])
         earliest, latest = float(stops.earliest.min()), float(stops.latest.max())
         result.append(
             Prediction(

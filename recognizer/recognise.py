@@ -16,15 +16,17 @@ from palpate.recognizer.arrays import Floats
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.extension import extend_by_region, split_into_runs
-from palpate.recognizer.hypotheses import Hypothesis, hypotheses_of
+from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
 from palpate.recognizer.region import Cells, build_cells
+from palpate.recognizer.settle import Question, settled
 from palpate.recognizer.sweep import unblocked
-from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level
+from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level, second_level
 
 __all__ = ["Recognition", "Verdict", "recognise"]
 
 _TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
-_COARSE_RAD, _FINE_CELLS = 0.015, 8
+_COARSE_RAD = 0.015
+_FINE_CELLS, _MOST_FINE = 512, 8
 
 
 class Verdict(Enum):
@@ -44,7 +46,7 @@ class Recognition:
     interpretations: Interpretations
     cells: Cells
     anchor_mm: Floats
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: Hypotheses
     levels: tuple[LevelCount, ...]
 
     @property
@@ -79,9 +81,8 @@ def recognise(catalogue: Catalogue, contacts: Sequence[Contact]) -> Recognition:
     anchor = np.mean([contact.end_mm for contact in touched[:_TREE_LEVELS]], axis=0)
     nodes, count = first_level(catalogue, touched[0])
     first = contacts.index(touched[0])
-    cells = _coarse(catalogue, nodes, touched[:1], anchor) if len(touched) == 1 else None
     rest = tuple(contacts[first + 1 :])
-    return _grown(catalogue, tuple(contacts[: first + 1]), rest, nodes, cells, anchor, (count,))
+    return _grown(catalogue, tuple(contacts[: first + 1]), rest, nodes, None, anchor, (count,))
 
 
 def _grown(
@@ -99,7 +100,9 @@ def _grown(
         if not contact.touched:
             continue
         touched.append(contact)
-        if len(touched) <= _TREE_LEVELS:
+        if len(touched) == 2:
+            nodes, count = second_level(catalogue, touched)
+        elif len(touched) <= _TREE_LEVELS:
             nodes, count = next_level(catalogue, nodes, touched, anchor)
         else:
             known_cells = _coarse(catalogue, nodes, touched[:-1], anchor) if cells is None else cells
@@ -122,11 +125,11 @@ def _concluded(
 ) -> Recognition:
     """Cells, evidence and hypotheses of the interpretations that are left."""
     touched = [contact for contact in contacts if contact.touched]
-    # A coarse pass drops most interpretations cheaply; a fine one bounds those that are left.
-    for least in (1, _FINE_CELLS):
-        cells = build_cells(catalogue, nodes, touched, anchor, step_rad=_COARSE_RAD, least=least)
-        for contact in contacts:
-            cells = cells.select(unblocked(catalogue, cells, anchor, contact))
-        nodes, cells = split_into_runs(nodes, cells)
-    hypotheses = hypotheses_of(catalogue, nodes, cells, touched, list(contacts), anchor)
+    # The fewer are left, the finer they are bounded.
+    least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
+    cells = build_cells(catalogue, nodes, touched, anchor, step_rad=_COARSE_RAD, least=least)
+    cells = cells.select(unblocked(catalogue, cells, anchor, contacts))
+    nodes, cells = split_into_runs(nodes, cells)
+    question = Question(catalogue, nodes, touched, list(contacts), anchor)
+    hypotheses = hypotheses_of(question, settled(question, cells))
     return Recognition(catalogue, contacts, nodes, cells, anchor, hypotheses, levels)

@@ -6,20 +6,23 @@ interval: each half-plane of `arcs` is relaxed to its largest value over the int
 clipped by them. The union of an interpretation's cells contains the truth whenever the errors are in bounds.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, half_planes, largest, triple_arcs
+from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, largest, triple_arcs
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.tree import Interpretations
 
-__all__ = ["Cells", "build_cells", "exact_position", "refined"]
+__all__ = ["Cells", "build_cells", "exact_position", "joined_cells", "refined"]
 
 _MAX_CELLS = 64  # per interpretation and pass
+_TRIPLED = 4  # contacts whose triples are looked at again when cells are refined
 _FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
 
 
@@ -40,8 +43,8 @@ class Cells:
     def __len__(self) -> int:
         return len(self.node)
 
-    def select(self, index: Ints | Bools) -> "Cells":
-        """Those at `index` (integers or a mask)."""
+    def select(self, index: Ints | Bools | slice) -> "Cells":
+        """Those at `index` (integers, a mask or a slice)."""
         return Cells(self.node[index], self.state[index], self.lo[index], self.hi[index], self.polygon[index])
 
     @property
@@ -89,6 +92,21 @@ class Cells:
         return result
 
 
+def joined_cells(parts: Sequence[Cells]) -> Cells:
+    """Cells of several regions in one; polygons with fewer vertices are padded."""
+    most = max(part.polygon.shape[1] for part in parts)
+    polygons = [np.pad(part.polygon, ((0, 0), (0, most - part.polygon.shape[1]), (0, 0))) for part in parts]
+    for part, polygon in zip(parts, polygons, strict=True):
+        polygon[:, part.polygon.shape[1] :] = polygon[:, :1]
+    return Cells(
+        np.concatenate([part.node for part in parts]),
+        np.concatenate([part.state for part in parts]),
+        np.concatenate([part.lo for part in parts]),
+        np.concatenate([part.hi for part in parts]),
+        np.concatenate(polygons),
+    )
+
+
 def build_cells(
     catalogue: Catalogue,
     nodes: Interpretations,
@@ -122,26 +140,31 @@ def refined(
 ) -> Cells:
     """The same region in cells of 1/`parts` of the width, cut anew: never larger, often smaller or empty.
 
-    Each is first narrowed to the orientations that the closed-form test leaves for all contacts together.
+    Each is first narrowed to the orientations that the closed-form test leaves for the contacts, taken in
+    threes as long as they are few: their triples are many, and narrow cells say nearly as much.
     """
     owner, part = expand_ranges(np.zeros(len(cells), np.int64), np.full(len(cells), parts))
     width = (cells.hi - cells.lo)[owner] / parts
     lo = cells.lo[owner] + part * width
     hi = np.where(part == parts - 1, cells.hi[owner], lo + width)
     node = cells.node[owner]
-    planes = [
-        half_planes(catalogue.edges(contact.finger), nodes.edges[node, level], contact, anchor_mm)
-        for level, contact in enumerate(contacts)
-    ]
-    for size, triples in ((2, PAIR_TRIPLES), (3, TRIPLE_TRIPLES)):
-        for group in combinations(range(len(contacts)), size):
-            g = np.concatenate([planes[k][0] for k in group], axis=1)
-            coefficients = np.concatenate([planes[k][1] for k in group], axis=1)
-            lo, hi = arc_hull(lo, hi, triple_arcs(g, coefficients, triples))
-            left = lo <= hi
-            node, lo, hi = node[left], lo[left], hi[left]
-            planes = [(plane[0][left], plane[1][left]) for plane in planes]
+    sets = [catalogue.edges(contact.finger) for contact in contacts]
+    for a, b in combinations(range(len(contacts)), 2):
+        edges = nodes.edges[node]
+        lo, hi = chord_hull(sets[a], edges[:, a], contacts[a], sets[b], edges[:, b], contacts[b], lo, hi)
+        node, lo, hi = _left(node, lo, hi)
+    if len(contacts) <= _TRIPLED:
+        for group in combinations(range(len(contacts)), 3):
+            some = [contacts[k] for k in group]
+            g, coefficients = all_half_planes(catalogue, nodes.edges[node][:, group], some, anchor_mm)
+            lo, hi = arc_hull(lo, hi, triple_arcs(g, coefficients, TRIPLE_TRIPLES))
+            node, lo, hi = _left(node, lo, hi)
     return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, hi)
+
+
+def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
+    left = lo <= hi
+    return node[left], lo[left], hi[left]
 
 
 def exact_position(
@@ -168,20 +191,21 @@ def _cut(
     lo: Floats,
     hi: Floats,
 ) -> Cells:
-    """The cells [lo, hi] of the given nodes, clipped by every contact in turn."""
-    alive = np.arange(len(node))
-    polygon = np.empty((len(node), 0, 2))
-    for level, contact in enumerate(contacts):
-        edge = nodes.edges[node[alive], level]
-        g, coefficients = half_planes(catalogue.edges(contact.finger), edge, contact, anchor_mm)
-        limit = largest(coefficients, lo[alive, None], hi[alive, None])
-        if level == 0:
-            polygon = _rectangle(g, limit)
-            continue
-        for side in range(4):
-            polygon, kept = _clip(polygon, g[:, side], limit[:, side])
+    """The cells [lo, hi] of the given nodes: the first contact's rectangle, clipped by all other contacts."""
+    g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
+    limit = largest(coefficients, lo[:, None], hi[:, None])
+    polygon = _rectangle(g, limit)
+    # Most half-planes cut nothing, and some leave nothing: a look at the corners settles these at once.
+    height = np.einsum("kvj,kmj->kvm", polygon, g[:, 4:]) - limit[:, None, 4:]
+    alive = np.flatnonzero(~np.any(np.all(height > 0, axis=1), axis=1))
+    cutting = np.flatnonzero(np.any(height[alive] > 0, axis=(0, 1))) + 4
+    polygon, g, limit = polygon[alive], g[alive], limit[alive]
+    for side in cutting:
+        polygon, kept = _clip(polygon, g[:, side], limit[:, side])
+        if not kept.all():
             alive, g, limit = alive[kept], g[kept], limit[kept]
-    return Cells(node[alive], nodes.state[node[alive]], lo[alive], hi[alive], polygon)
+    node = node[alive]
+    return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon)
 
 
 def _rectangle(g: Floats, limit: Floats) -> Floats:

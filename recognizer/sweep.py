@@ -6,13 +6,16 @@ point of the object is further than ρ from where the cell's middle configuratio
 stop before it comes within ρ of the middle outline, and cannot pass a point that lies deeper than ρ in it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats
-from palpate.recognizer.catalogue import Catalogue, EdgeSet
+from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
+from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.region import Cells
 from palpate.recognizer.segments import capsule_interval
 
@@ -34,7 +37,7 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class StopInterval:
-    """For k cells: the finger stops after a travel within [`earliest`, `latest`] (k,) mm.
+    """For k cells and m approaches: the finger stops after a travel within [`earliest`, `latest`] (k, m) mm.
 
     `earliest` is infinite where nothing can be met; `latest` is infinite where the finger may miss.
     """
@@ -43,77 +46,127 @@ class StopInterval:
     latest: Floats
 
 
-def sweep(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approach: Approach) -> StopInterval:
-    """Enclose the travel at which the object stops the finger, for each cell and all of it."""
-    edges = catalogue.edges(approach.finger)
-    earliest, latest = np.full(len(cells), np.inf), np.full(len(cells), np.inf)
-    start, heading = _in_object_frame(cells, anchor_mm, approach)
-    for state in np.unique(cells.state):
-        rows = np.flatnonzero(cells.state == state)
-        block = slice(int(edges.first[state]), int(edges.first[state + 1]))
-        size = block.stop - block.start
-        if size == 0:
-            continue
-        slack = float(edges.slack_out[block].max())
-        reach = float(np.hypot(*edges.start[block].T).max()) + slack
-        here = cells.select(rows)
+def sweep(
+    catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
+) -> StopInterval:
+    """Enclose the travel at which the object stops the finger, for k cells, all of each, and m approaches."""
+    shape = (len(cells), len(approaches))
+    earliest, latest = np.full(shape, np.inf), np.full(shape, np.inf)
+    for finger in dict.fromkeys(approach.finger for approach in approaches):
+        edges = catalogue.edges(finger)
+        columns = [k for k, approach in enumerate(approaches) if approach.finger == finger]
+        start, heading = _in_object_frame(cells, anchor_mm, [approaches[k] for k in columns])
+        bound = np.array([approaches[k].position_bound_mm for k in columns])
         # A point of the path is moved into the object's frame by any configuration of the cell; seen from the
         # middle one its lever is longer by as much as the centroid may be off.
-        rho = here.displacement(reach + here.radius) + approach.position_bound_mm + slack
-        chunk = max(1, _RAYS_TIMES_EDGES // size)
-        for begin in range(0, len(rows), chunk):
-            part = slice(begin, begin + chunk)
-            at = rows[part]
-            earliest[at], latest[at] = _stops(edges, block, start[at], heading[at], rho[part])
+        body = (
+            cells.displacement(edges.state_reach_mm[cells.state] + cells.radius)
+            + edges.state_slack_mm[cells.state]
+        )
+        rays = _Rays(
+            np.repeat(cells.state, len(columns)),
+            start.reshape(-1, 2),
+            heading.reshape(-1, 2),
+            (body[:, None] + bound).ravel(),
+        )
+        near, far = _stops(edges, rays)
+        earliest[:, columns], latest[:, columns] = near.reshape(start.shape[:2]), far.reshape(start.shape[:2])
     return StopInterval(earliest, latest)
 
 
-def unblocked(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, contact: Contact) -> Bools:
-    """Cells (k,) that the free path of a contact, or of a miss, does not rule out altogether.
+def unblocked(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, contacts: Sequence[Contact]) -> Bools:
+    """Cells (k,) that the free paths of contacts, and of misses, do not rule out altogether.
 
-    A cell goes only if every configuration in it would have stopped the finger before the end of the path.
+    A cell goes only if every configuration in it would have stopped a finger before the end of its path.
     """
-    path = Approach(
-        contact.finger,
-        contact.start_mm,
-        contact.direction_rad,
-        contact.travel_mm,
-        contact.free_path_bound_mm,
-    )
-    result: Bools = sweep(catalogue, cells, anchor_mm, path).latest >= contact.travel_mm
+    paths = [
+        Approach(
+            contact.finger,
+            contact.start_mm,
+            contact.direction_rad,
+            contact.travel_mm,
+            contact.free_path_bound_mm,
+        )
+        for contact in contacts
+    ]
+    travel = np.array([path.travel_mm for path in paths])
+    result: Bools = np.all(sweep(catalogue, cells, anchor_mm, paths).latest >= travel, axis=1)
     return result
 
 
-def _in_object_frame(cells: Cells, anchor_mm: Floats, approach: Approach) -> tuple[Floats, Floats]:
-    """Start (k, 2) and unit heading (k, 2) of the path in the frame of each cell's middle configuration."""
-    cos, sin = np.cos(cells.middle), np.sin(cells.middle)
-    x, y = np.asarray(approach.start_mm) - anchor_mm
-    turned = np.column_stack([cos * x + sin * y, cos * y - sin * x])
-    relative = approach.direction_rad - cells.middle
-    return turned - cells.centre, np.column_stack([np.cos(relative), np.sin(relative)])
+@dataclass(frozen=True, eq=False)
+class _Rays:
+    """r rays in the frames of their objects: `state` (r,), `start`, unit `heading` (r, 2), `rho` (r,) mm."""
+
+    state: Ints
+    start: Floats
+    heading: Floats
+    rho: Floats
+
+    def select(self, part: slice) -> "_Rays":
+        return _Rays(self.state[part], self.start[part], self.heading[part], self.rho[part])
 
 
-def _stops(
-    edges: EdgeSet, block: slice, start: Floats, heading: Floats, rho: Floats
+def _in_object_frame(
+    cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
 ) -> tuple[Floats, Floats]:
-    """Earliest and latest stop (m,) of m rays on the edges of one state, given each ray's ρ."""
-    begin, end = _side(start, heading, edges.start[block]), _side(start, heading, edges.end[block])
+    """Start and unit heading (k, m, 2) of m paths in the frame of each cell's middle configuration."""
+    cos, sin = np.cos(cells.middle)[:, None], np.sin(cells.middle)[:, None]
+    x, y = (np.array([approach.start_mm for approach in approaches]) - anchor_mm).T
+    start = np.stack([cos * x + sin * y, cos * y - sin * x], axis=2) - cells.centre[:, None]
+    ahead = np.array([approach.direction_rad for approach in approaches])
+    u, v = np.cos(ahead), np.sin(ahead)
+    return start, np.stack([cos * u + sin * v, cos * v - sin * u], axis=2)
+
+
+def _stops(edges: EdgeSet, rays: _Rays) -> tuple[Floats, Floats]:
+    """Earliest and latest stop (r,) of rays on the edges of their states."""
+    size = edges.count[rays.state]
+    pieces = _pieces(size)
+    parts = [_stops_of(edges, rays.select(piece), size[piece]) for piece in pieces]
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _pieces(size: Ints) -> list[slice]:
+    """Cut rows so that no piece has many more than _RAYS_TIMES_EDGES edges to look at."""
+    total = np.cumsum(size)
+    cuts = np.searchsorted(
+        total, np.arange(_RAYS_TIMES_EDGES, int(total[-1]) if len(total) else 0, _RAYS_TIMES_EDGES)
+    )
+    bounds = np.unique([0, *cuts, len(size)])
+    if len(bounds) < 2:
+        return [slice(0, 0)]
+    return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
+
+
+def _stops_of(edges: EdgeSet, rays: _Rays, size: Ints) -> tuple[Floats, Floats]:
+    ray, edge = expand_ranges(edges.first[rays.state], size)
+    begin, end = _side(rays, ray, edges.start[edge]), _side(rays, ray, edges.end[edge])
     # Most edges lie clear of the ray's line on one side; the capsules of the others are looked at closely.
-    margin = rho[:, None] + 1e-9
-    ray, edge = np.nonzero((np.minimum(begin, end) <= margin) & (np.maximum(begin, end) >= -margin))
-    enter, leave = np.full(begin.shape, np.inf), np.full(begin.shape, -np.inf)
-    enter[ray, edge], leave[ray, edge] = capsule_interval(
-        start[ray],
-        heading[ray],
-        edges.start[block][edge],
-        edges.direction[block][edge],
-        edges.length[block][edge],
-        rho[ray],
+    margin = rays.rho[ray] + 1e-9
+    close = np.flatnonzero((np.minimum(begin, end) <= margin) & (np.maximum(begin, end) >= -margin))
+    ray, edge = ray[close], edge[close]
+    enter, leave = capsule_interval(
+        rays.start[ray],
+        rays.heading[ray],
+        edges.start[edge],
+        edges.direction[edge],
+        edges.length[edge],
+        rays.rho[ray],
     )
     # Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither.
-    crossing = (begin > 0) != (end > 0)
+    crossing = (begin[close] > 0) != (end[close] > 0)
+    count = np.bincount(ray, minlength=len(size))
+    slot = np.arange(len(ray)) - np.repeat(np.cumsum(count) - count, count)
+    shape = (len(size), int(count.max(initial=0)))
+    table = (np.full(shape, np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=bool))
+    for to, value in zip(table, (enter, leave, crossing), strict=True):
+        to[ray, slot] = value
+    enter, leave, crossing = table
     touchable = (leave >= 0) & (enter <= leave)
-    earliest = np.where(touchable, np.maximum(enter, 0.0), np.inf).min(axis=1)
+    earliest = np.where(touchable, np.maximum(enter, 0.0), np.inf).min(axis=1, initial=np.inf)
     return earliest, _first_certain_depth(crossing, enter, leave)
 
 
@@ -130,12 +183,13 @@ def _first_certain_depth(crossing: Bools, enter: Floats, leave: Floats) -> Float
     inside = np.cumsum(np.take_along_axis(crossing, order, axis=1), axis=1) % 2 == 1
     following = np.column_stack([enter[:, 1:], np.full(len(enter), np.inf)])
     gap = inside & (following > covered) & (following > 0)
-    depth: Floats = np.where(gap, np.maximum(covered, 0.0), np.inf).min(axis=1)
+    depth: Floats = np.where(gap, np.maximum(covered, 0.0), np.inf).min(axis=1, initial=np.inf)
     return depth
 
 
-def _side(start: Floats, heading: Floats, point: Floats) -> Floats:
-    """Signed distance (m, n) of points (n, 2) from the lines of m rays."""
-    x = point[None, :, 0] - start[:, None, 0]
-    y = point[None, :, 1] - start[:, None, 1]
-    return heading[:, None, 0] * y - heading[:, None, 1] * x
+def _side(rays: _Rays, ray: Ints, point: Floats) -> Floats:
+    """Signed distance (n,) of points (n, 2) from the lines of the rays `ray` (n,)."""
+    x = point[:, 0] - rays.start[ray, 0]
+    y = point[:, 1] - rays.start[ray, 1]
+    side: Floats = rays.heading[ray, 0] * y - rays.heading[ray, 1] * x
+    return side

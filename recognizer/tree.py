@@ -6,13 +6,16 @@ normals), by distance, and by the closed-form model test on two and on three con
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, half_planes, triple_arcs
+from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, triple_arcs
 from palpate.recognizer.arrays import Floats, Ints
-from palpate.recognizer.catalogue import Catalogue, EdgeSet
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact, NormalRange
+from palpate.recognizer.edges import EdgeSet
 
 __all__ = [
     "Interpretations",
@@ -22,6 +25,7 @@ __all__ = [
     "next_level",
     "orientation_range",
     "paired_by_normal",
+    "second_level",
 ]
 
 _CHUNK = 8192  # interpretations tested at once: keeps the largest temporary array near 20 MB
@@ -84,6 +88,34 @@ def first_level(catalogue: Catalogue, contact: Contact) -> tuple[Interpretations
     return Interpretations(edges.state[kept], kept[:, None], lo, hi), count
 
 
+def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpretations, LevelCount]:
+    """Both first contacts at once, by look-up: the same as `next_level` after `first_level`."""
+    one, two = contacts
+    first, second = catalogue.edges(one.finger), catalogue.edges(two.finger)
+    candidates = int(np.sum(first.representative * second.count[first.state]))
+    normals_1, normals_2 = one.outward_normals(), two.outward_normals()
+    if normals_1 is None or normals_2 is None:
+        nothing = np.empty(0, np.int64)
+        none = Interpretations(nothing, np.empty((0, 2), np.int64), np.empty(0), np.empty(0))
+        return none, LevelCount(2, candidates, 0, 0, 0)
+    edge_a, edge_b = catalogue.pairs(one.finger, two.finger).between(
+        normals_2.lo_rad - normals_1.hi_rad,
+        normals_2.hi_rad - normals_1.lo_rad,
+        float(np.hypot(two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1])),
+        one.position_bound_mm + two.position_bound_mm,
+    )
+    lo, hi = orientation_range(normals_1, first, edge_a)
+    lo, hi = intersect(lo, hi, *orientation_range(normals_2, second, edge_b))
+    paired = Interpretations(first.state[edge_a], np.column_stack([edge_a, edge_b]), lo, hi)
+    after_distance = len(paired)
+    paired = paired.narrowed(lo, hi)
+    after_angle = len(paired)
+    paired = paired.narrowed(
+        *chord_hull(first, paired.edges[:, 0], one, second, paired.edges[:, 1], two, paired.lo, paired.hi)
+    )
+    return paired, LevelCount(2, candidates, after_distance, after_angle, len(paired))
+
+
 def next_level(
     catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
 ) -> tuple[Interpretations, LevelCount]:
@@ -134,15 +166,12 @@ def intersect(lo: Floats, hi: Floats, other_lo: Floats, other_hi: Floats) -> tup
 def _by_distance(
     catalogue: Catalogue, nodes: Interpretations, level: int, earlier: Contact, contact: Contact
 ) -> Interpretations:
-    first, last = catalogue.edges(earlier.finger), catalogue.edges(contact.finger)
-    ranges = catalogue.ranges(earlier.finger, contact.finger)
-    edge_a, edge_b = nodes.edges[:, level], nodes.edges[:, -1]
-    shortest, longest = ranges.look_up(nodes.state, edge_a, edge_b, last.first[:-1])
+    shortest, longest = catalogue.pairs(earlier.finger, contact.finger).ranges(
+        nodes.state, nodes.edges[:, level], nodes.edges[:, -1]
+    )
     measured = np.hypot(contact.end_mm[0] - earlier.end_mm[0], contact.end_mm[1] - earlier.end_mm[1])
-    slack = first.slack_out[edge_a] + last.slack_out[edge_b]
-    slack = slack + earlier.position_bound_mm + contact.position_bound_mm
-    keep = (measured >= shortest - slack) & (measured <= longest + slack)
-    return nodes.select(np.flatnonzero(keep))
+    bound = earlier.position_bound_mm + contact.position_bound_mm
+    return nodes.select(np.flatnonzero((measured >= shortest - bound) & (measured <= longest + bound)))
 
 
 def _by_model(
@@ -150,22 +179,36 @@ def _by_model(
 ) -> Interpretations:
     """Narrow by the closed-form test of the new contact with each earlier one and with each earlier pair."""
     new = len(contacts) - 1
-    for group in [(old, new) for old in range(new)] + [
-        (a, b, new) for a in range(new) for b in range(a + 1, new)
-    ]:
-        triples = PAIR_TRIPLES if len(group) == 2 else TRIPLE_TRIPLES
-        parts = []
-        for begin in range(0, len(nodes), _CHUNK):
-            part = nodes.select(np.arange(begin, min(begin + _CHUNK, len(nodes))))
-            planes = [
-                half_planes(catalogue.edges(contacts[k].finger), part.edges[:, k], contacts[k], anchor_mm)
-                for k in group
-            ]
-            g = np.concatenate([plane[0] for plane in planes], axis=1)
-            coefficients = np.concatenate([plane[1] for plane in planes], axis=1)
-            parts.append(part.narrowed(*arc_hull(part.lo, part.hi, triple_arcs(g, coefficients, triples))))
-        nodes = _joined(parts) if parts else nodes
+    last = catalogue.edges(contacts[new].finger)
+    for old in range(new):
+        first = catalogue.edges(contacts[old].finger)
+        lo, hi = chord_hull(
+            first,
+            nodes.edges[:, old],
+            contacts[old],
+            last,
+            nodes.edges[:, new],
+            contacts[new],
+            nodes.lo,
+            nodes.hi,
+        )
+        nodes = nodes.narrowed(lo, hi)
+    for one, two in combinations(range(new), 2):
+        group = [one, two, new]
+        some = [contacts[k] for k in group]
+        parts = [
+            _by_triple(catalogue, nodes.select(rows), group, some, anchor_mm)
+            for rows in np.array_split(np.arange(len(nodes)), len(nodes) // _CHUNK + 1)
+        ]
+        nodes = parts[0] if len(parts) == 1 else _joined(parts)
     return nodes
+
+
+def _by_triple(
+    catalogue: Catalogue, nodes: Interpretations, group: list[int], some: list[Contact], anchor_mm: Floats
+) -> Interpretations:
+    g, coefficients = all_half_planes(catalogue, nodes.edges[:, group], some, anchor_mm)
+    return nodes.narrowed(*arc_hull(nodes.lo, nodes.hi, triple_arcs(g, coefficients, TRIPLE_TRIPLES)))
 
 
 def _joined(parts: list[Interpretations]) -> Interpretations:

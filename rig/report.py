@@ -160,7 +160,7 @@ def identification_picture(
     )
 
 
-def _hypotheses(result: Identification) -> tuple[Hypothesis, ...]:
+def _hypotheses(result: Identification) -> Sequence[Hypothesis]:
     return () if result.recognition is None else result.recognition.hypotheses
 
 
