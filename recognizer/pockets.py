@@ -29,7 +29,7 @@ import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.blocked import Pieces, blocked, walked
-from palpate.recognizer.catalogue import EdgeSet
+from palpate.recognizer.edges import EdgeSet
 
 __all__ = [
     "Pockets",

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
-from palpate.recognizer.catalogue import Catalogue, EdgeSet
+from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger
+from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.pockets import (
     Pockets,
