@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
-from palpate.recognizer.catalogue import EdgeSet
+from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import point_segment_distance
 
 __all__ = ["Outline", "Pieces", "blocked", "walked"]
