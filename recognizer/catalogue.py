@@ -14,12 +14,13 @@ from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet, edge_set
 from palpate.recognizer.model import ObjectModel, State
 from palpate.recognizer.pairs import PairTable
+from palpate.recognizer.strips import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, symmetry_order
 
 __all__ = ["Catalogue"]
 
 SYMMETRY_TOLERANCE_MM = 1e-3
-_FLAT_EDGES = 2500
+_FLAT_EDGES = 600  # of a state: the table of pairs of larger ones would only grow
 
 
 class Catalogue:
@@ -48,6 +49,7 @@ class Catalogue:
         self.flat_edges = flat_edges
         self._edges: dict[Finger, EdgeSet] = {}
         self._pairs: dict[tuple[Finger, Finger], PairTable] = {}
+        self._strips: dict[Finger, StripForest] = {}
 
     def edges(self, finger: Finger) -> EdgeSet:
         """The grown edges that `finger` can meet."""
@@ -62,9 +64,16 @@ class Catalogue:
             self._pairs[key] = PairTable(self.edges(first), self.edges(second), self.flat_edges)
         return self._pairs[key]
 
+    def strips(self, finger: Finger) -> StripForest:
+        """Strip trees over the edges that `finger` can meet, for states with more than `flat_edges`."""
+        if finger not in self._strips:
+            edges = self.edges(finger)
+            self._strips[finger] = strip_forest(edges, edges.count > self.flat_edges)
+        return self._strips[finger]
+
 
 def _prepare(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
     order = symmetry_order(state, origin, SYMMETRY_TOLERANCE_MM)
-    slack = item.tolerance_mm + ROUNDING_MM + (SYMMETRY_TOLERANCE_MM if order > 1 else 0.0)
-    return CatalogueState(item.name, state, origin, order, slack)
+    rounding = ROUNDING_MM + (SYMMETRY_TOLERANCE_MM if order > 1 else 0.0)
+    return CatalogueState(item.name, state, origin, order, item.tolerance_mm, rounding)

@@ -6,13 +6,14 @@ test is a range look-up. Part of the catalogue's work, done once for each kind o
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.recognizer.coarse import coarsened
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.grown import GrownSection, grow
 from palpate.recognizer.model import Section, State
@@ -23,6 +24,7 @@ __all__ = ["ROUNDING_MM", "CatalogueState", "EdgeSet", "edge_set"]
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
 
+MOST_EDGES = 2000  # of one state; finer outlines are coarsened, at the price of a stated slack
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
 
 
@@ -31,15 +33,17 @@ class CatalogueState:
     """One state of one object, as hypotheses name it.
 
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the
-    origin, so that a symmetry turns the object about its own origin. `slack_mm` is by how much a modelled
-    edge may be off: the object's tolerance, the symmetry's, and rounding.
+    origin, so that a symmetry turns the object about its own origin. `tolerance_mm` is by how much the
+    vertices of the true outline may be off, `rounding_mm` the allowance for rounding and for a symmetry that
+    is not quite one.
     """
 
     object_name: str
     state: State
     origin_mm: Floats
     symmetry_order: int
-    slack_mm: float
+    tolerance_mm: float
+    rounding_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,7 @@ class EdgeSet:
     length: Floats
     slack_in: Floats
     slack_out: Floats
+    slack_along: Floats
     normal_rad: Floats
     span: Floats
     feature: Ints
@@ -88,7 +93,7 @@ class EdgeSet:
     @cached_property
     def half_along(self) -> Floats:
         """Half of that rectangle's size along the edge, (n,)."""
-        result: Floats = self.length / 2 + self.slack_in
+        result: Floats = self.length / 2 + self.slack_along
         return result
 
     @cached_property
@@ -105,11 +110,17 @@ class EdgeSet:
             [
                 offset + self.slack_out,
                 self.slack_in - offset,
-                begin + self.length + self.slack_in,
-                self.slack_in - begin,
+                begin + self.length + self.slack_along,
+                self.slack_along - begin,
             ],
             axis=1,
         )
+
+    @cached_property
+    def slack_mm(self) -> Floats:
+        """How far from each edge the tip's centre may lie though nothing is mismeasured, (n,)."""
+        result: Floats = np.hypot(np.maximum(self.slack_in, self.slack_out), self.slack_along)
+        return result
 
     @cached_property
     def state_reach_mm(self) -> Floats:
@@ -118,8 +129,8 @@ class EdgeSet:
 
     @cached_property
     def state_slack_mm(self) -> Floats:
-        """Largest outer slack of each state's edges, (S,)."""
-        return self._most(self.slack_out)
+        """Largest slack of each state's edges, (S,)."""
+        return self._most(self.slack_mm)
 
     def _most(self, value: Floats) -> Floats:
         result = np.zeros(len(self.first) - 1)
@@ -148,56 +159,104 @@ class EdgeSet:
         return owner, begin + (key - 2 * begin) % size
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The grown edges of one state, sorted by normal, and the slack of each (n,) mm."""
+
+    edges: GrownSection
+    slack_in: Floats
+    slack_out: Floats
+    slack_along: Floats
+
+
 def edge_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:
     """Grow every state at the finger's height by its radius; arcs bulge by at most `facet_error_mm`."""
     parts = [_state_edges(state, finger, facet_error_mm) for state in states]
-    first = np.cumsum([0] + [len(part.length) for part in parts])
-    slack = np.repeat([state.slack_mm for state in states], np.diff(first))
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("start", "end", "direction", "length", "bulge", "span", "feature")
-    }
-    direction = joined["direction"]
+    first = np.cumsum([0] + [len(part.slack_in) for part in parts])
+    start, end, direction, length, span, feature = (
+        np.concatenate([getattr(part.edges, name) for part in parts])
+        for name in ("start", "end", "direction", "length", "span", "feature")
+    )
+    slack_in, slack_out, slack_along = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("slack_in", "slack_out", "slack_along")
+    )
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
     return EdgeSet(
         state=np.repeat(np.arange(len(states)), np.diff(first)),
-        start=joined["start"],
-        end=joined["end"],
+        start=start,
+        end=end,
         direction=direction,
         normal=normal,
-        length=joined["length"],
-        slack_in=slack,
-        slack_out=slack + joined["bulge"],
+        length=length,
+        slack_in=slack_in,
+        slack_out=slack_out,
+        slack_along=slack_along,
         normal_rad=np.arctan2(normal[:, 1], normal[:, 0]) % (2 * np.pi),
-        span=joined["span"] + 1e-9,
-        feature=joined["feature"],
+        span=span + 1e-9,
+        feature=feature,
         representative=np.concatenate(
-            [_representative(part, state.symmetry_order) for part, state in zip(parts, states, strict=True)]
+            [
+                _representative(part.edges, state.symmetry_order)
+                for part, state in zip(parts, states, strict=True)
+            ]
         ),
         first=first.astype(np.int64),
     )
 
 
-def _state_edges(item: CatalogueState, finger: Finger, facet_error_mm: float) -> GrownSection:
+def _state_edges(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
     """Grown edges of one state at the finger's height, sorted by normal; none where nothing is that high."""
     height = finger.height_mm
     at_height = [s for s in item.state.sections if s.z_lo_mm <= height <= s.z_hi_mm]
     if not at_height:
         none, nowhere = np.empty(0), np.empty((0, 2))
-        return GrownSection(nowhere, nowhere, nowhere, none, none, none, np.empty(0, np.int64))
+        nothing = np.empty(0, np.int64)
+        return _Part(
+            GrownSection(nowhere, nowhere, nowhere, none, none, none, none, nothing), none, none, none
+        )
     # Where two sections meet, the finger meets whichever stands out.
     polygons = tuple(polygon for section in at_height for polygon in section.polygons)
-    grown = grow(Section(height, height, polygons), finger.tip_radius_mm, facet_error_mm)
+    radius = max(0.0, finger.tip_radius_mm - item.tolerance_mm)
+    section = Section(height, height, polygons)
+    grown = coarsened(grow(section, radius, facet_error_mm), MOST_EDGES)
     order = np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
-    return GrownSection(
-        start=grown.start[order] - item.origin_mm,
-        end=grown.end[order] - item.origin_mm,
-        direction=grown.direction[order],
-        length=grown.length[order],
-        bulge=grown.bulge[order],
-        span=grown.span[order],
-        feature=grown.feature[order],
+    grown = grown.select(order).moved(-item.origin_mm)
+    return _with_slack(grown, item, finger.tip_radius_mm, radius, section)
+
+
+def _with_slack(
+    grown: GrownSection, item: CatalogueState, tip_radius_mm: float, radius_mm: float, section: Section
+) -> _Part:
+    """Edges with the slack that the object's tolerance δ and coarsening give them.
+
+    A finger that touches the true outline is no nearer to the modelled one than r − δ and no further from
+    what it touches than r + δ. So outlines are grown by r − δ only, and the rest is slack on the outer side:
+    a slot that the model is a little too narrow for is then open. With vertices off by δ, an edge of length
+    L tilts by up to asin(2δ/L): that turns the normal, and moves the centre along by r times as much. At a
+    blunt concave corner the true edge may go on past the modelled corner, by √(δr) at most.
+    """
+    delta = item.tolerance_mm
+    tilt = _tilt(section, delta)[np.where(grown.feature < 0, -1 - grown.feature, grown.feature)]
+    along = 2 * delta + tip_radius_mm * tilt + math.sqrt(delta * tip_radius_mm)
+    return _Part(
+        edges=replace(grown, span=np.minimum(grown.span + tilt, np.pi)),
+        slack_in=item.rounding_mm + grown.dent + max(0.0, delta - tip_radius_mm),
+        slack_out=item.rounding_mm + grown.bulge + tip_radius_mm + delta - radius_mm,
+        slack_along=item.rounding_mm + grown.dent + along,
     )
+
+
+def _tilt(section: Section, tolerance_mm: float) -> Floats:
+    """Largest tilt (m,) rad of the edges at and after each vertex, counted as in `GrownSection.feature`."""
+    parts = []
+    for polygon in section.polygons:
+        for ring in (polygon.outer, *polygon.holes):
+            length = np.hypot(*(np.roll(ring, -1, axis=0) - ring).T)
+            ratio = 2 * tolerance_mm / np.maximum(length, 1e-12)
+            tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
+            parts.append(np.maximum(tilt, np.roll(tilt, 1)))
+    return np.concatenate(parts)
 
 
 def _representative(part: GrownSection, order: int) -> Bools:

@@ -6,7 +6,8 @@ harder than distances to the earlier contacts and costs the same however many of
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.region import Cells
@@ -16,7 +17,6 @@ from palpate.recognizer.tree import (
     LevelCount,
     intersect,
     orientation_range,
-    paired_by_normal,
 )
 
 __all__ = ["extend_by_region", "split_into_runs"]
@@ -33,10 +33,20 @@ def extend_by_region(
     """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells."""
     edges = catalogue.edges(contact.finger)
     candidates = int(np.sum(edges.count[nodes.state]))
-    owner, edge = paired_by_normal(edges, cells.state, cells.lo, cells.hi, contact)
+    point, reach = _sight(cells, contact, anchor_mm)
+
+    def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
+        along = end - start
+        length = np.hypot(along[:, 0], along[:, 1])
+        direction = along / np.maximum(length, 1e-300)[:, None]
+        away = point_segment_distance(point[query], start, direction, length)
+        fits: Bools = away <= reach[query] + stray
+        return fits
+
+    owner, edge = paired_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near)
     after_angle = _distinct(cells.node[owner], edge, len(edges.state))
-    near = _near(catalogue, cells.select(owner), contact, edge, anchor_mm)
-    owner, edge = owner[near], edge[near]
+    close = near(owner, edges.start[edge], edges.end[edge], edges.slack_mm[edge])
+    owner, edge = owner[close], edge[close]
     normals = contact.outward_normals()
     if normals is None or not len(owner):
         count = LevelCount(level, candidates, after_angle, 0, 0)
@@ -69,16 +79,13 @@ def _distinct(node: Ints, edge: Ints, edges: int) -> int:
     return len(np.unique(node * edges + edge))
 
 
-def _near(catalogue: Catalogue, cells: Cells, contact: Contact, edge: Ints, anchor_mm: Floats) -> Ints:
-    """Pairs of a cell and an edge (both (m,)) in which the contact may lie within its bound of the edge."""
-    edges = catalogue.edges(contact.finger)
+def _sight(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
+    """Where the contact lies in the object's frame: within reach (k,) mm of a point (k, 2), in each cell."""
     x, y = np.asarray(contact.end_mm) - anchor_mm
     cos, sin = np.cos(cells.middle), np.sin(cells.middle)
     point = np.column_stack([cos * x + sin * y, cos * y - sin * x]) - cells.centre
-    reach = cells.half_width * np.hypot(x, y) + cells.radius
-    reach += contact.position_bound_mm + edges.slack_out[edge]
-    away = point_segment_distance(point, edges.start[edge], edges.direction[edge], edges.length[edge])
-    return np.flatnonzero(away <= reach)
+    reach = cells.half_width * np.hypot(x, y) + cells.radius + contact.position_bound_mm
+    return point, reach
 
 
 def _gathered(

@@ -9,7 +9,7 @@ corners are then put where the arcs themselves meet, and each visible arc is fac
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import shapely
@@ -30,10 +30,10 @@ _UNION_FINER = 16.0  # facets of the union are this much closer to their arcs th
 class GrownSection:
     """Edges of a grown section in the object's frame; n edges, the solid on the left of each.
 
-    `start` and `end` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` (n,) mm: how far the true
-    boundary may stand out over the edge, `span` (n,) rad: half of the turn of the true normal along the edge.
-    `feature` (n,): edge k of the section is k, an arc about vertex k is −1 − k; edges are counted through
-    the section's polygons in the order given, outer ring first.
+    `start` and `end` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` and `dent` (n,) mm: how
+    far the true boundary may stand out over the edge, or back behind it, `span` (n,) rad: half of the turn of
+    the true normal along the edge. `feature` (n,): edge k of the section is k, an arc about vertex k is
+    −1 − k; edges are counted through the section's polygons in the order given, outer ring first.
     """
 
     start: Floats
@@ -41,8 +41,17 @@ class GrownSection:
     direction: Floats
     length: Floats
     bulge: Floats
+    dent: Floats
     span: Floats
     feature: Ints
+
+    def select(self, rows: Ints) -> "GrownSection":
+        """The edges `rows` (m,), in that order."""
+        return GrownSection(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    def moved(self, by_mm: Floats) -> "GrownSection":
+        """The same, moved by (2,) mm."""
+        return replace(self, start=self.start + by_mm, end=self.end + by_mm)
 
 
 def grow(section: Section, radius_mm: float, facet_error_mm: float) -> GrownSection:
@@ -224,6 +233,7 @@ def _edges(start: Floats, end: Floats, feature: Ints, vertex_at: Floats, radius_
         direction=direction,
         length=length,
         bulge=np.where(on_arc, radius_mm - away, 0.0),
+        dent=np.zeros(len(length)),
         span=np.where(on_arc, half, 0.0),
         feature=feature,
     )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import distance_range
+from palpate.recognizer.strips import strip_forest
 
 __all__ = ["PairTable"]
 
@@ -19,10 +20,10 @@ _TURN_ROUNDING_RAD = 2e-6  # of a turn kept in single precision
 
 
 class PairTable:
-    """All pairs of an edge of `first` and an edge of `second` of the same state, of `flat_edges` at most.
+    """All pairs of an edge of `first` and an edge of `second` of the same state.
 
-    `flat` (S,): states in the table; the edges of larger ones are paired by strips. Distances include what
-    the edges' slack adds to them.
+    `flat` (S,): states of at most `flat_edges`, whose pairs are listed; others are paired by strips.
+    Distances include what the edges' slack adds to them.
     """
 
     def __init__(self, first: EdgeSet, second: EdgeSet, flat_edges: int) -> None:
@@ -40,6 +41,7 @@ class PairTable:
         self._turn = turn[order].astype(np.float32)
         self._edge_a, self._edge_b = edge_a[listed], edge_b[listed]
         self._near, self._far = self._shortest[listed], self._longest[listed]
+        self._strips = (strip_forest(first, ~self.flat), strip_forest(second, ~self.flat))
         self._span_rad = float(np.max(first.span, initial=0.0) + np.max(second.span, initial=0.0))
 
     def between(
@@ -62,7 +64,12 @@ class PairTable:
             fits = (near <= np.float32(distance_mm + bound_mm)) & (far >= np.float32(distance_mm - bound_mm))
             parts.append(at + np.flatnonzero(fits))
         found = np.concatenate(parts)
-        return self._edge_a[found].astype(np.int64), self._edge_b[found].astype(np.int64)
+        edge_a, edge_b = self._edge_a[found].astype(np.int64), self._edge_b[found].astype(np.int64)
+        if self.flat.all():
+            return edge_a, edge_b
+        one, two = self._strips[0].pairs(self._strips[1], turn_lo_rad, turn_hi_rad, distance_mm, bound_mm)
+        kept = self._first.representative[one]
+        return np.concatenate([edge_a, one[kept]]), np.concatenate([edge_b, two[kept]])
 
     def ranges(self, state: Ints, edge_a: Ints, edge_b: Ints) -> tuple[Floats, Floats]:
         """Shortest and longest distance (mm) for pairs (n,) of edges of `state` (n,), with their slack."""
@@ -104,5 +111,5 @@ def _slack_range(
     shortest, longest = distance_range(
         first.start[edge_a], first.end[edge_a], second.start[edge_b], second.end[edge_b]
     )
-    slack = first.slack_out[edge_a] + second.slack_out[edge_b]
+    slack = first.slack_mm[edge_a] + second.slack_mm[edge_b]
     return shortest - slack, longest + slack

@@ -33,7 +33,9 @@ def distance_range(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, 
     longest = np.maximum.reduce(ends)
     u, v = b - a, d - c
     length_u, length_v = np.hypot(*u.T), np.hypot(*v.T)
-    unit_u, unit_v = u / length_u[:, None], v / length_v[:, None]
+    # A segment without length has any direction.
+    unit_u = u / np.maximum(length_u, 1e-300)[:, None]
+    unit_v = v / np.maximum(length_v, 1e-300)[:, None]
     shortest = np.minimum.reduce(
         [
             point_segment_distance(a, c, unit_v, length_v),

@@ -11,11 +11,13 @@ from itertools import combinations
 import numpy as np
 
 from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, triple_arcs
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.segments import distance_range
 
 __all__ = [
     "Interpretations",
@@ -24,7 +26,6 @@ __all__ = [
     "intersect",
     "next_level",
     "orientation_range",
-    "paired_by_normal",
     "second_level",
 ]
 
@@ -123,7 +124,7 @@ def next_level(
     contact = contacts[-1]
     edges = catalogue.edges(contact.finger)
     candidates = int(np.sum(edges.count[nodes.state]))
-    grown = _by_angle(edges, nodes, contact)
+    grown = _by_angle(catalogue, nodes, contacts[:-1], contact)
     after_angle = len(grown)
     for level, earlier in enumerate(contacts[:-1]):
         grown = _by_distance(catalogue, grown, level, earlier, contact)
@@ -132,24 +133,26 @@ def next_level(
     return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
 
 
-def paired_by_normal(
-    edges: EdgeSet, state: Ints, lo: Floats, hi: Floats, contact: Contact
-) -> tuple[Ints, Ints]:
-    """Edges whose normals fit `contact` at some θ in [lo, hi], for m queries; returns (owner, edge), flat."""
+def _by_angle(
+    catalogue: Catalogue, nodes: Interpretations, earlier: list[Contact], contact: Contact
+) -> Interpretations:
     normals = contact.outward_normals()
-    if normals is None:
-        return np.empty(0, np.int64), np.empty(0, np.int64)
-    margin = float(np.max(edges.span, initial=0.0))
-    width = np.minimum(normals.hi_rad - normals.lo_rad + 2 * margin + hi - lo, 2 * np.pi)
-    return edges.by_normal(state, normals.lo_rad - margin - hi, width)
 
+    def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
+        fits = np.ones(len(query), dtype=bool)
+        for level, other in enumerate(earlier):
+            first, edge = catalogue.edges(other.finger), nodes.edges[query, level]
+            shortest, longest = distance_range(first.start[edge], first.end[edge], start, end)
+            slack = stray + first.slack_mm[edge] + other.position_bound_mm + contact.position_bound_mm
+            measured = np.hypot(contact.end_mm[0] - other.end_mm[0], contact.end_mm[1] - other.end_mm[1])
+            fits &= (measured >= shortest - slack) & (measured <= longest + slack)
+        return fits
 
-def _by_angle(edges: EdgeSet, nodes: Interpretations, contact: Contact) -> Interpretations:
-    owner, edge = paired_by_normal(edges, nodes.state, nodes.lo, nodes.hi, contact)
+    owner, edge = paired_edges(catalogue, nodes.state, nodes.lo, nodes.hi, contact, near)
     paired = nodes.paired(owner, edge)
-    normals = contact.outward_normals()
     if normals is None:
         return paired
+    edges = catalogue.edges(contact.finger)
     return paired.narrowed(*intersect(paired.lo, paired.hi, *orientation_range(normals, edges, edge)))
 
 

@@ -1,0 +1,198 @@
+"""Strip trees of outlines with very many edges (memo §3.3; Ballard 1981).
+
+Between the catalogue and the tree's second and further levels. A strip stands for a run of neighbouring
+edges: a segment from the run's start to its end, how far the run strays from it, and the range of its
+normals. Distance and angle are tested on strips first, and only the halves of strips that pass are looked at
+further, down to single edges. What the flat search would keep is in what the strips leave.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.segments import distance_range
+
+__all__ = ["StripForest", "strip_forest"]
+
+_ROUNDING_MM = 1e-6
+_ROUNDING_RAD = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class StripForest:
+    """Strip trees of some states of an edge set; N strips in all.
+
+    `start` and `end` (N, 2) mm in the object's frame: the strip's segment; `stray` (N,) mm: how far the run,
+    slack included, leaves it; `normal` and `half_turn` (N,) rad: middle and half of the range of normals
+    (spans included); `left` and `right` (N,): the strip's halves, −1 for a single edge; `edge` (N,): that
+    edge, −1 for others; `root` (S,): −1 for states without a tree.
+    """
+
+    start: Floats
+    end: Floats
+    stray: Floats
+    normal: Floats
+    half_turn: Floats
+    left: Ints
+    right: Ints
+    edge: Ints
+    root: Ints
+
+    def pairs(
+        self,
+        other: "StripForest",
+        turn_lo_rad: float,
+        turn_hi_rad: float,
+        distance_mm: float,
+        bound_mm: float,
+    ) -> tuple[Ints, Ints]:
+        """Pairs (edge here, edge in `other`) of one state, as `PairTable.between` finds them."""
+        state = np.flatnonzero((self.root >= 0) & (other.root >= 0))
+        one, two = self.root[state], other.root[state]
+        found: list[tuple[Ints, Ints]] = []
+        middle, half = (turn_lo_rad + turn_hi_rad) / 2, (turn_hi_rad - turn_lo_rad) / 2
+        while len(one):
+            off = np.abs(wrap_angle(other.normal[two] - self.normal[one] - middle))
+            fits = off <= half + self.half_turn[one] + other.half_turn[two] + _ROUNDING_RAD
+            one, two = one[fits], two[fits]
+            shortest, longest = distance_range(
+                self.start[one], self.end[one], other.start[two], other.end[two]
+            )
+            stray = self.stray[one] + other.stray[two] + bound_mm + _ROUNDING_MM
+            fits = (shortest <= distance_mm + stray) & (longest >= distance_mm - stray)
+            one, two = one[fits], two[fits]
+            leaves = (self.edge[one] >= 0) & (other.edge[two] >= 0)
+            found.append((self.edge[one[leaves]], other.edge[two[leaves]]))
+            one, two = one[~leaves], two[~leaves]
+            one, two = self._halves(one, two)
+            two, one = other._halves(two, one)
+        none = np.empty(0, np.int64)
+        return (
+            np.concatenate([none, *(a for a, _ in found)]),
+            np.concatenate([none, *(b for _, b in found)]),
+        )
+
+    def descend(self, state: Ints, keep: Callable[[Ints, Ints], Bools]) -> tuple[Ints, Ints]:
+        """Edges that m queries, each about one `state` (m,), leave: (query, edge), flat.
+
+        `keep(query, strip)` says which strips may hold an edge that the query is after; it must be true for
+        every strip above such an edge.
+        """
+        query = np.flatnonzero(self.root[state] >= 0)
+        strip = self.root[state[query]]
+        found: list[tuple[Ints, Ints]] = []
+        while len(query):
+            kept = keep(query, strip)
+            query, strip = query[kept], strip[kept]
+            leaves = self.edge[strip] >= 0
+            found.append((query[leaves], self.edge[strip[leaves]]))
+            strip, query = self._halves(strip[~leaves], query[~leaves])
+        none = np.empty(0, np.int64)
+        return (
+            np.concatenate([none, *(a for a, _ in found)]),
+            np.concatenate([none, *(b for _, b in found)]),
+        )
+
+    def _halves(self, strip: Ints, with_it: Ints) -> tuple[Ints, Ints]:
+        """Both halves of each strip; a single edge stays as it is."""
+        single = self.edge[strip] >= 0
+        split = ~single
+        parts = np.concatenate([strip[single], self.left[strip[split]], self.right[strip[split]]])
+        return parts, np.concatenate([with_it[single], with_it[split], with_it[split]])
+
+
+def strip_forest(edges: EdgeSet, chosen: Bools) -> StripForest:
+    """Trees over the outlines of the `chosen` (S,) states."""
+    root = np.full(len(chosen), -1, dtype=np.int64)
+    parts: list[StripForest] = []
+    size = 0
+    for state in np.flatnonzero(chosen & (edges.count > 0)):
+        tree = _tree(edges, _in_ring_order(edges, int(state)), size)
+        root[state] = size
+        size += len(tree.edge)
+        parts.append(tree)
+    if not parts:
+        nothing, none = np.empty(0), np.empty(0, np.int64)
+        return StripForest(
+            np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, nothing, none, none, none, root
+        )
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in ("start", "end", "stray", "normal", "half_turn", "left", "right", "edge")
+    }
+    return StripForest(root=root, **joined)
+
+
+def _in_ring_order(edges: EdgeSet, state: int) -> Ints:
+    """The edges of a state, each followed by the one that begins where it ends."""
+    block = np.arange(edges.first[state], edges.first[state + 1])
+    by_start = np.lexsort(edges.start[block].T)
+    by_end = np.lexsort(edges.end[block].T)
+    following = np.empty(len(block), dtype=np.int64)
+    following[by_end] = by_start
+    order: list[int] = []
+    seen = np.zeros(len(block), dtype=bool)
+    for begin in range(len(block)):
+        at = begin
+        while not seen[at]:
+            seen[at] = True
+            order.append(at)
+            at = int(following[at])
+    result: Ints = block[np.array(order)]
+    return result
+
+
+def _tree(edges: EdgeSet, ring: Ints, offset: int) -> StripForest:
+    """The tree over edges `ring` (n,) in order, its root first; children are numbered from `offset` on."""
+    turn = wrap_angle(np.diff(edges.normal_rad[ring]))
+    normal = edges.normal_rad[ring[0]] + np.concatenate([[0.0], np.cumsum(turn)])
+    begin, end = [0], [len(ring)]
+    left, right = [-1], [-1]
+    at = 0
+    while at < len(begin):
+        if end[at] - begin[at] > 1:
+            middle = (begin[at] + end[at]) // 2
+            left[at], right[at] = offset + len(begin), offset + len(begin) + 1
+            begin += [begin[at], middle]
+            end += [middle, end[at]]
+            left += [-1, -1]
+            right += [-1, -1]
+        at += 1
+    first, last = np.array(begin), np.array(end) - 1
+    start, stop = edges.start[ring[first]], edges.end[ring[last]]
+    single = first == last
+    lo, hi = _extremes(normal - edges.span[ring], normal + edges.span[ring], first, last)
+    return StripForest(
+        start=start,
+        end=stop,
+        stray=_stray(edges, ring, first, last),
+        normal=(lo + hi) / 2,
+        half_turn=np.minimum((hi - lo) / 2, np.pi),
+        left=np.array(left),
+        right=np.array(right),
+        edge=np.where(single, ring[first], -1),
+        root=np.empty(0, np.int64),
+    )
+
+
+def _extremes(low: Floats, high: Floats, first: Ints, last: Ints) -> tuple[Floats, Floats]:
+    lo = np.array([low[a : b + 1].min() for a, b in zip(first, last, strict=True)])
+    hi = np.array([high[a : b + 1].max() for a, b in zip(first, last, strict=True)])
+    return lo, hi
+
+
+def _stray(edges: EdgeSet, ring: Ints, first: Ints, last: Ints) -> Floats:
+    """How far each run's edges, with their slack, leave the segment from its start to its end."""
+    points, ends, slack = edges.start[ring], edges.end[ring], edges.slack_mm[ring]
+    result = np.empty(len(first))
+    for k, (a, b) in enumerate(zip(first, last, strict=True)):
+        along = ends[b] - points[a]
+        square = float(along @ along)
+        rel = np.vstack([points[a : b + 1], ends[a : b + 1]]) - points[a]
+        part = np.clip(rel @ along / square, 0.0, 1.0) if square > 0 else np.zeros(len(rel))
+        away = np.hypot(*(rel - part[:, None] * along).T)
+        result[k] = float(away.max()) + float(slack[a : b + 1].max())
+    return result
