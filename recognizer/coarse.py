@@ -16,18 +16,20 @@ from palpate.recognizer.segments import point_segment_distance
 __all__ = ["coarsened"]
 
 _FINEST_MM = 1e-3
+_ROUGH_MM = 0.1
 
 
 def coarsened(grown: GrownSection, most: int) -> GrownSection:
     """The same outline in no more than `most` edges, if it has more and that can be done.
 
     Each ring keeps four edges at least. The stray allowed is doubled until the edges are few enough, up to
-    the size of the outline.
+    the size of the outline. Where it has to be coarser than a rough surface is, a quarter as many edges are
+    enough: more would only pair every contact with noise.
     """
     stray = _FINEST_MM
     size = float(np.ptp(grown.start, axis=0).max(initial=0.0))
     result = grown
-    while len(result.length) > most and stray < size:
+    while len(result.length) > (most if stray < _ROUGH_MM else most // 4) and stray < size:
         result = _merged(grown, stray)
         stray *= 2
     return result

@@ -18,9 +18,11 @@ from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.region import Cells
 from palpate.recognizer.segments import capsule_interval
+from palpate.recognizer.strips import StripForest
 
 __all__ = ["Approach", "StopInterval", "sweep", "unblocked"]
 
+_SOME_EDGES = 64
 _RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens of MB
 
 
@@ -69,7 +71,7 @@ def sweep(
             heading.reshape(-1, 2),
             (body[:, None] + bound).ravel(),
         )
-        near, far = _stops(edges, rays)
+        near, far = _stops(edges, catalogue.strips(finger), rays)
         earliest[:, columns], latest[:, columns] = near.reshape(start.shape[:2]), far.reshape(start.shape[:2])
     return StopInterval(earliest, latest)
 
@@ -119,11 +121,12 @@ def _in_object_frame(
     return start, np.stack([cos * u + sin * v, cos * v - sin * u], axis=2)
 
 
-def _stops(edges: EdgeSet, rays: _Rays) -> tuple[Floats, Floats]:
+def _stops(edges: EdgeSet, strips: StripForest, rays: _Rays) -> tuple[Floats, Floats]:
     """Earliest and latest stop (r,) of rays on the edges of their states."""
-    size = edges.count[rays.state]
-    pieces = _pieces(size)
-    parts = [_stops_of(edges, rays.select(piece), size[piece]) for piece in pieces]
+    large = strips.root[rays.state] >= 0
+    # Of outlines in strip trees only a few edges are ever looked at; how many is a guess.
+    size = np.where(large, _SOME_EDGES, edges.count[rays.state])
+    parts = [_stops_of(edges, strips, rays.select(piece)) for piece in _pieces(size)]
     if len(parts) == 1:
         return parts[0]
     return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
@@ -141,13 +144,9 @@ def _pieces(size: Ints) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
 
 
-def _stops_of(edges: EdgeSet, rays: _Rays, size: Ints) -> tuple[Floats, Floats]:
-    ray, edge = expand_ranges(edges.first[rays.state], size)
+def _stops_of(edges: EdgeSet, strips: StripForest, rays: _Rays) -> tuple[Floats, Floats]:
+    ray, edge = _near_edges(edges, strips, rays)
     begin, end = _side(rays, ray, edges.start[edge]), _side(rays, ray, edges.end[edge])
-    # Most edges lie clear of the ray's line on one side; the capsules of the others are looked at closely.
-    margin = rays.rho[ray] + 1e-9
-    close = np.flatnonzero((np.minimum(begin, end) <= margin) & (np.maximum(begin, end) >= -margin))
-    ray, edge = ray[close], edge[close]
     enter, leave = capsule_interval(
         rays.start[ray],
         rays.heading[ray],
@@ -157,10 +156,10 @@ def _stops_of(edges: EdgeSet, rays: _Rays, size: Ints) -> tuple[Floats, Floats]:
         rays.rho[ray],
     )
     # Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither.
-    crossing = (begin[close] > 0) != (end[close] > 0)
-    count = np.bincount(ray, minlength=len(size))
+    crossing = (begin > 0) != (end > 0)
+    count = np.bincount(ray, minlength=len(rays.state))
     slot = np.arange(len(ray)) - np.repeat(np.cumsum(count) - count, count)
-    shape = (len(size), int(count.max(initial=0)))
+    shape = (len(count), int(count.max(initial=0)))
     table = (np.full(shape, np.inf), np.full(shape, -np.inf), np.zeros(shape, dtype=bool))
     for to, value in zip(table, (enter, leave, crossing), strict=True):
         to[ray, slot] = value
@@ -168,6 +167,31 @@ def _stops_of(edges: EdgeSet, rays: _Rays, size: Ints) -> tuple[Floats, Floats]:
     touchable = (leave >= 0) & (enter <= leave)
     earliest = np.where(touchable, np.maximum(enter, 0.0), np.inf).min(axis=1, initial=np.inf)
     return earliest, _first_certain_depth(crossing, enter, leave)
+
+
+def _near_edges(edges: EdgeSet, strips: StripForest, rays: _Rays) -> tuple[Ints, Ints]:
+    """Pairs of a ray and an edge that its line passes within ρ, by ray. Most edges lie clear on one side."""
+
+    def near(ray: Ints, begin: Floats, end: Floats, stray: Floats | float) -> Bools:
+        first, last = _side(rays, ray, begin), _side(rays, ray, end)
+        margin = rays.rho[ray] + stray + 1e-9
+        result: Bools = (np.minimum(first, last) <= margin) & (np.maximum(first, last) >= -margin)
+        return result
+
+    large = strips.root[rays.state] >= 0
+    ray, edge = expand_ranges(edges.first[rays.state], np.where(large, 0, edges.count[rays.state]))
+    close = np.flatnonzero(near(ray, edges.start[edge], edges.end[edge], 0.0))
+    ray, edge = ray[close], edge[close]
+    if not large.any():
+        return ray, edge
+    rows = np.flatnonzero(large)
+    query, found = strips.descend(
+        rays.state[rows],
+        lambda query, strip: near(rows[query], strips.start[strip], strips.end[strip], strips.stray[strip]),
+    )
+    ray, edge = np.concatenate([ray, rows[query]]), np.concatenate([edge, found])
+    order = np.argsort(ray, kind="stable")
+    return ray[order], edge[order]
 
 
 def _first_certain_depth(crossing: Bools, enter: Floats, leave: Floats) -> Floats:

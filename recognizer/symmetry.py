@@ -1,15 +1,19 @@
 """Rotational symmetry of a state, from all of its sections together (used as in memo §2.1 and Fig. 4)."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 from shapely import affinity
 
 from palpate.recognizer.arrays import Floats
 from palpate.recognizer.model import Section, State
 
 __all__ = ["centroid", "symmetry_order"]
+
+_STRAIGHT_MM = 1e-6  # a vertex nearer than this to its neighbours' line is none
 
 
 def centroid(state: State) -> Floats:
@@ -23,47 +27,53 @@ def centroid(state: State) -> Floats:
 
 def symmetry_order(state: State, about: Floats, tolerance_mm: float) -> int:
     """Largest n such that turning by 2π/n about `about` moves no boundary further than the tolerance."""
-    shapes = [_region(section) for section in state.sections]
-    vertices = min(
-        len(ring.coords) - 1
-        for shape in shapes
-        for part in shapely.get_parts(shape)
-        for ring in [part.exterior]
-    )
-    parts = math.gcd(*[len(shapely.get_parts(shape)) for shape in shapes])
-    limit = vertices * max(parts, 1)
-    centre = (float(about[0]), float(about[1]))
+    shapes = [_Shape.of(_region(section), about) for section in state.sections]
+    limit = min(shape.fewest_vertices for shape in shapes) * math.gcd(*[shape.parts for shape in shapes])
     for order in range(limit, 1, -1):
-        if all(_turns_onto_itself(shape, order, centre, tolerance_mm) for shape in shapes):
+        if all(shape.turns_onto_itself(order, tolerance_mm) for shape in shapes):
             return order
     return 1
 
 
 def _region(section: Section) -> shapely.Geometry:
     polygons = [shapely.Polygon(p.outer, p.holes) for p in section.polygons]
-    return shapely.union_all(polygons).simplify(0.0)
+    return shapely.union_all(polygons).simplify(_STRAIGHT_MM)
 
 
-def _turns_onto_itself(
-    shape: shapely.Geometry, order: int, centre: tuple[float, float], tolerance_mm: float
-) -> bool:
-    points = shapely.get_coordinates(shape) - np.asarray(centre)
-    if len(points) == 0:
-        return False
-    # The furthest vertices come in orbits; a quick look at them settles nearly every order.
-    reach = np.hypot(*points.T)
-    far = points[np.argmax(reach)]
-    angle = 2 * math.pi / order
-    turned = np.array(
-        [
-            far[0] * math.cos(angle) - far[1] * math.sin(angle),
-            far[0] * math.sin(angle) + far[1] * math.cos(angle),
-        ]
-    )
-    if float(np.min(np.hypot(*(points - turned).T))) > tolerance_mm:
-        return False
-    image = affinity.rotate(shape, angle, origin=centre, use_radians=True)
-    # The Hausdorff distance looks at vertices only; the area between the two sees the edges as well.
-    if shapely.hausdorff_distance(shape.boundary, image.boundary) > tolerance_mm:
-        return False
-    return bool(shape.symmetric_difference(image).area <= tolerance_mm * shape.length)
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """A section moved so that the centre of its possible symmetry is the origin, with its vertices."""
+
+    region: shapely.Geometry
+    points: Floats
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, region: shapely.Geometry, about: Floats) -> "_Shape":
+        moved = affinity.translate(region, -float(about[0]), -float(about[1]))
+        points = shapely.get_coordinates(moved)
+        furthest_first = points[np.argsort(-np.hypot(*points.T), kind="stable")]
+        return cls(moved, furthest_first, cKDTree(furthest_first))
+
+    @property
+    def parts(self) -> int:
+        return max(1, len(shapely.get_parts(self.region)))
+
+    @property
+    def fewest_vertices(self) -> int:
+        parts = shapely.get_parts(self.region)
+        return min((len(part.exterior.coords) - 1 for part in parts), default=0)
+
+    def turns_onto_itself(self, order: int, tolerance_mm: float) -> bool:
+        """Whether vertices fall on vertices, the furthest of which settles nearly every order, and the areas
+        agree: between vertices that fall on each other edges may still run differently.
+        """
+        angle = 2 * math.pi / order
+        cos, sin = math.cos(angle), math.sin(angle)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        for some in (self.points[:1], self.points):
+            away, _ = self.tree.query(some @ turn, distance_upper_bound=2 * tolerance_mm)
+            if not np.all(away <= tolerance_mm):
+                return False
+        image = affinity.rotate(self.region, angle, origin=(0, 0), use_radians=True)
+        return bool(self.region.symmetric_difference(image).area <= tolerance_mm * self.region.length)
