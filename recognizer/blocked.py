@@ -81,17 +81,21 @@ def walked(edges: EdgeSet, block: slice) -> Outline | None:
 
 
 def blocked(
-    edges: EdgeSet, outline: Outline, offset: int, pieces: Pieces, rho: float
+    edges: EdgeSet, outline: Outline, offset: int, pieces: Pieces, rho: float, reach_mm: float
 ) -> tuple[Ints, Floats, Floats]:
     """Arcs (piece, lo, hi) from the window's begin on, in each of which no point of the piece is free.
 
+    Only edges that stay further than ρ from the piece and are wholly within `reach_mm` of all of it count.
     Seen from a point that moves straight ahead, a fixed point or a tangent to a fixed disc always turns the
     same way. So its extreme directions over a piece are those at the piece's ends.
     """
     position = _positions(outline, outline.at[pieces.edge - offset])
     far = ~_near(edges, outline.edge[position], pieces, rho)
     starts = edges.start[outline.edge[position]]
-    # The first edge of each stretch: those before it are near, or it begins another ring.
+    views = [_seen(point, starts, rho) for point in (pieces.begin, pieces.end)]
+    within = np.maximum(views[0][2], views[1][2]) <= reach_mm
+    far &= within & within[:, outline.following]
+    # The first edge of each stretch: the one before does not count, or it begins another ring.
     begins = far & ((np.arange(far.shape[1]) == outline.first) | ~np.roll(far, 1, axis=1))
     flat = np.flatnonzero(far)
     stretch = np.flatnonzero(begins.ravel()[flat])
@@ -100,10 +104,9 @@ def blocked(
     last = np.append(stretch[1:], len(flat)) - 1
     columns = far.shape[1]
     row, column = flat // columns, flat % columns
-    views = [_seen(point, starts, rho) for point in (pieces.begin, pieces.end)]
     highest, lowest, turned = [], [], np.zeros(len(stretch))
     base = views[0][0][row[stretch], column[stretch]]
-    for angle, loosening in views:
+    for angle, loosening, _ in views:
         step = wrap_angle(angle[:, outline.following].ravel()[flat] - angle.ravel()[flat])
         total = np.cumsum(step)
         before = total[stretch] - step[stretch]
@@ -120,7 +123,7 @@ def blocked(
     lower = [np.minimum(one, two) for one, two in zip(*lowest, strict=True)]
     lo = np.minimum(np.minimum.reduceat(upper[0], stretch), upper[1])
     hi = np.maximum(np.maximum.reduceat(lower[0], stretch), lower[1])
-    # A ring without a near edge that goes round the piece leaves no way out.
+    # A ring that counts as a whole and goes round the piece leaves no way out.
     whole = (last - stretch + 1 == outline.size[column[stretch]]) & (np.abs(turned) > np.pi)
     hi = np.where(whole, lo + 2 * np.pi, hi)
     owner = row[stretch]
@@ -162,12 +165,12 @@ def _near(edges: EdgeSet, edge: Ints, pieces: Pieces, rho: float) -> Bools:
     return near
 
 
-def _seen(point: Floats, vertex: Floats, rho: float) -> tuple[Floats, Floats]:
-    """Directions (m, N) from points (m, 2) to vertices (m, N, 2), and half the angle of a disc ρ there."""
+def _seen(point: Floats, vertex: Floats, rho: float) -> tuple[Floats, Floats, Floats]:
+    """Directions (m, N) from points (m, 2) to vertices (m, N, 2), half angles of discs ρ there, distances."""
     away = vertex - point[:, None]
     distance = np.hypot(away[..., 0], away[..., 1])
     ratio = np.minimum(rho / np.maximum(distance, 1e-300), 1.0)
-    return np.arctan2(away[..., 1], away[..., 0]), np.arcsin(ratio)
+    return np.arctan2(away[..., 1], away[..., 0]), np.arcsin(ratio), distance
 
 
 def _from_window(

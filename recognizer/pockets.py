@@ -6,19 +6,21 @@ to rest on the edge leaves the orientations θ ∈ φ − η. *Conservative* poc
 ones for one point of it.
 
 What is not in a pocket is ruled out for certain, for a finger that came from outside of the section's convex
-hull (see `hull_radius`). The argument: let q be the point of the edge where the finger rests, ρ a bound on
-all errors together, and F a stretch of an outline that stays further than ρ from q. Follow the direction in
-which q sees a point of F as the point runs along F, without jumps of 2π. Say that it comes to lie on both
-sides of a direction δ: first at a point that is further than ρ to the one side of the ray from q along δ,
-then at one as far to the other side. Move everything from where the model and the stated path have it to
-where it truly is. No point of F is moved onto q and neither of the two points onto the ray, because all are
-too far away. So the true stretch still leads from one side of the true path to the other without going round
-the path's end: it crosses the path. Hence δ is no free direction, and it does not matter what happens nearer
-to q than ρ, nor how thin F is. Where an outline that stays further than ρ from q goes round it, no direction
-is free.
+hull (see `hull_radius`), or from as far as the pocket was made for. The argument: let q be the point of the
+edge where the finger rests, ρ a bound on all errors together, and F a stretch of an outline that stays
+further than ρ from q. Follow the direction in which q sees a point of F as the point runs along F, without
+jumps of 2π. Say that it comes to lie on both sides of a direction δ: first at a point that is further than ρ
+to the one side of the ray from q along δ, then at one as far to the other side. Move everything from where
+the model and the stated path have it to where it truly is. No point of F is moved onto q and neither of the
+two points onto the ray, because all are too far away. So the true stretch still leads from one side of the
+true path to the other without going round the path's end: it crosses the path. Hence δ is no free direction,
+and it does not matter what happens nearer to q than ρ, nor how thin F is. Where an outline that stays further
+than ρ from q goes round it, no direction is free.
 
 ρ is twice the allowance. Once, because the stated path is that far from where the true path is seen from the
-modelled outline; once more, because the path's end is that far from the modelled edge.
+modelled outline; once more, because the path's end is that far from the modelled edge. Of a path that may
+have begun inside of the hull only its travel is known to be free. If F lies nearer to q than that travel less
+ρ, it cannot go round the path's begin either.
 """
 
 import math
@@ -82,23 +84,27 @@ class Pockets:
         return inside
 
 
-def conservative_pockets(edges: EdgeSet, allowance_mm: float) -> Pockets:
+def conservative_pockets(edges: EdgeSet, allowance_mm: float, travel_mm: float = math.inf) -> Pockets:
     """Pocket of every edge: never smaller than the union of the exact pockets of its points.
 
     `allowance_mm`: how far the stated path may be from the true one, its end included. The outlines' own
     slack, with the bulge of arcs, is added to it here. Where nothing is in the way the pocket is the half
     turn into the edge, widened by the edge's `span`; the error of the direction is left to the caller.
+    `travel_mm`: how far the finger is known to have come straight at least; infinite for one that came from
+    outside of the hull. Only what lies within that distance of the edge can be in the way.
     Long edges are cut into pieces, of which each is either blocked by a stretch as a whole or not. A state
     whose outlines meet in single points has half turns everywhere.
     """
     pieces = [_edge_pieces(edges, state) for state in range(len(edges.first) - 1)]
-    return _pockets(edges, pieces, allowance_mm, np.arange(len(edges.state)))
+    return _pockets(edges, pieces, allowance_mm, travel_mm, np.arange(len(edges.state)))
 
 
-def exact_pockets(edges: EdgeSet, edge: Ints, point_mm: Floats, allowance_mm: float) -> Pockets:
+def exact_pockets(
+    edges: EdgeSet, edge: Ints, point_mm: Floats, allowance_mm: float, travel_mm: float = math.inf
+) -> Pockets:
     """Pocket of each point (m, 2), taken at the nearest point of its edge (m,); mm in the object's frame.
 
-    Allowances as in `conservative_pockets`; row k of the result is point k.
+    Allowance and travel as in `conservative_pockets`; row k of the result is point k.
     """
     start, direction = edges.start[edge], edges.direction[edge]
     along = np.clip(np.sum((point_mm - start) * direction, axis=1), 0.0, edges.length[edge])
@@ -107,7 +113,7 @@ def exact_pockets(edges: EdgeSet, edge: Ints, point_mm: Floats, allowance_mm: fl
     for state in range(len(edges.first) - 1):
         row = np.flatnonzero(edges.state[edge] == state)
         pieces.append(Pieces(row, edge[row], foot[row], foot[row]))
-    return _pockets(edges, pieces, allowance_mm, edge)
+    return _pockets(edges, pieces, allowance_mm, travel_mm, edge)
 
 
 def friction_half_range(coefficient: float) -> float:
@@ -140,9 +146,9 @@ def narrowed(pockets: Pockets, edges: EdgeSet, coefficient: float, direction_bou
 def hull_radius(edges: EdgeSet) -> Floats:
     """Radius (S,) mm about each state's centroid outside of which no point is in the section's convex hull.
 
-    Pockets may be used for a contact only if its path began outside of the hull. It did, whatever the
-    configuration is, if start and end are further apart than twice this radius and twice the position bound.
-    0 for a state that does not reach up to the finger.
+    Pockets for an infinite travel may be used for a contact only if its path began outside of the hull. It
+    did, whatever the configuration is, if start and end are further apart than twice this radius and twice
+    the position bound. 0 for a state that does not reach up to the finger.
     """
     radius = np.zeros(len(edges.first) - 1)
     reach = np.hypot(*edges.start.T) + edges.slack_out
@@ -165,9 +171,15 @@ def _edge_pieces(edges: EdgeSet, state: int) -> Pieces:
     )
 
 
-def _pockets(edges: EdgeSet, pieces: list[Pieces], allowance_mm: float, edge_of_row: Ints) -> Pockets:
-    """Pockets of the rows that the pieces belong to, as arcs from the window's begin on."""
-    found = [part for state, some in enumerate(pieces) for part in _free(edges, state, some, allowance_mm)]
+def _pockets(
+    edges: EdgeSet, pieces: list[Pieces], allowance_mm: float, travel_mm: float, edge_of_row: Ints
+) -> Pockets:
+    """Pockets of the rows that the pieces belong to; row k is of edge `edge_of_row[k]`."""
+    found = [
+        part
+        for state, some in enumerate(pieces)
+        for part in _free(edges, state, some, allowance_mm, travel_mm)
+    ]
     none: tuple[Ints, Floats, Floats] = (np.empty(0, np.int64), np.empty(0), np.empty(0))
     row, lo, hi = (np.concatenate(column) for column in zip(none, *found, strict=True))
     row, lo, hi = _merged(row, lo, hi)
@@ -176,7 +188,7 @@ def _pockets(edges: EdgeSet, pieces: list[Pieces], allowance_mm: float, edge_of_
 
 
 def _free(
-    edges: EdgeSet, state: int, pieces: Pieces, allowance_mm: float
+    edges: EdgeSet, state: int, pieces: Pieces, allowance_mm: float, travel_mm: float
 ) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Free arcs (row, lo, hi) of the pieces, from the begin of each one's window on."""
     if not len(pieces.edge):
@@ -192,7 +204,7 @@ def _free(
             yield part.row, np.zeros(len(width)), width
             continue
         group = np.arange(len(width))
-        shadows = blocked(edges, outline, block.start, part, rho)
+        shadows = blocked(edges, outline, block.start, part, rho, travel_mm - rho)
         index, lo, hi = _gaps(group, width, *shadows)
         yield part.row[index], lo, hi
 

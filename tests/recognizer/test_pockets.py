@@ -51,10 +51,10 @@ def points_on(edges: EdgeSet, edge: int, fraction: np.ndarray) -> np.ndarray:
     return edges.start[edge] + fraction[:, None] * (edges.end[edge] - edges.start[edge])
 
 
-def cast(shape: shapely.Geometry, points: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Whether each point (m, 2) is free in each direction (d,) away from it: (m, d)."""
+def cast(shape: shapely.Geometry, points: np.ndarray, out: np.ndarray, travel: float = 500.0) -> np.ndarray:
+    """Whether each point (m, 2) is free in each direction (d,) away from it, for some travel: (m, d)."""
     heading = np.column_stack([np.cos(out), np.sin(out)])
-    ends = [points[:, None] + reach * heading for reach in (1e-5, 500.0)]
+    ends = [points[:, None] + reach * heading for reach in (1e-5, travel)]
     rays = shapely.linestrings(np.stack(ends, axis=2).reshape(-1, 2, 2))
     return ~shapely.intersects(shape, rays).reshape(len(points), len(out))
 
@@ -180,6 +180,36 @@ def test_a_wide_part_close_above_divides_even_the_conservative_pocket() -> None:
     top = int(np.flatnonzero(edges.feature == 2)[0])
     assert np.diff(pockets.first)[top] == 2
     assert pockets.width_rad[top] == pytest.approx(2 * math.atan2(5, 40), abs=1e-5)
+
+
+@pytest.mark.parametrize("travel", [5.0, 12.0, 20.0, 26.0, 40.0])
+def test_only_what_the_path_went_by_is_in_the_way(travel: float) -> None:
+    """A finger that began inside of a slot or a spiral: rays of the travel's length decide."""
+    rng = np.random.default_rng(int(travel))
+    for points in (U, SPIRAL):
+        edges = edges_of(ring(points))
+        pockets = conservative_pockets(edges, 0.0, travel)
+        fewest = conservative_pockets(edges, 0.0)
+        for edge in range(len(edges.state)):
+            at = points_on(edges, edge, rng.uniform(0, 1, 8))
+            out = edges.normal_rad[edge] + rng.uniform(-math.pi / 2, math.pi / 2, 60)
+            free = cast(solid(edges), at, out, travel)
+            every = np.full(len(out), edge)
+            held = pockets.hold(every, out + math.pi)
+            assert np.all(held | ~free.any(axis=0))
+            assert np.all(held | ~fewest.hold(every, out + math.pi))
+            exact = exact_pockets(edges, np.full(8, edge), at, 0.0, travel)
+            row = np.repeat(np.arange(8), len(out))
+            assert np.all(exact.hold(row, np.tile(out + math.pi, 8)) | ~free.ravel())
+
+
+def test_a_short_travel_from_within_a_slot_says_less() -> None:
+    edges = edges_of(ring(U))
+    bottom = int(np.flatnonzero((edges.feature == 4) & (edges.length > 9))[0])
+    widths = [conservative_pockets(edges, 0.0, travel).width_rad[bottom] for travel in (5.0, 60.0, math.inf)]
+    assert widths[0] == pytest.approx(math.pi, abs=1e-6)
+    assert widths[1] == pytest.approx(widths[2])
+    assert widths[2] < 1.0
 
 
 def test_edges_of_holes_cannot_be_reached() -> None:
