@@ -151,7 +151,7 @@ def hull_radius(edges: EdgeSet) -> Floats:
     the position bound. 0 for a state that does not reach up to the finger.
     """
     radius = np.zeros(len(edges.first) - 1)
-    reach = np.hypot(*edges.start.T) + edges.slack_out
+    reach = np.hypot(*edges.start.T) + edges.slack_mm
     np.maximum.at(radius, edges.state, reach)
     return radius
 
@@ -194,7 +194,7 @@ def _free(
     if not len(pieces.edge):
         return
     block = slice(int(edges.first[state]), int(edges.first[state + 1]))
-    rho = max(2 * (allowance_mm + float(edges.slack_out[block].max())), _NEAR_MM)
+    rho = max(2 * (allowance_mm + float(edges.slack_mm[block].max())), _NEAR_MM)
     outline = walked(edges, block)
     chunk = max(1, _AT_ONCE // (block.stop - block.start))
     for begin in range(0, len(pieces.edge), chunk):

@@ -182,7 +182,7 @@ def _distances_possible(catalogue: Catalogue, nodes: Interpretations, touched: l
         shortest, longest = distance_range(
             first.start[edge_a], first.end[edge_a], second.start[edge_b], second.end[edge_b]
         )
-        slack = first.slack_out[edge_a] + second.slack_out[edge_b]
+        slack = first.slack_mm[edge_a] + second.slack_mm[edge_b]
         slack = slack + contact.position_bound_mm + last.position_bound_mm
         measured = np.hypot(last.end_mm[0] - contact.end_mm[0], last.end_mm[1] - contact.end_mm[1])
         possible &= (measured >= shortest - slack) & (measured <= longest + slack)
