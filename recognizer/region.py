@@ -12,12 +12,14 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, largest, triple_arcs
+from palpate.recognizer.arcs import all_half_planes
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.triple import triple_hull
+from palpate.recognizer.waves import largest
 
 __all__ = ["Cells", "build_cells", "exact_position", "joined_cells", "refined"]
 
@@ -156,8 +158,7 @@ def refined(
     if len(contacts) <= _TRIPLED:
         for group in combinations(range(len(contacts)), 3):
             some = [contacts[k] for k in group]
-            g, coefficients = all_half_planes(catalogue, nodes.edges[node][:, group], some, anchor_mm)
-            lo, hi = arc_hull(lo, hi, triple_arcs(g, coefficients, TRIPLE_TRIPLES))
+            lo, hi = triple_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
             node, lo, hi = _left(node, lo, hi)
     return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, hi)
 
@@ -193,7 +194,9 @@ def _cut(
 ) -> Cells:
     """The cells [lo, hi] of the given nodes: the first contact's rectangle, clipped by all other contacts."""
     g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
-    limit = largest(coefficients, lo[:, None], hi[:, None])
+    limit = coefficients[..., 0] + largest(
+        coefficients[..., 1], coefficients[..., 2], lo[:, None], hi[:, None]
+    )
     polygon = _rectangle(g, limit)
     # Most half-planes cut nothing, and some leave nothing: a look at the corners settles these at once.
     height = np.einsum("kvj,kmj->kvm", polygon, g[:, 4:]) - limit[:, None, 4:]
@@ -225,13 +228,17 @@ def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
     inside = height <= 0
     if bool(np.all(inside)):
         return polygon, np.ones(len(polygon), dtype=bool)
-    following = np.roll(height, -1, axis=1)
+    count, vertices = height.shape
+    after = np.arange(1, vertices + 1) % vertices
+    following = height[:, after]
     crossing = inside != (following <= 0)
     fraction = np.where(crossing, height / np.where(crossing, height - following, 1.0), 0.0)
-    cut = polygon + fraction[..., None] * (np.roll(polygon, -1, axis=1) - polygon)
-    count, vertices = height.shape
-    emit = np.stack([inside, crossing], axis=2).reshape(count, 2 * vertices)
-    point = np.stack([polygon, cut], axis=2).reshape(count, 2 * vertices, 2)
+    emit = np.empty((count, vertices, 2), dtype=bool)
+    emit[..., 0], emit[..., 1] = inside, crossing
+    point = np.empty((count, vertices, 2, 2))
+    point[:, :, 0] = polygon
+    point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
+    emit, point = emit.reshape(count, -1), point.reshape(count, -1, 2)
     slot = np.cumsum(emit, axis=1) - 1
     kept = slot[:, -1] >= 0
     emit, point, slot = emit[kept], point[kept], slot[kept]

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arcs import largest
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
@@ -17,6 +16,7 @@ from palpate.recognizer.grouping import Boxes, connected
 from palpate.recognizer.region import Cells, exact_position, joined_cells, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.waves import largest
 
 __all__ = ["Question", "Regions", "position_boxes", "settled"]
 
@@ -207,8 +207,7 @@ def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[
     rel = cells.polygon - origin_mm[:, None]
     x, y = rel[..., 0], rel[..., 1]
     lo, hi = cells.lo[:, None], cells.hi[:, None]
-    zero = np.zeros_like(x)
-    waves = np.stack([np.stack([zero, x, -y], axis=2), np.stack([zero, y, x], axis=2)], axis=3)
-    both = np.concatenate([np.moveaxis(waves, 3, 1), -np.moveaxis(waves, 3, 1)], axis=1)
-    most = largest(both, lo[:, None], hi[:, None]).max(axis=2, initial=-np.inf)
-    return anchor_mm - most[:, 2:] - 1e-9, anchor_mm + most[:, :2] + 1e-9
+    # x of R(θ) s is x cos θ − y sin θ, and y is y cos θ + x sin θ.
+    across, upward = np.stack([x, y, -x, -y]), np.stack([-y, x, y, -x])
+    furthest = largest(across, upward, lo, hi).max(axis=2, initial=-np.inf).T
+    return anchor_mm - furthest[:, 2:] - 1e-9, anchor_mm + furthest[:, :2] + 1e-9

@@ -10,7 +10,6 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, triple_arcs
 from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
@@ -18,6 +17,7 @@ from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import distance_range
+from palpate.recognizer.triple import triple_hull
 
 __all__ = [
     "Interpretations",
@@ -210,8 +210,7 @@ def _by_model(
 def _by_triple(
     catalogue: Catalogue, nodes: Interpretations, group: list[int], some: list[Contact], anchor_mm: Floats
 ) -> Interpretations:
-    g, coefficients = all_half_planes(catalogue, nodes.edges[:, group], some, anchor_mm)
-    return nodes.narrowed(*arc_hull(nodes.lo, nodes.hi, triple_arcs(g, coefficients, TRIPLE_TRIPLES)))
+    return nodes.narrowed(*triple_hull(catalogue, nodes.edges[:, group], some, anchor_mm, nodes.lo, nodes.hi))
 
 
 def _joined(parts: list[Interpretations]) -> Interpretations:
