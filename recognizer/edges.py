@@ -78,6 +78,18 @@ class EdgeSet:
         return np.diff(self.first)
 
     @cached_property
+    def centre(self) -> Floats:
+        """Midpoint (n, 2) of each edge."""
+        result: Floats = (self.start + self.end) / 2
+        return result
+
+    @cached_property
+    def half_length(self) -> Floats:
+        """Half of each edge's length, (n,)."""
+        result: Floats = self.length / 2
+        return result
+
+    @cached_property
     def middle(self) -> Floats:
         """Middle (n, 2) of the rectangle in which the tip's centre may lie though nothing is mismeasured."""
         outward = (self.slack_out - self.slack_in) / 2

@@ -17,9 +17,8 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.extension import extend_by_region, split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
-from palpate.recognizer.region import Cells, build_cells
-from palpate.recognizer.settle import Question, settled
-from palpate.recognizer.sweep import unblocked
+from palpate.recognizer.region import Cells, build_cells, stepped
+from palpate.recognizer.settle import Question, probed_cells, settled
 from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level, second_level
 
 __all__ = ["Recognition", "Verdict", "recognise"]
@@ -113,7 +112,7 @@ def _grown(
 
 
 def _coarse(catalogue: Catalogue, nodes: Interpretations, touched: list[Contact], anchor: Floats) -> Cells:
-    return build_cells(catalogue, nodes, touched, anchor, step_rad=_COARSE_RAD, least=1)
+    return build_cells(catalogue, nodes, touched, anchor, stepped(nodes, step_rad=_COARSE_RAD, least=1))
 
 
 def _concluded(
@@ -127,9 +126,8 @@ def _concluded(
     touched = [contact for contact in contacts if contact.touched]
     # The fewer are left, the finer they are bounded.
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
-    cells = build_cells(catalogue, nodes, touched, anchor, step_rad=_COARSE_RAD, least=least)
-    cells = cells.select(unblocked(catalogue, cells, anchor, contacts))
-    nodes, cells = split_into_runs(nodes, cells)
     question = Question(catalogue, nodes, touched, list(contacts), anchor)
-    hypotheses = hypotheses_of(question, settled(question, cells))
-    return Recognition(catalogue, contacts, nodes, cells, anchor, hypotheses, levels)
+    found = probed_cells(question, stepped(nodes, step_rad=_COARSE_RAD, least=least))
+    regions = settled(question, found)
+    left, cells = split_into_runs(nodes, found.cells)
+    return Recognition(catalogue, contacts, left, cells, anchor, hypotheses_of(question, regions), levels)

@@ -21,8 +21,9 @@ from palpate.recognizer.tree import Interpretations
 from palpate.recognizer.triple import triple_hull
 from palpate.recognizer.waves import largest
 
-__all__ = ["Cells", "build_cells", "exact_position", "joined_cells", "refined"]
+__all__ = ["Cells", "Intervals", "Probed", "build_cells", "joined_cells", "probed", "refined", "stepped"]
 
+_ALL_PROBED = 256
 _MAX_CELLS = 64  # per interpretation and pass
 _TRIPLED = 4  # contacts whose triples are looked at again when cells are refined
 _FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
@@ -109,27 +110,59 @@ def joined_cells(parts: Sequence[Cells]) -> Cells:
     )
 
 
-def build_cells(
-    catalogue: Catalogue,
-    nodes: Interpretations,
-    contacts: list[Contact],
-    anchor_mm: Floats,
-    *,
-    step_rad: float,
-    least: int,
-) -> Cells:
-    """Cells of every interpretation over its orientation interval, empty ones left out.
+@dataclass(frozen=True, eq=False)
+class Probed:
+    """k cells, each looked at in its middle: where `holds` (k,), the position `spot` s (k, 2) satisfies every
+    contact at exactly the middle orientation.
+    """
 
-    Each interval is cut into steps of at most `step_rad`, at least `least` and at most 64 of them; but one
-    that is narrow already is not cut for the sake of `least`.
+    cells: Cells
+    spot: Floats
+    holds: Bools
+
+    def select(self, index: Ints | Bools) -> "Probed":
+        """Those at `index` (integers or a mask)."""
+        return Probed(self.cells.select(index), self.spot[index], self.holds[index])
+
+    @property
+    def spots(self) -> Cells:
+        """Cells without extent at the spots, (k,)."""
+        cells, middle = self.cells, self.cells.middle
+        return Cells(cells.node, cells.state, middle, middle, self.spot[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Orientation intervals [`lo`, `hi`] (k,) rad of interpretations `node` (k,): cells not yet cut."""
+
+    node: Ints
+    lo: Floats
+    hi: Floats
+
+
+def stepped(nodes: Interpretations, *, step_rad: float, least: int) -> Intervals:
+    """Every interpretation's orientations in steps of at most `step_rad`, at least `least` and at most 64.
+
+    One that is narrow already is not cut for the sake of `least`.
     """
     width = nodes.hi - nodes.lo
     fewest = np.clip(np.ceil(width / _FINEST_RAD), 1, least)
     count = np.clip(np.ceil(width / step_rad), fewest, _MAX_CELLS).astype(np.int64)
     node, part = expand_ranges(np.zeros_like(count), count)
-    width = (nodes.hi - nodes.lo)[node] / count[node]
+    width = width[node] / count[node]
     lo = nodes.lo[node] + part * width
-    return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, lo + width)
+    return Intervals(node, lo, lo + width)
+
+
+def build_cells(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    intervals: Intervals,
+) -> Cells:
+    """Cells of the intervals, empty ones left out."""
+    return _cut(catalogue, nodes, contacts, anchor_mm, intervals)[0]
 
 
 def refined(
@@ -139,8 +172,8 @@ def refined(
     contacts: list[Contact],
     anchor_mm: Floats,
     parts: int,
-) -> Cells:
-    """The same region in cells of 1/`parts` of the width, cut anew: never larger, often smaller or empty.
+) -> Intervals:
+    """The intervals of cells, each in `parts`: to be cut anew, never larger together, often smaller or empty.
 
     Each is first narrowed to the orientations that the closed-form test leaves for the contacts, taken in
     threes as long as they are few: their triples are many, and narrow cells say nearly as much.
@@ -160,7 +193,7 @@ def refined(
             some = [contacts[k] for k in group]
             lo, hi = triple_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
             node, lo, hi = _left(node, lo, hi)
-    return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, hi)
+    return Intervals(node, lo, hi)
 
 
 def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
@@ -168,19 +201,41 @@ def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
     return node[left], lo[left], hi[left]
 
 
-def exact_position(
-    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats, theta: Floats
-) -> tuple[Floats, Bools]:
-    """A position s (n, 2) that satisfies every contact of its interpretation at orientation θ (n,) exactly.
+def probed(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    intervals: Intervals,
+) -> Probed:
+    """Cut the intervals, and at exactly their middle orientations as well.
 
-    The mean of the vertices of the feasible polygon. Also whether there is one (n,).
+    Where there are many, only the middle one of each interpretation is looked at in its middle.
     """
-    cells = _cut(catalogue, nodes, contacts, anchor_mm, np.arange(len(nodes)), theta, theta)
-    position = np.zeros((len(nodes), 2))
-    found = np.zeros(len(nodes), dtype=bool)
-    position[cells.node] = cells.polygon.mean(axis=1)
-    found[cells.node] = True
-    return position, found
+    count = len(intervals.node)
+    middle = (intervals.lo + intervals.hi) / 2
+    tried = np.arange(count)
+    if count > _ALL_PROBED:
+        begin = np.searchsorted(intervals.node, intervals.node)
+        size = np.searchsorted(intervals.node, intervals.node, side="right") - begin
+        tried = np.flatnonzero(tried - begin == size // 2)
+    found, alive = _cut(
+        catalogue,
+        nodes,
+        contacts,
+        anchor_mm,
+        Intervals(
+            np.concatenate([intervals.node, intervals.node[tried]]),
+            np.concatenate([intervals.lo, middle[tried]]),
+            np.concatenate([intervals.hi, middle[tried]]),
+        ),
+    )
+    whole = alive < count
+    spot, holds = np.zeros((count, 2)), np.zeros(count, dtype=bool)
+    exact = tried[alive[~whole] - count]
+    spot[exact], holds[exact] = found.polygon[~whole].mean(axis=1), True
+    left = alive[whole]
+    return Probed(found.select(whole), spot[left], holds[left])
 
 
 def _cut(
@@ -188,11 +243,13 @@ def _cut(
     nodes: Interpretations,
     contacts: list[Contact],
     anchor_mm: Floats,
-    node: Ints,
-    lo: Floats,
-    hi: Floats,
-) -> Cells:
-    """The cells [lo, hi] of the given nodes: the first contact's rectangle, clipped by all other contacts."""
+    intervals: Intervals,
+) -> tuple[Cells, Ints]:
+    """Cells of the intervals: the first contact's rectangle, clipped by all other contacts.
+
+    Empty ones are left out; returned with the cells is which interval each belongs to.
+    """
+    node, lo, hi = intervals.node, intervals.lo, intervals.hi
     g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
     limit = coefficients[..., 0] + largest(
         coefficients[..., 1], coefficients[..., 2], lo[:, None], hi[:, None]
@@ -208,7 +265,7 @@ def _cut(
         if not kept.all():
             alive, g, limit = alive[kept], g[kept], limit[kept]
     node = node[alive]
-    return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon)
+    return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon), alive
 
 
 def _rectangle(g: Floats, limit: Floats) -> Floats:

@@ -13,15 +13,14 @@ from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.region import Cells, exact_position, joined_cells, refined
+from palpate.recognizer.region import Cells, Intervals, Probed, joined_cells, probed, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
 from palpate.recognizer.waves import largest
 
-__all__ = ["Question", "Regions", "position_boxes", "settled"]
+__all__ = ["Question", "Regions", "position_boxes", "probed_cells", "settled"]
 
 _REFINEMENTS, _PARTS, _MOST_REFINED = 3, 4, 2048
-_WITNESS_TRIES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +63,35 @@ class Regions:
         )
 
 
-def settled(question: Question, cells: Cells, refinements: int = _REFINEMENTS) -> Regions:
-    """The connected regions of `cells`, without those that prove to be empty."""
-    label = connected(_boxes(question, cells))
+def probed_cells(question: Question, intervals: Intervals) -> Probed:
+    """Cells of the intervals that the free paths leave, with the spots that the free paths leave."""
+    found = probed(question.catalogue, question.nodes, question.touched, question.anchor_mm, intervals)
+    cells, tried = found.cells, np.flatnonzero(found.holds)
+    spots = found.spots.select(tried)
+    vertices = cells.polygon.shape[1]
+    both = Cells(
+        np.concatenate([cells.node, spots.node]),
+        np.concatenate([cells.state, spots.state]),
+        np.concatenate([cells.lo, spots.lo]),
+        np.concatenate([cells.hi, spots.hi]),
+        np.concatenate([cells.polygon, np.repeat(spots.polygon, vertices, axis=1)]),
+    )
+    free = unblocked(question.catalogue, both, question.anchor_mm, question.evidence)
+    count = len(cells)
+    holds = found.holds.copy()
+    holds[tried] = free[count:]
+    return Probed(cells, found.spot, holds).select(np.flatnonzero(free[:count]))
+
+
+def settled(question: Question, found: Probed, refinements: int = _REFINEMENTS) -> Regions:
+    """The connected regions of cells, without those that prove to be empty."""
+    label = connected(_boxes(question, found.cells))
     order = np.argsort(label, kind="stable")
-    cells, label = cells.select(order), label[order]
+    found, label = found.select(order), label[order]
+    cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _branch(question.catalogue, cells, first, label)
-    regions = _witnessed(question, cells, first, label, branch)
+    regions = _witnessed(found, first, label, branch)
     if not refinements:
         return regions
     doubtful = ~regions.verified & (np.diff(first) * _PARTS <= _MOST_REFINED)
@@ -79,8 +99,8 @@ def settled(question: Question, cells: Cells, refinements: int = _REFINEMENTS) -
         return regions
     again = cells.select(doubtful[label])
     finer = refined(question.catalogue, question.nodes, again, question.touched, question.anchor_mm, _PARTS)
-    finer = finer.select(unblocked(question.catalogue, finer, question.anchor_mm, question.evidence))
-    return _both(regions.select(np.flatnonzero(~doubtful)), settled(question, finer, refinements - 1))
+    rest = settled(question, probed_cells(question, finer), refinements - 1)
+    return _both(regions.select(np.flatnonzero(~doubtful)), rest)
 
 
 def _both(one: Regions, two: Regions) -> Regions:
@@ -147,56 +167,26 @@ def _turned(vector: Floats, angle: Floats) -> Floats:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def _witnessed(question: Question, cells: Cells, first: Ints, label: Ints, branch: _Branch) -> Regions:
-    """Regions with a configuration that satisfies everything exactly, near their middle if one is there.
+def _witnessed(found: Probed, first: Ints, label: Ints, branch: _Branch) -> Regions:
+    """Regions with a configuration that satisfies everything exactly, as near their middle as there is one.
 
-    Tried first at the region's mean orientation, then at its largest cells' middles; if none holds, the
-    middle of the largest cell is given, unverified.
+    If none was found, the middle of the largest cell is given, unverified.
     """
-    turned = _turned_cells(cells, branch)
-    regions, volume = len(first) - 1, cells.volume
-    theta, position = np.zeros(regions), np.zeros((regions, 2))
-    verified = np.zeros(regions, dtype=bool)
-    if not regions:
-        return Regions(turned, first, theta, position, verified)
-    share = volume + 1e-300
-    mean = np.add.reduceat(share * turned.middle, first[:-1]) / np.add.reduceat(share, first[:-1])
-    mean = mean[label]
-    holds = (turned.lo <= mean) & (mean <= turned.hi)
-    chosen = _best(np.where(holds, 1.0 + volume, volume / (1.0 + volume)), first, label)
-    at = np.where(holds[chosen], mean[chosen], turned.middle[chosen])
-    largest_cell = _best(volume, first, label)
-    theta[:], position[:] = turned.middle[largest_cell], turned.centre[largest_cell]
-
-    def attempt(cell: Ints, at: Floats) -> None:
-        found, where = _holds(question, cells, cell, at + branch.shift[cell])
-        # Of several that hold in a region the first counts.
-        region, row = np.unique(label[cell[found]], return_index=True)
-        row = np.flatnonzero(found)[row]
-        theta[region], verified[region] = at[row], True
-        position[region] = _turned(where[row], branch.angle[cell[row]])
-
-    attempt(chosen, at)
-    failed = np.flatnonzero(~verified[label])
-    if len(failed):
-        by_size = failed[np.lexsort((-volume[failed], label[failed]))]
-        begin = np.searchsorted(label[by_size], label[by_size])
-        tries = by_size[np.arange(len(by_size)) - begin < _WITNESS_TRIES]
-        attempt(tries, turned.middle[tries])
-    return Regions(turned, first, theta, position, verified)
-
-
-def _holds(question: Question, cells: Cells, cell: Ints, theta: Floats) -> tuple[Bools, Floats]:
-    """Whether everything holds somewhere in each cell (n,) at exactly θ (n,), and the position s (n, 2)."""
-    catalogue, anchor = question.catalogue, question.anchor_mm
-    owner = question.nodes.select(cells.node[cell])
-    position, found = exact_position(catalogue, owner, question.touched, anchor, theta)
-    some = np.flatnonzero(found)
-    points = Cells(
-        cells.node[cell[some]], cells.state[cell[some]], theta[some], theta[some], position[some, None]
-    )
-    found[some] = unblocked(catalogue, points, anchor, question.evidence)
-    return found, position
+    turned = _turned_cells(found.cells, branch)
+    begin = first[:-1]
+    share = turned.volume + 1e-300
+    if not len(begin):
+        return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool))
+    middle = turned.middle
+    mean = np.add.reduceat(share * middle, begin) / np.add.reduceat(share, begin)
+    off = np.abs(middle - mean[label])
+    # Any cell that holds comes before all that do not; of those the largest comes first.
+    rank = np.where(found.holds, 2.0 - off / (1.0 + off), share / (1.0 + share))
+    chosen = _best(rank, first, label)
+    verified = found.holds[chosen]
+    spot = _turned(found.spot[chosen], branch.angle[chosen])
+    position = np.where(verified[:, None], spot, turned.centre[chosen])
+    return Regions(turned, first, middle[chosen], position, verified)
 
 
 def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:

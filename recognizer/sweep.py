@@ -180,7 +180,9 @@ def _near_edges(edges: EdgeSet, strips: StripForest, rays: _Rays) -> tuple[Ints,
 
     large = strips.root[rays.state] >= 0
     ray, edge = expand_ranges(edges.first[rays.state], np.where(large, 0, edges.count[rays.state]))
-    close = np.flatnonzero(near(ray, edges.start[edge], edges.end[edge], 0.0))
+    # One look at an edge's circle is half of the work of two at its ends, and settles most.
+    away = np.abs(_side(rays, ray, edges.centre[edge]))
+    close = np.flatnonzero(away <= rays.rho[ray] + edges.half_length[edge] + 1e-9)
     ray, edge = ray[close], edge[close]
     if not large.any():
         return ray, edge
