@@ -18,7 +18,7 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.extension import extend_by_region, split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
 from palpate.recognizer.region import Cells, build_cells, stepped
-from palpate.recognizer.settle import Question, probed_cells, settled
+from palpate.recognizer.settle import Question, settled, witnessed_cells
 from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level, second_level
 
 __all__ = ["Recognition", "Verdict", "recognise"]
@@ -127,7 +127,7 @@ def _concluded(
     # The fewer are left, the finer they are bounded.
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
     question = Question(catalogue, nodes, touched, list(contacts), anchor)
-    found = probed_cells(question, stepped(nodes, step_rad=_COARSE_RAD, least=least))
+    found = witnessed_cells(question, stepped(nodes, step_rad=_COARSE_RAD, least=least))
     regions = settled(question, found)
     left, cells = split_into_runs(nodes, found.cells)
     return Recognition(catalogue, contacts, left, cells, anchor, hypotheses_of(question, regions), levels)

@@ -112,23 +112,15 @@ def joined_cells(parts: Sequence[Cells]) -> Cells:
 
 @dataclass(frozen=True, eq=False)
 class Probed:
-    """k cells, each looked at in its middle: where `holds` (k,), the position `spot` s (k, 2) satisfies every
-    contact at exactly the middle orientation.
+    """k cells, t of which were looked at in their middle.
+
+    `section` (t, v, 2) mm: the polygon of positions s that satisfy every contact at exactly the middle
+    orientation of the cells `tried` (t,).
     """
 
     cells: Cells
-    spot: Floats
-    holds: Bools
-
-    def select(self, index: Ints | Bools) -> "Probed":
-        """Those at `index` (integers or a mask)."""
-        return Probed(self.cells.select(index), self.spot[index], self.holds[index])
-
-    @property
-    def spots(self) -> Cells:
-        """Cells without extent at the spots, (k,)."""
-        cells, middle = self.cells, self.cells.middle
-        return Cells(cells.node, cells.state, middle, middle, self.spot[:, None])
+    tried: Ints
+    section: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,11 +223,10 @@ def probed(
         ),
     )
     whole = alive < count
-    spot, holds = np.zeros((count, 2)), np.zeros(count, dtype=bool)
-    exact = tried[alive[~whole] - count]
-    spot[exact], holds[exact] = found.polygon[~whole].mean(axis=1), True
-    left = alive[whole]
-    return Probed(found.select(whole), spot[left], holds[left])
+    place = np.full(count, -1)
+    place[alive[whole]] = np.arange(int(whole.sum()))
+    # A cell that is not empty in its middle is not empty.
+    return Probed(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
 
 
 def _cut(

@@ -13,14 +13,15 @@ from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.region import Cells, Intervals, Probed, joined_cells, probed, refined
+from palpate.recognizer.region import Cells, Intervals, joined_cells, probed, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
 from palpate.recognizer.waves import largest
 
-__all__ = ["Question", "Regions", "position_boxes", "probed_cells", "settled"]
+__all__ = ["Question", "Regions", "position_boxes", "settled", "witnessed_cells"]
 
-_REFINEMENTS, _PARTS, _MOST_REFINED = 3, 4, 2048
+_REFINEMENTS, _PARTS, _MOST_REFINED = 2, 4, 2048
+_OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,27 +64,46 @@ class Regions:
         )
 
 
-def probed_cells(question: Question, intervals: Intervals) -> Probed:
-    """Cells of the intervals that the free paths leave, with the spots that the free paths leave."""
+@dataclass(frozen=True, eq=False)
+class Witnessed:
+    """k cells; where `holds` (k,), everything does at position `spot` s (k, 2) and the middle orientation."""
+
+    cells: Cells
+    spot: Floats
+    holds: Bools
+
+    def select(self, index: Ints | Bools) -> "Witnessed":
+        """Those at `index` (integers or a mask)."""
+        return Witnessed(self.cells.select(index), self.spot[index], self.holds[index])
+
+
+def witnessed_cells(question: Question, intervals: Intervals, *, corners: bool = False) -> Witnessed:
+    """Cells of the intervals that the free paths leave, some of them with a position that holds.
+
+    What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
+    `corners`, places towards their corners as well.
+    """
     found = probed(question.catalogue, question.nodes, question.touched, question.anchor_mm, intervals)
-    cells, tried = found.cells, np.flatnonzero(found.holds)
-    spots = found.spots.select(tried)
-    vertices = cells.polygon.shape[1]
-    both = Cells(
-        np.concatenate([cells.node, spots.node]),
-        np.concatenate([cells.state, spots.state]),
-        np.concatenate([cells.lo, spots.lo]),
-        np.concatenate([cells.hi, spots.hi]),
-        np.concatenate([cells.polygon, np.repeat(spots.polygon, vertices, axis=1)]),
-    )
-    free = unblocked(question.catalogue, both, question.anchor_mm, question.evidence)
+    cells = found.cells
+    middle = found.section.mean(axis=1, keepdims=True)
+    places = np.concatenate([middle, middle + _OUT * (found.section - middle)], axis=1) if corners else middle
+    spots = _at(cells, np.repeat(found.tried, places.shape[1]), places.reshape(-1, 2))
+    free = unblocked(question.catalogue, joined_cells([cells, spots]), question.anchor_mm, question.evidence)
     count = len(cells)
-    holds = found.holds.copy()
-    holds[tried] = free[count:]
-    return Probed(cells, found.spot, holds).select(np.flatnonzero(free[:count]))
+    open_to = free[count:].reshape(places.shape[:2])
+    holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
+    holds[found.tried] = open_to.any(axis=1)
+    spot[found.tried] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
+    return Witnessed(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
-def settled(question: Question, found: Probed, refinements: int = _REFINEMENTS) -> Regions:
+def _at(cells: Cells, row: Ints, position: Floats) -> Cells:
+    """Cells without extent at positions (n, 2) in the middle orientations of the cells `row` (n,)."""
+    middle = cells.middle[row]
+    return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
+
+
+def settled(question: Question, found: Witnessed, refinements: int = _REFINEMENTS) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
     label = connected(_boxes(question, found.cells))
     order = np.argsort(label, kind="stable")
@@ -99,7 +119,7 @@ def settled(question: Question, found: Probed, refinements: int = _REFINEMENTS) 
         return regions
     again = cells.select(doubtful[label])
     finer = refined(question.catalogue, question.nodes, again, question.touched, question.anchor_mm, _PARTS)
-    rest = settled(question, probed_cells(question, finer), refinements - 1)
+    rest = settled(question, witnessed_cells(question, finer, corners=True), refinements - 1)
     return _both(regions.select(np.flatnonzero(~doubtful)), rest)
 
 
@@ -167,7 +187,7 @@ def _turned(vector: Floats, angle: Floats) -> Floats:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def _witnessed(found: Probed, first: Ints, label: Ints, branch: _Branch) -> Regions:
+def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch) -> Regions:
     """Regions with a configuration that satisfies everything exactly, as near their middle as there is one.
 
     If none was found, the middle of the largest cell is given, unverified.
