@@ -89,6 +89,18 @@ class EdgeSet:
         """Edges in each state, shape (S,)."""
         return np.diff(self.first)
 
+    @cached_property
+    def centre(self) -> Floats:
+        """Midpoint (n, 2) of each edge."""
+        result: Floats = (self.start + self.end) / 2
+        return result
+
+    @cached_property
+    def half_length(self) -> Floats:
+        """Half of each edge's length, (n,)."""
+        result: Floats = self.length / 2
+        return result
+
     def grid(self, columns: int) -> "EdgeGrid":
         """The edges of states that have at most so many, in rows."""
         if columns not in self._grids:
@@ -105,8 +117,8 @@ class EdgeSet:
         x, y = np.zeros((2, len(self.count), columns))
         half = np.full((len(self.count), columns), -np.inf)
         edge = self.first[row] + column
-        x[row, column], y[row, column] = ((self.start + self.end) / 2)[edge].T
-        half[row, column] = self.length[edge] / 2
+        x[row, column], y[row, column] = self.centre[edge].T
+        half[row, column] = self.half_length[edge]
         return EdgeGrid(x, y, half)
 
     @cached_property

@@ -181,7 +181,7 @@ def _near_edges(edges: EdgeSet, strips: StripForest, rays: _Rays) -> tuple[Ints,
     large = strips.root[rays.state] >= 0
     # One look at an edge's circle is half of the work of two at its ends, and settles most.
     rows = np.flatnonzero(~large)
-    grid = edges.grid(int(edges.count[rays.state[rows]].max(initial=0)))
+    grid = edges.grid(1 << int(edges.count[rays.state[rows]].max(initial=0)).bit_length())
     state, (u, v) = rays.state[rows], rays.heading[rows].T
     offset = rays.start[rows, 1] * u - rays.start[rows, 0] * v
     away = grid.centre_y[state] * u[:, None]

@@ -100,9 +100,9 @@ def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpr
         none = Interpretations(nothing, np.empty((0, 2), np.int64), np.empty(0), np.empty(0))
         return none, LevelCount(2, candidates, 0, 0, 0)
     edge_a, edge_b = catalogue.pairs(one.finger, two.finger).between(
-        normals_2.lo_rad - normals_1.hi_rad,
-        normals_2.hi_rad - normals_1.lo_rad,
-        float(np.hypot(two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1])),
+        normals_1,
+        normals_2,
+        (two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1]),
         one.position_bound_mm + two.position_bound_mm,
     )
     lo, hi = orientation_range(normals_1, first, edge_a)
