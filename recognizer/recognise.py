@@ -25,7 +25,7 @@ __all__ = ["Recognition", "Verdict", "recognise"]
 
 _TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
 _COARSE_RAD = 0.015
-_FINE_CELLS, _MOST_FINE = 512, 8
+_FINE_CELLS, _MOST_FINE = 24, 8
 
 
 class Verdict(Enum):

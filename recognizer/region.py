@@ -8,6 +8,7 @@ clipped by them. The union of an interpretation's cells contains the truth whene
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -50,38 +51,37 @@ class Cells:
         """Those at `index` (integers, a mask or a slice)."""
         return Cells(self.node[index], self.state[index], self.lo[index], self.hi[index], self.polygon[index])
 
-    @property
+    @cached_property
     def middle(self) -> Floats:
         """Middle orientation, (k,)."""
         result: Floats = (self.lo + self.hi) / 2
         return result
 
-    @property
+    @cached_property
     def half_width(self) -> Floats:
         """Half of the orientation interval, (k,)."""
         result: Floats = (self.hi - self.lo) / 2
         return result
 
-    @property
+    @cached_property
     def centre(self) -> Floats:
         """Middle of each polygon's bounding box, (k, 2)."""
         result: Floats = (self.polygon.min(axis=1) + self.polygon.max(axis=1)) / 2
         return result
 
-    @property
+    @cached_property
     def radius(self) -> Floats:
         """Largest distance from `centre` to a vertex, (k,)."""
         offset = self.polygon - self.centre[:, None]
         result: Floats = np.hypot(offset[..., 0], offset[..., 1]).max(axis=1)
         return result
 
-    @property
+    @cached_property
     def volume(self) -> Floats:
         """Area times orientation interval, (k,) mm²·rad."""
-        following = np.roll(self.polygon, -1, axis=1)
-        twice = np.sum(
-            self.polygon[..., 0] * following[..., 1] - self.polygon[..., 1] * following[..., 0], axis=1
-        )
+        x, y = self.polygon[..., 0], self.polygon[..., 1]
+        after = np.arange(1, x.shape[1] + 1) % x.shape[1]
+        twice = np.sum(x * y[:, after] - y * x[:, after], axis=1)
         result: Floats = np.abs(twice) / 2 * (self.hi - self.lo)
         return result
 

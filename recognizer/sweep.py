@@ -187,7 +187,8 @@ def _near_edges(edges: EdgeSet, strips: StripForest, rays: _Rays) -> tuple[Ints,
     away = grid.centre_y[state] * u[:, None]
     away -= grid.centre_x[state] * v[:, None]
     away -= offset[:, None]
-    ray, column = np.nonzero(np.abs(away) <= grid.half_length[state] + (rays.rho[rows] + 1e-9)[:, None])
+    close = np.abs(away) <= grid.half_length[state] + (rays.rho[rows] + 1e-9)[:, None]
+    ray, column = np.divmod(np.flatnonzero(close), close.shape[1])
     ray, edge = rows[ray], edges.first[state[ray]] + column
     if not large.any():
         return ray, edge
