@@ -26,6 +26,7 @@ __all__ = ["Recognition", "Verdict", "recognise"]
 _TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
 _COARSE_RAD = 0.015
 _FINE_CELLS, _MOST_FINE = 24, 8
+_MOST_CELLS = 60_000
 
 
 class Verdict(Enum):
@@ -127,7 +128,9 @@ def _concluded(
     # The fewer are left, the finer they are bounded.
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
     question = Question(catalogue, nodes, touched, list(contacts), anchor)
-    found = witnessed_cells(question, stepped(nodes, step_rad=_COARSE_RAD, least=least))
+    # Contacts that say little leave wide intervals: those get fewer cells and wider bounds, not long waits.
+    step = max(_COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / _MOST_CELLS)
+    found = witnessed_cells(question, stepped(nodes, step_rad=step, least=least))
     regions = settled(question, found)
     left, cells = split_into_runs(nodes, found.cells)
     return Recognition(catalogue, contacts, left, cells, anchor, hypotheses_of(question, regions), levels)

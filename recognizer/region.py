@@ -24,7 +24,7 @@ from palpate.recognizer.waves import largest
 
 __all__ = ["Cells", "Intervals", "Probed", "build_cells", "joined_cells", "probed", "refined", "stepped"]
 
-_ALL_PROBED = 256
+_ALL_PROBED, _FEW = 256, 8
 _MAX_CELLS = 64  # per interpretation and pass
 _TRIPLED = 4  # contacts whose triples are looked at again when cells are refined
 _FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
@@ -202,15 +202,13 @@ def probed(
 ) -> Probed:
     """Cut the intervals, and at exactly their middle orientations as well.
 
-    Where there are many, only the middle one of each interpretation is looked at in its middle.
+    Where there are many, only the middle one of each few of an interpretation is looked at in its middle.
     """
     count = len(intervals.node)
     middle = (intervals.lo + intervals.hi) / 2
     tried = np.arange(count)
     if count > _ALL_PROBED:
-        begin = np.searchsorted(intervals.node, intervals.node)
-        size = np.searchsorted(intervals.node, intervals.node, side="right") - begin
-        tried = np.flatnonzero(tried - begin == size // 2)
+        tried = _middles(intervals.node)
     found, alive = _cut(
         catalogue,
         nodes,
@@ -227,6 +225,17 @@ def probed(
     place[alive[whole]] = np.arange(int(whole.sum()))
     # A cell that is not empty in its middle is not empty.
     return Probed(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
+
+
+def _middles(node: Ints) -> Ints:
+    """The middle row of each stretch of at most _FEW rows with one and the same node (k,)."""
+    row = np.arange(len(node))
+    begins = np.ones(len(node), dtype=bool)
+    begins[1:] = node[1:] != node[:-1]
+    begins |= (row - np.maximum.accumulate(np.where(begins, row, 0))) % _FEW == 0
+    first = np.flatnonzero(begins)
+    middles: Ints = (first + np.append(first[1:], len(node))) // 2
+    return middles
 
 
 def _cut(
