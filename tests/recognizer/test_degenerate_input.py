@@ -152,7 +152,7 @@ def test_exact_contacts_give_the_exact_configuration() -> None:
 def test_contacts_that_are_no_numbers_are_refused(value: float) -> None:
     with pytest.raises(InputError, match="finite"):
         touching("a", (value, 0.0), (0.0, 0.0))
-    with pytest.raises(InputError, match="negative"):
+    with pytest.raises(InputError, match="bounds must be from 0"):
         touching("a", (1.0, 0.0), (0.0, 0.0), -0.1)
     with pytest.raises(InputError, match="finite"):
         NormalRange(value, 0.0)
