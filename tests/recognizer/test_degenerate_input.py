@@ -130,7 +130,7 @@ def test_parallel_edges_leave_a_family_with_its_extent() -> None:
     assert found.slide is not None
     assert found.slide.direction_rad == pytest.approx(math.pi / 2, abs=0.03)
     lo, hi = found.slide.extent_mm
-    # Both contacts are at y = 3, on edges from −20 to 20: the object may be anywhere from −17 to 23, and a little beyond by its corners.
+    # Contacts at y = 3 on edges from −20 to 20: anywhere from −17 to 23, and a little beyond by the corners.
     assert found.configuration.y_mm + lo == pytest.approx(-17.0, abs=1.0)
     assert found.configuration.y_mm + hi == pytest.approx(23.0, abs=1.0)
     assert found.bounds.y_mm[0] < -14.0
