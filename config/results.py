@@ -92,15 +92,18 @@ class InterpretationOut(_Out):
     """What each contact in turn is paired with, counted from 0 as in the objects file.
 
     `edges`: the edge; for a tip on a corner, the edge that begins there. `features` says which: "edge 3",
-    "vertex 5".
+    "vertex 5". Both are null for a contact that is taken as spurious.
     """
 
-    edges: tuple[int, ...]
-    features: tuple[str, ...]
+    edges: tuple[int | None, ...]
+    features: tuple[str | None, ...]
 
 
 class HypothesisOut(_Out):
-    """An object in a state and a region of configurations that agree with every contact."""
+    """An object in a state and a region of configurations that agree with every contact.
+
+    `spurious` names the fingers of those touches that would not be the object's; without any, all agree.
+    """
 
     object: str
     state: str
@@ -110,6 +113,7 @@ class HypothesisOut(_Out):
     verified: bool
     symmetry_order: int
     interpretations: tuple[InterpretationOut, ...]
+    spurious: tuple[str, ...] = ()
 
 
 class LevelOut(_Out):

@@ -6,6 +6,7 @@ light, or nothing is left, or the doubt stays and the region remains unverified.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
+from palpate.recognizer.null_branch import ignored
 from palpate.recognizer.region import Cells, exact_position, joined_cells, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
@@ -26,7 +28,10 @@ _WITNESS_TRIES = 12
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What every region has to satisfy: pairings of `touched`, and all contacts and misses as evidence."""
+    """What every region has to satisfy: pairings of `touched`, and all contacts and misses as evidence.
+
+    A contact that an interpretation takes as spurious is no evidence for its cells.
+    """
 
     catalogue: Catalogue
     nodes: Interpretations
@@ -34,12 +39,24 @@ class Question:
     evidence: list[Contact]
     anchor_mm: Floats
 
+    @cached_property
+    def nulls(self) -> Ints:
+        """Number of null contacts of each interpretation, (n,)."""
+        count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
+        return count
+
+    def unblocked(self, cells: Cells) -> Bools:
+        """Cells (k,) that the free paths do not rule out."""
+        skipped = ignored(self.nodes, cells.node, self.evidence)
+        return unblocked(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
+
 
 @dataclass(frozen=True, eq=False)
 class Regions:
     """h regions: `cells` (k) ordered by region, each on one branch of the symmetry; region i has those from
     `first`[i] to `first`[i + 1]. `theta` (h,) rad and `position` s (h, 2) mm of a configuration in it, which
-    satisfies everything exactly where `verified` (h,).
+    satisfies everything exactly where `verified` (h,), except for what its interpretation, `node` (h,), takes
+    as spurious.
     """
 
     cells: Cells
@@ -47,6 +64,7 @@ class Regions:
     theta: Floats
     position: Floats
     verified: Bools
+    node: Ints
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -61,6 +79,7 @@ class Regions:
             self.theta[rows],
             self.position[rows],
             self.verified[rows],
+            self.node[rows],
         )
 
 
@@ -71,15 +90,14 @@ def settled(question: Question, cells: Cells, refinements: int = _REFINEMENTS) -
     cells, label = cells.select(order), label[order]
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _branch(question.catalogue, cells, first, label)
-    regions = _witnessed(question, cells, first, label, branch)
-    if not refinements:
-        return regions
-    doubtful = ~regions.verified & (np.diff(first) * _PARTS <= _MOST_REFINED)
+    refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
+    regions = _witnessed(question, cells, first, label, branch, refinable)
+    doubtful = ~regions.verified & refinable
     if not doubtful.any():
         return regions
     again = cells.select(doubtful[label])
     finer = refined(question.catalogue, question.nodes, again, question.touched, question.anchor_mm, _PARTS)
-    finer = finer.select(unblocked(question.catalogue, finer, question.anchor_mm, question.evidence))
+    finer = finer.select(question.unblocked(finer))
     return _both(regions.select(np.flatnonzero(~doubtful)), settled(question, finer, refinements - 1))
 
 
@@ -90,6 +108,7 @@ def _both(one: Regions, two: Regions) -> Regions:
         np.concatenate([one.theta, two.theta]),
         np.concatenate([one.position, two.position]),
         np.concatenate([one.verified, two.verified]),
+        np.concatenate([one.node, two.node]),
     )
 
 
@@ -147,25 +166,32 @@ def _turned(vector: Floats, angle: Floats) -> Floats:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def _witnessed(question: Question, cells: Cells, first: Ints, label: Ints, branch: _Branch) -> Regions:
+def _witnessed(
+    question: Question, cells: Cells, first: Ints, label: Ints, branch: _Branch, refinable: Bools
+) -> Regions:
     """Regions with a configuration that satisfies everything exactly, near their middle if one is there.
 
     Tried first at the region's mean orientation, then at its largest cells' middles; if none holds, the
-    middle of the largest cell is given, unverified.
+    middle of the largest cell is given, unverified. Only cells of interpretations with the fewest null
+    contacts count, and after them, where the region (h,) is not `refinable`, the others.
     """
     turned = _turned_cells(cells, branch)
     regions, volume = len(first) - 1, cells.volume
     theta, position = np.zeros(regions), np.zeros((regions, 2))
     verified = np.zeros(regions, dtype=bool)
     if not regions:
-        return Regions(turned, first, theta, position, verified)
-    share = volume + 1e-300
+        return Regions(turned, first, theta, position, verified, np.empty(0, np.int64))
+    nulls = question.nulls[cells.node]
+    plain = nulls == np.minimum.reduceat(nulls, first[:-1])[label]
+    share = np.where(plain, volume + 1e-300, 0.0)
     mean = np.add.reduceat(share * turned.middle, first[:-1]) / np.add.reduceat(share, first[:-1])
     mean = mean[label]
     holds = (turned.lo <= mean) & (mean <= turned.hi)
-    chosen = _best(np.where(holds, 1.0 + volume, volume / (1.0 + volume)), first, label)
+    rank = np.where(holds, 1.0 + volume, volume / (1.0 + volume))
+    chosen = _best(np.where(plain, rank, -1.0), first, label)
     at = np.where(holds[chosen], mean[chosen], turned.middle[chosen])
-    largest_cell = _best(volume, first, label)
+    largest_cell = _best(np.where(plain, volume, -1.0), first, label)
+    node = cells.node[largest_cell]
     theta[:], position[:] = turned.middle[largest_cell], turned.centre[largest_cell]
 
     def attempt(cell: Ints, at: Floats) -> None:
@@ -173,17 +199,18 @@ def _witnessed(question: Question, cells: Cells, first: Ints, label: Ints, branc
         # Of several that hold in a region the first counts.
         region, row = np.unique(label[cell[found]], return_index=True)
         row = np.flatnonzero(found)[row]
-        theta[region], verified[region] = at[row], True
+        theta[region], verified[region], node[region] = at[row], True, cells.node[cell[row]]
         position[region] = _turned(where[row], branch.angle[cell[row]])
 
     attempt(chosen, at)
-    failed = np.flatnonzero(~verified[label])
+    failed = np.flatnonzero(~verified[label] & (plain | ~refinable[label]))
     if len(failed):
-        by_size = failed[np.lexsort((-volume[failed], label[failed]))]
-        begin = np.searchsorted(label[by_size], label[by_size])
+        by_size = failed[np.lexsort((-volume[failed], nulls[failed], label[failed]))]
+        group = 2 * label[by_size] + ~plain[by_size]
+        begin = np.searchsorted(group, group)
         tries = by_size[np.arange(len(by_size)) - begin < _WITNESS_TRIES]
         attempt(tries, turned.middle[tries])
-    return Regions(turned, first, theta, position, verified)
+    return Regions(turned, first, theta, position, verified, node)
 
 
 def _holds(question: Question, cells: Cells, cell: Ints, theta: Floats) -> tuple[Bools, Floats]:
@@ -195,7 +222,7 @@ def _holds(question: Question, cells: Cells, cell: Ints, theta: Floats) -> tuple
     points = Cells(
         cells.node[cell[some]], cells.state[cell[some]], theta[some], theta[some], position[some, None]
     )
-    found[some] = unblocked(catalogue, points, anchor, question.evidence)
+    found[some] = question.unblocked(points)
     return found, position
 
 

@@ -175,17 +175,22 @@ def _hypothesis(item: Hypothesis) -> HypothesisOut:
         symmetry_order=item.state.symmetry_order,
         interpretations=tuple(
             InterpretationOut(
-                edges=tuple(_edge(feature) for feature in row),
-                features=tuple(f"edge {k}" if k >= 0 else f"vertex {_edge(k)}" for k in row),
+                edges=tuple(None if k is None else _edge(k) for k in row),
+                features=tuple(None if k is None else _feature(k) for k in row),
             )
             for row in item.features
         ),
+        spurious=item.spurious,
     )
 
 
 def _edge(feature: int) -> int:
     """The edge that a feature belongs to; an arc about a vertex, to the edge that begins there."""
     return feature if feature >= 0 else -1 - feature
+
+
+def _feature(feature: int) -> str:
+    return f"edge {feature}" if feature >= 0 else f"vertex {_edge(feature)}"
 
 
 def _configuration(value: Configuration) -> ConfigurationOut:
