@@ -17,6 +17,8 @@ __all__ = [
     "AlternativeOut",
     "BoundsOut",
     "ConfigurationOut",
+    "ExplanationOut",
+    "FeltOut",
     "HypothesisOut",
     "IdentificationOut",
     "IdentificationVerdict",
@@ -25,7 +27,9 @@ __all__ = [
     "RecognitionOut",
     "RecognitionVerdict",
     "StatisticsOut",
+    "StepOut",
     "TruthOut",
+    "WhyOut",
     "to_json",
 ]
 
@@ -133,13 +137,59 @@ class StatisticsOut(_Out):
     seconds: Rounded
 
 
+class FeltOut(_Out):
+    """Which contact or miss is meant; `grip` is its index in the contacts file, from 0."""
+
+    grip: int
+    finger: str
+    touched: bool
+
+
+class ExplanationOut(_Out):
+    """What may be the matter when nothing fits.
+
+    `moved_after_grip`: how many of the first grips fit together, if each grip fits alone but not all do; the
+    object may have moved after them. `spurious`: contacts that leave something that fits when they are left
+    out, one at a time beside those that were allowed already.
+    """
+
+    moved_after_grip: int | None
+    spurious: tuple[FeltOut, ...]
+
+
+class StepOut(_Out):
+    """How many interpretations of one object are left after a test of some contacts."""
+
+    reason: str
+    contacts: tuple[FeltOut, ...]
+    left: int
+
+
+class WhyOut(_Out):
+    """Whether and why one object (`state` null: in any of its states) was ruled out.
+
+    The last of `steps` ruled it out if it leaves nothing. Then the contacts of `conflict` cannot all be true
+    of the object, and none of them can be left out. Else its `hypotheses` are given. No contact counts as
+    spurious.
+    """
+
+    object: str
+    state: str | None
+    ruled_out: bool
+    steps: tuple[StepOut, ...]
+    conflict: tuple[FeltOut, ...]
+    hypotheses: tuple[HypothesisOut, ...]
+
+
 class RecognitionOut(_Out):
-    """Answer of `palpate recognize`."""
+    """Answer of `palpate recognize`; `explanation` goes with the verdict none, `why` with --why."""
 
     format: Literal["palpate/recognition@1"] = "palpate/recognition@1"
     verdict: RecognitionVerdict
     hypotheses: tuple[HypothesisOut, ...]
     statistics: StatisticsOut
+    explanation: ExplanationOut | None = None
+    why: WhyOut | None = None
 
 
 class AlternativeOut(_Out):

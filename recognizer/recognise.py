@@ -32,7 +32,7 @@ from palpate.recognizer.settle import Question, settled
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations, LevelCount
 
-__all__ = ["Recognition", "Verdict", "recognise"]
+__all__ = ["Recognition", "Verdict", "anchor_of", "cells_of", "recognise"]
 
 _FINE_CELLS, _MOST_FINE = 512, 8
 
@@ -90,9 +90,21 @@ def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: i
             f"max_spurious is {max_spurious}; with {len(touched)} touched contacts it must be from 0 to "
             f"{len(touched) - 1}, so that one at least is not spurious"
         )
-    # The first contacts' middle: orientation and position are least entangled near the object.
+    return _Search(catalogue, anchor_of(touched), max_spurious).after((), tuple(contacts), [ROOT], ())
+
+
+def anchor_of(touched: Sequence[Contact]) -> Floats:
+    """The first contacts' middle (2,) in W: orientation and position are least entangled near the object."""
     anchor: Floats = np.mean([contact.end_mm for contact in touched[:TREE_LEVELS]], axis=0)
-    return _Search(catalogue, anchor, max_spurious).after((), tuple(contacts), [ROOT], ())
+    return anchor
+
+
+def cells_of(
+    catalogue: Catalogue, nodes: Interpretations, touched: list[Contact], anchor_mm: Floats
+) -> Cells:
+    """Cells of interpretations of all contacts; the fewer are left, the finer they are bounded."""
+    least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
+    return build_cells(catalogue, nodes, touched, anchor_mm, step_rad=COARSE_RAD, least=least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +140,7 @@ class _Search:
     ) -> Recognition:
         """Cells, evidence and hypotheses of the interpretations that are left."""
         catalogue, anchor = self.catalogue, self.anchor_mm
-        # The fewer are left, the finer they are bounded.
-        least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
-        cells = build_cells(catalogue, nodes, touched, anchor, step_rad=COARSE_RAD, least=least)
+        cells = cells_of(catalogue, nodes, touched, anchor)
         skipped = ignored(nodes, cells.node, contacts)
         cells = cells.select(unblocked(catalogue, cells, anchor, contacts, skipped))
         nodes, cells = split_into_runs(nodes, cells)

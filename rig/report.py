@@ -29,6 +29,7 @@ from palpate.rig.truth import Comparison, compare
 
 __all__ = [
     "contacts_json",
+    "hypothesis_out",
     "identification_out",
     "identification_picture",
     "recognition_out",
@@ -40,7 +41,7 @@ def recognition_out(recognition: Recognition, seconds: float) -> RecognitionOut:
     """The recognition as `palpate/recognition@1`; `seconds` is what it took."""
     return RecognitionOut(
         verdict=RecognitionVerdict(recognition.verdict.value),
-        hypotheses=tuple(_hypothesis(item) for item in recognition.hypotheses),
+        hypotheses=tuple(hypothesis_out(item) for item in recognition.hypotheses),
         statistics=StatisticsOut(
             levels=tuple(
                 LevelOut(
@@ -164,7 +165,8 @@ def _hypotheses(result: Identification) -> Sequence[Hypothesis]:
     return () if result.recognition is None else result.recognition.hypotheses
 
 
-def _hypothesis(item: Hypothesis) -> HypothesisOut:
+def hypothesis_out(item: Hypothesis) -> HypothesisOut:
+    """One hypothesis as a JSON value."""
     return HypothesisOut(
         object=item.state.object_name,
         state=item.state.state.name,
