@@ -25,6 +25,9 @@ from palpate.recognizer.tree import Interpretations, by_angle, by_chord, by_dist
 __all__ = ["Reason", "Step", "Why", "moved", "suspects", "why"]
 
 
+_LEAST_TO_SUSPECT = 2
+
+
 class Reason(Enum):
     """What a step of the search looks at (docs/recogniser.md)."""
 
@@ -104,9 +107,9 @@ def moved(catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious
 def suspects(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> tuple[Contact, ...]:
     """Contacts that are spurious in some hypothesis if `max_spurious` + 1 may be; in the order given.
 
-    Empty if that does not help, or if one contact has to be left over and is not.
+    Empty if that does not help, or if less than two contacts would be left: one alone nearly always fits.
     """
-    if max_spurious + 1 >= sum(contact.touched for contact in contacts):
+    if sum(contact.touched for contact in contacts) - max_spurious - 1 < _LEAST_TO_SUSPECT:
         return ()
     found = recognise(catalogue, contacts, max_spurious + 1)
     named = {id(contact) for item in found.hypotheses for contact in item.null_contacts}

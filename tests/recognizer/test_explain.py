@@ -218,7 +218,12 @@ def test_suspects(seed: int) -> None:
         assert bool(without.hypotheses) == any(contact is other for other in named)
 
 
-def test_a_lone_contact_is_no_suspect() -> None:
+def test_no_suspect_if_one_contact_would_be_left() -> None:
+    """Alone, nearly every contact fits something."""
     rng = np.random.default_rng(60)
-    (contact,) = touching(place(RECTANGLE, rng), rng, 1)
-    assert suspects(catalogue(), [replace(contact, finger=Finger(5.0, 90.0))]) == ()
+    one, two, three = touching(place(RECTANGLE, rng), rng, 3)
+    high = replace(two, finger=Finger(5.0, 90.0))
+    assert suspects(catalogue(), [high]) == ()
+    assert suspects(catalogue(), [one, high]) == ()
+    assert suspects(catalogue(), [one, high, three]) == (high,)
+    assert suspects(catalogue(), [one, high, three], 1) == ()
