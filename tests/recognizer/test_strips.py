@@ -1,0 +1,289 @@
+"""Strip trees: what they say of their edges holds, and a search by them answers what a flat one does."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, touch
+
+from palpate.recognizer.arrays import wrap_angle
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact, Finger, NormalRange
+from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.model import ObjectModel, Polygon, Section, State
+from palpate.recognizer.recognise import Recognition, recognise
+from palpate.recognizer.segments import point_segment_distance
+from palpate.recognizer.strips import StripForest
+
+FLAT = 10**9
+NARROW, WIDE = math.radians(5), math.radians(20)
+FEW_AND_MANY = (1, 2, 3, 4, 5)
+
+
+def wavy(edges: int) -> ObjectModel:
+    a = 2 * np.pi * np.arange(edges) / edges
+    radius = 60 + 6 * np.sin(3 * a + 1) + 3 * np.cos(7 * a) + np.sin(edges / 6 * a)
+    return flat(f"wavy-{edges}", radius[:, None] * np.column_stack([np.cos(a), np.sin(a)]))
+
+
+def framed() -> ObjectModel:
+    """A plate with two holes, and beside it a smaller polygon and one within a hole."""
+    holes = (
+        np.array([(-35, -20), (-5, -20), (-5, 18), (-35, 18)], dtype=float),
+        np.array([(8, -12), (20, -16), (30, 0), (18, 14), (6, 8)], dtype=float),
+    )
+    plate = Polygon(np.array([(-45, -30), (40, -30), (48, 4), (30, 30), (-45, 26)], dtype=float), holes)
+    inner = Polygon(np.array([(-28, -8), (-14, -10), (-16, 6), (-26, 8)], dtype=float))
+    beside = Polygon(np.array([(-20, 34), (10, 34), (4, 46), (-16, 44)], dtype=float))
+    section = Section(0.0, 20.0, (plate, inner, beside))
+    return ObjectModel("framed", (State("flat", (section,)),))
+
+
+def ring_of_teeth() -> ObjectModel:
+    """Twelve-fold symmetric, with a hole of the same symmetry."""
+    a = 2 * np.pi * np.arange(48) / 48
+    unit = np.column_stack([np.cos(a), np.sin(a)])
+    outer = np.where(np.arange(48) % 4 < 2, 42.0, 34.0)[:, None] * unit
+    section = Section(0.0, 20.0, (Polygon(outer, (20.0 * unit[::4],)),))
+    return ObjectModel("teeth", (State("flat", (section,)),))
+
+
+def forest(models: list[ObjectModel], radius: float) -> tuple[EdgeSet, StripForest]:
+    catalogue = Catalogue(models, flat_edges=8)
+    finger = Finger(radius, 10.0)
+    return catalogue.edges(finger), catalogue.strips(finger)
+
+
+def below(strips: StripForest, strip: int) -> list[int]:
+    """The edges of the leaves under a strip."""
+    stack, found = [strip], []
+    while stack:
+        at = stack.pop()
+        if strips.edge[at] >= 0:
+            found.append(int(strips.edge[at]))
+        else:
+            stack += [int(strips.left[at]), int(strips.right[at])]
+    return found
+
+
+MODELS = [outlines(SHIPPED_OBJECTS)[3], wavy(300), framed(), ring_of_teeth()]
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+def test_every_edge_is_in_one_leaf_of_its_states_tree(radius: float) -> None:
+    square = flat("square", [(-20, -20), (20, -20), (20, 20), (-20, 20)])
+    edges, strips = forest([*MODELS, square], radius)
+    leaves = strips.edge[strips.edge >= 0]
+    assert len(leaves) == len(np.unique(leaves))
+    seen = []
+    for state, root in enumerate(strips.root):
+        if edges.count[state] <= 8:
+            assert root < 0
+            continue
+        block = range(int(edges.first[state]), int(edges.first[state + 1]))
+        assert sorted(below(strips, int(root))) == list(block)
+        seen += block
+    assert sorted(leaves.tolist()) == seen
+    inner = strips.edge < 0
+    assert np.all((strips.left[inner] >= 0) & (strips.right[inner] >= 0))
+    assert np.all((strips.left[~inner] < 0) & (strips.right[~inner] < 0))
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+def test_strips_enclose_their_edges(radius: float) -> None:
+    """Points of every edge's slack are within the stray, every normal of its span within the half turn."""
+    edges, strips = forest(MODELS, radius)
+    part = np.linspace(0.0, 1.0, 5)
+    for strip in range(len(strips.edge)):
+        under = np.array(below(strips, strip))
+        along = strips.end[strip] - strips.start[strip]
+        length = np.hypot(*along)
+        direction = along / max(length, 1e-300)
+        points = edges.start[under, None] + part[:, None] * (edges.end - edges.start)[under, None]
+        for across in (edges.slack_out[under], -edges.slack_in[under], np.zeros(len(under))):
+            for aside in (-1, 0, 1):
+                shift = across[:, None] * edges.normal[under]
+                shift = shift + aside * edges.slack_along[under][:, None] * edges.direction[under]
+                away = point_segment_distance(points + shift[:, None], strips.start[strip], direction, length)
+                assert away.max() <= strips.stray[strip] + 1e-9
+        off = np.abs(wrap_angle(edges.normal_rad[under] - strips.normal[strip])) + edges.span[under]
+        whole = strips.half_turn[strip] >= np.pi
+        assert whole or off.max() <= strips.half_turn[strip] + 1e-9
+
+
+def test_a_root_of_a_closed_outline_allows_all_normals() -> None:
+    _, strips = forest([wavy(300)], 0.0)
+    assert strips.half_turn[strips.root[0]] >= np.pi - 1e-2
+
+
+def on_edge_normals(placed: Placed, contact: Contact, half_range: float | None) -> Contact:
+    """A point finger's exact contact with the normal of the edge that it met, ± half a range."""
+    if half_range is None or contact.normal is not None or not contact.touched:
+        return contact
+    outline = shapely.geometry.polygon.orient(placed.shape)
+    rings = [outline.exterior, *outline.interiors] if outline.geom_type == "Polygon" else []
+    rings = rings or [r for p in outline.geoms for r in (p.exterior, *p.interiors)]
+    begin = np.vstack([np.asarray(ring.coords)[:-1] for ring in rings])
+    along = np.vstack([np.diff(np.asarray(ring.coords), axis=0) for ring in rings])
+    length = np.hypot(*along.T)
+    direction = along / length[:, None]
+    away = point_segment_distance(np.asarray(contact.end_mm), begin, direction, length)
+    x, y = direction[np.argmin(away)]
+    normal = math.atan2(-x, y)
+    return replace(contact, normal=NormalRange(normal - half_range, normal + half_range))
+
+
+def grip_with_misses(
+    placed: Placed,
+    rng: np.random.Generator,
+    fingers: int,
+    *,
+    radius: float,
+    bound: float,
+    half_range: float | None,
+) -> list[Contact]:
+    """A grip and those of two more approaches, well off the middle, that miss. No error, but bounds."""
+    contacts = grip(placed, rng, fingers=fingers, radius=radius, bound=0.0, half_range=half_range)
+    for k in range(2):
+        at = rng.uniform(0, 2 * math.pi)
+        tried = touch(
+            placed.shape,
+            rng,
+            radius=radius,
+            bound=0.0,
+            half_range=None,
+            direction=at + math.pi + rng.choice([-1, 1]) * rng.uniform(0.35, 0.5),
+            start=140 * np.array([math.cos(at), math.sin(at)]),
+            reach=280.0,
+            name=f"m{k}",
+        )
+        contacts += [] if tried.touched else [tried]
+    exact = [on_edge_normals(placed, contact, half_range) for contact in contacts]
+    return [replace(contact, position_bound_mm=bound) for contact in exact]
+
+
+def assert_same(one: Recognition, two: Recognition) -> int:
+    """Interpretations, hypotheses, verdict: all that an answer holds. Returns how many hypotheses."""
+    assert one.verdict is two.verdict
+    pairings = [
+        {(int(s), *(int(e) for e in row)) for s, row in zip(n.state, n.edges, strict=True)}
+        for n in (one.interpretations, two.interpretations)
+    ]
+    assert pairings[0] == pairings[1]
+    assert len(one.interpretations) == len(two.interpretations)
+    rows = []
+    for found in (one.hypotheses, two.hypotheses):
+        row = np.column_stack([found.state, found.verified, found.lo, found.hi, found.weight])
+        rows.append(row[np.lexsort(row.T[::-1].round(6))])
+    np.testing.assert_allclose(rows[0], rows[1], rtol=0, atol=1e-9)
+    return len(one.hypotheses)
+
+
+def compared(
+    models: list[ObjectModel], seed: int, trials: int, fingers: tuple[int, ...], **how: float | None
+) -> int:
+    """Flat and strip search on the same grips; returns how many gave hypotheses."""
+    rng = np.random.default_rng(seed)
+    by_strips, by_lists = Catalogue(models, flat_edges=8), Catalogue(models, flat_edges=FLAT)
+    answered = 0
+    for trial in range(trials):
+        placed = place(models[trial % len(models)], rng)
+        contacts = grip_with_misses(placed, rng, fingers[trial % len(fingers)], **how)
+        if any(contact.touched for contact in contacts):
+            answered += assert_same(recognise(by_strips, contacts), recognise(by_lists, contacts)) > 0
+    return answered
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+@pytest.mark.parametrize("half_range", [WIDE, NARROW, None])
+def test_same_answer_for_shipped_objects(radius: float, half_range: float | None) -> None:
+    fingers = FEW_AND_MANY if half_range else FEW_AND_MANY[1:]
+    answered = compared(
+        outlines(SHIPPED_OBJECTS), 41, 6, fingers, radius=radius, bound=0.3, half_range=half_range
+    )
+    assert answered >= 5
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+@pytest.mark.parametrize("half_range", [WIDE, NARROW, None])
+def test_same_answer_for_holes_and_several_polygons(radius: float, half_range: float | None) -> None:
+    answered = compared(
+        [framed(), ring_of_teeth()],
+        42,
+        10,
+        FEW_AND_MANY if half_range else FEW_AND_MANY[1:],
+        radius=radius,
+        bound=0.3,
+        half_range=half_range,
+    )
+    assert answered >= 5
+
+
+@pytest.mark.parametrize(
+    ("edges", "radius", "half_range", "fingers"),
+    [
+        (300, 0.0, None, (4,)),
+        (300, 0.0, WIDE, (2, 3)),
+        (300, 5.0, NARROW, (2, 3)),
+        (500, 0.0, None, (4,)),
+        (500, 5.0, NARROW, (3, 5)),
+        (1200, 0.0, NARROW, (3, 4)),
+    ],
+)
+def test_same_answer_for_fine_outlines(
+    edges: int, radius: float, half_range: float | None, fingers: tuple[int, ...]
+) -> None:
+    answered = compared(
+        [wavy(edges)], 43, len(fingers), fingers, radius=radius, bound=0.1, half_range=half_range
+    )
+    assert answered == len(fingers)
+
+
+def test_same_answer_from_inside_a_hole() -> None:
+    """Fingers that come down in a hole and move outwards meet the hole's own edges."""
+    rng = np.random.default_rng(44)
+    models = [framed(), outlines(SHIPPED_OBJECTS)[3]]
+    by_strips, by_lists = Catalogue(models, flat_edges=8), Catalogue(models, flat_edges=FLAT)
+    for _ in range(4):
+        placed = place(models[0], rng)
+        cos, sin = math.cos(placed.theta), math.sin(placed.theta)
+        start = np.array([cos * 18 + placed.x, sin * 18 + placed.y])
+        contacts = [
+            touch(
+                placed.shape,
+                rng,
+                radius=1.0,
+                bound=0.3,
+                half_range=WIDE,
+                direction=float(direction),
+                start=start,
+                reach=80.0,
+                name=f"f{k}",
+            )
+            for k, direction in enumerate(rng.uniform(-math.pi, math.pi, 4))
+        ]
+        assert all(contact.touched for contact in contacts)
+        assert assert_same(recognise(by_strips, contacts), recognise(by_lists, contacts)) > 0
+
+
+def test_small_and_large_states_together() -> None:
+    """Some states in lists and some in trees at once, contact after contact."""
+    rng = np.random.default_rng(45)
+    models = [
+        *outlines(SHIPPED_OBJECTS),
+        wavy(300),
+        flat("square", [(-20, -20), (20, -20), (20, 20), (-20, 20)]),
+    ]
+    mixed, by_lists = Catalogue(models, flat_edges=60), Catalogue(models, flat_edges=FLAT)
+    finger = Finger(2.0, 10.0)
+    assert 0 < np.sum(mixed.strips(finger).root >= 0) < len(models)
+    for trial in range(8):
+        placed = place(models[trial], rng)
+        contacts = [c for c in grip(placed, rng, fingers=5, radius=2.0) if c.touched]
+        one, two = recognise(mixed, contacts[:2]), recognise(by_lists, contacts[:2])
+        assert_same(one, two)
+        for contact in contacts[2:]:
+            one, two = one.extend([contact]), two.extend([contact])
+            assert_same(one, two)
