@@ -5,7 +5,7 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
-from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis
+from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.planner import Candidate, Grip, Prediction, Resolution, plan_grip, predict, separable
 from palpate.recognizer.recognise import Recognition, Verdict, recognise
@@ -28,6 +28,7 @@ __all__ = [
     "Recognition",
     "Resolution",
     "Section",
+    "Slide",
     "State",
     "Verdict",
     "plan_grip",

@@ -4,22 +4,26 @@ From object models to everything that reads edges. Work done once per catalogue 
 by normal within a state (`edges`), and the ranges of distance between the edges of each state (`pairs`).
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from palpate.errors import InputError
 from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet, edge_set
 from palpate.recognizer.model import ObjectModel, State
 from palpate.recognizer.pairs import PairTable
+from palpate.recognizer.pockets import Pockets, conservative_pockets
 from palpate.recognizer.strips import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, symmetry_order
 
 __all__ = ["Catalogue"]
 
 SYMMETRY_TOLERANCE_MM = 1e-3
+_TRAVEL_STEP_MM = 20.0
 _FLAT_EDGES = 600  # of a state: the table of pairs of larger ones would only grow
 
 
@@ -40,6 +44,10 @@ class Catalogue:
     ) -> None:
         if not objects:
             raise InputError("the catalogue is empty: at least one object is needed")
+        if not 1e-6 <= facet_error_mm <= 1.0:
+            raise InputError(f"the facet error must be from 1e-6 to 1 mm, not {facet_error_mm:g}")
+        for item in objects:
+            check_model(item)
         self.states: tuple[CatalogueState, ...] = tuple(
             _prepare(item, state) for item in objects for state in item.states
         )
@@ -50,6 +58,7 @@ class Catalogue:
         self._edges: dict[Finger, EdgeSet] = {}
         self._pairs: dict[tuple[Finger, Finger], PairTable] = {}
         self._strips: dict[Finger, StripForest] = {}
+        self._pockets: dict[tuple[Finger, float, float], Pockets] = {}
 
     def edges(self, finger: Finger) -> EdgeSet:
         """The grown edges that `finger` can meet."""
@@ -70,6 +79,19 @@ class Catalogue:
             edges = self.edges(finger)
             self._strips[finger] = strip_forest(edges, edges.count > self.flat_edges)
         return self._strips[finger]
+
+    def pockets(self, finger: Finger, allowance_mm: float, travel_mm: float) -> Pockets:
+        """Conservative angle pockets of all edges that `finger` can meet (memo §2.2.2).
+
+        They are made for an allowance that is rounded up and a travel that is rounded down, so that a few
+        serve all contacts.
+        """
+        allowance = 0.0 if allowance_mm == 0 else 2.0 ** (math.ceil(2 * math.log2(allowance_mm)) / 2)
+        travel = math.floor(travel_mm / _TRAVEL_STEP_MM) * _TRAVEL_STEP_MM
+        key = (finger, allowance, travel)
+        if key not in self._pockets:
+            self._pockets[key] = conservative_pockets(self.edges(finger), allowance, travel)
+        return self._pockets[key]
 
 
 def _prepare(item: ObjectModel, state: State) -> CatalogueState:

@@ -13,11 +13,11 @@ from palpate.recognizer.arrays import Floats, Ints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import cross
+from palpate.recognizer.waves import within_waves
 
 __all__ = ["chord_hull"]
 
 _ROUNDING_MM = 1e-9
-_ROUNDING_RAD = 1e-12
 
 
 def chord_hull(
@@ -36,7 +36,7 @@ def chord_hull(
     nothing is left, lo > hi. The hull may hold orientations that are ruled out, never the other way about.
     """
     x, y = contact_b.end_mm[0] - contact_a.end_mm[0], contact_b.end_mm[1] - contact_a.end_mm[1]
-    chord = np.hypot(x, y)
+    chord = float(np.hypot(x, y))
     normal_a, normal_b = first.normal[edge_a], second.normal[edge_b]
     gap = second.middle[edge_b] - first.middle[edge_a]
     across_a = first.half_across[edge_a] + contact_a.position_bound_mm
@@ -65,30 +65,4 @@ def chord_hull(
     turned = np.arctan2(y, x) - np.stack([first.normal_rad[edge_a], second.normal_rad[edge_b]])
     crest = np.repeat(turned, 2, axis=0)
     crest[1::2] -= np.pi / 2
-    return _within_waves(lo, hi, crest, (middle - half - _ROUNDING_MM), middle + half + _ROUNDING_MM, chord)
-
-
-def _within_waves(
-    lo: Floats, hi: Floats, crest: Floats, least: Floats, most: Floats, height: float
-) -> tuple[Floats, Floats]:
-    """Hull of the θ in [lo, hi] (n,) with least ≤ height·cos(θ − crest) ≤ most, each (k, n), for all k."""
-    scale = max(height, 1e-9)
-    least, most = least / scale, most / scale
-    # |θ − crest| must lie between these two.
-    nearest = np.arccos(np.clip(most, -1.0, 1.0)) - _ROUNDING_RAD
-    furthest = np.arccos(np.clip(least, -1.0, 1.0)) + _ROUNDING_RAD
-    never = (most < -1.0) | (least > 1.0)
-    # The allowed set is even about the crest: going down from hi is going up from −hi.
-    first = np.where(never, np.inf, _way_to_allowed(lo - crest, nearest, furthest)).max(axis=0)
-    last = np.where(never, np.inf, _way_to_allowed(crest - hi, nearest, furthest)).max(axis=0)
-    return lo + first, hi - last
-
-
-def _way_to_allowed(angle: Floats, nearest: Floats, furthest: Floats) -> Floats:
-    """How far up from `angle` the first angle with nearest ≤ |angle| ≤ furthest (modulo 2π) is."""
-    begin = angle - 2 * np.pi * np.rint(angle / (2 * np.pi))
-    at = np.maximum(begin, -furthest)
-    at = np.where((at > -nearest) & (at < nearest), nearest, at)
-    at = np.where(at > furthest, 2 * np.pi - furthest, at)
-    way: Floats = at - begin
-    return way
+    return within_waves(lo, hi, crest, (middle - half - _ROUNDING_MM), middle + half + _ROUNDING_MM, chord)

@@ -10,7 +10,12 @@ from dataclasses import dataclass
 
 from palpate.errors import InputError
 
-__all__ = ["Contact", "Finger", "NormalRange"]
+__all__ = ["LARGEST_MM", "Contact", "Finger", "NormalRange"]
+
+LARGEST_MM = 1e4
+"""No coordinate, radius or bound may be larger: rounding allowances and running times hold up to here."""
+
+_LARGEST_TIP_MM = 1e3  # larger ones would need ever more facets
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,14 @@ class Finger:
     tip_radius_mm: float
     height_mm: float
 
+    def __post_init__(self) -> None:
+        if not 0 <= self.tip_radius_mm <= _LARGEST_TIP_MM:
+            raise InputError(
+                f"a finger's tip radius must be from 0 to {_LARGEST_TIP_MM:g} mm, not {self.tip_radius_mm:g}"
+            )
+        if not math.isfinite(self.height_mm):
+            raise InputError("a finger's height must be finite")
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -48,7 +61,9 @@ class Contact:
     If `touched`, it was stopped at `end` by the object, and by nothing before; otherwise the whole way was
     free. The true centre is within `position_bound_mm` of the given one all along the path. A real tip may
     be dented a little before anything is felt: `path_bound_mm` is the position bound with that allowance, for
-    the free path only (None: none needed). `normal` is None where nothing is known of it.
+    the free path only (None: none needed). `normal` is None where nothing is known of it. `friction`: the
+    largest coefficient that friction may have, if the finger came to rest by it alone (None: it may also
+    have been stopped, by its drive or by a corner, where it would have slid).
     """
 
     name: str
@@ -59,13 +74,23 @@ class Contact:
     position_bound_mm: float
     normal: NormalRange | None = None
     path_bound_mm: float | None = None
+    friction: float | None = None
 
     def __post_init__(self) -> None:
-        numbers = (*self.start_mm, *self.end_mm, self.position_bound_mm)
-        if not all(math.isfinite(value) for value in numbers):
-            raise InputError(f"contact of {self.name}: positions and bounds must be finite")
-        if self.position_bound_mm < 0 or self.finger.tip_radius_mm < 0:
-            raise InputError(f"contact of {self.name}: bounds and radii cannot be negative")
+        for value in (*self.start_mm, *self.end_mm):
+            if not abs(value) <= LARGEST_MM:
+                raise InputError(
+                    f"contact of {self.name}: positions must be finite and within ±{LARGEST_MM:g} mm, "
+                    f"not {value:g}"
+                )
+        for bound in (self.position_bound_mm, self.free_path_bound_mm):
+            if not 0 <= bound <= LARGEST_MM:
+                raise InputError(
+                    f"contact of {self.name}: bounds must be from 0 to {LARGEST_MM:g} mm, not {bound:g}"
+                )
+
+        if self.friction is not None and not 0 <= self.friction < math.inf:
+            raise InputError(f"contact of {self.name}: friction must be a number from 0 on")
 
     @property
     def free_path_bound_mm(self) -> float:
@@ -93,10 +118,12 @@ class Contact:
         """Normals that both the sensor and the approach allow; None if together they allow nothing.
 
         A finger that came to rest on a surface moved against its outward normal, so the normal lies within
-        a quarter turn of −φ (the weakest form of the memo's angle pocket, §2.2.2). Where the two ranges meet
-        in two pieces the shorter range stands for both: wider than need be, never too narrow.
+        a quarter turn of −φ; where friction alone held it, within the friction cone, atan μ (memo §2.2.2).
+        Where the two ranges meet in two pieces the shorter range stands for both: wider than need be, never
+        too narrow.
         """
-        half = min(math.pi, math.pi / 2 + self.direction_bound_rad + 1e-9)
+        cone = math.pi / 2 if self.friction is None else math.atan(self.friction)
+        half = min(math.pi, cone + self.direction_bound_rad + 1e-9)
         against = self.direction_rad + math.pi
         approach = NormalRange(against - half, against + half)
         if self.normal is None:

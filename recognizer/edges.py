@@ -50,6 +50,18 @@ class CatalogueState:
 
 
 @dataclass(frozen=True, eq=False)
+class EdgeGrid:
+    """Midpoints (mm) and half lengths of edges, one row for each of S states, (S, columns).
+
+    Edge k of a state stands in column k; where a state has no more, `half_length` is −∞.
+    """
+
+    centre_x: Floats
+    centre_y: Floats
+    half_length: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class EdgeSet:
     """The grown edges that one kind of finger can meet, over the whole catalogue; n edges, S states.
 
@@ -79,6 +91,38 @@ class EdgeSet:
     def count(self) -> Ints:
         """Edges in each state, shape (S,)."""
         return np.diff(self.first)
+
+    @cached_property
+    def centre(self) -> Floats:
+        """Midpoint (n, 2) of each edge."""
+        result: Floats = (self.start + self.end) / 2
+        return result
+
+    @cached_property
+    def half_length(self) -> Floats:
+        """Half of each edge's length, (n,)."""
+        result: Floats = self.length / 2
+        return result
+
+    def grid(self, columns: int) -> "EdgeGrid":
+        """The edges of states that have at most so many, in rows."""
+        if columns not in self._grids:
+            self._grids[columns] = self._grid(columns)
+        return self._grids[columns]
+
+    @cached_property
+    def _grids(self) -> "dict[int, EdgeGrid]":
+        return {}
+
+    def _grid(self, columns: int) -> "EdgeGrid":
+        row, column = self.state, np.arange(len(self.state)) - self.first[self.state]
+        row, column = row[column < columns], column[column < columns]
+        x, y = np.zeros((2, len(self.count), columns))
+        half = np.full((len(self.count), columns), -np.inf)
+        edge = self.first[row] + column
+        x[row, column], y[row, column] = self.centre[edge].T
+        half[row, column] = self.half_length[edge]
+        return EdgeGrid(x, y, half)
 
     @cached_property
     def middle(self) -> Floats:

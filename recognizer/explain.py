@@ -17,8 +17,8 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.hypotheses import Hypothesis
 from palpate.recognizer.model import ObjectModel
-from palpate.recognizer.recognise import anchor_of, cells_of, recognise
-from palpate.recognizer.region import Cells
+from palpate.recognizer.recognise import anchor_of, intervals_of, recognise
+from palpate.recognizer.region import Cells, build_cells
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations, by_angle, by_chord, by_distance, by_triple, first_level
 
@@ -91,7 +91,7 @@ def moved(catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious
     """How many of the first grips fit together, if the object may have moved after them.
 
     That is so if every grip that touched something fits an object on its own, but all together fit none. None
-    otherwise. Raises InputError for a negative `max_spurious`.
+    otherwise.
     """
     if _fits(catalogue, _together(grips), max_spurious):
         return None
@@ -111,17 +111,23 @@ def suspects(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: in
     """
     if sum(contact.touched for contact in contacts) - max_spurious - 1 < _LEAST_TO_SUSPECT:
         return ()
-    found = recognise(catalogue, contacts, max_spurious + 1)
+    try:
+        found = recognise(catalogue, contacts, max_spurious + 1)
+    except InputError:  # the others say too little: everything fits
+        return ()
     named = {id(contact) for item in found.hypotheses for contact in item.null_contacts}
     return tuple(contact for contact in contacts if id(contact) in named)
 
 
 def _fits(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int) -> bool:
-    """Whether something explains the contacts; without a touch, anything does."""
+    """Whether something explains the contacts; without a touch, or if they say too little, anything does."""
     touched = sum(contact.touched for contact in contacts)
     if not touched:
         return True
-    return bool(recognise(catalogue, contacts, min(max_spurious, touched - 1)).hypotheses)
+    try:
+        return bool(recognise(catalogue, contacts, min(max_spurious, touched - 1)).hypotheses)
+    except InputError:
+        return True
 
 
 def _together(grips: Sequence[Sequence[Contact]]) -> list[Contact]:
@@ -160,7 +166,7 @@ def _all_steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[Step]:
         for step, grown in _level(alone, nodes, touched[:size]):
             nodes = grown
             yield step
-    cells = cells_of(alone, nodes, touched, anchor)
+    cells = build_cells(alone, nodes, touched, anchor, intervals_of(nodes))
     yield Step(Reason.REGION, tuple(touched), _interpretations(cells))
     for contact in contacts:
         cells = cells.select(unblocked(alone, cells, anchor, [contact]))

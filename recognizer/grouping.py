@@ -48,12 +48,23 @@ class Boxes:
 def connected(boxes: Boxes) -> Ints:
     """Component (k,) of each box, numbered from 0."""
     count = len(boxes.state)
-    if count <= _FEW:
-        one, two = np.arange(count)[:, None], np.arange(count)[None]
-        links = (boxes.state[:, None] == boxes.state) & boxes.meet(one, two)
-        left, right = np.nonzero(links)
-        return _components(left, right, count)
-    return _connected_by_order(boxes)
+    if count > _FEW:
+        return _connected_by_order(boxes)
+    one, two = np.arange(count)[:, None], np.arange(count)[None]
+    return _by_spreading((boxes.state[:, None] == boxes.state) & boxes.meet(one, two))
+
+
+def _by_spreading(links: Bools) -> Ints:
+    """Component of each of a few rows (k, k): everyone takes the least number among those linked to it."""
+    label = np.arange(len(links))
+    while len(links):
+        least = np.where(links, label, len(links)).min(axis=1)
+        least = least[least]
+        if np.array_equal(least, label):
+            break
+        label = least
+    result: Ints = np.unique(label, return_inverse=True)[1]
+    return result
 
 
 def _components(one: Ints, two: Ints, count: int) -> Ints:

@@ -97,42 +97,31 @@ class _Sources:
         legs = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
         source = np.vstack([ring.points for ring in self.rings])
         leg = np.vstack([np.roll(ring.points, -1, axis=0) for ring in self.rings]) - source
-        square = np.sum(leg * leg, axis=1)
         edge = np.concatenate([ring.edge for ring in self.rings])
         vertex = np.concatenate([ring.vertex for ring in self.rings])
         next_vertex = np.concatenate([np.roll(ring.vertex, -1) for ring in self.rings])
-        features = [
-            _nearest_features(part, source, leg, square, edge, vertex, next_vertex, radius_mm)
-            for part in np.array_split(legs, math.ceil(len(legs) * len(source) / 2e5))
-        ]
-        return np.concatenate(features)
+        middle = legs.mean(axis=1)
+        which = _nearest_edge(source, leg, middle)
+        square = np.sum(leg * leg, axis=1)[which]
+        at = np.sum((middle - source[which]) * leg[which], axis=1) / square
+        # A midpoint that projects onto the open edge came from that edge; otherwise from one of its ends,
+        # unless that end is a vertex without a bend: the edge is a facet only if neither of its own ends is
+        # further off.
+        margin = _MERGE_MM / np.sqrt(square)
+        at_end = (at <= margin) | (at >= 1 - margin)
+        nearest_vertex = np.where(at > 0.5, next_vertex[which], vertex[which])
+        centre = source[which] + (at > 0.5)[:, None] * leg[which]
+        furthest = np.linalg.norm(legs - centre[:, None], axis=2).max(axis=1)
+        on_arc = at_end & (furthest <= radius_mm + _ON_ARC_MM) & (radius_mm > 0)
+        features: Ints = np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64)
+        return features
 
 
-def _nearest_features(
-    legs: Floats,
-    source: Floats,
-    leg: Floats,
-    square: Floats,
-    edge: Ints,
-    vertex: Ints,
-    next_vertex: Ints,
-    radius_mm: float,
-) -> Ints:
-    middle = legs.mean(axis=1)
-    fraction = np.sum((middle[:, None] - source) * leg, axis=2) / square
-    nearest = source + np.clip(fraction, 0, 1)[..., None] * leg
-    which = np.argmin(np.linalg.norm(middle[:, None] - nearest, axis=2), axis=1)
-    # A midpoint that projects onto the open edge came from that edge; otherwise from one of its ends, unless
-    # that end is a vertex without a bend: the edge is a facet only if neither of its own ends is further off.
-    at = fraction[np.arange(len(middle)), which]
-    margin = _MERGE_MM / np.sqrt(square[which])
-    at_end = (at <= margin) | (at >= 1 - margin)
-    nearest_vertex = np.where(at > 0.5, next_vertex[which], vertex[which])
-    centre = source[which] + (at > 0.5)[:, None] * leg[which]
-    furthest = np.linalg.norm(legs - centre[:, None], axis=2).max(axis=1)
-    on_arc = at_end & (furthest <= radius_mm + _ON_ARC_MM) & (radius_mm > 0)
-    features: Ints = np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64)
-    return features
+def _nearest_edge(source: Floats, leg: Floats, point: Floats) -> Ints:
+    """Index of the edge from `source` (m, 2) along `leg` that is nearest to each point (n, 2)."""
+    tree = shapely.STRtree(shapely.linestrings(np.stack([source, source + leg], axis=1)))
+    nearest: Ints = tree.nearest(shapely.points(point)).astype(np.int64)
+    return nearest
 
 
 def _sources(section: Section) -> _Sources:

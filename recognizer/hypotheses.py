@@ -15,9 +15,13 @@ from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
+from palpate.recognizer.segments import cross
 from palpate.recognizer.settle import Question, Regions, position_boxes
+from palpate.recognizer.waves import largest
 
-__all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "hypotheses_of"]
+__all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
+
+_PARALLEL = 1e-6  # sine of the angle between edges that count as parallel
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,18 @@ class Bounds:
         return (self.theta_rad[1] - self.theta_rad[0]) / 2
 
 
+@dataclass(frozen=True)
+class Slide:
+    """A one-parameter family: the object may lie anywhere along a line, as far as the contacts say.
+
+    `direction_rad` in W, in [0, π). The object's position along it, from that of the hypothesis's
+    configuration on, is within `extent_mm` (lo, hi).
+    """
+
+    direction_rad: float
+    extent_mm: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
     """One way to understand all contacts.
@@ -72,7 +88,7 @@ class Hypothesis:
     def null_contacts(self) -> tuple[Contact, ...]:
         """Contacts that are spurious if this hypothesis is true: those that `configuration` leaves out.
 
-        As few as a configuration was found for; none if all contacts fit.
+        As few as in any of its interpretations, unless no configuration was found for these.
         """
         edges = self.question.nodes.edges[self.witness_node]
         return tuple(
@@ -83,6 +99,35 @@ class Hypothesis:
     def spurious(self) -> tuple[str, ...]:
         """Names of `null_contacts`."""
         return tuple(contact.name for contact in self.null_contacts)
+
+    @cached_property
+    def slide(self) -> Slide | None:
+        """The family that is left if all contacts are on parallel edges (memo §2.2.3), otherwise None.
+
+        It is the largest of the interpretations that counts; the extent holds for all of them.
+        """
+        volume = np.bincount(self.cells.node, self.cells.volume)
+        node = self.question.nodes.select(np.array([np.argmax(volume)]))
+        along = np.concatenate(
+            [
+                self.question.catalogue.edges(contact.finger).direction[node.edges[:, level]]
+                for level, contact in enumerate(self.question.touched)
+                if node.edges[0, level] != NULL_EDGE
+            ]
+        )
+        if np.abs(cross(along[:1], along)).max() > _PARALLEL:
+            return None
+        # Seen from the table the direction is the same on every branch of a symmetry.
+        turned = np.arctan2(along[0, 1], along[0, 0]) + (node.lo + node.hi) / 2
+        direction = float(turned[0] % np.pi)
+        x, y = np.cos(direction), np.sin(direction)
+        s, cells = self.cells.polygon, self.cells
+        a, b = s[..., 0] * x + s[..., 1] * y, s[..., 0] * y - s[..., 1] * x
+        lo, hi = cells.lo[:, None], cells.hi[:, None]
+        at = self.configuration.theta_rad
+        here = float(self.witness_mm @ [x * np.cos(at) + y * np.sin(at), y * np.cos(at) - x * np.sin(at)])
+        low, high = -float(largest(-a, -b, lo, hi).max()), float(largest(a, b, lo, hi).max())
+        return Slide(direction, (low - here - 1e-9, high - here + 1e-9))
 
     @cached_property
     def features(self) -> tuple[tuple[int | None, ...], ...]:

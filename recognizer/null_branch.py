@@ -16,7 +16,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.extension import extend_by_region
-from palpate.recognizer.region import Cells, build_cells
+from palpate.recognizer.region import Cells, build_cells, stepped
 from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level, second_level
 
 __all__ = ["COARSE_RAD", "ROOT", "TREE_LEVELS", "Branch", "branches_of", "grown", "ignored", "joined"]
@@ -84,7 +84,9 @@ def _paired(
         return next_level(catalogue, branch.nodes, [*earlier, new], anchor_mm)
     cells = branch.cells
     if cells is None:
-        cells = build_cells(catalogue, branch.nodes, earlier, anchor_mm, step_rad=COARSE_RAD, least=1)
+        cells = build_cells(
+            catalogue, branch.nodes, earlier, anchor_mm, stepped(branch.nodes, step_rad=COARSE_RAD, least=1)
+        )
     return extend_by_region(catalogue, branch.nodes, cells, new, len(touched), anchor_mm)
 
 

@@ -5,18 +5,22 @@ depend on the object's orientation, so the pairs that two measured normals allow
 list; in it only the distances are compared. Single precision, rounded outward, keeps large catalogues small.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.segments import distance_range
+from palpate.recognizer.segments import cross, distance_range
 from palpate.recognizer.strips import strip_forest
 
 __all__ = ["PairTable"]
 
 _AT_ONCE = 1 << 16
-_TURN_ROUNDING_RAD = 2e-6  # of a turn kept in single precision
+_TURN_ROUNDING_RAD = 4e-6  # of angles kept in single precision
+_BEYOND_RAD = 8.0  # more than a turn
 
 
 class PairTable:
@@ -41,35 +45,69 @@ class PairTable:
         self._turn = turn[order].astype(np.float32)
         self._edge_a, self._edge_b = edge_a[listed], edge_b[listed]
         self._near, self._far = self._shortest[listed], self._longest[listed]
+        self._bearing, self._sector = self._bearings(self._edge_a, self._edge_b)
         self._strips = (strip_forest(first, ~self.flat), strip_forest(second, ~self.flat))
-        self._span_rad = float(np.max(first.span, initial=0.0) + np.max(second.span, initial=0.0))
+        self._span_rad = (
+            float(np.max(first.span, initial=0.0)),
+            float(np.max(second.span, initial=0.0)),
+        )
 
     def between(
-        self, turn_lo_rad: float, turn_hi_rad: float, distance_mm: float, bound_mm: float
+        self, one: NormalRange, two: NormalRange, chord_mm: tuple[float, float], bound_mm: float
     ) -> tuple[Ints, Ints]:
-        """Pairs whose normals may differ by a turn in [lo, hi] and whose points by the distance ± bound.
+        """Pairs that two contacts may lie on whose outward normals, in W, are in the ranges `one` and `two`.
 
-        Only one edge of each symmetric orbit stands first. Returns (edge_a, edge_b), each (n,).
+        `chord_mm`: from the first contact to the second, in W, off by `bound_mm` at most. Only one edge of
+        each symmetric orbit stands first. Returns (edge_a, edge_b), each (n,).
         """
-        margin = self._span_rad + _TURN_ROUNDING_RAD
-        width = turn_hi_rad - turn_lo_rad + 2 * margin
-        begin = (turn_lo_rad - margin) % (2 * np.pi)
-        stretches = [(begin, begin + width)] if width < 2 * np.pi else [(0.0, 2 * np.pi + 1.0)]
-        if stretches[0][1] > 2 * np.pi and width < 2 * np.pi:
-            stretches = [(begin, 2 * np.pi + 1.0), (0.0, begin + width - 2 * np.pi)]
+        turn_lo, turn_hi = two.lo_rad - one.hi_rad, two.hi_rad - one.lo_rad
+        distance = math.hypot(*chord_mm)
         parts = []
-        for lo, hi in stretches:
+        for lo, hi in self._stretches(turn_lo, turn_hi):
             at, end = np.searchsorted(self._turn, (lo, hi), side="left")
             near, far = self._near[at:end], self._far[at:end]
-            fits = (near <= np.float32(distance_mm + bound_mm)) & (far >= np.float32(distance_mm - bound_mm))
+            fits = (near <= np.float32(distance + bound_mm)) & (far >= np.float32(distance - bound_mm))
             parts.append(at + np.flatnonzero(fits))
         found = np.concatenate(parts)
+        found = found[self._seen_along(found, one, chord_mm, bound_mm)]
         edge_a, edge_b = self._edge_a[found].astype(np.int64), self._edge_b[found].astype(np.int64)
         if self.flat.all():
             return edge_a, edge_b
-        one, two = self._strips[0].pairs(self._strips[1], turn_lo_rad, turn_hi_rad, distance_mm, bound_mm)
-        kept = self._first.representative[one]
-        return np.concatenate([edge_a, one[kept]]), np.concatenate([edge_b, two[kept]])
+        large_a, large_b = self._strips[0].pairs(self._strips[1], turn_lo, turn_hi, distance, bound_mm)
+        kept = self._first.representative[large_a]
+        return np.concatenate([edge_a, large_a[kept]]), np.concatenate([edge_b, large_b[kept]])
+
+    def _stretches(self, turn_lo: float, turn_hi: float) -> list[tuple[float, float]]:
+        """Where in the sorted turns, in [0, 2π), those in [lo, hi] modulo 2π are, with a margin."""
+        margin = sum(self._span_rad) + _TURN_ROUNDING_RAD
+        width = turn_hi - turn_lo + 2 * margin
+        if width >= 2 * np.pi:
+            return [(0.0, _BEYOND_RAD)]
+        begin = (turn_lo - margin) % (2 * np.pi)
+        if begin + width < 2 * np.pi:
+            return [(begin, begin + width)]
+        return [(begin, _BEYOND_RAD), (0.0, begin + width - 2 * np.pi)]
+
+    def _seen_along(
+        self, pair: Ints, one: NormalRange, chord_mm: tuple[float, float], bound_mm: float
+    ) -> Bools:
+        """Whether the second edge of each listed pair (n,) is seen from the first where the chord points.
+
+        The bearing is the chord's direction, from the first edge's normal on.
+        """
+        distance = math.hypot(*chord_mm)
+        half = (one.hi_rad - one.lo_rad) / 2 + self._span_rad[0] + _TURN_ROUNDING_RAD
+        # The model test encloses errors in rectangles; what it keeps this look must not lose.
+        error = math.sqrt(2) * bound_mm
+        if half >= np.pi or error >= distance:
+            return np.ones(len(pair), dtype=bool)
+        half += math.asin(error / distance)
+        off = self._bearing[pair] - np.float32(
+            math.atan2(chord_mm[1], chord_mm[0]) - one.hi_rad / 2 - one.lo_rad / 2
+        )
+        off -= np.float32(2 * np.pi) * np.rint(off * np.float32(0.5 / np.pi))
+        result: Bools = np.abs(off) <= self._sector[pair] + np.float32(half)
+        return result
 
     def ranges(self, state: Ints, edge_a: Ints, edge_b: Ints) -> tuple[Floats, Floats]:
         """Shortest and longest distance (mm) for pairs (n,) of edges of `state` (n,), with their slack."""
@@ -103,6 +141,45 @@ class PairTable:
             shortest[part] = np.nextafter(near.astype(np.float32), np.float32(-np.inf))
             longest[part] = np.nextafter(far.astype(np.float32), np.float32(np.inf))
         return shortest, longest
+
+    def _bearings(
+        self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        bearing, sector = np.empty(len(edge_a), np.float32), np.empty(len(edge_a), np.float32)
+        for begin in range(0, len(edge_a), _AT_ONCE):
+            part = slice(begin, begin + _AT_ONCE)
+            bearing[part], sector[part] = _sector(self._first, edge_a[part], self._second, edge_b[part])
+        return bearing, sector
+
+
+def _sector(
+    first: EdgeSet, edge_a: NDArray[np.integer], second: EdgeSet, edge_b: NDArray[np.integer]
+) -> tuple[Floats, Floats]:
+    """Middle and half-width (n,) rad of the directions from points of edge a to points of edge b.
+
+    Counted from the normal of edge a. All differences lie within `reach` of the middles' difference, so they
+    are seen in a sector about it: the parallelogram's corners, and the edges' slack beyond them.
+    """
+    normal, along = first.normal[edge_a], first.direction[edge_a]
+    gap = second.centre[edge_b] - first.centre[edge_a]
+    across = [
+        sign_a * first.half_length[edge_a][:, None] * along
+        + sign_b * second.half_length[edge_b][:, None] * second.direction[edge_b]
+        for sign_a, sign_b in ((1.0, 1.0), (1.0, -1.0))
+    ]
+    slack = math.sqrt(2) * (first.slack_mm[edge_a] + second.slack_mm[edge_b])
+    nearest = np.full(len(edge_a), np.inf)
+    widest = np.zeros(len(edge_a))
+    for corner in (gap + sign * part for part in across for sign in (1.0, -1.0)):
+        widest = np.maximum(widest, np.abs(np.arctan2(cross(gap, corner), np.sum(gap * corner, axis=1))))
+        nearest = np.minimum(nearest, np.hypot(corner[:, 0], corner[:, 1]))
+    # Corners less than a right angle off, all of them: the parallelogram does not surround the origin. The
+    # nearest of its points is then no nearer than the nearest corner times the cosine of the widest angle.
+    apart = nearest * np.cos(np.minimum(widest, np.pi / 2))
+    seen = (widest < np.pi / 2) & (apart > slack)
+    beyond = np.arcsin(np.clip(slack / np.where(seen, apart, np.inf), 0.0, 1.0))
+    bearing = np.arctan2(cross(normal, gap), np.sum(normal * gap, axis=1))
+    return bearing, np.where(seen, widest + beyond, np.pi) + _TURN_ROUNDING_RAD
 
 
 def _slack_range(

@@ -24,17 +24,16 @@ from palpate.recognizer.null_branch import (
     Branch,
     branches_of,
     grown,
-    ignored,
     joined,
 )
-from palpate.recognizer.region import Cells, build_cells
-from palpate.recognizer.settle import Question, settled
-from palpate.recognizer.sweep import unblocked
+from palpate.recognizer.region import Cells, Intervals, stepped
+from palpate.recognizer.settle import Question, settled, witnessed_cells
 from palpate.recognizer.tree import Interpretations, LevelCount
 
-__all__ = ["Recognition", "Verdict", "anchor_of", "cells_of", "recognise"]
+__all__ = ["Recognition", "Verdict", "anchor_of", "intervals_of", "recognise"]
 
-_FINE_CELLS, _MOST_FINE = 512, 8
+_FINE_CELLS, _MOST_FINE = 24, 8
+_MOST_CELLS = 60_000
 
 
 class Verdict(Enum):
@@ -99,12 +98,12 @@ def anchor_of(touched: Sequence[Contact]) -> Floats:
     return anchor
 
 
-def cells_of(
-    catalogue: Catalogue, nodes: Interpretations, touched: list[Contact], anchor_mm: Floats
-) -> Cells:
-    """Cells of interpretations of all contacts; the fewer are left, the finer they are bounded."""
+def intervals_of(nodes: Interpretations) -> Intervals:
+    """Where the cells of interpretations of all contacts are cut: the fewer are left, the finer."""
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
-    return build_cells(catalogue, nodes, touched, anchor_mm, step_rad=COARSE_RAD, least=least)
+    # Contacts that say little leave wide intervals: those get fewer cells and wider bounds, not long waits.
+    step = max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / _MOST_CELLS)
+    return stepped(nodes, step_rad=step, least=least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,11 +138,17 @@ class _Search:
         levels: tuple[LevelCount, ...],
     ) -> Recognition:
         """Cells, evidence and hypotheses of the interpretations that are left."""
-        catalogue, anchor = self.catalogue, self.anchor_mm
-        cells = cells_of(catalogue, nodes, touched, anchor)
-        skipped = ignored(nodes, cells.node, contacts)
-        cells = cells.select(unblocked(catalogue, cells, anchor, contacts, skipped))
-        nodes, cells = split_into_runs(nodes, cells)
-        question = Question(catalogue, nodes, touched, list(contacts), anchor)
-        hypotheses = hypotheses_of(question, settled(question, cells))
-        return Recognition(catalogue, contacts, nodes, cells, anchor, hypotheses, levels, self.max_spurious)
+        question = Question(self.catalogue, nodes, touched, list(contacts), self.anchor_mm)
+        found = witnessed_cells(question, intervals_of(nodes))
+        hypotheses = hypotheses_of(question, settled(question, found))
+        left, cells = split_into_runs(nodes, found.cells)
+        return Recognition(
+            self.catalogue,
+            contacts,
+            left,
+            cells,
+            self.anchor_mm,
+            hypotheses,
+            levels,
+            self.max_spurious,
+        )

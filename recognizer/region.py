@@ -8,19 +8,23 @@ clipped by them. The union of an interpretation's cells contains the truth whene
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, largest, triple_arcs
+from palpate.recognizer.arcs import all_half_planes
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.triple import triple_hull
+from palpate.recognizer.waves import largest
 
-__all__ = ["Cells", "build_cells", "exact_position", "joined_cells", "refined"]
+__all__ = ["Cells", "Intervals", "Probed", "build_cells", "joined_cells", "probed", "refined", "stepped"]
 
+_ALL_PROBED, _FEW = 256, 8
 _MAX_CELLS = 64  # per interpretation and pass
 _TRIPLED = 4  # contacts whose triples are looked at again when cells are refined
 _FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
@@ -47,38 +51,37 @@ class Cells:
         """Those at `index` (integers, a mask or a slice)."""
         return Cells(self.node[index], self.state[index], self.lo[index], self.hi[index], self.polygon[index])
 
-    @property
+    @cached_property
     def middle(self) -> Floats:
         """Middle orientation, (k,)."""
         result: Floats = (self.lo + self.hi) / 2
         return result
 
-    @property
+    @cached_property
     def half_width(self) -> Floats:
         """Half of the orientation interval, (k,)."""
         result: Floats = (self.hi - self.lo) / 2
         return result
 
-    @property
+    @cached_property
     def centre(self) -> Floats:
         """Middle of each polygon's bounding box, (k, 2)."""
         result: Floats = (self.polygon.min(axis=1) + self.polygon.max(axis=1)) / 2
         return result
 
-    @property
+    @cached_property
     def radius(self) -> Floats:
         """Largest distance from `centre` to a vertex, (k,)."""
         offset = self.polygon - self.centre[:, None]
         result: Floats = np.hypot(offset[..., 0], offset[..., 1]).max(axis=1)
         return result
 
-    @property
+    @cached_property
     def volume(self) -> Floats:
         """Area times orientation interval, (k,) mm²·rad."""
-        following = np.roll(self.polygon, -1, axis=1)
-        twice = np.sum(
-            self.polygon[..., 0] * following[..., 1] - self.polygon[..., 1] * following[..., 0], axis=1
-        )
+        x, y = self.polygon[..., 0], self.polygon[..., 1]
+        after = np.arange(1, x.shape[1] + 1) % x.shape[1]
+        twice = np.sum(x * y[:, after] - y * x[:, after], axis=1)
         result: Floats = np.abs(twice) / 2 * (self.hi - self.lo)
         return result
 
@@ -107,27 +110,51 @@ def joined_cells(parts: Sequence[Cells]) -> Cells:
     )
 
 
-def build_cells(
-    catalogue: Catalogue,
-    nodes: Interpretations,
-    contacts: list[Contact],
-    anchor_mm: Floats,
-    *,
-    step_rad: float,
-    least: int,
-) -> Cells:
-    """Cells of every interpretation over its orientation interval, empty ones left out.
+@dataclass(frozen=True, eq=False)
+class Probed:
+    """k cells, t of which were looked at in their middle.
 
-    Each interval is cut into steps of at most `step_rad`, at least `least` and at most 64 of them; but one
-    that is narrow already is not cut for the sake of `least`.
+    `section` (t, v, 2) mm: the polygon of positions s that satisfy every contact at exactly the middle
+    orientation of the cells `tried` (t,).
+    """
+
+    cells: Cells
+    tried: Ints
+    section: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Orientation intervals [`lo`, `hi`] (k,) rad of interpretations `node` (k,): cells not yet cut."""
+
+    node: Ints
+    lo: Floats
+    hi: Floats
+
+
+def stepped(nodes: Interpretations, *, step_rad: float, least: int) -> Intervals:
+    """Every interpretation's orientations in steps of at most `step_rad`, at least `least` and at most 64.
+
+    One that is narrow already is not cut for the sake of `least`.
     """
     width = nodes.hi - nodes.lo
     fewest = np.clip(np.ceil(width / _FINEST_RAD), 1, least)
     count = np.clip(np.ceil(width / step_rad), fewest, _MAX_CELLS).astype(np.int64)
     node, part = expand_ranges(np.zeros_like(count), count)
-    width = (nodes.hi - nodes.lo)[node] / count[node]
+    width = width[node] / count[node]
     lo = nodes.lo[node] + part * width
-    return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, lo + width)
+    return Intervals(node, lo, lo + width)
+
+
+def build_cells(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    intervals: Intervals,
+) -> Cells:
+    """Cells of the intervals, empty ones left out."""
+    return _cut(catalogue, nodes, contacts, anchor_mm, intervals)[0]
 
 
 def refined(
@@ -137,8 +164,8 @@ def refined(
     contacts: list[Contact],
     anchor_mm: Floats,
     parts: int,
-) -> Cells:
-    """The same region in cells of 1/`parts` of the width, cut anew: never larger, often smaller or empty.
+) -> Intervals:
+    """The intervals of cells, each in `parts`: to be cut anew, never larger together, often smaller or empty.
 
     Each is first narrowed to the orientations that the closed-form test leaves for the contacts, taken in
     threes as long as they are few: their triples are many, and narrow cells say nearly as much.
@@ -154,10 +181,9 @@ def refined(
     if len(contacts) <= _TRIPLED:
         for group in combinations(range(len(contacts)), 3):
             some = [contacts[k] for k in group]
-            g, coefficients = all_half_planes(catalogue, nodes.edges[node][:, group], some, anchor_mm)
-            lo, hi = arc_hull(lo, hi, triple_arcs(g, coefficients, TRIPLE_TRIPLES))
+            lo, hi = triple_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
             node, lo, hi = _left(node, lo, hi)
-    return _cut(catalogue, nodes, contacts, anchor_mm, node, lo, hi)
+    return Intervals(node, lo, hi)
 
 
 def _by_chord(
@@ -183,19 +209,49 @@ def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
     return node[left], lo[left], hi[left]
 
 
-def exact_position(
-    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats, theta: Floats
-) -> tuple[Floats, Bools]:
-    """A position s (n, 2) that satisfies every contact of its interpretation at orientation θ (n,) exactly.
+def probed(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    intervals: Intervals,
+) -> Probed:
+    """Cut the intervals, and at exactly their middle orientations as well.
 
-    The mean of the vertices of the feasible polygon. Also whether there is one (n,).
+    Where there are many, only the middle one of each few of an interpretation is looked at in its middle.
     """
-    cells = _cut(catalogue, nodes, contacts, anchor_mm, np.arange(len(nodes)), theta, theta)
-    position = np.zeros((len(nodes), 2))
-    found = np.zeros(len(nodes), dtype=bool)
-    position[cells.node] = cells.polygon.mean(axis=1)
-    found[cells.node] = True
-    return position, found
+    count = len(intervals.node)
+    middle = (intervals.lo + intervals.hi) / 2
+    tried = np.arange(count)
+    if count > _ALL_PROBED:
+        tried = _middles(intervals.node)
+    found, alive = _cut(
+        catalogue,
+        nodes,
+        contacts,
+        anchor_mm,
+        Intervals(
+            np.concatenate([intervals.node, intervals.node[tried]]),
+            np.concatenate([intervals.lo, middle[tried]]),
+            np.concatenate([intervals.hi, middle[tried]]),
+        ),
+    )
+    whole = alive < count
+    place = np.full(count, -1)
+    place[alive[whole]] = np.arange(int(whole.sum()))
+    # A cell that is not empty in its middle is not empty.
+    return Probed(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
+
+
+def _middles(node: Ints) -> Ints:
+    """The middle row of each stretch of at most _FEW rows with one and the same node (k,)."""
+    row = np.arange(len(node))
+    begins = np.ones(len(node), dtype=bool)
+    begins[1:] = node[1:] != node[:-1]
+    begins |= (row - np.maximum.accumulate(np.where(begins, row, 0))) % _FEW == 0
+    first = np.flatnonzero(begins)
+    middles: Ints = (first + np.append(first[1:], len(node))) // 2
+    return middles
 
 
 def _cut(
@@ -203,13 +259,17 @@ def _cut(
     nodes: Interpretations,
     contacts: list[Contact],
     anchor_mm: Floats,
-    node: Ints,
-    lo: Floats,
-    hi: Floats,
-) -> Cells:
-    """The cells [lo, hi] of the given nodes: the first contact's rectangle, clipped by all other contacts."""
+    intervals: Intervals,
+) -> tuple[Cells, Ints]:
+    """Cells of the intervals: the first contact's rectangle, clipped by all other contacts.
+
+    Empty ones are left out; returned with the cells is which interval each belongs to.
+    """
+    node, lo, hi = intervals.node, intervals.lo, intervals.hi
     g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
-    limit = largest(coefficients, lo[:, None], hi[:, None])
+    limit = coefficients[..., 0] + largest(
+        coefficients[..., 1], coefficients[..., 2], lo[:, None], hi[:, None]
+    )
     polygon = _rectangle(g, limit)
     # Most half-planes cut nothing, and some leave nothing: a look at the corners settles these at once.
     height = np.einsum("kvj,kmj->kvm", polygon, g[:, 4:]) - limit[:, None, 4:]
@@ -221,7 +281,7 @@ def _cut(
         if not kept.all():
             alive, g, limit = alive[kept], g[kept], limit[kept]
     node = node[alive]
-    return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon)
+    return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon), alive
 
 
 def _rectangle(g: Floats, limit: Floats) -> Floats:
@@ -241,13 +301,17 @@ def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
     inside = height <= 0
     if bool(np.all(inside)):
         return polygon, np.ones(len(polygon), dtype=bool)
-    following = np.roll(height, -1, axis=1)
+    count, vertices = height.shape
+    after = np.arange(1, vertices + 1) % vertices
+    following = height[:, after]
     crossing = inside != (following <= 0)
     fraction = np.where(crossing, height / np.where(crossing, height - following, 1.0), 0.0)
-    cut = polygon + fraction[..., None] * (np.roll(polygon, -1, axis=1) - polygon)
-    count, vertices = height.shape
-    emit = np.stack([inside, crossing], axis=2).reshape(count, 2 * vertices)
-    point = np.stack([polygon, cut], axis=2).reshape(count, 2 * vertices, 2)
+    emit = np.empty((count, vertices, 2), dtype=bool)
+    emit[..., 0], emit[..., 1] = inside, crossing
+    point = np.empty((count, vertices, 2, 2))
+    point[:, :, 0] = polygon
+    point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
+    emit, point = emit.reshape(count, -1), point.reshape(count, -1, 2)
     slot = np.cumsum(emit, axis=1) - 1
     kept = slot[:, -1] >= 0
     emit, point, slot = emit[kept], point[kept], slot[kept]

@@ -10,20 +10,20 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.recognizer.arcs import largest
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
 from palpate.recognizer.null_branch import ignored
-from palpate.recognizer.region import Cells, exact_position, joined_cells, refined
+from palpate.recognizer.region import Cells, Intervals, joined_cells, probed, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.waves import largest
 
-__all__ = ["Question", "Regions", "position_boxes", "settled"]
+__all__ = ["Question", "Regions", "position_boxes", "settled", "witnessed_cells"]
 
-_REFINEMENTS, _PARTS, _MOST_REFINED = 3, 4, 2048
-_WITNESS_TRIES = 12
+_REFINEMENTS, _PARTS, _MOST_REFINED = 2, 4, 2048
+_OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,22 +83,62 @@ class Regions:
         )
 
 
-def settled(question: Question, cells: Cells, refinements: int = _REFINEMENTS) -> Regions:
-    """The connected regions of `cells`, without those that prove to be empty."""
-    label = connected(_boxes(question, cells))
+@dataclass(frozen=True, eq=False)
+class Witnessed:
+    """k cells; where `holds` (k,), everything does at position `spot` s (k, 2) and the middle orientation."""
+
+    cells: Cells
+    spot: Floats
+    holds: Bools
+
+    def select(self, index: Ints | Bools) -> "Witnessed":
+        """Those at `index` (integers or a mask)."""
+        return Witnessed(self.cells.select(index), self.spot[index], self.holds[index])
+
+
+def witnessed_cells(question: Question, intervals: Intervals, *, corners: bool = False) -> Witnessed:
+    """Cells of the intervals that the free paths leave, some of them with a position that holds.
+
+    What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
+    `corners`, places towards their corners as well.
+    """
+    found = probed(question.catalogue, question.nodes, question.touched, question.anchor_mm, intervals)
+    cells = found.cells
+    middle = found.section.mean(axis=1, keepdims=True)
+    places = np.concatenate([middle, middle + _OUT * (found.section - middle)], axis=1) if corners else middle
+    spots = _at(cells, np.repeat(found.tried, places.shape[1]), places.reshape(-1, 2))
+    free = question.unblocked(joined_cells([cells, spots]))
+    count = len(cells)
+    open_to = free[count:].reshape(places.shape[:2])
+    holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
+    holds[found.tried] = open_to.any(axis=1)
+    spot[found.tried] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
+    return Witnessed(cells, spot, holds).select(np.flatnonzero(free[:count]))
+
+
+def _at(cells: Cells, row: Ints, position: Floats) -> Cells:
+    """Cells without extent at positions (n, 2) in the middle orientations of the cells `row` (n,)."""
+    middle = cells.middle[row]
+    return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
+
+
+def settled(question: Question, found: Witnessed, refinements: int = _REFINEMENTS) -> Regions:
+    """The connected regions of cells, without those that prove to be empty."""
+    label = connected(_boxes(question, found.cells))
     order = np.argsort(label, kind="stable")
-    cells, label = cells.select(order), label[order]
+    found, label = found.select(order), label[order]
+    cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _branch(question.catalogue, cells, first, label)
     refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
-    regions = _witnessed(question, cells, first, label, branch, refinable)
+    regions = _witnessed(found, first, label, branch, _eligible(question, found, first, label, refinable))
     doubtful = ~regions.verified & refinable
     if not doubtful.any():
         return regions
     again = cells.select(doubtful[label])
     finer = refined(question.catalogue, question.nodes, again, question.touched, question.anchor_mm, _PARTS)
-    finer = finer.select(question.unblocked(finer))
-    return _both(regions.select(np.flatnonzero(~doubtful)), settled(question, finer, refinements - 1))
+    rest = settled(question, witnessed_cells(question, finer, corners=True), refinements - 1)
+    return _both(regions.select(np.flatnonzero(~doubtful)), rest)
 
 
 def _both(one: Regions, two: Regions) -> Regions:
@@ -166,64 +206,40 @@ def _turned(vector: Floats, angle: Floats) -> Floats:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def _witnessed(
-    question: Question, cells: Cells, first: Ints, label: Ints, branch: _Branch, refinable: Bools
-) -> Regions:
-    """Regions with a configuration that satisfies everything exactly, near their middle if one is there.
+def _eligible(question: Question, found: Witnessed, first: Ints, label: Ints, refinable: Bools) -> Ints:
+    """How gladly each cell (k,) is taken for its region's witness: 2, 1 or, if it is not, 0.
 
-    Tried first at the region's mean orientation, then at its largest cells' middles; if none holds, the
-    middle of the largest cell is given, unverified. Only cells of interpretations with the fewest null
-    contacts count, and after them, where the region (h,) is not `refinable`, the others.
+    First come interpretations with the fewest null contacts. Others follow if they hold, and only where the
+    region (h,) is not `refinable`: finer cells may show a witness of the first, or that they are empty.
     """
-    turned = _turned_cells(cells, branch)
-    regions, volume = len(first) - 1, cells.volume
-    theta, position = np.zeros(regions), np.zeros((regions, 2))
-    verified = np.zeros(regions, dtype=bool)
-    if not regions:
-        return Regions(turned, first, theta, position, verified, np.empty(0, np.int64))
-    nulls = question.nulls[cells.node]
-    plain = nulls == np.minimum.reduceat(nulls, first[:-1])[label]
-    share = np.where(plain, volume + 1e-300, 0.0)
-    mean = np.add.reduceat(share * turned.middle, first[:-1]) / np.add.reduceat(share, first[:-1])
-    mean = mean[label]
-    holds = (turned.lo <= mean) & (mean <= turned.hi)
-    rank = np.where(holds, 1.0 + volume, volume / (1.0 + volume))
-    chosen = _best(np.where(plain, rank, -1.0), first, label)
-    at = np.where(holds[chosen], mean[chosen], turned.middle[chosen])
-    largest_cell = _best(np.where(plain, volume, -1.0), first, label)
-    node = cells.node[largest_cell]
-    theta[:], position[:] = turned.middle[largest_cell], turned.centre[largest_cell]
-
-    def attempt(cell: Ints, at: Floats) -> None:
-        found, where = _holds(question, cells, cell, at + branch.shift[cell])
-        # Of several that hold in a region the first counts.
-        region, row = np.unique(label[cell[found]], return_index=True)
-        row = np.flatnonzero(found)[row]
-        theta[region], verified[region], node[region] = at[row], True, cells.node[cell[row]]
-        position[region] = _turned(where[row], branch.angle[cell[row]])
-
-    attempt(chosen, at)
-    failed = np.flatnonzero(~verified[label] & (plain | ~refinable[label]))
-    if len(failed):
-        by_size = failed[np.lexsort((-volume[failed], nulls[failed], label[failed]))]
-        group = 2 * label[by_size] + ~plain[by_size]
-        begin = np.searchsorted(group, group)
-        tries = by_size[np.arange(len(by_size)) - begin < _WITNESS_TRIES]
-        attempt(tries, turned.middle[tries])
-    return Regions(turned, first, theta, position, verified, node)
+    nulls = question.nulls[found.cells.node]
+    if not nulls.any():
+        return np.full(len(label), 2)
+    fewest = np.minimum.reduceat(nulls, first[:-1])[label]
+    return np.where(nulls == fewest, 2, np.where(found.holds & ~refinable[label], 1, 0))
 
 
-def _holds(question: Question, cells: Cells, cell: Ints, theta: Floats) -> tuple[Bools, Floats]:
-    """Whether everything holds somewhere in each cell (n,) at exactly θ (n,), and the position s (n, 2)."""
-    catalogue, anchor = question.catalogue, question.anchor_mm
-    owner = question.nodes.select(cells.node[cell])
-    position, found = exact_position(catalogue, owner, question.touched, anchor, theta)
-    some = np.flatnonzero(found)
-    points = Cells(
-        cells.node[cell[some]], cells.state[cell[some]], theta[some], theta[some], position[some, None]
-    )
-    found[some] = question.unblocked(points)
-    return found, position
+def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, eligible: Ints) -> Regions:
+    """Regions with a configuration that satisfies everything exactly, as near their middle as there is one.
+
+    If none was found, the middle of the largest cell is given, unverified. `eligible` (k,): see `_eligible`.
+    """
+    turned = _turned_cells(found.cells, branch)
+    begin = first[:-1]
+    share = turned.volume + 1e-300
+    if not len(begin):
+        none = np.empty(0, np.int64)
+        return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool), none)
+    middle = turned.middle
+    mean = np.add.reduceat(share * middle, begin) / np.add.reduceat(share, begin)
+    off = np.abs(middle - mean[label])
+    # Any cell that holds comes before all that do not; of those the largest comes first.
+    rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
+    chosen = _best(np.where(eligible > 0, rank, -1.0), first, label)
+    verified = found.holds[chosen]
+    spot = _turned(found.spot[chosen], branch.angle[chosen])
+    position = np.where(verified[:, None], spot, turned.centre[chosen])
+    return Regions(turned, first, middle[chosen], position, verified, found.cells.node[chosen])
 
 
 def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:
@@ -234,8 +250,7 @@ def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[
     rel = cells.polygon - origin_mm[:, None]
     x, y = rel[..., 0], rel[..., 1]
     lo, hi = cells.lo[:, None], cells.hi[:, None]
-    zero = np.zeros_like(x)
-    waves = np.stack([np.stack([zero, x, -y], axis=2), np.stack([zero, y, x], axis=2)], axis=3)
-    both = np.concatenate([np.moveaxis(waves, 3, 1), -np.moveaxis(waves, 3, 1)], axis=1)
-    most = largest(both, lo[:, None], hi[:, None]).max(axis=2, initial=-np.inf)
-    return anchor_mm - most[:, 2:] - 1e-9, anchor_mm + most[:, :2] + 1e-9
+    # x of R(θ) s is x cos θ − y sin θ, and y is y cos θ + x sin θ.
+    across, upward = np.stack([x, y, -x, -y]), np.stack([-y, x, y, -x])
+    furthest = largest(across, upward, lo, hi).max(axis=2, initial=-np.inf).T
+    return anchor_mm - furthest[:, 2:] - 1e-9, anchor_mm + furthest[:, :2] + 1e-9

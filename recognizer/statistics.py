@@ -18,7 +18,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.pockets import conservative_pockets
-from palpate.recognizer.region import build_cells
+from palpate.recognizer.region import build_cells, stepped
 from palpate.recognizer.segments import distance_range
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
@@ -220,7 +220,7 @@ def _model_count(
                 for some in sets[level]:
                     met = some.at(parts.edges[:, level]).meet(parts.lo[:, None], parts.hi[:, None])[:, 0]
                     parts, owner = parts.select(np.flatnonzero(met)), owner[met]
-        cells = build_cells(catalogue, parts, touched, anchor, step_rad=_CELL_RAD, least=1)
+        cells = build_cells(catalogue, parts, touched, anchor, stepped(parts, step_rad=_CELL_RAD, least=1))
         cells = cells.select(unblocked(catalogue, cells, anchor, contacts))
         found += len(np.unique(owner[cells.node]))
     return found

@@ -10,14 +10,15 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import TRIPLE_TRIPLES, all_half_planes, arc_hull, triple_arcs
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.errors import InputError
+from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import distance_range
+from palpate.recognizer.triple import triple_hull
 
 __all__ = [
     "Interpretations",
@@ -33,6 +34,8 @@ __all__ = [
     "second_level",
 ]
 
+_MOST = 1_000_000
+_CHILDREN_AT_ONCE = 4_000_000
 _CHUNK = 8192  # interpretations tested at once: keeps the largest temporary array near 20 MB
 
 
@@ -89,8 +92,8 @@ def first_level(catalogue: Catalogue, contact: Contact) -> tuple[Interpretations
     normals = contact.outward_normals()
     kept = edge if normals is not None else edge[:0]
     lo, hi = orientation_range(normals or NormalRange(0.0, 0.0), edges, kept)
-    count = LevelCount(1, len(edge), len(kept), len(kept), len(kept))
-    return Interpretations(edges.state[kept], kept[:, None], lo, hi), count
+    nodes = _by_pocket(catalogue, Interpretations(edges.state[kept], kept[:, None], lo, hi), 0, contact)
+    return nodes, LevelCount(1, len(edge), len(nodes), len(nodes), len(nodes))
 
 
 def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpretations, LevelCount]:
@@ -104,9 +107,9 @@ def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpr
         none = Interpretations(nothing, np.empty((0, 2), np.int64), np.empty(0), np.empty(0))
         return none, LevelCount(2, candidates, 0, 0, 0)
     edge_a, edge_b = catalogue.pairs(one.finger, two.finger).between(
-        normals_2.lo_rad - normals_1.hi_rad,
-        normals_2.hi_rad - normals_1.lo_rad,
-        float(np.hypot(two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1])),
+        normals_1,
+        normals_2,
+        (two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1]),
         one.position_bound_mm + two.position_bound_mm,
     )
     lo, hi = orientation_range(normals_1, first, edge_a)
@@ -114,6 +117,8 @@ def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpr
     paired = Interpretations(first.state[edge_a], np.column_stack([edge_a, edge_b]), lo, hi)
     after_distance = len(paired)
     paired = paired.narrowed(lo, hi)
+    for level, contact in enumerate(contacts):
+        paired = _by_pocket(catalogue, paired, level, contact)
     after_angle = len(paired)
     paired = paired.narrowed(
         *chord_hull(first, paired.edges[:, 0], one, second, paired.edges[:, 1], two, paired.lo, paired.hi)
@@ -127,13 +132,22 @@ def next_level(
     """Pair the last of `contacts` with edges, under `nodes`, which pair all those before it."""
     contact = contacts[-1]
     edges = catalogue.edges(contact.finger)
-    candidates = int(np.sum(edges.count[nodes.state]))
-    grown = by_angle(catalogue, nodes, contacts[:-1], contact)
-    after_angle = len(grown)
-    for level, earlier in enumerate(contacts[:-1]):
-        grown = by_distance(catalogue, grown, level, earlier, contact)
-    after_distance = len(grown)
-    grown = _by_model(catalogue, grown, contacts, anchor_mm)
+    children = edges.count[nodes.state]
+    candidates, after_angle, after_distance = int(children.sum()), 0, 0
+    parts = []
+    for rows in np.array_split(np.arange(len(nodes)), candidates // _CHILDREN_AT_ONCE + 1):
+        grown = by_angle(catalogue, nodes.select(rows), contacts[:-1], contact)
+        after_angle += len(grown)
+        for level, earlier in enumerate(contacts[:-1]):
+            grown = by_distance(catalogue, grown, level, earlier, contact)
+        after_distance += len(grown)
+        parts.append(_by_model(catalogue, grown, contacts, anchor_mm))
+    grown = parts[0] if len(parts) == 1 else _joined(parts)
+    if len(grown) > _MOST:
+        raise InputError(
+            f"the contacts say too little: there are {len(grown)} ways to pair {len(contacts)} of them "
+            f"with edges, more than {_MOST}; smaller position bounds, normals or fewer objects would help"
+        )
     return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
 
 
@@ -158,7 +172,28 @@ def by_angle(
     if normals is None:
         return paired
     edges = catalogue.edges(contact.finger)
-    return paired.narrowed(*intersect(paired.lo, paired.hi, *orientation_range(normals, edges, edge)))
+    paired = paired.narrowed(*intersect(paired.lo, paired.hi, *orientation_range(normals, edges, edge)))
+    return _by_pocket(catalogue, paired, len(earlier), contact)
+
+
+def _by_pocket(catalogue: Catalogue, nodes: Interpretations, level: int, contact: Contact) -> Interpretations:
+    """Orientations at which the finger could reach its edge from where it came (memo §2.2.2).
+
+    A pocket of several arcs makes several interpretations of one. Pockets are looked at only where no normal
+    is known: a measured one says more, and the exact test of the path comes later for all.
+    """
+    if contact.normal is not None or not len(nodes):
+        return nodes
+    pockets = catalogue.pockets(
+        contact.finger, max(contact.position_bound_mm, contact.free_path_bound_mm), contact.travel_mm
+    )
+    edge = nodes.edges[:, level]
+    owner, arc = expand_ranges(pockets.first[edge], np.diff(pockets.first)[edge])
+    error = contact.direction_bound_rad
+    lo = contact.direction_rad - pockets.hi_rad[arc] - error
+    hi = np.minimum(contact.direction_rad - pockets.lo_rad[arc] + error, lo + 2 * np.pi)
+    reached = nodes.select(owner)
+    return reached.narrowed(*intersect(reached.lo, reached.hi, lo, hi))
 
 
 def intersect(lo: Floats, hi: Floats, other_lo: Floats, other_hi: Floats) -> tuple[Floats, Floats]:
@@ -231,8 +266,7 @@ def by_triple(
 def _by_triple(
     catalogue: Catalogue, nodes: Interpretations, group: list[int], some: list[Contact], anchor_mm: Floats
 ) -> Interpretations:
-    g, coefficients = all_half_planes(catalogue, nodes.edges[:, group], some, anchor_mm)
-    return nodes.narrowed(*arc_hull(nodes.lo, nodes.hi, triple_arcs(g, coefficients, TRIPLE_TRIPLES)))
+    return nodes.narrowed(*triple_hull(catalogue, nodes.edges[:, group], some, anchor_mm, nodes.lo, nodes.hi))
 
 
 def _joined(parts: list[Interpretations]) -> Interpretations:

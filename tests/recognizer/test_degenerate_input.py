@@ -127,6 +127,12 @@ def test_parallel_edges_leave_a_family_with_its_extent() -> None:
         replace(touching("b", (100.0, 3.0), (25.0, 3.0), 0.01), normal=right),
     ]
     (found,) = recognise(Catalogue([SQUARE]), contacts).hypotheses
+    assert found.slide is not None
+    assert found.slide.direction_rad == pytest.approx(math.pi / 2, abs=0.03)
+    lo, hi = found.slide.extent_mm
+    # Contacts at y = 3 on edges from −20 to 20: anywhere from −17 to 23, and a little beyond by the corners.
+    assert found.configuration.y_mm + lo == pytest.approx(-17.0, abs=1.0)
+    assert found.configuration.y_mm + hi == pytest.approx(23.0, abs=1.0)
     assert found.bounds.y_mm[0] < -14.0
     assert found.bounds.y_mm[1] > 14.0
     assert found.bounds.x_mm == pytest.approx((0.0, 0.0), abs=1.0)
@@ -152,7 +158,7 @@ def test_exact_contacts_give_the_exact_configuration() -> None:
 def test_contacts_that_are_no_numbers_are_refused(value: float) -> None:
     with pytest.raises(InputError, match="finite"):
         touching("a", (value, 0.0), (0.0, 0.0))
-    with pytest.raises(InputError, match="negative"):
+    with pytest.raises(InputError, match="bounds must be from 0"):
         touching("a", (1.0, 0.0), (0.0, 0.0), -0.1)
     with pytest.raises(InputError, match="finite"):
         NormalRange(value, 0.0)

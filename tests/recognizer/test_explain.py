@@ -124,7 +124,7 @@ def test_a_miss_that_grazes_the_object(seed: int) -> None:
         (Reason.TWO, 3, "hand"),
         (Reason.PATH, 6, "grip"),
         (Reason.PATH, 26, "hand"),
-        (Reason.THREE, 10, "hand"),
+        (Reason.DISTANCE, 10, "hand"),
         (Reason.THREE, 13, "hand"),
     ],
 )

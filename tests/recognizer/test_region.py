@@ -8,7 +8,7 @@ from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.region import Cells, build_cells, exact_position, refined
+from palpate.recognizer.region import Cells, Intervals, build_cells, probed, refined, stepped
 from palpate.recognizer.segments import point_segment_distance
 from palpate.recognizer.tree import Interpretations, first_level, next_level
 
@@ -66,8 +66,9 @@ def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int
         placed = place(MODELS[seed % 6], rng)
         contacts = [c for c in grip(placed, rng, fingers=fingers, bound=1.0, half_range=0.4) if c.touched]
     nodes, anchor = interpreted(catalogue, contacts)
-    cells = build_cells(catalogue, nodes, contacts, anchor, step_rad=0.015, least=3)
-    finer = refined(catalogue, nodes, cells, contacts, anchor, 3)
+    cells = build_cells(catalogue, nodes, contacts, anchor, stepped(nodes, step_rad=0.015, least=3))
+    parts = refined(catalogue, nodes, cells, contacts, anchor, 3)
+    finer = build_cells(catalogue, nodes, contacts, anchor, parts)
     hits = 0
     for node in rng.permutation(len(nodes))[:12]:
         rows = np.flatnonzero(cells.node == node)
@@ -88,22 +89,27 @@ def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int
     assert hits > 20
 
 
-def test_witness_positions_are_feasible() -> None:
+def test_sections_of_the_middle_are_feasible() -> None:
     rng = np.random.default_rng(3)
     catalogue = Catalogue(MODELS)
     placed = place(MODELS[4], rng)
     contacts = grip(placed, rng, bound=0.5)
     nodes, anchor = interpreted(catalogue, contacts)
     theta = (nodes.lo + nodes.hi) / 2
-    position, found = exact_position(catalogue, nodes, contacts, anchor, theta)
-    assert found.any()
-    for node in np.flatnonzero(found):
+    found = probed(catalogue, nodes, contacts, anchor, Intervals(np.arange(len(nodes)), nodes.lo, nodes.hi))
+    assert len(found.tried)
+    places = [
+        (found.cells.node[row], s)
+        for row, polygon in zip(found.tried, found.section, strict=True)
+        for s in polygon
+    ]
+    for node, position in places:
         for level, contact in enumerate(contacts):
             edges = catalogue.edges(contact.finger)
             edge = int(nodes.edges[node, level])
             cos, sin = math.cos(theta[node]), math.sin(theta[node])
             x, y = np.asarray(contact.end_mm) - anchor
-            local = np.array([cos * x + sin * y, cos * y - sin * x]) - position[node]
+            local = np.array([cos * x + sin * y, cos * y - sin * x]) - position
             rel = local - edges.start[edge]
             along, across = rel @ edges.direction[edge], rel @ edges.normal[edge]
             bound = contact.position_bound_mm + 1e-5
