@@ -17,6 +17,8 @@ __all__ = [
     "AlternativeOut",
     "BoundsOut",
     "ConfigurationOut",
+    "ExplanationOut",
+    "FeltOut",
     "HypothesisOut",
     "IdentificationOut",
     "IdentificationVerdict",
@@ -25,7 +27,9 @@ __all__ = [
     "RecognitionOut",
     "RecognitionVerdict",
     "StatisticsOut",
+    "StepOut",
     "TruthOut",
+    "WhyOut",
     "to_json",
 ]
 
@@ -92,15 +96,18 @@ class InterpretationOut(_Out):
     """What each contact in turn is paired with, counted from 0 as in the objects file.
 
     `edges`: the edge; for a tip on a corner, the edge that begins there. `features` says which: "edge 3",
-    "vertex 5".
+    "vertex 5". Both are null for a contact that is taken as spurious.
     """
 
-    edges: tuple[int, ...]
-    features: tuple[str, ...]
+    edges: tuple[int | None, ...]
+    features: tuple[str | None, ...]
 
 
 class HypothesisOut(_Out):
-    """An object in a state and a region of configurations that agree with every contact."""
+    """An object in a state and a region of configurations that agree with every contact.
+
+    `spurious` names the fingers of those touches that would not be the object's; without any, all agree.
+    """
 
     object: str
     state: str
@@ -110,6 +117,7 @@ class HypothesisOut(_Out):
     verified: bool
     symmetry_order: int
     interpretations: tuple[InterpretationOut, ...]
+    spurious: tuple[str, ...] = ()
 
 
 class LevelOut(_Out):
@@ -129,13 +137,59 @@ class StatisticsOut(_Out):
     seconds: Rounded
 
 
+class FeltOut(_Out):
+    """Which contact or miss is meant; `grip` is its index in the contacts file, from 0."""
+
+    grip: int
+    finger: str
+    touched: bool
+
+
+class ExplanationOut(_Out):
+    """What may be the matter when nothing fits.
+
+    `moved_after_grip`: how many of the first grips fit together, if each grip fits alone but not all do; the
+    object may have moved after them. `spurious`: contacts that leave something that fits when they are left
+    out, one at a time beside those that were allowed already.
+    """
+
+    moved_after_grip: int | None
+    spurious: tuple[FeltOut, ...]
+
+
+class StepOut(_Out):
+    """How many interpretations of one object are left after a test of some contacts."""
+
+    reason: str
+    contacts: tuple[FeltOut, ...]
+    left: int
+
+
+class WhyOut(_Out):
+    """Whether and why one object (`state` null: in any of its states) was ruled out.
+
+    The last of `steps` ruled it out if it leaves nothing. Then the contacts of `conflict` cannot all be true
+    of the object, and none of them can be left out. Else its `hypotheses` are given. No contact counts as
+    spurious.
+    """
+
+    object: str
+    state: str | None
+    ruled_out: bool
+    steps: tuple[StepOut, ...]
+    conflict: tuple[FeltOut, ...]
+    hypotheses: tuple[HypothesisOut, ...]
+
+
 class RecognitionOut(_Out):
-    """Answer of `palpate recognize`."""
+    """Answer of `palpate recognize`; `explanation` goes with the verdict none, `why` with --why."""
 
     format: Literal["palpate/recognition@1"] = "palpate/recognition@1"
     verdict: RecognitionVerdict
     hypotheses: tuple[HypothesisOut, ...]
     statistics: StatisticsOut
+    explanation: ExplanationOut | None = None
+    why: WhyOut | None = None
 
 
 class AlternativeOut(_Out):

@@ -19,10 +19,13 @@ from palpate.recognizer.grown import GrownSection, grow
 from palpate.recognizer.model import Section, State
 from palpate.recognizer.segments import cross
 
-__all__ = ["ROUNDING_MM", "CatalogueState", "EdgeSet", "edge_set"]
+__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "edge_set"]
 
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
+
+NULL_EDGE = -1
+"""Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
 MOST_EDGES = 2000  # of one state; finer outlines are coarsened, at the price of a stated slack
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns

@@ -12,7 +12,8 @@ from typing import overload
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.edges import CatalogueState
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
 from palpate.recognizer.segments import cross
 from palpate.recognizer.settle import Question, Regions, position_boxes
@@ -67,8 +68,9 @@ class Slide:
 class Hypothesis:
     """One way to understand all contacts.
 
-    `verified`: `configuration` satisfies every contact and every free path exactly; `witness_mm` (2,) is its
-    position s as in `cells`, the region itself. `weight`: share of the feasible volume of all hypotheses.
+    `verified`: `configuration` satisfies every contact and every free path exactly, except for contacts that
+    `spurious` names; `witness_mm` (2,) is its position s as in `cells`, the region itself, and `witness_node`
+    the interpretation. `weight`: share of the feasible volume of all hypotheses.
     """
 
     state_index: int
@@ -78,8 +80,25 @@ class Hypothesis:
     bounds: Bounds
     weight: float
     verified: bool
+    witness_node: int
     cells: Cells
     question: Question
+
+    @property
+    def null_contacts(self) -> tuple[Contact, ...]:
+        """Contacts that are spurious if this hypothesis is true: those that `configuration` leaves out.
+
+        As few as in any of its interpretations, unless no configuration was found for these.
+        """
+        edges = self.question.nodes.edges[self.witness_node]
+        return tuple(
+            contact for contact, edge in zip(self.question.touched, edges, strict=True) if edge == NULL_EDGE
+        )
+
+    @property
+    def spurious(self) -> tuple[str, ...]:
+        """Names of `null_contacts`."""
+        return tuple(contact.name for contact in self.null_contacts)
 
     @cached_property
     def slide(self) -> Slide | None:
@@ -93,6 +112,7 @@ class Hypothesis:
             [
                 self.question.catalogue.edges(contact.finger).direction[node.edges[:, level]]
                 for level, contact in enumerate(self.question.touched)
+                if node.edges[0, level] != NULL_EDGE
             ]
         )
         if np.abs(cross(along[:1], along)).max() > _PARALLEL:
@@ -110,20 +130,30 @@ class Hypothesis:
         return Slide(direction, (low - here - 1e-9, high - here + 1e-9))
 
     @cached_property
-    def features(self) -> tuple[tuple[int, ...], ...]:
-        """Features of the paired edges (see `GrownSection`) of each interpretation, in contact order."""
-        pairings: Ints = self.question.nodes.edges[np.unique(self.cells.node)]
-        columns = [
-            self.question.catalogue.edges(contact.finger).feature[pairings[:, level]]
-            for level, contact in enumerate(self.question.touched)
-        ]
-        return tuple(sorted({tuple(int(value) for value in row) for row in np.column_stack(columns)}))
+    def features(self) -> tuple[tuple[int | None, ...], ...]:
+        """Features of the paired edges (see `GrownSection`) of each interpretation, in contact order.
+
+        None for a null contact. Interpretations with the fewest of these come first.
+        """
+        pairings: Ints = np.unique(self.question.nodes.edges[np.unique(self.cells.node)], axis=0)
+        rows = {
+            tuple(
+                None
+                if edge == NULL_EDGE
+                else int(self.question.catalogue.edges(contact.finger).feature[edge])
+                for contact, edge in zip(self.question.touched, pairing, strict=True)
+            )
+            for pairing in pairings.tolist()
+        }
+        return tuple(sorted(rows, key=_fewest_nulls_first))
 
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses(Sequence[Hypothesis]):
-    """h hypotheses, heaviest first. `regions` (h); `lo` and `hi` (h, 3) bound x and y (mm) and θ (rad);
-    `state` (h,); `position_mm` (h, 2) of the file's origin in W; `weight` (h,) sums to 1.
+    """h hypotheses: those with the fewest null contacts first, the heaviest of them before the others.
+
+    `regions` (h); `lo` and `hi` (h, 3) bound x and y (mm) and θ (rad); `state` (h,); `position_mm` (h, 2) of
+    the file's origin in W; `weight` (h,) sums to 1.
     """
 
     question: Question
@@ -168,18 +198,19 @@ class Hypotheses(Sequence[Hypothesis]):
             bounds=Bounds((x_lo, x_hi), (y_lo, y_hi), (theta_lo, theta_hi)),
             weight=float(self.weight[row]),
             verified=bool(regions.verified[row]),
+            witness_node=int(regions.node[row]),
             cells=regions.cells.select(slice(int(regions.first[row]), int(regions.first[row + 1]))),
             question=self.question,
         )
 
 
 def hypotheses_of(question: Question, regions: Regions) -> Hypotheses:
-    """Bounds and weights of the regions, heaviest first."""
+    """Bounds and weights of the regions, in the order of `Hypotheses`."""
     catalogue, cells = question.catalogue, regions.cells
     begin = regions.first[:-1]
     state = cells.state[begin]
     volume = _per_region(np.add, cells.volume, begin)
-    rows = np.lexsort((state, -volume))
+    rows = np.lexsort((state, -volume, question.nulls[regions.node]))
     regions, state, volume = regions.select(rows), state[rows], volume[rows]
     cells, begin = regions.cells, regions.first[:-1]
     origin = catalogue.origins_mm[cells.state]
@@ -198,6 +229,10 @@ def hypotheses_of(question: Question, regions: Regions) -> Hypotheses:
         _per_region(np.maximum, hi, begin),
         volume / (float(volume.sum()) or 1.0),
     )
+
+
+def _fewest_nulls_first(row: tuple[int | None, ...]) -> tuple[int, tuple[tuple[bool, int], ...]]:
+    return row.count(None), tuple((feature is None, feature or 0) for feature in row)
 
 
 def _per_region(combine: np.ufunc, value: Floats, begin: Ints) -> Floats:

@@ -1,6 +1,6 @@
 """From contacts to hypotheses, and on from there with every further contact. The recogniser's front door.
 
-    contacts → interpretation tree (levels 1–3) → cells → free-path evidence → hypotheses
+    contacts → interpretation tree (levels 1–3, null branches) → cells → free-path evidence → hypotheses
 
 Further contacts extend the surviving interpretations; nothing is started again. Pure computation.
 """
@@ -15,16 +15,23 @@ from palpate.errors import InputError
 from palpate.recognizer.arrays import Floats
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.extension import extend_by_region, split_into_runs
+from palpate.recognizer.extension import split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
-from palpate.recognizer.region import Cells, build_cells, stepped
+from palpate.recognizer.null_branch import (
+    COARSE_RAD,
+    ROOT,
+    TREE_LEVELS,
+    Branch,
+    branches_of,
+    grown,
+    joined,
+)
+from palpate.recognizer.region import Cells, Intervals, stepped
 from palpate.recognizer.settle import Question, settled, witnessed_cells
-from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level, second_level
+from palpate.recognizer.tree import Interpretations, LevelCount
 
-__all__ = ["Recognition", "Verdict", "recognise"]
+__all__ = ["Recognition", "Verdict", "anchor_of", "intervals_of", "recognise"]
 
-_TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
-_COARSE_RAD = 0.015
 _FINE_CELLS, _MOST_FINE = 24, 8
 _MOST_CELLS = 60_000
 
@@ -39,7 +46,10 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Recognition:
-    """All that is known after some contacts. `contacts` includes misses; `levels` counts per contact."""
+    """All that is known after some contacts. `contacts` includes misses; `levels` counts per contact.
+
+    At most `max_spurious` of the touched contacts are taken as spurious in any interpretation.
+    """
 
     catalogue: Catalogue
     contacts: tuple[Contact, ...]
@@ -48,6 +58,7 @@ class Recognition:
     anchor_mm: Floats
     hypotheses: Hypotheses
     levels: tuple[LevelCount, ...]
+    max_spurious: int = 0
 
     @property
     def verdict(self) -> Verdict:
@@ -58,79 +69,86 @@ class Recognition:
 
     def extend(self, contacts: Sequence[Contact]) -> "Recognition":
         """The same with further contacts and misses; keeps only what survives them."""
-        return _grown(
-            self.catalogue,
-            self.contacts,
-            tuple(contacts),
-            self.interpretations,
-            self.cells,
-            self.anchor_mm,
-            self.levels,
-        )
+        search = _Search(self.catalogue, self.anchor_mm, self.max_spurious)
+        branches = branches_of(self.interpretations, self.cells)
+        return search.after(self.contacts, tuple(contacts), branches, self.levels)
 
 
-def recognise(catalogue: Catalogue, contacts: Sequence[Contact]) -> Recognition:
+def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> Recognition:
     """Find every way to understand the contacts (misses included) as touches of one catalogued object.
 
-    Raises InputError if none of the contacts touched anything: misses alone bound no configuration.
+    As many as `max_spurious` of the touched contacts may be spurious: nothing that they say need be true.
+    Raises InputError if none of the contacts touched anything, because misses alone bound no configuration,
+    and unless 0 ≤ `max_spurious` < number of touched contacts.
     """
     touched = [contact for contact in contacts if contact.touched]
     if not touched:
         raise InputError("no finger touched anything: at least one contact is needed to place an object")
-    # The first contacts' middle: orientation and position are least entangled near the object.
-    anchor = np.mean([contact.end_mm for contact in touched[:_TREE_LEVELS]], axis=0)
-    nodes, count = first_level(catalogue, touched[0])
-    first = contacts.index(touched[0])
-    rest = tuple(contacts[first + 1 :])
-    return _grown(catalogue, tuple(contacts[: first + 1]), rest, nodes, None, anchor, (count,))
+    if not 0 <= max_spurious < len(touched):
+        raise InputError(
+            f"max_spurious is {max_spurious}; with {len(touched)} touched contacts it must be from 0 to "
+            f"{len(touched) - 1}, so that one at least is not spurious"
+        )
+    return _Search(catalogue, anchor_of(touched), max_spurious).after((), tuple(contacts), [ROOT], ())
 
 
-def _grown(
-    catalogue: Catalogue,
-    known: tuple[Contact, ...],
-    new: tuple[Contact, ...],
-    nodes: Interpretations,
-    cells: Cells | None,
-    anchor: Floats,
-    levels: tuple[LevelCount, ...],
-) -> Recognition:
-    """Pair every new contact in turn, then conclude."""
-    touched = [contact for contact in known if contact.touched]
-    for contact in new:
-        if not contact.touched:
-            continue
-        touched.append(contact)
-        if len(touched) == 2:
-            nodes, count = second_level(catalogue, touched)
-        elif len(touched) <= _TREE_LEVELS:
-            nodes, count = next_level(catalogue, nodes, touched, anchor)
-        else:
-            known_cells = _coarse(catalogue, nodes, touched[:-1], anchor) if cells is None else cells
-            nodes, count = extend_by_region(catalogue, nodes, known_cells, contact, len(touched), anchor)
-        cells = None
-        levels = (*levels, count)
-    return _concluded(catalogue, (*known, *new), nodes, anchor, levels)
+def anchor_of(touched: Sequence[Contact]) -> Floats:
+    """The first contacts' middle (2,) in W: orientation and position are least entangled near the object."""
+    anchor: Floats = np.mean([contact.end_mm for contact in touched[:TREE_LEVELS]], axis=0)
+    return anchor
 
 
-def _coarse(catalogue: Catalogue, nodes: Interpretations, touched: list[Contact], anchor: Floats) -> Cells:
-    return build_cells(catalogue, nodes, touched, anchor, stepped(nodes, step_rad=_COARSE_RAD, least=1))
-
-
-def _concluded(
-    catalogue: Catalogue,
-    contacts: tuple[Contact, ...],
-    nodes: Interpretations,
-    anchor: Floats,
-    levels: tuple[LevelCount, ...],
-) -> Recognition:
-    """Cells, evidence and hypotheses of the interpretations that are left."""
-    touched = [contact for contact in contacts if contact.touched]
-    # The fewer are left, the finer they are bounded.
+def intervals_of(nodes: Interpretations) -> Intervals:
+    """Where the cells of interpretations of all contacts are cut: the fewer are left, the finer."""
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
-    question = Question(catalogue, nodes, touched, list(contacts), anchor)
     # Contacts that say little leave wide intervals: those get fewer cells and wider bounds, not long waits.
-    step = max(_COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / _MOST_CELLS)
-    found = witnessed_cells(question, stepped(nodes, step_rad=step, least=least))
-    regions = settled(question, found)
-    left, cells = split_into_runs(nodes, found.cells)
-    return Recognition(catalogue, contacts, left, cells, anchor, hypotheses_of(question, regions), levels)
+    step = max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / _MOST_CELLS)
+    return stepped(nodes, step_rad=step, least=least)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What stays the same from contact to contact."""
+
+    catalogue: Catalogue
+    anchor_mm: Floats
+    max_spurious: int
+
+    def after(
+        self,
+        known: tuple[Contact, ...],
+        new: tuple[Contact, ...],
+        branches: list[Branch],
+        levels: tuple[LevelCount, ...],
+    ) -> Recognition:
+        """Pair every new contact in turn, then conclude."""
+        touched = [contact for contact in known if contact.touched]
+        for contact in new:
+            if contact.touched:
+                touched.append(contact)
+                branches, count = grown(self.catalogue, branches, touched, self.anchor_mm, self.max_spurious)
+                levels = (*levels, count)
+        return self._concluded((*known, *new), touched, joined(branches, len(touched)), levels)
+
+    def _concluded(
+        self,
+        contacts: tuple[Contact, ...],
+        touched: list[Contact],
+        nodes: Interpretations,
+        levels: tuple[LevelCount, ...],
+    ) -> Recognition:
+        """Cells, evidence and hypotheses of the interpretations that are left."""
+        question = Question(self.catalogue, nodes, touched, list(contacts), self.anchor_mm)
+        found = witnessed_cells(question, intervals_of(nodes))
+        hypotheses = hypotheses_of(question, settled(question, found))
+        left, cells = split_into_runs(nodes, found.cells)
+        return Recognition(
+            self.catalogue,
+            contacts,
+            left,
+            cells,
+            self.anchor_mm,
+            hypotheses,
+            levels,
+            self.max_spurious,
+        )

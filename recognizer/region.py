@@ -175,10 +175,8 @@ def refined(
     lo = cells.lo[owner] + part * width
     hi = np.where(part == parts - 1, cells.hi[owner], lo + width)
     node = cells.node[owner]
-    sets = [catalogue.edges(contact.finger) for contact in contacts]
-    for a, b in combinations(range(len(contacts)), 2):
-        edges = nodes.edges[node]
-        lo, hi = chord_hull(sets[a], edges[:, a], contacts[a], sets[b], edges[:, b], contacts[b], lo, hi)
+    for pair in combinations(range(len(contacts)), 2):
+        lo, hi = _by_chord(catalogue, nodes.edges[node][:, pair], [contacts[k] for k in pair], lo, hi)
         node, lo, hi = _left(node, lo, hi)
     if len(contacts) <= _TRIPLED:
         for group in combinations(range(len(contacts)), 3):
@@ -186,6 +184,24 @@ def refined(
             lo, hi = triple_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
             node, lo, hi = _left(node, lo, hi)
     return Intervals(node, lo, hi)
+
+
+def _by_chord(
+    catalogue: Catalogue, edges: Ints, pair: list[Contact], lo: Floats, hi: Floats
+) -> tuple[Floats, Floats]:
+    """`chord_hull` of two contacts on `edges` (k, 2); where either is null, all of [lo, hi] is left."""
+    one, two = pair
+    first, second = catalogue.edges(one.finger), catalogue.edges(two.finger)
+    null = (edges < 0).any(axis=1)
+    if not null.any():
+        return chord_hull(first, edges[:, 0], one, second, edges[:, 1], two, lo, hi)
+    lo, hi = lo.copy(), hi.copy()
+    if not null.all():
+        edges = edges[~null]
+        lo[~null], hi[~null] = chord_hull(
+            first, edges[:, 0], one, second, edges[:, 1], two, lo[~null], hi[~null]
+        )
+    return lo, hi
 
 
 def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:

@@ -6,6 +6,7 @@ light, or nothing is left, or the doubt stays and the region remains unverified.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
+from palpate.recognizer.null_branch import ignored
 from palpate.recognizer.region import Cells, Intervals, joined_cells, probed, refined
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
@@ -26,7 +28,10 @@ _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """What every region has to satisfy: pairings of `touched`, and all contacts and misses as evidence."""
+    """What every region has to satisfy: pairings of `touched`, and all contacts and misses as evidence.
+
+    A contact that an interpretation takes as spurious is no evidence for its cells.
+    """
 
     catalogue: Catalogue
     nodes: Interpretations
@@ -34,12 +39,24 @@ class Question:
     evidence: list[Contact]
     anchor_mm: Floats
 
+    @cached_property
+    def nulls(self) -> Ints:
+        """Number of null contacts of each interpretation, (n,)."""
+        count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
+        return count
+
+    def unblocked(self, cells: Cells) -> Bools:
+        """Cells (k,) that the free paths do not rule out."""
+        skipped = ignored(self.nodes, cells.node, self.evidence)
+        return unblocked(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
+
 
 @dataclass(frozen=True, eq=False)
 class Regions:
     """h regions: `cells` (k) ordered by region, each on one branch of the symmetry; region i has those from
     `first`[i] to `first`[i + 1]. `theta` (h,) rad and `position` s (h, 2) mm of a configuration in it, which
-    satisfies everything exactly where `verified` (h,).
+    satisfies everything exactly where `verified` (h,), except for what its interpretation, `node` (h,), takes
+    as spurious.
     """
 
     cells: Cells
@@ -47,6 +64,7 @@ class Regions:
     theta: Floats
     position: Floats
     verified: Bools
+    node: Ints
 
     def __len__(self) -> int:
         return len(self.theta)
@@ -61,6 +79,7 @@ class Regions:
             self.theta[rows],
             self.position[rows],
             self.verified[rows],
+            self.node[rows],
         )
 
 
@@ -88,7 +107,7 @@ def witnessed_cells(question: Question, intervals: Intervals, *, corners: bool =
     middle = found.section.mean(axis=1, keepdims=True)
     places = np.concatenate([middle, middle + _OUT * (found.section - middle)], axis=1) if corners else middle
     spots = _at(cells, np.repeat(found.tried, places.shape[1]), places.reshape(-1, 2))
-    free = unblocked(question.catalogue, joined_cells([cells, spots]), question.anchor_mm, question.evidence)
+    free = question.unblocked(joined_cells([cells, spots]))
     count = len(cells)
     open_to = free[count:].reshape(places.shape[:2])
     holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
@@ -111,10 +130,9 @@ def settled(question: Question, found: Witnessed, refinements: int = _REFINEMENT
     cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _branch(question.catalogue, cells, first, label)
-    regions = _witnessed(found, first, label, branch)
-    if not refinements:
-        return regions
-    doubtful = ~regions.verified & (np.diff(first) * _PARTS <= _MOST_REFINED)
+    refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
+    regions = _witnessed(found, first, label, branch, _eligible(question, found, first, label, refinable))
+    doubtful = ~regions.verified & refinable
     if not doubtful.any():
         return regions
     again = cells.select(doubtful[label])
@@ -130,6 +148,7 @@ def _both(one: Regions, two: Regions) -> Regions:
         np.concatenate([one.theta, two.theta]),
         np.concatenate([one.position, two.position]),
         np.concatenate([one.verified, two.verified]),
+        np.concatenate([one.node, two.node]),
     )
 
 
@@ -187,26 +206,40 @@ def _turned(vector: Floats, angle: Floats) -> Floats:
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
-def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch) -> Regions:
+def _eligible(question: Question, found: Witnessed, first: Ints, label: Ints, refinable: Bools) -> Ints:
+    """How gladly each cell (k,) is taken for its region's witness: 2, 1 or, if it is not, 0.
+
+    First come interpretations with the fewest null contacts. Others follow if they hold, and only where the
+    region (h,) is not `refinable`: finer cells may show a witness of the first, or that they are empty.
+    """
+    nulls = question.nulls[found.cells.node]
+    if not nulls.any():
+        return np.full(len(label), 2)
+    fewest = np.minimum.reduceat(nulls, first[:-1])[label]
+    return np.where(nulls == fewest, 2, np.where(found.holds & ~refinable[label], 1, 0))
+
+
+def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, eligible: Ints) -> Regions:
     """Regions with a configuration that satisfies everything exactly, as near their middle as there is one.
 
-    If none was found, the middle of the largest cell is given, unverified.
+    If none was found, the middle of the largest cell is given, unverified. `eligible` (k,): see `_eligible`.
     """
     turned = _turned_cells(found.cells, branch)
     begin = first[:-1]
     share = turned.volume + 1e-300
     if not len(begin):
-        return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool))
+        none = np.empty(0, np.int64)
+        return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool), none)
     middle = turned.middle
     mean = np.add.reduceat(share * middle, begin) / np.add.reduceat(share, begin)
     off = np.abs(middle - mean[label])
     # Any cell that holds comes before all that do not; of those the largest comes first.
-    rank = np.where(found.holds, 2.0 - off / (1.0 + off), share / (1.0 + share))
-    chosen = _best(rank, first, label)
+    rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
+    chosen = _best(np.where(eligible > 0, rank, -1.0), first, label)
     verified = found.holds[chosen]
     spot = _turned(found.spot[chosen], branch.angle[chosen])
     position = np.where(verified[:, None], spot, turned.centre[chosen])
-    return Regions(turned, first, middle[chosen], position, verified)
+    return Regions(turned, first, middle[chosen], position, verified, found.cells.node[chosen])
 
 
 def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:

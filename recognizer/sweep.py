@@ -76,10 +76,17 @@ def sweep(
     return StopInterval(earliest, latest)
 
 
-def unblocked(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, contacts: Sequence[Contact]) -> Bools:
-    """Cells (k,) that the free paths of contacts, and of misses, do not rule out altogether.
+def unblocked(
+    catalogue: Catalogue,
+    cells: Cells,
+    anchor_mm: Floats,
+    contacts: Sequence[Contact],
+    ignored: Bools | None = None,
+) -> Bools:
+    """Cells (k,) that the free paths of m contacts, and of misses, do not rule out altogether.
 
     A cell goes only if every configuration in it would have stopped a finger before the end of its path.
+    `ignored` (k, m): paths that are no evidence for a cell, since its interpretation takes them as spurious.
     """
     paths = [
         Approach(
@@ -92,7 +99,8 @@ def unblocked(catalogue: Catalogue, cells: Cells, anchor_mm: Floats, contacts: S
         for contact in contacts
     ]
     travel = np.array([path.travel_mm for path in paths])
-    result: Bools = np.all(sweep(catalogue, cells, anchor_mm, paths).latest >= travel, axis=1)
+    free = sweep(catalogue, cells, anchor_mm, paths).latest >= travel
+    result: Bools = np.all(free if ignored is None else free | ignored, axis=1)
     return result
 
 

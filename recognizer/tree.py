@@ -23,6 +23,10 @@ from palpate.recognizer.triple import triple_hull
 __all__ = [
     "Interpretations",
     "LevelCount",
+    "by_angle",
+    "by_chord",
+    "by_distance",
+    "by_triple",
     "first_level",
     "intersect",
     "next_level",
@@ -132,10 +136,10 @@ def next_level(
     candidates, after_angle, after_distance = int(children.sum()), 0, 0
     parts = []
     for rows in np.array_split(np.arange(len(nodes)), candidates // _CHILDREN_AT_ONCE + 1):
-        grown = _by_angle(catalogue, nodes.select(rows), contacts[:-1], contact)
+        grown = by_angle(catalogue, nodes.select(rows), contacts[:-1], contact)
         after_angle += len(grown)
         for level, earlier in enumerate(contacts[:-1]):
-            grown = _by_distance(catalogue, grown, level, earlier, contact)
+            grown = by_distance(catalogue, grown, level, earlier, contact)
         after_distance += len(grown)
         parts.append(_by_model(catalogue, grown, contacts, anchor_mm))
     grown = parts[0] if len(parts) == 1 else _joined(parts)
@@ -147,9 +151,10 @@ def next_level(
     return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
 
 
-def _by_angle(
+def by_angle(
     catalogue: Catalogue, nodes: Interpretations, earlier: list[Contact], contact: Contact
 ) -> Interpretations:
+    """Pair `contact` with every edge whose normal it allows, under `nodes`, which pair the `earlier` ones."""
     normals = contact.outward_normals()
 
     def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
@@ -201,9 +206,10 @@ def intersect(lo: Floats, hi: Floats, other_lo: Floats, other_hi: Floats) -> tup
     return lo + first, lo + last
 
 
-def _by_distance(
+def by_distance(
     catalogue: Catalogue, nodes: Interpretations, level: int, earlier: Contact, contact: Contact
 ) -> Interpretations:
+    """Those whose last edge may be as far from the one at `level` as `contact` is from the `earlier` one."""
     shortest, longest = catalogue.pairs(earlier.finger, contact.finger).ranges(
         nodes.state, nodes.edges[:, level], nodes.edges[:, -1]
     )
@@ -216,30 +222,45 @@ def _by_model(
     catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
 ) -> Interpretations:
     """Narrow by the closed-form test of the new contact with each earlier one and with each earlier pair."""
-    new = len(contacts) - 1
-    last = catalogue.edges(contacts[new].finger)
-    for old in range(new):
-        first = catalogue.edges(contacts[old].finger)
-        lo, hi = chord_hull(
-            first,
-            nodes.edges[:, old],
-            contacts[old],
-            last,
-            nodes.edges[:, new],
-            contacts[new],
-            nodes.lo,
-            nodes.hi,
-        )
-        nodes = nodes.narrowed(lo, hi)
-    for one, two in combinations(range(new), 2):
-        group = [one, two, new]
-        some = [contacts[k] for k in group]
-        parts = [
-            _by_triple(catalogue, nodes.select(rows), group, some, anchor_mm)
-            for rows in np.array_split(np.arange(len(nodes)), len(nodes) // _CHUNK + 1)
-        ]
-        nodes = parts[0] if len(parts) == 1 else _joined(parts)
+    for old in range(len(contacts) - 1):
+        nodes = by_chord(catalogue, nodes, old, contacts)
+    for pair in combinations(range(len(contacts) - 1), 2):
+        nodes = by_triple(catalogue, nodes, pair, contacts, anchor_mm)
     return nodes
+
+
+def by_chord(
+    catalogue: Catalogue, nodes: Interpretations, old: int, contacts: list[Contact]
+) -> Interpretations:
+    """Narrow by the model test of two contacts, the last of `contacts` and the one at `old`."""
+    lo, hi = chord_hull(
+        catalogue.edges(contacts[old].finger),
+        nodes.edges[:, old],
+        contacts[old],
+        catalogue.edges(contacts[-1].finger),
+        nodes.edges[:, -1],
+        contacts[-1],
+        nodes.lo,
+        nodes.hi,
+    )
+    return nodes.narrowed(lo, hi)
+
+
+def by_triple(
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    pair: tuple[int, ...],
+    contacts: list[Contact],
+    anchor_mm: Floats,
+) -> Interpretations:
+    """Narrow by the model test of three contacts, the last of `contacts` and the `pair`."""
+    group = [*pair, len(contacts) - 1]
+    some = [contacts[k] for k in group]
+    parts = [
+        _by_triple(catalogue, nodes.select(rows), group, some, anchor_mm)
+        for rows in np.array_split(np.arange(len(nodes)), len(nodes) // _CHUNK + 1)
+    ]
+    return parts[0] if len(parts) == 1 else _joined(parts)
 
 
 def _by_triple(

@@ -108,11 +108,27 @@ def recognize(
     contacts: Annotated[Path, typer.Option("--contacts", help="What fingers felt (JSON).")],
     json: JsonOption = False,
     picture: PictureOption = None,
+    max_spurious: Annotated[
+        int, typer.Option("--max-spurious", min=0, help="As many contacts need not be the object's.")
+    ] = 0,
+    why: Annotated[
+        str | None,
+        typer.Option("--why", metavar="OBJECT[/STATE]", help="Also say why this object was ruled out."),
+    ] = None,
 ) -> None:
     """Say which objects, states and configurations agree with a file of contacts."""
     from palpate.rig.command_recognize import run_recognize
 
-    raise typer.Exit(run_recognize(objects=objects, contacts=contacts, json=json, picture=picture))
+    raise typer.Exit(
+        run_recognize(
+            objects=objects,
+            contacts=contacts,
+            json=json,
+            picture=picture,
+            max_spurious=max_spurious,
+            asked=why,
+        )
+    )
 
 
 @app.command()

@@ -9,7 +9,18 @@ import typer
 from palpate.config import load_contacts, load_objects
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Hypothesis, Recognition, Verdict, recognise
-from palpate.rig.convert import contacts_of, models_of
+from palpate.recognizer.explain import Why, why
+from palpate.rig.convert import grips_of, models_of
+from palpate.rig.explained import (
+    Explanation,
+    Felt,
+    explain,
+    explanation_lines,
+    explanation_out,
+    state_named,
+    why_lines,
+    why_out,
+)
 from palpate.rig.files import write_text
 from palpate.rig.report import recognition_out, recognition_picture
 
@@ -18,33 +29,65 @@ __all__ = ["run_recognize"]
 _SHOWN = 12
 
 
-def run_recognize(*, objects: Path, contacts: Path, json: bool, picture: Path | None) -> int:
-    """Recognise, print, draw; returns the exit code (1 if there is not one answer)."""
+def run_recognize(
+    *,
+    objects: Path,
+    contacts: Path,
+    json: bool,
+    picture: Path | None,
+    max_spurious: int = 0,
+    asked: str | None = None,
+) -> int:
+    """Recognise, explain, print, draw; returns the exit code (1 if there is not one answer).
+
+    `asked` names an object, or "object/state", of which to say whether and why it was ruled out.
+    """
     catalogue = Catalogue(models_of(load_objects(objects)))
-    felt = contacts_of(load_contacts(contacts))
+    felt = Felt(grips_of(load_contacts(contacts)))
+    named = None if asked is None else state_named(catalogue, asked)
     begin = time.perf_counter()
-    recognition = recognise(catalogue, felt)
+    recognition = recognise(catalogue, felt.contacts, max_spurious)
     seconds = time.perf_counter() - begin
+    explanation = explain(catalogue, felt, max_spurious) if recognition.verdict is Verdict.NONE else None
+    because = None if named is None else why(catalogue, felt.contacts, *named)
     if picture is not None:
         write_text(picture, recognition_picture(recognition, f"{contacts.name} in {objects.name}"))
     if json:
-        typer.echo(to_json(recognition_out(recognition, seconds)))
+        result = recognition_out(recognition, seconds)
+        more = {
+            "explanation": explanation and explanation_out(explanation, felt),
+            "why": because and why_out(because, felt),
+        }
+        typer.echo(to_json(result.model_copy(update=more)))
     else:
-        _print(recognition, seconds)
+        _print(recognition, seconds, felt, explanation)
+        _print_why(because, felt)
     return 0 if recognition.verdict is Verdict.UNIQUE else 1
 
 
-def _print(recognition: Recognition, seconds: float) -> None:
+def _print(recognition: Recognition, seconds: float, felt: Felt, explanation: Explanation | None) -> None:
     count = len(recognition.hypotheses)
     found = "1 hypothesis" if count == 1 else f"{count} hypotheses"
     touched = sum(contact.touched for contact in recognition.contacts)
     missed = len(recognition.contacts) - touched
     typer.echo(f"{recognition.verdict.value}: {found} after {touched} contacts and {missed} misses")
+    for line in () if explanation is None else explanation_lines(explanation, felt):
+        typer.echo(f"  {line}")
     for item in recognition.hypotheses[:_SHOWN]:
-        typer.echo(f"  {hypothesis_line(item)}")
+        spurious = f"  without {felt.listed(item.null_contacts)}" if item.null_contacts else ""
+        typer.echo(f"  {hypothesis_line(item)}{spurious}")
     if count > _SHOWN:
         typer.echo(f"  and {count - _SHOWN} more; --json lists them all")
     typer.echo(f"{1000 * seconds:.1f} ms")
+
+
+def _print_why(because: Why | None, felt: Felt) -> None:
+    if because is None:
+        return
+    for line in why_lines(because, felt):
+        typer.echo(line)
+    for item in because.hypotheses[:_SHOWN]:
+        typer.echo(f"  {hypothesis_line(item)}")
 
 
 def hypothesis_line(item: Hypothesis) -> str:

@@ -11,7 +11,7 @@ from palpate.drivers.finger import FingerKinematics
 from palpate.errors import InputError
 from palpate.recognizer import Contact, Finger, NormalRange, ObjectModel, Polygon, Resolution, Section, State
 
-__all__ = ["contacts_of", "finger_of", "kinematics_of", "models_of", "resolution_of"]
+__all__ = ["finger_of", "grips_of", "kinematics_of", "models_of", "resolution_of"]
 
 
 def models_of(objects: ObjectsFile) -> list[ObjectModel]:
@@ -35,10 +35,11 @@ def models_of(objects: ObjectsFile) -> list[ObjectModel]:
     ]
 
 
-def contacts_of(file: ContactsFile) -> list[Contact]:
-    """All contacts of all grips, misses included. Raises InputError for a path against its direction."""
-    contacts = []
+def grips_of(file: ContactsFile) -> list[list[Contact]]:
+    """The contacts of every grip, misses included. Raises InputError where a path has no end."""
+    grips = []
     for number, grip in enumerate(file.grips):
+        contacts = []
         for entry in grip.contacts:
             end = entry.centre if entry.touched else entry.approach.end
             if end is None:
@@ -55,7 +56,8 @@ def contacts_of(file: ContactsFile) -> list[Contact]:
                     normal=None if entry.normal is None else NormalRange(*entry.normal),
                 )
             )
-    return contacts
+        grips.append(contacts)
+    return grips
 
 
 def finger_of(finger: FingerFile) -> Finger:

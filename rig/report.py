@@ -29,6 +29,7 @@ from palpate.rig.truth import Comparison, compare
 
 __all__ = [
     "contacts_json",
+    "hypothesis_out",
     "identification_out",
     "identification_picture",
     "recognition_out",
@@ -40,7 +41,7 @@ def recognition_out(recognition: Recognition, seconds: float) -> RecognitionOut:
     """The recognition as `palpate/recognition@1`; `seconds` is what it took."""
     return RecognitionOut(
         verdict=RecognitionVerdict(recognition.verdict.value),
-        hypotheses=tuple(_hypothesis(item) for item in recognition.hypotheses),
+        hypotheses=tuple(hypothesis_out(item) for item in recognition.hypotheses),
         statistics=StatisticsOut(
             levels=tuple(
                 LevelOut(
@@ -164,7 +165,8 @@ def _hypotheses(result: Identification) -> Sequence[Hypothesis]:
     return () if result.recognition is None else result.recognition.hypotheses
 
 
-def _hypothesis(item: Hypothesis) -> HypothesisOut:
+def hypothesis_out(item: Hypothesis) -> HypothesisOut:
+    """One hypothesis as a JSON value."""
     return HypothesisOut(
         object=item.state.object_name,
         state=item.state.state.name,
@@ -175,17 +177,22 @@ def _hypothesis(item: Hypothesis) -> HypothesisOut:
         symmetry_order=item.state.symmetry_order,
         interpretations=tuple(
             InterpretationOut(
-                edges=tuple(_edge(feature) for feature in row),
-                features=tuple(f"edge {k}" if k >= 0 else f"vertex {_edge(k)}" for k in row),
+                edges=tuple(None if k is None else _edge(k) for k in row),
+                features=tuple(None if k is None else _feature(k) for k in row),
             )
             for row in item.features
         ),
+        spurious=item.spurious,
     )
 
 
 def _edge(feature: int) -> int:
     """The edge that a feature belongs to; an arc about a vertex, to the edge that begins there."""
     return feature if feature >= 0 else -1 - feature
+
+
+def _feature(feature: int) -> str:
+    return f"edge {feature}" if feature >= 0 else f"vertex {_edge(feature)}"
 
 
 def _configuration(value: Configuration) -> ConfigurationOut:
