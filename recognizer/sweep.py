@@ -220,7 +220,7 @@ def _first_certain_depth(crossing: Bools, enter: Floats, leave: Floats) -> Float
     covered = np.maximum.accumulate(np.take_along_axis(leave, order, axis=1), axis=1)
     # Every crossing lies in its own edge's capsule, so after the first i capsules the ray is inside iff an
     # odd number of them held one.
-    inside = np.cumsum(np.take_along_axis(crossing, order, axis=1), axis=1) % 2 == 1
+    inside = np.logical_xor.accumulate(np.take_along_axis(crossing, order, axis=1), axis=1)
     following = np.column_stack([enter[:, 1:], np.full(len(enter), np.inf)])
     gap = inside & (following > covered) & (following > 0)
     depth: Floats = np.where(gap, np.maximum(covered, 0.0), np.inf).min(axis=1, initial=np.inf)
