@@ -215,7 +215,8 @@ class EdgeSet:
         owner, key = expand_ranges(first, count)
         begin = self.first[state[owner]]
         size = self.count[state[owner]]
-        return owner, begin + (key - 2 * begin) % size
+        within = key - 2 * begin
+        return owner, begin + within - np.where(within >= size, size, 0)
 
 
 @dataclass(frozen=True, eq=False)
