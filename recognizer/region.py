@@ -334,7 +334,7 @@ def _clipped(polygon: Floats, height: Floats) -> tuple[Floats, Bools]:
     point[:, :, 0] = polygon
     point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
     emitted, points = emit.reshape(count, -1), point.reshape(count, -1, 2)
-    left: Bools = emitted.any(axis=1)
+    left: Bools = np.any(emitted, axis=1)
     if not left.all():
         emitted, points = emitted[left], points[left]
     slot = np.cumsum(emitted, axis=1) - 1
