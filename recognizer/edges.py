@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -28,6 +29,7 @@ NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
 MOST_EDGES = 2000  # of one state; finer outlines are coarsened, at the price of a stated slack
+_ON_HULL_MM = 1e-7
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
 
 
@@ -170,6 +172,16 @@ class EdgeSet:
         return result
 
     @cached_property
+    def on_hull(self) -> Bools:
+        """Which edges lie on their state's convex hull, (n,): no vertex is beyond their lines."""
+        result = np.zeros(len(self.state), dtype=bool)
+        for begin, end in pairwise(self.first):
+            normal, start = self.normal[begin:end], self.start[begin:end]
+            beyond = normal @ start.T - np.sum(normal * start, axis=1)[:, None]
+            result[begin:end] = beyond.max(axis=1, initial=-np.inf) <= _ON_HULL_MM
+        return result
+
+    @cached_property
     def state_reach_mm(self) -> Floats:
         """Largest distance from the centroid at which each state's outline may be met, (S,)."""
         return self._most(np.hypot(*self.start.T)) + self.state_slack_mm
@@ -203,7 +215,8 @@ class EdgeSet:
         owner, key = expand_ranges(first, count)
         begin = self.first[state[owner]]
         size = self.count[state[owner]]
-        return owner, begin + (key - 2 * begin) % size
+        within = key - 2 * begin
+        return owner, begin + within - np.where(within >= size, size, 0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 __all__ = ["Boxes", "connected"]
 
 _FEW = 160  # boxes compared each with each
-_PAIRS_AT_ONCE = 2_000_000
+_PAIRS_AT_ONCE, _MOST_PAIRS = 2_000_000, 40_000_000
 _FIRST_NEIGHBOURS = 32
 _STRETCH_RAD = 32.0  # of keys for each state: more than three turns
 _TOUCHING_RAD = 1e-9
@@ -98,22 +98,57 @@ def _connected_by_order(boxes: Boxes) -> Ints:
     largest = np.zeros(int(boxes.state.max()) + 1, dtype=np.int64)
     np.maximum.at(largest, boxes.state, size)
     outside = np.flatnonzero((size < largest[boxes.state]) & (before + after > 0))
-    if len(outside) and int(after.max()) > _FIRST_NEIGHBOURS:
-        links.append(
-            _links(boxes, outside, at[outside] - before[outside], (before + after + 1)[outside], box)
-        )
-        label = _components(
-            np.concatenate([one for one, _ in links]), np.concatenate([two for _, two in links]), count
-        )
-    return label
+    if not len(outside) or int(after.max()) <= _FIRST_NEIGHBOURS:
+        return label
+    around = before + after + 1
+    if int(around[outside].sum()) > _MOST_PAIRS:
+        return _connected_by_bins(boxes)
+    links.append(_links(boxes, outside, (at - before)[outside], around[outside], box, label))
+    return _components(
+        np.concatenate([one for one, _ in links]), np.concatenate([two for _, two in links]), count
+    )
 
 
-def _links(boxes: Boxes, some: Ints, begin: Ints, count: Ints, box: Ints) -> tuple[Ints, Ints]:
-    """Pairs of a box of `some` (n,) and one at places [begin, begin + count) of the order that meet."""
+def _connected_by_bins(boxes: Boxes) -> Ints:
+    """Boxes that reach into one bin of a grid count as connected: for very many that overlap all over.
+
+    That joins a few that are apart by less than a bin: fewer and wider hypotheses, none of them untrue. A bin
+    is as large as the middling box, and no box covers more than five of them along an axis.
+    """
+    count = len(boxes.state)
+    theta = boxes.middle % boxes.turn
+    lo = np.column_stack([boxes.lo, theta - boxes.half_width])
+    hi = np.column_stack([boxes.hi, theta + boxes.half_width])
+    extent = hi - lo
+    size = np.maximum(np.maximum(np.median(extent, axis=0), extent.max(axis=0) / 4), 1e-9)
+    # Whole bins in every turn, so that the last one meets the first.
+    round_about = np.maximum(np.floor(boxes.turn / size[2]), 1.0).astype(np.int64)
+    scale = np.column_stack([np.full((count, 2), 1 / size[:2]), round_about / boxes.turn])
+    first = np.floor((lo - _TOUCHING_RAD) * scale).astype(np.int64)
+    spread = np.floor((hi + _TOUCHING_RAD) * scale).astype(np.int64) - first + 1
+    owner, place = expand_ranges(np.zeros(count, np.int64), spread.prod(axis=1))
+    wide, deep = spread[owner, 0], spread[owner, 1]
+    x = first[owner, 0] + place % wide
+    y = first[owner, 1] + place // wide % deep
+    angle = (first[owner, 2] + place // (wide * deep)) % round_about[owner]
+    _, bin_of = np.unique(np.column_stack([boxes.state[owner], x, y, angle]), axis=0, return_inverse=True)
+    return _components(owner, count + bin_of, count + int(bin_of.max()) + 1)[:count]
+
+
+def _links(
+    boxes: Boxes, some: Ints, begin: Ints, count: Ints, box: Ints, known: Ints | None = None
+) -> tuple[Ints, Ints]:
+    """Pairs of a box of `some` (n,) and one at places [begin, begin + count) of the order that meet.
+
+    Those are left out that are `known` (k,) to be connected.
+    """
     left, right = [], []
     for piece in np.array_split(np.arange(len(some)), int(count.sum()) // _PAIRS_AT_ONCE + 1):
         owner, key = expand_ranges(begin[piece], count[piece])
         one, two = some[piece][owner], box[key]
+        if known is not None:
+            apart = known[one] != known[two]
+            one, two = one[apart], two[apart]
         meets = boxes.meet(one, two)
         left.append(one[meets])
         right.append(two[meets])

@@ -296,14 +296,36 @@ def _rectangle(g: Floats, limit: Floats) -> Floats:
 
 
 def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
-    """Clip convex polygons (k, v, 2) by g·s ≤ limit, one half-plane each; returns those left, and a mask."""
+    """Clip convex polygons (k, v, 2) by g·s ≤ limit, one half-plane each; returns those left, and a mask.
+
+    The polygons given are overwritten.
+    """
     height = np.einsum("kvj,kj->kv", polygon, g) - limit[:, None]
-    inside = height <= 0
-    if bool(np.all(inside)):
-        return polygon, np.ones(len(polygon), dtype=bool)
+    cut = np.flatnonzero(np.any(height > 0, axis=1))
+    kept = np.ones(len(polygon), dtype=bool)
+    if not len(cut):
+        return polygon, kept
+    clipped, left = _clipped(polygon[cut], height[cut])
+    wider = clipped.shape[1] - polygon.shape[1]
+    if wider > 0:
+        polygon = np.concatenate([polygon, np.repeat(polygon[:, :1], wider, axis=1)], axis=1)
+    rows = cut[left]
+    polygon[rows, : clipped.shape[1]] = clipped
+    polygon[rows, clipped.shape[1] :] = clipped[:, :1]
+    if len(rows) == len(cut):
+        return polygon, kept
+    kept[cut[~left]] = False
+    return polygon[kept], kept
+
+
+def _clipped(polygon: Floats, height: Floats) -> tuple[Floats, Bools]:
+    """Parts of convex polygons (k, v, 2) where the height (k, v), linear in between, is not positive.
+
+    Returns those that have one and a mask of which these are.
+    """
     count, vertices = height.shape
     after = np.arange(1, vertices + 1) % vertices
-    following = height[:, after]
+    inside, following = height <= 0, height[:, after]
     crossing = inside != (following <= 0)
     fraction = np.where(crossing, height / np.where(crossing, height - following, 1.0), 0.0)
     emit = np.empty((count, vertices, 2), dtype=bool)
@@ -311,12 +333,13 @@ def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
     point = np.empty((count, vertices, 2, 2))
     point[:, :, 0] = polygon
     point[:, :, 1] = polygon + fraction[..., None] * (polygon[:, after] - polygon)
-    emit, point = emit.reshape(count, -1), point.reshape(count, -1, 2)
-    slot = np.cumsum(emit, axis=1) - 1
-    kept = slot[:, -1] >= 0
-    emit, point, slot = emit[kept], point[kept], slot[kept]
-    rows, columns = np.nonzero(emit)
-    leading = point[np.arange(len(point)), np.argmax(emit, axis=1)]
+    emitted, points = emit.reshape(count, -1), point.reshape(count, -1, 2)
+    left: Bools = emitted.any(axis=1)
+    if not left.all():
+        emitted, points = emitted[left], points[left]
+    slot = np.cumsum(emitted, axis=1) - 1
+    rows, columns = np.nonzero(emitted)
+    leading = points[np.arange(len(points)), np.argmax(emitted, axis=1)]
     clipped = np.repeat(leading[:, None], int(slot.max(initial=0)) + 1, axis=1)
-    clipped[rows, slot[rows, columns]] = point[rows, columns]
-    return clipped, kept
+    clipped[rows, slot[rows, columns]] = points[rows, columns]
+    return clipped, left

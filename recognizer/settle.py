@@ -16,7 +16,7 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
 from palpate.recognizer.null_branch import ignored
 from palpate.recognizer.region import Cells, Intervals, joined_cells, probed, refined
-from palpate.recognizer.sweep import unblocked
+from palpate.recognizer.sweep import clear_of_outline, unblocked
 from palpate.recognizer.tree import Interpretations
 from palpate.recognizer.waves import largest
 
@@ -48,6 +48,14 @@ class Question:
     def unblocked(self, cells: Cells) -> Bools:
         """Cells (k,) that the free paths do not rule out."""
         skipped = ignored(self.nodes, cells.node, self.evidence)
+        if skipped is None:
+            skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
+        paired = self.nodes.edges[cells.node]
+        columns = [column for column, contact in enumerate(self.evidence) if contact.touched]
+        for level, column in enumerate(columns):
+            skipped[:, column] |= clear_of_outline(
+                self.catalogue, cells, paired[:, level], self.evidence[column]
+            )
         return unblocked(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
 
 

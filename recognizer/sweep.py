@@ -20,7 +20,7 @@ from palpate.recognizer.region import Cells
 from palpate.recognizer.segments import capsule_interval
 from palpate.recognizer.strips import StripForest
 
-__all__ = ["Approach", "StopInterval", "sweep", "unblocked"]
+__all__ = ["Approach", "StopInterval", "clear_of_outline", "sweep", "unblocked"]
 
 _SOME_EDGES = 64
 _RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens of MB
@@ -49,9 +49,16 @@ class StopInterval:
 
 
 def sweep(
-    catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
+    catalogue: Catalogue,
+    cells: Cells,
+    anchor_mm: Floats,
+    approaches: Sequence[Approach],
+    skipped: Bools | None = None,
 ) -> StopInterval:
-    """Enclose the travel at which the object stops the finger, for k cells, all of each, and m approaches."""
+    """Enclose the travel at which the object stops the finger, for k cells, all of each, and m approaches.
+
+    Those `skipped` (k, m) are not looked at and come back as infinite.
+    """
     shape = (len(cells), len(approaches))
     earliest, latest = np.full(shape, np.inf), np.full(shape, np.inf)
     for finger in dict.fromkeys(approach.finger for approach in approaches):
@@ -71,8 +78,13 @@ def sweep(
             heading.reshape(-1, 2),
             (body[:, None] + bound).ravel(),
         )
-        near, far = _stops(edges, catalogue.strips(finger), rays)
-        earliest[:, columns], latest[:, columns] = near.reshape(start.shape[:2]), far.reshape(start.shape[:2])
+        row, column = np.divmod(np.arange(len(rays.state)), len(columns))
+        column = np.array(columns)[column]
+        if skipped is not None:
+            wanted = np.flatnonzero(~skipped[row, column])
+            rays, row, column = rays.select(wanted), row[wanted], column[wanted]
+        if len(row):
+            earliest[row, column], latest[row, column] = _stops(edges, catalogue.strips(finger), rays)
     return StopInterval(earliest, latest)
 
 
@@ -81,12 +93,12 @@ def unblocked(
     cells: Cells,
     anchor_mm: Floats,
     contacts: Sequence[Contact],
-    ignored: Bools | None = None,
+    skipped: Bools | None = None,
 ) -> Bools:
     """Cells (k,) that the free paths of m contacts, and of misses, do not rule out altogether.
 
     A cell goes only if every configuration in it would have stopped a finger before the end of its path.
-    `ignored` (k, m): paths that are no evidence for a cell, since its interpretation takes them as spurious.
+    `skipped` (k, m): paths that are no evidence for a cell, or that are known to leave it.
     """
     paths = [
         Approach(
@@ -99,8 +111,22 @@ def unblocked(
         for contact in contacts
     ]
     travel = np.array([path.travel_mm for path in paths])
-    free = sweep(catalogue, cells, anchor_mm, paths).latest >= travel
-    result: Bools = np.all(free if ignored is None else free | ignored, axis=1)
+    result: Bools = np.all(sweep(catalogue, cells, anchor_mm, paths, skipped).latest >= travel, axis=1)
+    return result
+
+
+def clear_of_outline(catalogue: Catalogue, cells: Cells, edge: Ints, contact: Contact) -> Bools:
+    """Cells (k,) in which the path of a contact on `edge` (k,) runs outside of the convex hull all along.
+
+    It does on an edge of the hull, if it comes from the edge's outer side whatever the orientation: then the
+    path is never deeper in the outline than its end may be, and `unblocked` would keep the cell.
+    """
+    if contact.free_path_bound_mm < contact.position_bound_mm:
+        return np.zeros(len(cells), dtype=bool)
+    edges = catalogue.edges(contact.finger)
+    off = contact.direction_rad + np.pi - edges.normal_rad[edge] - cells.middle
+    facing = (cells.half_width < np.pi / 2) & (np.cos(off) >= np.sin(cells.half_width))
+    result: Bools = edges.on_hull[edge] & facing & (edge >= 0)
     return result
 
 
@@ -113,7 +139,7 @@ class _Rays:
     heading: Floats
     rho: Floats
 
-    def select(self, part: slice) -> "_Rays":
+    def select(self, part: slice | Ints) -> "_Rays":
         return _Rays(self.state[part], self.start[part], self.heading[part], self.rho[part])
 
 
@@ -220,7 +246,7 @@ def _first_certain_depth(crossing: Bools, enter: Floats, leave: Floats) -> Float
     covered = np.maximum.accumulate(np.take_along_axis(leave, order, axis=1), axis=1)
     # Every crossing lies in its own edge's capsule, so after the first i capsules the ray is inside iff an
     # odd number of them held one.
-    inside = np.cumsum(np.take_along_axis(crossing, order, axis=1), axis=1) % 2 == 1
+    inside = np.logical_xor.accumulate(np.take_along_axis(crossing, order, axis=1), axis=1)
     following = np.column_stack([enter[:, 1:], np.full(len(enter), np.inf)])
     gap = inside & (following > covered) & (following > 0)
     depth: Floats = np.where(gap, np.maximum(covered, 0.0), np.inf).min(axis=1, initial=np.inf)

@@ -141,13 +141,16 @@ def holding_cell(recognition: Recognition, placed: Placed) -> Hypothesis | None:
             cos, sin = math.cos(theta), math.sin(theta)
             seen = np.array([cos * away[0] + sin * away[1], cos * away[1] - sin * away[0]])
             position = centre + seen
-            if _in_polygons(cells.polygon[turns], position).any():
+            if in_polygons(cells.polygon[turns], position).any():
                 return item
     return None
 
 
-def _in_polygons(polygon: Floats, point: Floats) -> Bools:
-    """Which convex polygons (k, v, 2), counter-clockwise and maybe flat, hold a point (2,), give or take."""
+def in_polygons(polygon: Floats, point: Floats) -> Bools:
+    """Which convex polygons (k, v, 2), counter-clockwise and maybe flat, hold a point, give or take.
+
+    `point`: the same for all, (2,), or one for each, (k, 1, 2).
+    """
     leg = np.roll(polygon, -1, axis=1) - polygon
     away = point - polygon
     left = leg[..., 0] * away[..., 1] - leg[..., 1] * away[..., 0] >= 0
@@ -212,9 +215,9 @@ def _too_wide(setting: Setting, first: int) -> bool:
         return False
     if setting.bound_mm > 0.3 and setting.family != "memo" and half > 10.0:
         return True
-    if setting.bound_mm > 1.0:
+    if setting.bound_mm > (0.3 if setting.family == "loose" else 1.0):
         return first < 3
-    most = {1: 3.0, 2: 10.0, 3: 25.0} if setting.family == "parts" else {1: 10.0, 2: 25.0}
+    most = {1: 10.0, 2: 25.0} if setting.family == "memo" else {1: 3.0, 2: 10.0, 3: 25.0}
     return half > most.get(first, 180.0)
 
 

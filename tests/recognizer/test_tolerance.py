@@ -1,0 +1,265 @@
+"""Objects that are not quite as modelled: vertices off by up to the tolerance, and the truth is kept.
+
+The catalogue holds the nominal outline, shapely simulates on the displaced one. Every seed is fixed.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place, touch
+
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact, NormalRange
+from palpate.recognizer.model import ObjectModel
+from palpate.recognizer.recognise import recognise
+from palpate.recognizer.segments import point_segment_distance
+
+TOLERANCES = (0.05, 0.2, 0.5)
+RADII = (0.0, 1.0, 5.0, 8.0)
+BOUNDS = (0.0, 0.05, 0.3)
+HALF_RANGES = (math.radians(1), math.radians(10), None)
+STEEP = math.radians(2)
+
+
+def outline_of(model: ObjectModel) -> np.ndarray:
+    return model.states[0].sections[0].polygons[0].outer
+
+
+def displaced(model: ObjectModel, rng: np.random.Generator, *, exactly: bool) -> ObjectModel:
+    """The same object with each vertex moved anyhow by up to, or by exactly, the tolerance."""
+    nominal = outline_of(model)
+    angle = rng.uniform(0, 2 * math.pi, len(nominal))
+    size = np.full(len(nominal), 1 - 1e-12) if exactly else np.sqrt(rng.uniform(size=len(nominal)))
+    by = model.tolerance_mm * size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return flat(model.name, nominal + by)
+
+
+def inflated(model: ObjectModel, sign: float) -> ObjectModel:
+    """The same object with every vertex moved outward, or inward, by the tolerance along its bisector."""
+    nominal = outline_of(model)
+    along = np.roll(nominal, -1, axis=0) - nominal
+    along = along / np.hypot(*along.T)[:, None]
+    normal = np.column_stack([along[:, 1], -along[:, 0]])
+    twice_area = np.sum(
+        nominal[:, 0] * np.roll(nominal[:, 1], -1) - nominal[:, 1] * np.roll(nominal[:, 0], -1)
+    )
+    bisector = normal + np.roll(normal, 1, axis=0)
+    bisector = bisector / np.hypot(*bisector.T)[:, None]
+    by = sign * math.copysign(model.tolerance_mm * (1 - 1e-12), twice_area)
+    return flat(model.name, nominal + by * bisector)
+
+
+def point_normal(placed: Placed, contact: Contact, half_range: float | None, shift: float) -> Contact:
+    """An exact contact of a point finger with the normal of the edge that it met."""
+    if half_range is None or contact.normal is not None or not contact.touched:
+        return contact
+    ring = np.asarray(placed.shape.normalize().exterior.coords)  # clockwise
+    begin, along = ring[:-1], np.diff(ring, axis=0)
+    length = np.hypot(*along.T)
+    away = point_segment_distance(np.asarray(contact.end_mm), begin, along / length[:, None], length)
+    x, y = along[np.argmin(away)]
+    middle = math.atan2(x, -y) + shift
+    return replace(contact, normal=NormalRange(middle - half_range, middle + half_range))
+
+
+def mismeasured(contact: Contact, rng: np.random.Generator, bound: float, *, at_bound: bool) -> Contact:
+    """The exact contact, moved as a whole by up to, or by exactly, its bound."""
+    angle, size = rng.uniform(0, 2 * math.pi), bound * (1.0 if at_bound else rng.uniform())
+    shift = size * (1 - 1e-12) * np.array([math.cos(angle), math.sin(angle)])
+    start, end = (tuple((np.array(p) + shift).tolist()) for p in (contact.start_mm, contact.end_mm))
+    return replace(contact, start_mm=start, end_mm=end, position_bound_mm=bound)
+
+
+def is_kept(
+    catalogue: Catalogue,
+    true: Placed,
+    exact: list[Contact],
+    rng: np.random.Generator,
+    *,
+    bound: float,
+    half_range: float | None,
+    at_bound: bool,
+) -> bool | None:
+    """Whether the answer for these touches holds the truth; None where none of them touched."""
+    if not any(contact.touched for contact in exact):
+        return None
+    contacts = []
+    for contact in exact:
+        shift = (half_range or 0.0) * (rng.choice([-1, 1]) if at_bound else rng.uniform(-1, 1))
+        given = point_normal(true, contact, half_range, shift)
+        contacts.append(mismeasured(given, rng, bound, at_bound=at_bound))
+    return holding_truth(recognise(catalogue, contacts), true) is not None
+
+
+def aimed(
+    true: Placed,
+    rng: np.random.Generator,
+    targets: np.ndarray,
+    directions: np.ndarray,
+    *,
+    radius: float,
+    half_range: float | None,
+    at_bound: bool,
+) -> list[Contact]:
+    """Approaches from outside through points (n, 2) of the object's frame, along directions (n,) in it."""
+    cos, sin = math.cos(true.theta), math.sin(true.theta)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    contacts = []
+    for k, (target, direction) in enumerate(zip(targets, directions, strict=True)):
+        ahead = direction + true.theta
+        start = turn @ target + (true.x, true.y) - 120 * np.array([math.cos(ahead), math.sin(ahead)])
+        contacts.append(
+            touch(
+                true.shape,
+                rng,
+                radius=radius,
+                bound=0.0,
+                half_range=half_range,
+                direction=float(ahead),
+                start=start,
+                reach=240.0,
+                at_bound=at_bound,
+                name=f"f{k}",
+            )
+        )
+    return contacts
+
+
+def lost_grips(models: list[ObjectModel], seed: int, trials: int) -> tuple[int, list[tuple]]:
+    """How many grips were tried, and what of them lost the truth."""
+    rng = np.random.default_rng(seed)
+    catalogue = Catalogue(models)
+    tried, lost = 0, []
+    for trial in range(trials):
+        nominal = models[trial % len(models)]
+        at_bound = bool(trial % 2)
+        kind = trial % 5
+        model = (
+            inflated(nominal, 1.0 if kind == 0 else -1.0)
+            if kind < 2
+            else displaced(nominal, rng, exactly=at_bound)
+        )
+        radius, bound = RADII[rng.integers(4)], BOUNDS[rng.integers(3)]
+        half_range = HALF_RANGES[rng.integers(3)]
+        true = place(model, rng)
+        if not true.shape.is_valid:
+            continue
+        exact = grip(
+            true,
+            rng,
+            fingers=int(rng.integers(3, 6)),
+            radius=radius,
+            bound=0.0,
+            half_range=half_range,
+            at_bound=at_bound,
+            aim=0.4,
+        )
+        kept = is_kept(catalogue, true, exact, rng, bound=bound, half_range=half_range, at_bound=at_bound)
+        tried += kept is not None
+        if kept is False:
+            lost.append((trial, nominal.name, kind, radius, bound, half_range))
+    return tried, lost
+
+
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_shipped_objects(tolerance: float) -> None:
+    models = [replace(model, tolerance_mm=tolerance) for model in outlines(SHIPPED_OBJECTS)]
+    tried, lost = lost_grips(models, int(100 * tolerance), 60)
+    assert tried > 45
+    assert lost == []
+
+
+def short_edged(step: float) -> ObjectModel:
+    """A circle with a wave in steps of about `step` mm: each edge tilts a lot under the tolerance."""
+    count = round(2 * math.pi * 25 / step)
+    a = 2 * np.pi * np.arange(count) / count
+    ring = (25 + 4 * np.sin(3 * a + 1) + 2 * np.cos(5 * a))[:, None] * np.column_stack([np.cos(a), np.sin(a)])
+    return flat(f"steps of {step}", ring)
+
+
+def spiked() -> ObjectModel:
+    """Sharp convex and concave vertices."""
+    ring = [
+        (-30, -20),
+        (-4, -20),
+        (0, 8),
+        (4, -20),
+        (30, -20),
+        (60, -18),
+        (30, -16),
+        (26, 20),
+        (0, 24),
+        (-55, 4),
+    ]
+    return flat("spiked", ring)
+
+
+@pytest.mark.parametrize("tolerance", TOLERANCES)
+def test_short_edges_and_sharp_vertices(tolerance: float) -> None:
+    fine = short_edged(max(1.5, 20 * tolerance))
+    models = [replace(model, tolerance_mm=tolerance) for model in (fine, spiked(), spiked())]
+    tried, lost = lost_grips(models, 50 + int(100 * tolerance), 36)
+    assert tried > 30
+    assert lost == []
+
+
+def notched(width: float, depth: float, slope: float, name: str = "notched") -> ObjectModel:
+    """A block with a notch in its upper side: `width` at the floor, walls leaning outward by `slope`."""
+    open_half = width / 2 + depth * math.tan(slope)
+    ring = [
+        (-35, -20),
+        (30, -20),
+        (30, 18),
+        (open_half, 18),
+        (width / 2, 18 - depth),
+        (-width / 2, 18 - depth),
+        (-open_half, 18),
+        (-35, 14),
+    ]
+    return flat(name, ring)
+
+
+def into_notch(rng: np.random.Generator, fingers: int) -> tuple[np.ndarray, np.ndarray]:
+    """Targets and directions: two fingers into the notch, the others against the sides."""
+    targets = [(rng.uniform(-0.6, 0.6), 18.0), (rng.uniform(-5, 5), 18.0), (0.0, rng.uniform(-15, 10))]
+    directions = [-math.pi / 2 + rng.uniform(-0.03, 0.03), -math.pi / 2, rng.choice([0.0, math.pi])]
+    for _ in range(fingers - 3):
+        targets.append((rng.uniform(-25, 25), 0.0))
+        directions.append(math.pi / 2)
+    return np.array(targets), np.array(directions)
+
+
+@pytest.mark.parametrize("slope", [0.0, STEEP, math.radians(20)])
+@pytest.mark.parametrize("radius", [1.0, 5.0, 8.0])
+def test_notches_about_as_wide_as_the_finger(radius: float, slope: float) -> None:
+    """True notches wider and narrower than modelled: a finger enters where the model is shut, or stops."""
+    rng = np.random.default_rng(int(10 * radius + 100 * slope))
+    tried, lost = 0, []
+    for tolerance in TOLERANCES:
+        for over in (-2.0, -1.0, -0.1, 0.0, 0.1, 1.0, 2.0):
+            width = 2 * radius + over * tolerance
+            nominal = replace(notched(width, 10.0, slope), tolerance_mm=tolerance)
+            catalogue = Catalogue([nominal])
+            for kind in range(4):
+                at_bound = bool(kind % 2)
+                model = (
+                    notched(width + 2 * (1.0 - 2 * kind) * tolerance * (1 - 1e-9), 10.0, slope)
+                    if kind < 2
+                    else displaced(nominal, rng, exactly=at_bound)
+                )
+                true = place(model, rng)
+                bound, half_range = BOUNDS[kind % 3], HALF_RANGES[int(rng.integers(3))]
+                targets, directions = into_notch(rng, 3 + kind % 2)
+                exact = aimed(
+                    true, rng, targets, directions, radius=radius, half_range=half_range, at_bound=at_bound
+                )
+                kept = is_kept(
+                    catalogue, true, exact, rng, bound=bound, half_range=half_range, at_bound=at_bound
+                )
+                tried += kept is not None
+                if kept is False:
+                    lost.append((tolerance, over, kind, bound, half_range))
+    assert tried > 70
+    assert lost == []
