@@ -124,6 +124,8 @@ def clear_of_outline(catalogue: Catalogue, cells: Cells, edge: Ints, contact: Co
     if contact.free_path_bound_mm < contact.position_bound_mm:
         return np.zeros(len(cells), dtype=bool)
     edges = catalogue.edges(contact.finger)
+    if not len(edges.state):  # nothing is that high: the contact is spurious in all cells
+        return np.zeros(len(cells), dtype=bool)
     off = contact.direction_rad + np.pi - edges.normal_rad[edge] - cells.middle
     facing = (cells.half_width < np.pi / 2) & (np.cos(off) >= np.sin(cells.half_width))
     result: Bools = edges.on_hull[edge] & facing & (edge >= 0)
