@@ -171,17 +171,8 @@ def drawn(seed: int, index: int, families: tuple[str, ...] = FAMILIES) -> Trial:
     models = _models(family)
     model = models[int(rng.integers(len(models)))]
     placed = _placed(displaced(model, rng), rng)
-    scene = _Scene(placed, setting, opened_rad(model, placed.model, setting.radius_mm))
-    return Trial(index, setting, placed, tuple(_steps(_felt(scene, rng), setting.extended, rng)))
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """What a contact is drawn for. `opened_rad`: by how much the normals of the true outline are off."""
-
-    placed: Placed
-    setting: Setting
-    opened_rad: float
+    felt = _felt(placed, setting, rng)
+    return Trial(index, setting, placed, tuple(_steps(felt, setting.extended, rng)))
 
 
 @cache
@@ -221,12 +212,12 @@ def _too_wide(setting: Setting, first: int) -> bool:
     return half > most.get(first, 180.0)
 
 
-def _felt(scene: _Scene, rng: np.random.Generator) -> list[Contact]:
+def _felt(placed: Placed, setting: Setting, rng: np.random.Generator) -> list[Contact]:
     """Approaches until enough of them touched; the misses among them stay, but not too many."""
     contacts: list[Contact] = []
     touches = misses = 0
-    while touches < scene.setting.touches:
-        contact = _contact(scene, rng, f"f{len(contacts)}")
+    while touches < setting.touches:
+        contact = _contact(placed, setting, rng, f"f{len(contacts)}")
         touches, misses = touches + contact.touched, misses + (not contact.touched)
         if contact.touched or misses <= _MOST_MISSES:
             contacts.append(contact)
@@ -297,23 +288,6 @@ def _jitter(rng: np.random.Generator, count: int, size: float) -> Floats:
     return result
 
 
-def opened_rad(model: ObjectModel, true: ObjectModel, radius_mm: float) -> float:
-    """By how much the normal of the true outline may differ from that of the modelled one where it is met.
-
-    A bound on the outline says nothing of its normals, and the recogniser takes the stated normals for the
-    model's. So they are stated with what the edges turned and, on a tip that rolls about a displaced corner,
-    the angle at which the displacement is seen from the tip's centre.
-    """
-    turn = 0.0
-    for one, two in zip(_rings_of(model), _rings_of(true), strict=True):
-        before, after = (np.roll(ring, -1, axis=0) - ring for ring in (one, two))
-        cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-        turn = max(turn, float(np.max(np.abs(np.arctan2(cross, np.sum(before * after, axis=1))))))
-    if turn < 1e-12:
-        return 0.0
-    return turn + (math.asin(min(1.0, model.tolerance_mm / radius_mm)) if radius_mm > 0 else 0.0)
-
-
 def _mapped(model: ObjectModel, move: Callable[[Floats], Floats]) -> ObjectModel:
     states = tuple(
         replace(
@@ -342,12 +316,11 @@ def _rings_of(model: ObjectModel) -> Iterator[Floats]:
                 yield from polygon.holes
 
 
-def _contact(scene: _Scene, rng: np.random.Generator, name: str) -> Contact:
+def _contact(placed: Placed, setting: Setting, rng: np.random.Generator, name: str) -> Contact:
     """One approach, carried out and mismeasured."""
-    setting = scene.setting
     radius = setting.radius_mm if rng.random() < 0.9 else float(rng.choice(RADII_MM))
     height = float(rng.choice(_HEIGHTS_MM.get(setting.family, (10.0,))))
-    shape = scene.placed.shape_at(height)
+    shape = placed.shape_at(height)
     if shape.is_empty:
         start, heading, reach = np.array([_RING_MM, 0.0]), np.array([-1.0, 0.0]), _REACH_MM
     else:
@@ -368,7 +341,6 @@ def _contact(scene: _Scene, rng: np.random.Generator, name: str) -> Contact:
         half = math.radians(setting.normals_deg)
         shift = float(rng.choice([-1, 1])) * half if setting.at_bound else float(rng.uniform(-half, half))
         middle = true_normal(shape, centre, heading, radius, rng) + shift
-        half = min(half + scene.opened_rad, math.pi)
         normal = NormalRange(middle - half, middle + half)
     begin, end = start + start_error, centre + end_error
     return Contact(
