@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.recognizer.arrays import Floats, Ints
 from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
-from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet, edge_set
+from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet, outline_set, pairing_set
 from palpate.recognizer.model import ObjectModel, State
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
@@ -56,15 +56,24 @@ class Catalogue:
         self.facet_error_mm = facet_error_mm
         self.flat_edges = flat_edges
         self._edges: dict[Finger, EdgeSet] = {}
+        self._outlines: dict[Finger, EdgeSet] = {}
+        self._outline_strips: dict[Finger, StripForest] = {}
         self._pairs: dict[tuple[Finger, Finger], PairTable] = {}
         self._strips: dict[Finger, StripForest] = {}
         self._pockets: dict[tuple[Finger, float, float], Pockets] = {}
 
     def edges(self, finger: Finger) -> EdgeSet:
-        """The grown edges that `finger` can meet."""
+        """The edges that a contact of `finger` may be paired with."""
         if finger not in self._edges:
-            self._edges[finger] = edge_set(self.states, finger, self.facet_error_mm)
+            outlines = self.outlines(finger)
+            self._edges[finger] = pairing_set(self.states, finger, self.facet_error_mm, outlines)
         return self._edges[finger]
+
+    def outlines(self, finger: Finger) -> EdgeSet:
+        """The grown outlines that stop `finger` on its way: the edges, but for objects with a tolerance."""
+        if finger not in self._outlines:
+            self._outlines[finger] = outline_set(self.states, finger, self.facet_error_mm)
+        return self._outlines[finger]
 
     def pairs(self, first: Finger, second: Finger) -> PairTable:
         """Pairs of an edge for `first` and one for `second`, by relative normal and distance."""
@@ -79,6 +88,15 @@ class Catalogue:
             edges = self.edges(finger)
             self._strips[finger] = strip_forest(edges, edges.count > self.flat_edges)
         return self._strips[finger]
+
+    def outline_strips(self, finger: Finger) -> StripForest:
+        """Strip trees over the outlines, for states with more than `flat_edges`."""
+        if self.outlines(finger) is self.edges(finger):
+            return self.strips(finger)
+        if finger not in self._outline_strips:
+            outlines = self.outlines(finger)
+            self._outline_strips[finger] = strip_forest(outlines, outlines.count > self.flat_edges)
+        return self._outline_strips[finger]
 
     def pockets(self, finger: Finger, allowance_mm: float, travel_mm: float) -> Pockets:
         """Conservative angle pockets of all edges that `finger` can meet (memo §2.2.2).

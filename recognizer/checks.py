@@ -16,7 +16,7 @@ from palpate.recognizer.model import ObjectModel, Polygon, Section
 
 __all__ = ["check_model"]
 
-_SMALLEST_MM2 = 1e-9
+_SMALLEST_MM2, _THINNEST_MM = 1e-9, 2e-7
 
 
 def check_model(item: ObjectModel) -> None:
@@ -56,7 +56,7 @@ def _check_polygon(polygon: Polygon, place: str) -> None:
     shape = shapely.Polygon(polygon.outer, polygon.holes)
     if not shape.is_valid:
         raise InputError(f"{place}: an outline is no simple polygon: {shapely.is_valid_reason(shape)}")
-    if shape.area < _SMALLEST_MM2:
+    if shape.area < max(_SMALLEST_MM2, _THINNEST_MM * shape.length):
         raise InputError(f"{place}: an outline encloses no area")
 
 

@@ -6,7 +6,7 @@ test is a range look-up. Part of the catalogue's work, done once for each kind o
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -16,11 +16,12 @@ from scipy.spatial import cKDTree
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.coarse import coarsened
 from palpate.recognizer.contact import Finger
+from palpate.recognizer.displaced import touchable_edges
 from palpate.recognizer.grown import GrownSection, grow
 from palpate.recognizer.model import Section, State
 from palpate.recognizer.segments import cross
 
-__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "edge_set"]
+__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "outline_set", "pairing_set"]
 
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
@@ -229,9 +230,42 @@ class _Part:
     slack_along: Floats
 
 
-def edge_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:
-    """Grow every state at the finger's height by its radius; arcs bulge by at most `facet_error_mm`."""
-    parts = [_state_edges(state, finger, facet_error_mm) for state in states]
+_NONE, _NOWHERE = np.empty(0), np.empty((0, 2))
+_NOTHING = _Part(
+    GrownSection(_NOWHERE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE, np.empty(0, np.int64)),
+    _NONE,
+    _NONE,
+    _NONE,
+)
+
+
+def outline_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:
+    """Grow every state at the finger's height by its radius: outlines that stop a finger on its way.
+
+    Arcs bulge by at most `facet_error_mm`. An object with a tolerance δ is grown by r − δ only: its true
+    outline is between 0 and 2δ outside of that.
+    """
+    return _joined(states, [_outline(state, finger, facet_error_mm) for state in states])
+
+
+def pairing_set(
+    states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float, outlines: EdgeSet
+) -> EdgeSet:
+    """Edges that a contact of the finger may be paired with: the `outlines` if no state has a tolerance."""
+    if not any(state.tolerance_mm > 0 for state in states):
+        return outlines
+    return _joined(
+        states,
+        [
+            _touchable(state, finger, facet_error_mm)
+            if state.tolerance_mm > 0
+            else _outline(state, finger, facet_error_mm)
+            for state in states
+        ],
+    )
+
+
+def _joined(states: Sequence[CatalogueState], parts: Sequence[_Part]) -> EdgeSet:
     first = np.cumsum([0] + [len(part.slack_in) for part in parts])
     start, end, direction, length, span, feature = (
         np.concatenate([getattr(part.edges, name) for part in parts])
@@ -253,7 +287,7 @@ def edge_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: f
         slack_out=slack_out,
         slack_along=slack_along,
         normal_rad=np.arctan2(normal[:, 1], normal[:, 0]) % (2 * np.pi),
-        span=span + 1e-9,
+        span=np.minimum(span + 1e-9, np.pi),
         feature=feature,
         representative=np.concatenate(
             [
@@ -265,58 +299,51 @@ def edge_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: f
     )
 
 
-def _state_edges(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    """Grown edges of one state at the finger's height, sorted by normal; none where nothing is that high."""
-    height = finger.height_mm
-    at_height = [s for s in item.state.sections if s.z_lo_mm <= height <= s.z_hi_mm]
-    if not at_height:
-        none, nowhere = np.empty(0), np.empty((0, 2))
-        nothing = np.empty(0, np.int64)
-        return _Part(
-            GrownSection(nowhere, nowhere, nowhere, none, none, none, none, nothing), none, none, none
-        )
-    # Where two sections meet, the finger meets whichever stands out.
-    polygons = tuple(polygon for section in at_height for polygon in section.polygons)
-    radius = max(0.0, finger.tip_radius_mm - item.tolerance_mm)
-    section = Section(height, height, polygons)
-    grown = coarsened(grow(section, radius, facet_error_mm), MOST_EDGES)
-    order = np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
-    grown = grown.select(order).moved(-item.origin_mm)
-    return _with_slack(grown, item, finger.tip_radius_mm, radius, section)
-
-
-def _with_slack(
-    grown: GrownSection, item: CatalogueState, tip_radius_mm: float, radius_mm: float, section: Section
-) -> _Part:
-    """Edges with the slack that the object's tolerance δ and coarsening give them.
-
-    A finger that touches the true outline is no nearer to the modelled one than r − δ and no further from
-    what it touches than r + δ. So outlines are grown by r − δ only, and the rest is slack on the outer side:
-    a slot that the model is a little too narrow for is then open. With vertices off by δ, an edge of length
-    L tilts by up to asin(2δ/L): that turns the normal, and moves the centre along by r times as much. At a
-    blunt concave corner the true edge may go on past the modelled corner, by √(δr) at most.
-    """
-    delta = item.tolerance_mm
-    tilt = _tilt(section, delta)[np.where(grown.feature < 0, -1 - grown.feature, grown.feature)]
-    along = 2 * delta + tip_radius_mm * tilt + math.sqrt(delta * tip_radius_mm)
+def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
+    section = _section_at(item, finger.height_mm)
+    if section is None:
+        return _NOTHING
+    delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
+    grown = _by_normal(coarsened(grow(section, radius, facet_error_mm), MOST_EDGES)).moved(-item.origin_mm)
     return _Part(
-        edges=replace(grown, span=np.minimum(grown.span + tilt, np.pi)),
-        slack_in=item.rounding_mm + grown.dent + max(0.0, delta - tip_radius_mm),
-        slack_out=item.rounding_mm + grown.bulge + tip_radius_mm + delta - radius_mm,
-        slack_along=item.rounding_mm + grown.dent + along,
+        edges=grown,
+        slack_in=item.rounding_mm + grown.dent + max(0.0, delta - finger.tip_radius_mm),
+        slack_out=item.rounding_mm + grown.bulge + finger.tip_radius_mm + delta - radius,
+        slack_along=item.rounding_mm + grown.dent + 2 * delta,
     )
 
 
-def _tilt(section: Section, tolerance_mm: float) -> Floats:
-    """Largest tilt (m,) rad of the edges at and after each vertex, counted as in `GrownSection.feature`."""
-    parts = []
-    for polygon in section.polygons:
-        for ring in (polygon.outer, *polygon.holes):
-            length = np.hypot(*(np.roll(ring, -1, axis=0) - ring).T)
-            ratio = 2 * tolerance_mm / np.maximum(length, 1e-12)
-            tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
-            parts.append(np.maximum(tilt, np.roll(tilt, 1)))
-    return np.concatenate(parts)
+def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
+    section = _section_at(item, finger.height_mm)
+    if section is None:
+        return _NOTHING
+    found = touchable_edges(section, finger.tip_radius_mm, item.tolerance_mm, facet_error_mm)
+    found = found.select(_normal_order(found.edges))
+    return _Part(
+        edges=found.edges.moved(-item.origin_mm),
+        slack_in=item.rounding_mm + found.inward,
+        slack_out=item.rounding_mm + found.outward,
+        slack_along=item.rounding_mm + found.along,
+    )
+
+
+def _section_at(item: CatalogueState, height_mm: float) -> Section | None:
+    """The cross section at a height, None where nothing is that high.
+
+    Where two sections meet, the finger meets whichever stands out.
+    """
+    at_height = [s for s in item.state.sections if s.z_lo_mm <= height_mm <= s.z_hi_mm]
+    if not at_height:
+        return None
+    return Section(height_mm, height_mm, tuple(polygon for s in at_height for polygon in s.polygons))
+
+
+def _by_normal(grown: GrownSection) -> GrownSection:
+    return grown.select(_normal_order(grown))
+
+
+def _normal_order(grown: GrownSection) -> Ints:
+    return np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
 
 
 def _representative(part: GrownSection, order: int) -> Bools:

@@ -14,11 +14,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import shapely
 
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.recognizer.model import Section
 from palpate.recognizer.outline_arcs import facet_turn, with_exact_arcs
 
-__all__ = ["GrownSection", "grow"]
+__all__ = ["GrownSection", "Ring", "grow", "oriented_rings"]
 
 _MERGE_MM = 1e-7  # union vertices nearer than this are one
 _ON_ARC_MM = 1e-9
@@ -45,8 +45,8 @@ class GrownSection:
     span: Floats
     feature: Ints
 
-    def select(self, rows: Ints) -> "GrownSection":
-        """The edges `rows` (m,), in that order."""
+    def select(self, rows: Ints | Bools) -> "GrownSection":
+        """The edges `rows` (indices, in that order, or a mask)."""
         return GrownSection(*(getattr(self, item.name)[rows] for item in fields(self)))
 
     def moved(self, by_mm: Floats) -> "GrownSection":
@@ -77,7 +77,7 @@ def grow(section: Section, radius_mm: float, facet_error_mm: float) -> GrownSect
 
 
 @dataclass(frozen=True, eq=False)
-class _Ring:
+class Ring:
     """A ring with the solid on its left; `edge` and `vertex` are the numbers that the section gave them."""
 
     points: Floats
@@ -89,7 +89,7 @@ class _Ring:
 class _Sources:
     """The section's own edges and vertices; `vertex_at` (n, 2) holds vertex k of the section at row k."""
 
-    rings: tuple[_Ring, ...]
+    rings: tuple[Ring, ...]
     vertex_at: Floats
 
     def features_of(self, outline: Floats, radius_mm: float) -> Ints:
@@ -124,6 +124,11 @@ def _nearest_edge(source: Floats, leg: Floats, point: Floats) -> Ints:
     return nearest
 
 
+def oriented_rings(section: Section) -> tuple[Ring, ...]:
+    """The section's rings with the solid on their left, numbered as in `GrownSection.feature`."""
+    return _sources(section).rings
+
+
 def _sources(section: Section) -> _Sources:
     rings, vertices = [], []
     first = 0
@@ -135,7 +140,7 @@ def _sources(section: Section) -> _Sources:
     return _Sources(tuple(rings), np.vstack(vertices))
 
 
-def _ring(points: Floats, first: int, *, ccw: bool) -> _Ring:
+def _ring(points: Floats, first: int, *, ccw: bool) -> Ring:
     number = np.arange(len(points))
     following = np.roll(points, -1, axis=0)
     distinct = np.linalg.norm(following - points, axis=1) > _MERGE_MM
@@ -144,10 +149,10 @@ def _ring(points: Floats, first: int, *, ccw: bool) -> _Ring:
     area = float(np.sum(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]))
     if (area > 0) != ccw:
         points, edge, vertex = points[::-1], np.roll(edge[::-1], -1), vertex[::-1]
-    return _Ring(points, first + edge, first + vertex)
+    return Ring(points, first + edge, first + vertex)
 
 
-def _skirt(source: _Ring, radius_mm: float, turn_rad: float) -> list[shapely.Polygon]:
+def _skirt(source: Ring, radius_mm: float, turn_rad: float) -> list[shapely.Polygon]:
     """What growing adds along a ring: a rectangle on each edge and a fan at each convex vertex."""
     ring = source.points
     following = np.roll(ring, -1, axis=0)

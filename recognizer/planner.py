@@ -238,7 +238,7 @@ class _Felt:
 
 def _felt(catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approach: Approach) -> _Felt:
     """Predict an approach for poses without extent."""
-    edges = catalogue.edges(approach.finger)
+    edges = catalogue.outlines(approach.finger)
     travel, normal = np.full(len(poses), np.inf), np.zeros(len(poses))
     margin = np.full(len(poses), -np.inf)
     point = np.asarray(approach.start_mm) - anchor_mm

@@ -121,7 +121,8 @@ def _chosen_states(catalogue: Catalogue, object_name: str | None) -> Bools:
 def _orientation_sets(catalogue: Catalogue, contact: Contact) -> list[_Arcs]:
     """What the approach, and the normal if there is one, leave of θ for each edge (memo §2.2.2)."""
     edges = catalogue.edges(contact.finger)
-    sets = [_from_approach(edges, contact)]
+    # Edges that overlap, as those of objects with a tolerance do, have no pockets.
+    sets = [_from_approach(edges, contact)] if edges is catalogue.outlines(contact.finger) else []
     if contact.normal is not None:
         lo = contact.normal.lo_rad - edges.normal_rad - edges.span
         width = contact.normal.hi_rad - contact.normal.lo_rad + 2 * edges.span

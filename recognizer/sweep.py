@@ -62,7 +62,7 @@ def sweep(
     shape = (len(cells), len(approaches))
     earliest, latest = np.full(shape, np.inf), np.full(shape, np.inf)
     for finger in dict.fromkeys(approach.finger for approach in approaches):
-        edges = catalogue.edges(finger)
+        edges = catalogue.outlines(finger)
         columns = [k for k, approach in enumerate(approaches) if approach.finger == finger]
         start, heading = _in_object_frame(cells, anchor_mm, [approaches[k] for k in columns])
         bound = np.array([approaches[k].position_bound_mm for k in columns])
@@ -84,7 +84,7 @@ def sweep(
             wanted = np.flatnonzero(~skipped[row, column])
             rays, row, column = rays.select(wanted), row[wanted], column[wanted]
         if len(row):
-            earliest[row, column], latest[row, column] = _stops(edges, catalogue.strips(finger), rays)
+            earliest[row, column], latest[row, column] = _stops(edges, catalogue.outline_strips(finger), rays)
     return StopInterval(earliest, latest)
 
 

@@ -184,6 +184,8 @@ def _by_pocket(catalogue: Catalogue, nodes: Interpretations, level: int, contact
     """
     if contact.normal is not None or not len(nodes):
         return nodes
+    if catalogue.edges(contact.finger) is not catalogue.outlines(contact.finger):
+        return nodes  # edges that overlap have no pockets; the exact test of the path sees to it
     pockets = catalogue.pockets(
         contact.finger, max(contact.position_bound_mm, contact.free_path_bound_mm), contact.travel_mm
     )
