@@ -34,9 +34,7 @@ def meet(boxes: Boxes, i: int, j: int) -> bool:
         return False
     if np.any(boxes.lo[i] > boxes.hi[j]) or np.any(boxes.lo[j] > boxes.hi[i]):
         return False
-    apart = boxes.middle[i] - boxes.middle[j]
-    turn = boxes.turn[i]
-    nearest = min(abs(apart + k * turn) for k in range(-200, 201))
+    nearest = abs(math.remainder(boxes.middle[i] - boxes.middle[j], boxes.turn[i]))
     return bool(nearest <= boxes.half_width[i] + boxes.half_width[j])
 
 
