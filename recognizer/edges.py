@@ -30,7 +30,8 @@ NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
 MOST_EDGES = 2000  # of one state; finer outlines are coarsened, at the price of a stated slack
-_ON_HULL_MM = 1e-7
+_ON_LINE_MM = 1e-7  # a vertex no further out than this is on the edge's line
+_CONES_AT_ONCE = 200_000
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
 
 
@@ -173,14 +174,19 @@ class EdgeSet:
         return result
 
     @cached_property
-    def on_hull(self) -> Bools:
-        """Which edges lie on their state's convex hull, (n,): no vertex is beyond their lines."""
-        result = np.zeros(len(self.state), dtype=bool)
+    def open_cone(self) -> tuple[Floats, Floats]:
+        """How far to the left and to the right of each edge's normal nothing is in the way, (n,) rad each.
+
+        A straight path that comes to any point of the edge from within this cone meets no other edge. At most
+        a quarter turn to either side; negative where something stands right before the edge.
+        """
+        left, right = np.empty(len(self.state)), np.empty(len(self.state))
         for begin, end in pairwise(self.first):
-            normal, start = self.normal[begin:end], self.start[begin:end]
-            beyond = normal @ start.T - np.sum(normal * start, axis=1)[:, None]
-            result[begin:end] = beyond.max(axis=1, initial=-np.inf) <= _ON_HULL_MM
-        return result
+            size = max(1, _CONES_AT_ONCE // max(int(end - begin), 1))
+            for row in range(int(begin), int(end), size):
+                rows = slice(row, min(row + size, int(end)))
+                left[rows], right[rows] = _open_cones(self, rows, slice(int(begin), int(end)))
+        return left, right
 
     @cached_property
     def state_reach_mm(self) -> Floats:
@@ -237,6 +243,28 @@ _NOTHING = _Part(
     _NONE,
     _NONE,
 )
+
+
+def _open_cones(edges: EdgeSet, rows: slice, block: slice) -> tuple[Floats, Floats]:
+    """Open cones of the edges `rows`, with the edges `block` of their state in the way.
+
+    What is between the left limit's ray from the edge's one end and the right limit's from its other end must
+    hold no vertex, and no edge may run across it: then it crosses the normal from the middle as well.
+    """
+    normal, along, half = edges.normal[rows, None], edges.direction[rows, None], edges.half_length[rows, None]
+    rel = edges.start[block] - edges.centre[rows, None]
+    out, aside = np.sum(rel * normal, axis=2), np.sum(rel * along, axis=2)
+    beyond = out > _ON_LINE_MM
+    # Seen along the outward normal, left is where the edge goes on to.
+    seen_left = np.where(beyond & (aside >= 0), np.arctan2(aside - half, out), np.pi / 2)
+    seen_right = np.where(beyond & (aside < 0), np.arctan2(-aside - half, out), np.pi / 2)
+    to = edges.end[block] - edges.centre[rows, None]
+    out_to, aside_to = np.sum(to * normal, axis=2), np.sum(to * along, axis=2)
+    across = (aside < 0) != (aside_to < 0)
+    gap = np.where(across, aside_to - aside, 1.0)
+    wall = np.any(across & (out - aside * (out_to - out) / gap > _ON_LINE_MM), axis=1)
+    left, right = (np.where(wall, -1.0, seen.min(axis=1)) for seen in (seen_left, seen_right))
+    return left, right
 
 
 def outline_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:

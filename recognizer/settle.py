@@ -50,12 +50,10 @@ class Question:
         skipped = ignored(self.nodes, cells.node, self.evidence)
         if skipped is None:
             skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
-        paired = self.nodes.edges[cells.node]
         columns = [column for column, contact in enumerate(self.evidence) if contact.touched]
-        for level, column in enumerate(columns):
-            skipped[:, column] |= clear_of_outline(
-                self.catalogue, cells, paired[:, level], self.evidence[column]
-            )
+        skipped[:, columns] |= clear_of_outline(
+            self.catalogue, cells, self.anchor_mm, self.nodes.edges[cells.node], self.touched
+        )
         return unblocked(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
 
 

@@ -115,20 +115,47 @@ def unblocked(
     return result
 
 
-def clear_of_outline(catalogue: Catalogue, cells: Cells, edge: Ints, contact: Contact) -> Bools:
-    """Cells (k,) in which the path of a contact on `edge` (k,) runs outside of the convex hull all along.
+def clear_of_outline(
+    catalogue: Catalogue, cells: Cells, anchor_mm: Floats, paired: Ints, contacts: Sequence[Contact]
+) -> Bools:
+    """Cells in which paths of contacts on their edges, `paired` (k, m), are outside of the outline: (k, m).
 
-    It does on an edge of the hull, if it comes from the edge's outer side whatever the orientation: then the
-    path is never deeper in the outline than its end may be, and `unblocked` would keep the cell.
+    A path is, if it comes from within its edge's open cone whatever the orientation, and does not end beyond
+    an end of the edge at which the outline may rise again. Then it is never deeper in the outline than its
+    end may be, and `unblocked` would keep the cell.
     """
-    if contact.free_path_bound_mm < contact.position_bound_mm:
-        return np.zeros(len(cells), dtype=bool)
-    edges = catalogue.edges(contact.finger)
-    if not len(edges.state):  # nothing is that high: the contact is spurious in all cells
-        return np.zeros(len(cells), dtype=bool)
-    off = contact.direction_rad + np.pi - edges.normal_rad[edge] - cells.middle
-    facing = (cells.half_width < np.pi / 2) & (np.cos(off) >= np.sin(cells.half_width))
-    result: Bools = edges.on_hull[edge] & facing & (edge >= 0)
+    clear = np.zeros(paired.shape, dtype=bool)
+    for finger in dict.fromkeys(contact.finger for contact in contacts):
+        edges = catalogue.edges(finger)
+        columns = [
+            column
+            for column, contact in enumerate(contacts)
+            if contact.finger == finger and contact.free_path_bound_mm >= contact.position_bound_mm
+        ]
+        if columns and len(edges.state) and edges is catalogue.outlines(finger):
+            some = [contacts[column] for column in columns]
+            clear[:, columns] = _clear(edges, cells, anchor_mm, paired[:, columns], some)
+    return clear
+
+
+def _clear(edges: EdgeSet, cells: Cells, anchor_mm: Floats, edge: Ints, contacts: Sequence[Contact]) -> Bools:
+    middle, half_width = cells.middle[:, None], cells.half_width[:, None]
+    against = np.array([contact.direction_rad + np.pi for contact in contacts])
+    off = against - edges.normal_rad[edge] - middle
+    off -= 2 * np.pi * np.rint(off / (2 * np.pi))
+    left, right = edges.open_cone[0][edge], edges.open_cone[1][edge]
+    within = (edge >= 0) & (off + half_width <= left) & (half_width - off <= right)
+    # Seen from the edge's middle: how far along it the contact lies, give or take the cell's extent.
+    x, y = (np.array([contact.end_mm for contact in contacts]) - anchor_mm).T
+    cos, sin = np.cos(middle), np.sin(middle)
+    rel = cells.centre[:, None] + edges.centre[edge]
+    along = edges.direction[edge]
+    aside = (cos * x + sin * y - rel[..., 0]) * along[..., 0] + (cos * y - sin * x - rel[..., 1]) * along[
+        ..., 1
+    ]
+    room = edges.half_length[edge] - half_width * np.hypot(x, y) - cells.radius[:, None]
+    ends = ((aside <= room) | (left >= np.pi / 2)) & ((-aside <= room) | (right >= np.pi / 2))
+    result: Bools = within & ends
     return result
 
 
