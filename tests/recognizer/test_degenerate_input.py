@@ -9,10 +9,16 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, ou
 
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Verdict, recognise
-from palpate.recognizer.model import ObjectModel
+from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 
 FINGER = Finger(5.0, 10.0)
-SQUARE = flat("square", [(-20, -20), (20, -20), (20, 20), (-20, 20)])
+SQUARE_RING = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
+SQUARE = flat("square", SQUARE_RING)
+
+
+def sections(name: str, *polygons: Polygon, z_hi: float = 20.0) -> ObjectModel:
+    """An object with one section of several polygons."""
+    return ObjectModel(name, (State("flat", (Section(0.0, z_hi, polygons),)),))
 
 
 def touching(name: str, start: tuple[float, float], end: tuple[float, float], bound: float = 0.3) -> Contact:
@@ -164,3 +170,278 @@ def test_contacts_that_are_no_numbers_are_refused(value: float) -> None:
         NormalRange(value, 0.0)
     with pytest.raises(InputError, match="counter-clockwise"):
         NormalRange(1.0, 0.0)
+
+
+SHORT_OF_POINTS = [[], [(0, 0)], [(0, 0), (10, 0)], [(1, 1)] * 4, [(0, 0), (10, 0), (0, 0), (10, 0)]]
+WITHOUT_AREA = [
+    [(0, 0), (10, 0), (20, 0)],
+    [(0, 0), (1e-7, 0), (0, 1e-7)],
+    [(-20, -20), (20, 20), (20, -20), (-20, 20)],
+]
+
+
+@pytest.mark.parametrize("points", [*SHORT_OF_POINTS, *WITHOUT_AREA])
+def test_outlines_that_enclose_nothing_are_refused_by_name(points: list[tuple[float, float]]) -> None:
+    with pytest.raises(InputError, match="object odd"):
+        Catalogue([SQUARE, flat("odd", np.array(points, dtype=float).reshape(-1, 2))])
+
+
+@pytest.mark.parametrize("points", [*SHORT_OF_POINTS, WITHOUT_AREA[0], WITHOUT_AREA[2]])
+def test_holes_that_enclose_nothing_are_refused_by_name(points: list[tuple[float, float]]) -> None:
+    hole = np.array(points, dtype=float).reshape(-1, 2) / 2
+    with pytest.raises(InputError, match="object odd"):
+        Catalogue([sections("odd", Polygon(SQUARE_RING, (hole,)))])
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+def test_a_hole_too_small_for_anything_changes_nothing(radius: float) -> None:
+    model = sections("pierced", Polygon(SQUARE_RING, (np.array(WITHOUT_AREA[1]),)))
+    placed = Placed(model, 3.0, 4.0, 0.5)
+    contacts = grip(placed, np.random.default_rng(70), fingers=4, radius=radius)
+    assert holding_truth(recognise(Catalogue([model]), contacts), placed) is not None
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 1e300])
+def test_outlines_that_are_no_numbers_are_refused_by_name(value: float) -> None:
+    for at in range(3):
+        ring = np.array([(-20.0, -20.0), (20.0, -20.0), (0.0, 20.0)])
+        ring[at, at % 2] = value
+        with pytest.raises(InputError, match="object odd"):
+            Catalogue([flat("odd", ring)])
+
+
+@pytest.mark.parametrize(
+    "hole",
+    [
+        [(50, 50), (60, 50), (60, 60)],
+        [(10, 10), (60, 10), (60, 12)],
+        [(-20, -20), (20, -20), (20, 20), (-20, 20)],
+        [(-20, -20), (0, -20), (0, 0), (-20, 0)],
+    ],
+    ids=["outside", "across", "all of it", "along its edges"],
+)
+def test_holes_that_are_none_are_refused_by_name(hole: list[tuple[float, float]]) -> None:
+    with pytest.raises(InputError, match="object odd"):
+        Catalogue([sections("odd", Polygon(SQUARE_RING, (np.array(hole, dtype=float),)))])
+
+
+def test_models_without_states_sections_or_polygons_are_refused_by_name() -> None:
+    for model in (
+        ObjectModel("odd", ()),
+        ObjectModel("odd", (State("flat", ()),)),
+        ObjectModel("odd", (State("flat", (Section(0.0, 20.0, ()),)),)),
+        sections("odd", Polygon(SQUARE_RING), z_hi=math.nan),
+        sections("odd", Polygon(SQUARE_RING), z_hi=-1.0),
+    ):
+        with pytest.raises(InputError, match="object odd"):
+            Catalogue([SQUARE, model])
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -0.1])
+def test_bounds_that_are_none_are_refused(value: float) -> None:
+    with pytest.raises(InputError, match="object square"):
+        Catalogue([replace(SQUARE, tolerance_mm=value)])
+    with pytest.raises(InputError, match="radius"):
+        Finger(value, 10.0)
+    contact = touching("a", (-100.0, 0.0), (-25.0, 0.0))
+    with pytest.raises(InputError, match="contact of a"):
+        replace(contact, position_bound_mm=value)
+    with pytest.raises(InputError, match="contact of a"):
+        replace(contact, path_bound_mm=value)
+    with pytest.raises(InputError, match="facet error"):
+        Catalogue([SQUARE], facet_error_mm=value)
+    if value != -0.1:
+        with pytest.raises(InputError, match="height"):
+            Finger(5.0, value)
+
+
+def test_a_facet_error_of_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match="facet error"):
+        Catalogue([SQUARE], facet_error_mm=0.0)
+
+
+@pytest.mark.parametrize("value", [1.1e4, 1e9, 1e300, -1e308])
+def test_huge_coordinates_are_refused(value: float) -> None:
+    with pytest.raises(InputError, match="contact of a"):
+        touching("a", (value, 0.0), (0.0, 0.0))
+    with pytest.raises(InputError, match="contact of a"):
+        touching("a", (0.0, 0.0), (0.0, value))
+    with pytest.raises(InputError, match="contact of a"):
+        touching("a", (-100.0, 0.0), (0.0, 0.0), abs(value))
+    with pytest.raises(InputError, match="radius"):
+        Finger(abs(value), 10.0)
+
+
+def test_far_from_the_origin_the_truth_is_kept() -> None:
+    """Everything moved to where coordinates may just be: the answer is the same, moved."""
+    rng = np.random.default_rng(71)
+    for corner in ((9800.0, 9800.0), (-9800.0, 9800.0)):
+        placed = Placed(SQUARE, 3.0, -4.0, 0.7)
+        contacts = grip(placed, rng, fingers=4)
+        near = recognise(Catalogue([SQUARE]), contacts)
+        moved = [
+            replace(
+                contact,
+                start_mm=(contact.start_mm[0] + corner[0], contact.start_mm[1] + corner[1]),
+                end_mm=(contact.end_mm[0] + corner[0], contact.end_mm[1] + corner[1]),
+            )
+            for contact in contacts
+        ]
+        far = recognise(Catalogue([SQUARE]), moved)
+        there = Placed(SQUARE, placed.x + corner[0], placed.y + corner[1], placed.theta)
+        assert holding_truth(far, there) is not None
+        assert len(far.hypotheses) == len(near.hypotheses)
+        shift = (*corner, 0.0)
+        np.testing.assert_allclose(far.hypotheses.lo, near.hypotheses.lo + shift, atol=1e-6)
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+@pytest.mark.parametrize("theta", [0.0, math.pi / 4])
+def test_edges_without_length(radius: float, theta: float) -> None:
+    ring = [*[(-20, -20)] * 3, (20, -20), (20, -20 + 1e-8), (20, 20), (20 - 1e-9, 20), (-20, 20)]
+    model = flat("doubled", ring)
+    placed = Placed(model, 3.0, 4.0, theta)
+    contacts = grip(placed, np.random.default_rng(72), fingers=4, radius=radius, bound=0.0)
+    assert holding_truth(recognise(Catalogue([model]), contacts), placed) is not None
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+@pytest.mark.parametrize("width", [1e-2, 1e-4, 1e-6, 1e-12])
+def test_needles(radius: float, width: float) -> None:
+    """A needle is found along its side, or refused where it is thinner than anything."""
+    model = flat("needle", [(0, 0), (80, 0), (80, width)])
+    if width < 1e-9:
+        with pytest.raises(InputError, match="object needle"):
+            Catalogue([model])
+        return
+    catalogue = Catalogue([model, SQUARE])
+    placed = Placed(model, -40.0, 0.0, 0.0)
+    finger = Finger(radius, 10.0)
+    contacts = [Contact(f"f{x}", finger, True, (x, -100.0), (x, -radius), 0.1) for x in (-20.0, 5.0, 30.0)]
+    assert holding_truth(recognise(catalogue, contacts), placed) is not None
+
+
+HALVES = (
+    Polygon(np.array([(-20.0, -20.0), (0.0, -20.0), (0.0, 20.0), (-20.0, 20.0)])),
+    Polygon(np.array([(0.0, -20.0), (20.0, -20.0), (20.0, 20.0), (0.0, 20.0)])),
+)
+SECTIONS = {
+    "side by side": HALVES,
+    "side by side, shifted": (
+        HALVES[0],
+        Polygon(np.array([(0.0, -12.0), (20.0, -12.0), (20.0, 28.0), (0.0, 28.0)])),
+    ),
+    "corner to corner": (
+        Polygon(np.array([(-20.0, -20.0), (0.0, -20.0), (0.0, 0.0), (-20.0, 0.0)])),
+        Polygon(np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)])),
+    ),
+    "overlapping": (
+        Polygon(np.array([(-20.0, -20.0), (5.0, -20.0), (5.0, 20.0), (-20.0, 20.0)])),
+        Polygon(np.array([(-5.0, -18.0), (20.0, -18.0), (20.0, 22.0), (-5.0, 22.0)])),
+    ),
+    "crossing": (
+        Polygon(np.array([(-20.0, -5.0), (20.0, -5.0), (20.0, 5.0), (-20.0, 5.0)])),
+        Polygon(np.array([(-5.0, -20.0), (5.0, -20.0), (5.0, 20.0), (-5.0, 20.0)])),
+    ),
+    "one in the other": (
+        Polygon(np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])),
+        Polygon(np.array([(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)])),
+    ),
+}
+
+
+@pytest.mark.parametrize("radius", [0.0, 5.0])
+@pytest.mark.parametrize("which", SECTIONS)
+def test_sections_of_polygons_that_touch_or_overlap(which: str, radius: float) -> None:
+    rng = np.random.default_rng(73)
+    model = sections(which, *SECTIONS[which])
+    catalogue = Catalogue([model, flat("plate", [(-25, -15), (25, -15), (25, 15)])])
+    for trial in range(4):
+        placed = place(model, rng)
+        contacts = grip(placed, rng, fingers=4, radius=radius, bound=0.1 * trial, at_bound=bool(trial % 2))
+        assert any(contact.touched for contact in contacts)
+        assert holding_truth(recognise(catalogue, contacts), placed) is not None
+
+
+def test_normal_ranges_without_width() -> None:
+    """Exact normals of a square that lies straight are enough; one that points nowhere leaves nothing."""
+    contacts = [
+        replace(touching("a", (-100.0, 3.0), (-25.0, 3.0)), normal=NormalRange(math.pi, math.pi)),
+        replace(touching("b", (100.0, -4.0), (25.0, -4.0)), normal=NormalRange(0.0, 0.0)),
+        replace(touching("c", (2.0, -100.0), (2.0, -25.0)), normal=NormalRange(1.5 * math.pi, 1.5 * math.pi)),
+    ]
+    catalogue = Catalogue([SQUARE])
+    found = recognise(catalogue, contacts)
+    assert holding_truth(found, Placed(SQUARE, 0.0, 0.0, 0.0)) is not None
+    assert found.hypotheses[0].bounds.orientation_half_rad < 1e-6
+    tilted = replace(contacts[1], normal=NormalRange(0.2, 0.2))
+    assert recognise(catalogue, [contacts[0], tilted, contacts[2]]).verdict is Verdict.NONE
+
+
+def test_a_bound_as_large_as_the_object() -> None:
+    contacts = [
+        touching("a", (-100.0, 3.0), (-25.0, 3.0), 40.0),
+        touching("b", (100.0, -4.0), (25.0, -4.0), 40.0),
+        touching("c", (2.0, -100.0), (2.0, -25.0), 40.0),
+    ]
+    for count in (1, 2, 3):
+        found = recognise(Catalogue([SQUARE]), contacts[:count])
+        assert holding_truth(found, Placed(SQUARE, 0.0, 0.0, 0.0)) is not None
+
+
+def test_a_tolerance_as_large_as_the_object() -> None:
+    contacts = [
+        touching("a", (-100.0, 3.0), (-25.0, 3.0)),
+        touching("b", (100.0, -4.0), (25.0, -4.0)),
+        touching("c", (2.0, -100.0), (2.0, -25.0)),
+    ]
+    found = recognise(Catalogue([replace(SQUARE, tolerance_mm=40.0)]), contacts)
+    assert holding_truth(found, Placed(SQUARE, 0.0, 0.0, 0.0)) is not None
+
+
+@pytest.mark.parametrize("count", [12, 40])
+@pytest.mark.parametrize("half_range", [math.radians(10), None])
+def test_contacts_by_the_dozen(count: int, half_range: float | None) -> None:
+    rng = np.random.default_rng(count)
+    models = [*outlines(SHIPPED_OBJECTS), SQUARE]
+    catalogue = Catalogue(models)
+    for model in (models[3], SQUARE):
+        placed = place(model, rng)
+        contacts = grip(placed, rng, fingers=count, half_range=half_range)
+        found = recognise(catalogue, contacts)
+        assert holding_truth(found, placed) is not None
+        assert found.contacts == tuple(contacts)
+
+
+def test_a_path_that_starts_inside_the_object() -> None:
+    """A finger cannot have come out of the solid: that leaves no configuration in which it does."""
+    contacts = [touching("b", (100.0, -4.0), (25.0, -4.0)), touching("c", (2.0, -100.0), (2.0, -25.0))]
+    known = recognise(Catalogue([SQUARE]), [*contacts, touching("a", (-100.0, 3.0), (-25.0, 3.0))])
+    assert known.verdict is not Verdict.NONE
+    inside = recognise(Catalogue([SQUARE]), [*contacts, touching("a", (0.0, 3.0), (-25.0, 3.0))])
+    truth = Placed(SQUARE, 0.0, 0.0, 0.0)
+    assert holding_truth(inside, truth) is None
+    miss = Contact("m", FINGER, False, (0.0, 0.0), (1.0, 0.0), 0.3)
+    assert holding_truth(known.extend([miss]), truth) is None
+
+
+def test_paths_without_length() -> None:
+    truth, catalogue = Placed(SQUARE, 0.0, 0.0, 0.0), Catalogue([SQUARE])
+    contacts = [
+        touching("a", (-25.0, 3.0), (-25.0, 3.0)),
+        touching("b", (25.0, -4.0), (25.0, -4.0)),
+        touching("c", (2.0, -25.0), (2.0, -25.0)),
+    ]
+    beside = Contact("m", FINGER, False, (40.0, 0.0), (40.0, 0.0), 0.3)
+    for bound in (0.0, 0.3):
+        given = [replace(contact, position_bound_mm=bound) for contact in contacts]
+        assert holding_truth(recognise(catalogue, [*given, beside]), truth) is not None
+
+
+def test_the_same_name_and_the_same_object_twice() -> None:
+    """Names are labels: two contacts of one name count as two, two models of one name as two."""
+    one = touching("f", (-100.0, 0.0), (-25.0, 0.0))
+    two = touching("f", (100.0, 1.0), (25.0, 1.0))
+    found = recognise(Catalogue([SQUARE, SQUARE]), [one, two])
+    assert len(found.contacts) == 2
+    assert {item.state_index for item in found.hypotheses} == {0, 1}
