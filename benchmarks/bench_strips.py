@@ -103,9 +103,8 @@ def main() -> None:
     options = parser.parse_args()
     count = options.grips
     print(f"position bound {BOUND_MM} mm, tip radius 0")
-    print(
-        "edges  contacts  normals   lists: first     then   strips: first     then  lists/strips  same  truth"
-    )
+    print("                              lists              strips       lists/")
+    print("edges  contacts  normals    first      then    first      then  strips  same  truth")
     for edges in options.edges:
         model = wavy(edges)
         for fingers, degrees in ((3, 15), (5, 15), (4, None)):
