@@ -94,10 +94,12 @@ def _connected_by_order(boxes: Boxes) -> Ints:
     everything = np.arange(count)
     links = [_links(boxes, everything, at + 1, np.minimum(after, _FIRST_NEIGHBOURS), box)]
     label = _components(links[0][0], links[0][1], count)
+    # One box of the largest component of each state: assignment keeps the last, and these come sorted by size.
     size = np.bincount(label)[label]
     largest = np.zeros(int(boxes.state.max()) + 1, dtype=np.int64)
-    np.maximum.at(largest, boxes.state, size)
-    outside = np.flatnonzero((size < largest[boxes.state]) & (before + after > 0))
+    by_size = np.argsort(size, kind="stable")
+    largest[boxes.state[by_size]] = by_size
+    outside = np.flatnonzero((label != label[largest[boxes.state]]) & (before + after > 0))
     if not len(outside) or int(after.max()) <= _FIRST_NEIGHBOURS:
         return label
     around = before + after + 1
