@@ -3,8 +3,8 @@
 Between the interpretation tree and its edges. With both contacts in the object's frame, their difference
 q_b − q_a = R(−θ) D must lie in the Minkowski difference of the two edges' error rectangles, an octagon whose
 sides are parallel to the edges and to their normals. D only turns with θ, so each pair of opposite sides says
-lo ≤ d cos(θ − φ) ≤ hi. This is the same set as the 32 triples of half-planes in `arcs.PAIR_TRIPLES`, for an
-eighth of the work.
+lo ≤ d cos(θ − φ) ≤ hi. This is the set that 32 triples of half-planes allow, for an eighth of
+the work.
 """
 
 import numpy as np

@@ -149,7 +149,7 @@ class EdgeSet:
 
     @cached_property
     def sides(self) -> Floats:
-        """Directions (n, 4, 2) of the half-planes of a contact on each edge: −n, n, −t, t (`arcs`)."""
+        """Directions (n, 4, 2) of the half-planes of a contact on each edge: −n, n, −t, t (`half_planes`)."""
         return np.stack([-self.normal, self.normal, -self.direction, self.direction], axis=1)
 
     @cached_property

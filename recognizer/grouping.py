@@ -94,7 +94,7 @@ def _connected_by_order(boxes: Boxes) -> Ints:
     everything = np.arange(count)
     links = [_links(boxes, everything, at + 1, np.minimum(after, _FIRST_NEIGHBOURS), box)]
     label = _components(links[0][0], links[0][1], count)
-    # One box of the largest component of each state: assignment keeps the last, and these come sorted by size.
+    # A box of each state's largest component: assignment keeps the last, and these come sorted by size.
     size = np.bincount(label)[label]
     largest = np.zeros(int(boxes.state.max()) + 1, dtype=np.int64)
     by_size = np.argsort(size, kind="stable")

@@ -2,7 +2,7 @@
 
 From interpretations to certified bounds, weights and witnesses, and to the planner. A cell is an interval of
 orientations and a convex polygon of positions that together contain every feasible configuration in that
-interval: each half-plane of `arcs` is relaxed to its largest value over the interval, and the polygon is
+interval: each of the `half_planes` is relaxed to its largest value over the interval, and the polygon is
 clipped by them. The union of an interpretation's cells contains the truth whenever the errors are in bounds.
 """
 
@@ -13,11 +13,11 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arcs import all_half_planes
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.half_planes import all_half_planes
 from palpate.recognizer.tree import Interpretations
 from palpate.recognizer.triple import triple_hull
 from palpate.recognizer.waves import largest

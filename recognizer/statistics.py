@@ -12,9 +12,9 @@ from itertools import combinations
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.recognizer.arcs import PAIR_TRIPLES, TRIPLE_TRIPLES, all_half_planes, arc_hull, triple_arcs
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.pockets import conservative_pockets
@@ -22,6 +22,7 @@ from palpate.recognizer.region import build_cells, stepped
 from palpate.recognizer.segments import distance_range
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.triple import triple_hull
 
 __all__ = ["MemoCounts", "MemoLevel", "memo_counts"]
 
@@ -240,11 +241,16 @@ def _narrowed(
     catalogue: Catalogue, nodes: Interpretations, owner: Ints, touched: list[Contact], anchor_mm: Floats
 ) -> tuple[Interpretations, Ints]:
     """Orientations that the closed-form test leaves for every two and every three contacts."""
-    for size, triples in ((2, PAIR_TRIPLES), (3, TRIPLE_TRIPLES)):
+    for size in (2, 3):
         for group in combinations(range(len(touched)), size):
             some = [touched[k] for k in group]
-            g, coefficients = all_half_planes(catalogue, nodes.edges[:, group], some, anchor_mm)
-            lo, hi = arc_hull(nodes.lo, nodes.hi, triple_arcs(g, coefficients, triples))
+            if size == 2:
+                one, two = (catalogue.edges(contact.finger) for contact in some)
+                a, b = (nodes.edges[:, k] for k in group)
+                lo, hi = chord_hull(one, a, some[0], two, b, some[1], nodes.lo, nodes.hi)
+            else:
+                paired = nodes.edges[:, group]
+                lo, hi = triple_hull(catalogue, paired, some, anchor_mm, nodes.lo, nodes.hi)
             left = np.flatnonzero(lo <= hi)
             nodes = Interpretations(nodes.state[left], nodes.edges[left], lo[left], hi[left])
             owner = owner[left]

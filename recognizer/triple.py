@@ -1,9 +1,9 @@
 """The model test for three contacts, in closed form: orientations that no two of them rule out, but all do.
 
 Between the interpretation tree and its edges. Each contact holds the position s between two lines along each
-of two directions u: its edge's normal and the edge itself (`arcs`). One direction of each of three contacts
-has, up to scale, one relation Σ w u = 0. By Farkas' lemma the three half-planes on the sides that the signs
-of w say, and the three on the opposite sides, have a common point iff
+of two directions u: its edge's normal and the edge itself (`half_planes`). One direction of each of three
+contacts has, up to scale, one relation Σ w u = 0. By Farkas' lemma the three half-planes on the sides that
+the signs of w say, and the three on the opposite sides, have a common point iff
 
     −Σ |w| c ≤ Σ w (A cos θ + B sin θ) ≤ Σ |w| c'
 
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arcs import half_planes
 from palpate.recognizer.arrays import Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.half_planes import half_planes
 from palpate.recognizer.segments import cross
 from palpate.recognizer.waves import within_waves
 

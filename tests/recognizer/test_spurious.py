@@ -12,7 +12,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines
 
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, Verdict, recognise
-from palpate.recognizer.arcs import half_planes
+from palpate.recognizer.half_planes import half_planes
 
 KINDS = ("moved", "normal", "on the way")
 

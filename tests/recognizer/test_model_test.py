@@ -9,16 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
+from triples import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, triple_arcs
 
-from palpate.recognizer.arcs import (
-    PAIR_TRIPLES,
-    TRIPLE_TRIPLES,
-    arc_hull,
-    half_planes,
-    largest,
-    triple_arcs,
-)
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.chord import chord_hull
+from palpate.recognizer.half_planes import half_planes
+from palpate.recognizer.triple import triple_hull
+from palpate.recognizer.waves import largest
 
 ANGLE = st.floats(-math.pi, math.pi)
 COEFFICIENT = st.floats(-5, 5).map(lambda value: round(value, 3))
@@ -68,7 +65,17 @@ def test_triples_agree_with_linear_programming(fingers: int) -> None:
             for group in itertools.combinations(range(len(contacts)), size):
                 g = np.concatenate([planes[k][0] for k in group], axis=1)
                 coefficients = np.concatenate([planes[k][1] for k in group], axis=1)
-                allowed &= bool(np.all(triple_arcs(g, coefficients, triples)[0] @ wave >= 0))
+                arcs = triple_arcs(g, coefficients, triples)[0] @ wave
+                allowed &= bool(np.all(arcs >= 0))
+                if np.min(np.abs(arcs)) > 1e-6:
+                    at = np.array([theta])
+                    paired = [pick[k : k + 1] for k in group]
+                    some = [contacts[k] for k in group]
+                    if size == 2:
+                        lo, hi = chord_hull(edges, paired[0], some[0], edges, paired[1], some[1], at, at)
+                    else:
+                        lo, hi = triple_hull(catalogue, np.column_stack(paired), some, anchor, at, at)
+                    assert bool(lo[0] <= hi[0]) == bool(np.all(arcs >= 0))
         if abs(short) > 1e-6:
             assert allowed == (short < 0)
         feasible += short < 0
@@ -99,9 +106,46 @@ def test_hull_of_one_condition_is_tight(lo: float, width: float, condition: tupl
             assert value >= -1e-6
 
 
-@given(ANGLE, st.floats(0, 2 * math.pi), st.tuples(*[COEFFICIENT] * 3))
+@given(ANGLE, st.floats(0, 2 * math.pi), st.tuples(*[COEFFICIENT] * 2))
 def test_largest_is_the_maximum(lo: float, width: float, wave: tuple) -> None:
-    found = float(largest(np.array(wave), np.array(lo), np.array(lo + width)))
+    a, b = wave
+    found = float(largest(np.array(a), np.array(b), np.array(lo), np.array(lo + width)))
     theta = np.linspace(lo, lo + width, 4001)
-    sampled = float(np.max(wave[0] + wave[1] * np.cos(theta) + wave[2] * np.sin(theta)))
-    assert sampled - 1e-9 <= found <= sampled + 1e-4
+    sampled = float(np.max(a * np.cos(theta) + b * np.sin(theta)))
+    assert found >= sampled - 1e-9
+    if width < math.pi:  # over half a turn and more the amplitude stands for it
+        assert found <= sampled + 1e-4
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_eight_waves_are_the_triples_of_three_contacts(seed: int) -> None:
+    """Eight two-sided conditions leave no more than the arcs taken one by one, and lose nothing."""
+    rng = np.random.default_rng(seed)
+    catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
+    placed = place(outlines(SHIPPED_OBJECTS)[seed], rng)
+    contacts = [
+        c for c in grip(placed, rng, bound=0.5, half_range=None, radius=5.0 * (seed % 2)) if c.touched
+    ]
+    assert len(contacts) == 3
+    edges, anchor = catalogue.edges(contacts[0].finger), np.zeros(2)
+    paired = rng.integers(edges.first[seed], edges.first[seed + 1], (3000, 3))
+    lo = rng.uniform(-7, 7, 3000)
+    hi = lo + 2 * math.pi * rng.uniform(size=3000) ** 3
+    first, last = triple_hull(catalogue, paired, contacts, anchor, lo, hi)
+    planes = [half_planes(edges, paired[:, k], contact, anchor) for k, contact in enumerate(contacts)]
+    g = np.concatenate([plane[0] for plane in planes], axis=1)
+    coefficients = np.concatenate([plane[1] for plane in planes], axis=1)
+    conditions = triple_arcs(g, coefficients, TRIPLE_TRIPLES)
+    begin, end = arc_hull(lo, hi, conditions)
+    left = np.flatnonzero(first <= last)
+    assert len(left) > 10
+    assert np.all(first[left] >= begin[left] - 1e-9)
+    assert np.all(last[left] <= end[left] + 1e-9)
+    # At samples where every triple allows θ, it is in the hull.
+    theta = lo[:, None] + (hi - lo)[:, None] * np.linspace(0, 1, 41)
+    waves = np.stack([np.ones_like(theta), np.cos(theta), np.sin(theta)], axis=2)
+    allowed = np.all(np.einsum("ntj,nsj->nst", conditions, waves) >= 1e-8, axis=2)
+    rows, columns = np.nonzero(allowed)
+    assert len(rows) > 100
+    assert np.all(first[rows] <= theta[rows, columns] + 1e-9)
+    assert np.all(last[rows] >= theta[rows, columns] - 1e-9)
