@@ -144,8 +144,8 @@ def test_eight_waves_are_the_triples_of_three_contacts(seed: int) -> None:
     # At samples where every triple allows θ, it is in the hull.
     theta = lo[:, None] + (hi - lo)[:, None] * np.linspace(0, 1, 41)
     waves = np.stack([np.ones_like(theta), np.cos(theta), np.sin(theta)], axis=2)
-    allowed = np.all(np.einsum("ntj,nsj->nst", conditions, waves) >= 1e-8, axis=2)
+    allowed = np.all(np.einsum("ntj,nsj->nst", conditions, waves) >= 0, axis=2)
     rows, columns = np.nonzero(allowed)
     assert len(rows) > 100
-    assert np.all(first[rows] <= theta[rows, columns] + 1e-9)
-    assert np.all(last[rows] >= theta[rows, columns] - 1e-9)
+    assert np.all(first[rows] <= theta[rows, columns] + 1e-6)
+    assert np.all(last[rows] >= theta[rows, columns] - 1e-6)
