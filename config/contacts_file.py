@@ -45,6 +45,10 @@ class ContactEntry(FileModel):
     height: Length = Field(description="Height of the contact above the support plane, mm.")
     tip_radius: Length = Field(description="Radius of the cylindrical tip, mm; 0 is the point finger.")
     position_bound: Length = Field(description="The true tip centre is within this distance, mm.")
+    friction: Length | None = Field(
+        default=None,
+        description="Largest coefficient, if friction alone brought the finger to rest.",
+    )
     path_bound: Length | None = Field(
         default=None,
         description="The same along the way there, mm: more where a tip may be dented unfelt; "

@@ -24,8 +24,10 @@ __all__ = [
     "IdentificationVerdict",
     "InterpretationOut",
     "LevelOut",
+    "MemoOut",
     "RecognitionOut",
     "RecognitionVerdict",
+    "SlideOut",
     "StatisticsOut",
     "StepOut",
     "TruthOut",
@@ -103,6 +105,13 @@ class InterpretationOut(_Out):
     features: tuple[str | None, ...]
 
 
+class SlideOut(_Out):
+    """A one-parameter family: the position may move along `direction` by `extent` (lo, hi), rad and mm."""
+
+    direction: Rounded
+    extent: tuple[Rounded, Rounded]
+
+
 class HypothesisOut(_Out):
     """An object in a state and a region of configurations that agree with every contact.
 
@@ -118,6 +127,7 @@ class HypothesisOut(_Out):
     symmetry_order: int
     interpretations: tuple[InterpretationOut, ...]
     spurious: tuple[str, ...] = ()
+    slide: SlideOut | None = None
 
 
 class LevelOut(_Out):
@@ -129,12 +139,20 @@ class LevelOut(_Out):
     after_angle: int
 
 
+class MemoOut(_Out):
+    """Columns 1, 2, 2D, 2A, 3, 3D, 3A, … M of the memo's Table I; 1, 2, 2A, 2D, … M of Table II."""
+
+    distance_first: tuple[int, ...]
+    angle_first: tuple[int, ...]
+
+
 class StatisticsOut(_Out):
-    """What the search did."""
+    """What the search did; `memo` is what the memo's own algorithm would have had to do."""
 
     levels: tuple[LevelOut, ...]
     model_tests: int
     seconds: Rounded
+    memo: MemoOut | None = None
 
 
 class FeltOut(_Out):

@@ -115,6 +115,9 @@ def recognize(
         str | None,
         typer.Option("--why", metavar="OBJECT[/STATE]", help="Also say why this object was ruled out."),
     ] = None,
+    statistics: Annotated[
+        bool, typer.Option("--statistics", help="Also count interpretations as the memo's tables do.")
+    ] = False,
 ) -> None:
     """Say which objects, states and configurations agree with a file of contacts."""
     from palpate.rig.command_recognize import run_recognize
@@ -127,6 +130,7 @@ def recognize(
             picture=picture,
             max_spurious=max_spurious,
             asked=why,
+            statistics=statistics,
         )
     )
 

@@ -10,6 +10,7 @@ from palpate.config import load_contacts, load_objects
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Hypothesis, Recognition, Verdict, recognise
 from palpate.recognizer.explain import Why, why
+from palpate.recognizer.statistics import MemoCounts, memo_counts
 from palpate.rig.convert import grips_of, models_of
 from palpate.rig.explained import (
     Explanation,
@@ -37,10 +38,12 @@ def run_recognize(
     picture: Path | None,
     max_spurious: int = 0,
     asked: str | None = None,
+    statistics: bool = False,
 ) -> int:
     """Recognise, explain, print, draw; returns the exit code (1 if there is not one answer).
 
-    `asked` names an object, or "object/state", of which to say whether and why it was ruled out.
+    `asked` names an object, or "object/state", of which to say whether and why it was ruled out. `statistics`
+    asks for the counts of the memo's tables.
     """
     catalogue = Catalogue(models_of(load_objects(objects)))
     felt = Felt(grips_of(load_contacts(contacts)))
@@ -50,10 +53,11 @@ def run_recognize(
     seconds = time.perf_counter() - begin
     explanation = explain(catalogue, felt, max_spurious) if recognition.verdict is Verdict.NONE else None
     because = None if named is None else why(catalogue, felt.contacts, *named)
+    memo = memo_counts(catalogue, felt.contacts) if statistics else None
     if picture is not None:
         write_text(picture, recognition_picture(recognition, f"{contacts.name} in {objects.name}"))
     if json:
-        result = recognition_out(recognition, seconds)
+        result = recognition_out(recognition, seconds, memo)
         more = {
             "explanation": explanation and explanation_out(explanation, felt),
             "why": because and why_out(because, felt),
@@ -62,7 +66,26 @@ def run_recognize(
     else:
         _print(recognition, seconds, felt, explanation)
         _print_why(because, felt)
+        for line in () if memo is None else _memo_lines(memo):
+            typer.echo(line)
     return 0 if recognition.verdict is Verdict.UNIQUE else 1
+
+
+def _memo_lines(memo: MemoCounts) -> list[str]:
+    """The memo's Tables I and II for this search, a column for each test at each level."""
+    depth = len(memo.levels) + 2
+    lines = ["Interpretations left (the memo's Tables I and II):"]
+    for order, tests, counts in (
+        ("distance first", "DA", memo.distance_first),
+        ("angle first", "AD", memo.angle_first),
+    ):
+        names = ["1", *(f"{level}{test}" for level in range(2, depth) for test in ("", *tests)), "M"]
+        wide = [max(len(name), len(f"{count:,}")) for name, count in zip(names, counts, strict=True)]
+        lines.append(
+            f"  {order:<15}" + "  ".join(f"{name:>{w}}" for name, w in zip(names, wide, strict=True))
+        )
+        lines.append(" " * 17 + "  ".join(f"{count:>{w},}" for count, w in zip(counts, wide, strict=True)))
+    return lines
 
 
 def _print(recognition: Recognition, seconds: float, felt: Felt, explanation: Explanation | None) -> None:
@@ -94,10 +117,14 @@ def hypothesis_line(item: Hypothesis) -> str:
     """A hypothesis in one line: name, state, weight, configuration with the half-widths of its bounds."""
     at, bounds = item.configuration, item.bounds
     unsure = "" if item.verified else "  (no witness found)"
+    slides = ""
+    if item.slide is not None:
+        lo, hi = item.slide.extent_mm
+        slides = f"  slides {hi - lo:.1f} mm along {math.degrees(item.slide.direction_rad):.0f}°"
     return (
         f"{item.state.object_name}, {item.state.state.name}  {100 * item.weight:5.1f} %  "
         f"x {at.x_mm:.2f} ± {_half(bounds.x_mm):.2f} mm  y {at.y_mm:.2f} ± {_half(bounds.y_mm):.2f} mm  "
-        f"θ {math.degrees(at.theta_rad):.2f} ± {math.degrees(_half(bounds.theta_rad)):.2f}°{unsure}"
+        f"θ {math.degrees(at.theta_rad):.2f} ± {math.degrees(_half(bounds.theta_rad)):.2f}°{slides}{unsure}"
     )
 
 

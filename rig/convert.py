@@ -54,6 +54,7 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
                     position_bound_mm=entry.position_bound,
                     path_bound_mm=entry.path_bound,
                     normal=None if entry.normal is None else NormalRange(*entry.normal),
+                    friction=entry.friction,
                 )
             )
         grips.append(contacts)

@@ -15,13 +15,16 @@ from palpate.config.results import (
     IdentificationVerdict,
     InterpretationOut,
     LevelOut,
+    MemoOut,
     RecognitionOut,
     RecognitionVerdict,
+    SlideOut,
     StatisticsOut,
     TruthOut,
 )
 from palpate.recognizer import Bounds, Configuration, Contact, Hypothesis, Recognition, State
 from palpate.recognizer.arrays import Floats
+from palpate.recognizer.statistics import MemoCounts
 from palpate.rig import picture
 from palpate.rig.identify import Identification
 from palpate.rig.scene import Placement, rings_of
@@ -37,7 +40,9 @@ __all__ = [
 ]
 
 
-def recognition_out(recognition: Recognition, seconds: float) -> RecognitionOut:
+def recognition_out(
+    recognition: Recognition, seconds: float, memo: MemoCounts | None = None
+) -> RecognitionOut:
     """The recognition as `palpate/recognition@1`; `seconds` is what it took."""
     return RecognitionOut(
         verdict=RecognitionVerdict(recognition.verdict.value),
@@ -54,6 +59,7 @@ def recognition_out(recognition: Recognition, seconds: float) -> RecognitionOut:
             ),
             model_tests=sum(level.after_distance for level in recognition.levels[1:]),
             seconds=seconds,
+            memo=memo and MemoOut(distance_first=memo.distance_first, angle_first=memo.angle_first),
         ),
     )
 
@@ -183,6 +189,7 @@ def hypothesis_out(item: Hypothesis) -> HypothesisOut:
             for row in item.features
         ),
         spurious=item.spurious,
+        slide=item.slide and SlideOut(direction=item.slide.direction_rad, extent=item.slide.extent_mm),
     )
 
 

@@ -170,3 +170,19 @@ def test_why_of_something_unknown(ask: Ask, name: str, said: str) -> None:
     assert ended.out == ""
     assert ended.err.count("\n") == 1
     assert said in ended.err
+
+
+def test_statistics_are_the_memos_tables(ask: Ask) -> None:
+    rng = np.random.default_rng(12)
+    contacts = touching(place(outlines(SHIPPED_OBJECTS)[2], rng), rng, 3)
+    memo = ask([contacts], "--statistics", "--json").json["statistics"]["memo"]
+    first, last = memo["distance_first"], memo["angle_first"]
+    assert len(first) == len(last) == 8
+    # What passes both tests, its children and what passes the model test are the same in either order.
+    assert [first[k] for k in (0, 1, 3, 4, 6, 7)] == [last[k] for k in (0, 1, 3, 4, 6, 7)]
+    assert first[1] >= first[2] >= first[3] >= 1
+    assert first[7] >= 1
+    said = ask([contacts], "--statistics").out
+    assert "distance first" in said
+    assert f"{first[1]:,}" in said
+    assert ask([contacts], "--json").json["statistics"]["memo"] is None
