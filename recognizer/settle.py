@@ -23,6 +23,7 @@ from palpate.recognizer.waves import largest
 __all__ = ["Question", "Regions", "position_boxes", "settled", "witnessed_cells"]
 
 _REFINEMENTS, _PARTS, _MOST_REFINED = 2, 4, 2048
+_LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
 _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
@@ -237,15 +238,16 @@ def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, elig
         none = np.empty(0, np.int64)
         return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool), none)
     middle = turned.middle
-    mean = np.add.reduceat(share * middle, begin) / np.add.reduceat(share, begin)
-    off = np.abs(middle - mean[label])
+    spot = _turned(np.where(found.holds[:, None], found.spot, found.cells.centre), branch.angle)
+    place = np.column_stack([middle * _LEVER_MM, _turned(turned.centre, middle)])
+    mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
+    tried = np.column_stack([middle * _LEVER_MM, _turned(spot, middle)])
+    off = np.sum(np.abs(tried - mean[label]), axis=1)
     # Any cell that holds comes before all that do not; of those the largest comes first.
     rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
     chosen = _best(np.where(eligible > 0, rank, -1.0), first, label)
     verified = found.holds[chosen]
-    spot = _turned(found.spot[chosen], branch.angle[chosen])
-    position = np.where(verified[:, None], spot, turned.centre[chosen])
-    return Regions(turned, first, middle[chosen], position, verified, found.cells.node[chosen])
+    return Regions(turned, first, middle[chosen], spot[chosen], verified, found.cells.node[chosen])
 
 
 def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:
