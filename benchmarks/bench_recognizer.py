@@ -3,29 +3,40 @@
 Touches are simulated by shapely with seeded noise inside the declared bounds. One row for each catalogue,
 number of contacts and width of the normal range: median and 90th percentile of the time for one call, median
 number of hypotheses, share of hypotheses with a verified configuration, and the share of time in each stage.
+A second table says how time and memory grow with the catalogue: 250 to 1,000 outlines of 66 edges, point
+fingers. A third one says what more contacts cost.
 """
 
 import argparse
 import cProfile
 import math
 import pstats
+import resource
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS, grip, holding_truth, outlines, place
+from shapely_bench import (
+    SHARED_OUTLINES,
+    SHIPPED_OBJECTS,
+    Placed,
+    flat,
+    grip,
+    holding_truth,
+    outlines,
+    place,
+)
 
-from palpate.recognizer import Catalogue, Contact, recognise
+from palpate.recognizer import Catalogue, Contact, NormalRange, ObjectModel, recognise
 
-STAGES = {
-    "tree": ("first_level", "next_level"),
-    "regions": ("build_cells",),
-    "hypotheses": ("hypotheses_of",),
-}
+STAGES = {"tree": ("grown",), "cells": ("probed",), "paths": ("unblocked",)}
+NARROW = math.radians(15)
 
 
 def scenes(
@@ -44,7 +55,7 @@ def scenes(
 
 
 def stage_shares(catalogue: Catalogue, grips: Sequence[list[Contact]]) -> str:
-    """Share of the time of `recognise` that each stage takes; the rest is free paths."""
+    """Share of the time of `recognise` that each stage takes."""
     profile = cProfile.Profile()
     profile.enable()
     for contacts in grips:
@@ -56,7 +67,7 @@ def stage_shares(catalogue: Catalogue, grips: Sequence[list[Contact]]) -> str:
             spent[name] += cumulative
     whole = spent["recognise"] or 1.0
     shares = {stage: sum(spent[name] for name in names) / whole for stage, names in STAGES.items()}
-    shares["paths"] = max(0.0, 1.0 - sum(shares.values()))
+    shares["rest"] = max(0.0, 1.0 - sum(shares.values()))
     return " ".join(f"{stage} {share:3.0%}" for stage, share in shares.items())
 
 
@@ -72,7 +83,7 @@ def main() -> None:
             print(f"{label}: skipped, its file is not beside the repository")
             continue
         catalogue = Catalogue(outlines(path))
-        for fingers, degrees in ((2, 10), (3, 10), (3, None), (4, 10), (6, 10)):
+        for fingers, degrees in ((2, 15), (3, 15), (3, None), (4, 15), (6, 15)):
             half_range = None if degrees is None else math.radians(degrees)
             seconds, left, verified, kept = [], [], [], 0
             chosen = scenes(path, fingers, half_range, count)
@@ -87,11 +98,90 @@ def main() -> None:
             normals = "unknown" if degrees is None else f"±{degrees}°"
             stages = stage_shares(catalogue, [contacts for _, contacts in chosen[:4]])
             print(
-                f"{label:<10} {fingers:>8}  {normals:<7} {1e3 * np.median(seconds):>7.0f} ms "
+                f"{label:<10} {fingers:>8}  {normals:<7} {1e3 * np.median(seconds):>7.1f} ms "
                 f"{1e3 * np.percentile(seconds, 90):>5.0f} ms  {np.median(left):>10.0f}  "
                 f"{np.mean(verified):>8.1%}  {kept}/{count}  {stages}",
                 flush=True,
             )
+    growth_with_the_catalogue(count)
+    growth_with_the_contacts(count)
+
+
+def jagged(rng: np.random.Generator, name: str) -> ObjectModel:
+    """An outline of 66 edges of about 4 mm, no two alike: a wavy round with a rough edge."""
+    angle = np.sort(rng.uniform(0, 2 * np.pi, 66))
+    while np.min(np.diff(np.append(angle, angle[0] + 2 * np.pi))) < 0.01:
+        angle = np.sort(rng.uniform(0, 2 * np.pi, 66))
+    wave = sum(rng.normal(0, 0.12 / k) * np.cos(k * angle + rng.uniform(0, 6.28)) for k in range(1, 6))
+    radius = 40 * (1 + wave) * (1 + rng.uniform(-0.06, 0.06, 66))
+    return flat(name, np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
+
+
+def point_grip(placed: Placed, rng: np.random.Generator, fingers: int = 3) -> list[Contact]:
+    """A grip of point fingers, with the normal of the edge nearest to each contact as its range's middle."""
+    ring = np.asarray(shapely.geometry.polygon.orient(placed.shape).exterior.coords)
+    leg = np.diff(ring, axis=0)
+    felt = []
+    for contact in grip(placed, rng, fingers=fingers, radius=0.0, bound=0.3, half_range=None):
+        rel = np.asarray(contact.end_mm) - ring[:-1]
+        part = np.clip(np.sum(rel * leg, axis=1) / np.sum(leg * leg, axis=1), 0, 1)
+        x, y = leg[np.argmin(np.hypot(*(rel - part[:, None] * leg).T))]
+        normal = math.atan2(-x, y) + rng.uniform(-NARROW, NARROW)
+        felt.append(replace(contact, normal=NormalRange(normal - NARROW, normal + NARROW)))
+    return felt
+
+
+def growth_with_the_catalogue(count: int) -> None:
+    """Outlines of 66 edges, r = 0, ε = 0.3 mm, ±15°, three contacts."""
+    rng = np.random.default_rng(1)
+    models = [jagged(rng, f"outline {k}") for k in range(1000)]
+    print("\noutlines of 66 edges, point fingers, three contacts, ±15°")
+    print("outlines    median     90 %   ratio  hypotheses  preparation  most memory so far")
+    before = 0.0
+    for size in (250, 500, 1000):
+        begin = time.perf_counter()
+        catalogue = Catalogue(models[:size])
+        chosen = []
+        while len(chosen) < count:
+            felt = point_grip(place(models[int(rng.integers(size))], rng), rng)
+            if all(contact.touched for contact in felt):
+                chosen.append(felt)
+        recognise(catalogue, chosen[0])
+        prepared = time.perf_counter() - begin
+        seconds, left = [], []
+        for felt in chosen:
+            begin = time.perf_counter()
+            found = recognise(catalogue, felt)
+            seconds.append(time.perf_counter() - begin)
+            left.append(len(found.hypotheses))
+        median = float(np.median(seconds))
+        ratio = f"{median / before:>5.2f}" if before else "     "
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(
+            f"{size:>8}  {1e3 * median:>5.0f} ms  {1e3 * np.percentile(seconds, 90):>4.0f} ms   {ratio}"
+            f"  {np.median(left):>10.0f}  {prepared:>9.1f} s  {memory:>9.0f} MB",
+            flush=True,
+        )
+        before = median
+
+
+def growth_with_the_contacts(count: int) -> None:
+    """Memo's six, r = 5, ±15°: what further contacts cost, all at once."""
+    catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
+    print("\nmemo's 6, tip radius 5 mm, ±15°\ncontacts    median   ratio")
+    before = 0.0
+    for fingers in (3, 6, 12):
+        chosen = scenes(SHIPPED_OBJECTS, fingers, NARROW, count)
+        recognise(catalogue, chosen[0][1])
+        seconds = []
+        for _, contacts in chosen:
+            begin = time.perf_counter()
+            recognise(catalogue, contacts)
+            seconds.append(time.perf_counter() - begin)
+        median = float(np.median(seconds))
+        ratio = f"{median / before:>5.2f}" if before else ""
+        print(f"{fingers:>8}  {1e3 * median:>5.1f} ms   {ratio}", flush=True)
+        before = median
 
 
 if __name__ == "__main__":
