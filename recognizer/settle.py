@@ -242,7 +242,7 @@ def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, elig
     place = np.column_stack([middle * _LEVER_MM, _turned(turned.centre, middle)])
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
     tried = np.column_stack([middle * _LEVER_MM, _turned(spot, middle)])
-    off = np.sum(np.abs(tried - mean[label]), axis=1)
+    off = np.linalg.norm(tried - mean[label], axis=1)
     # Any cell that holds comes before all that do not; of those the largest comes first.
     rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
     chosen = _best(np.where(eligible > 0, rank, -1.0), first, label)

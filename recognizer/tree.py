@@ -136,10 +136,12 @@ def next_level(
     candidates, after_angle, after_distance = int(children.sum()), 0, 0
     parts = []
     for rows in np.array_split(np.arange(len(nodes)), candidates // _CHILDREN_AT_ONCE + 1):
-        grown = by_angle(catalogue, nodes.select(rows), contacts[:-1], contact)
+        # Normals are looked up for a whole range of θ; the exact ranges meet for those that distances leave.
+        grown = _looked_up(catalogue, nodes.select(rows), contacts[:-1], contact)
         after_angle += len(grown)
         for level, earlier in enumerate(contacts[:-1]):
             grown = by_distance(catalogue, grown, level, earlier, contact)
+        grown = _turned_to_fit(catalogue, grown, contact)
         after_distance += len(grown)
         parts.append(_by_model(catalogue, grown, contacts, anchor_mm))
     grown = parts[0] if len(parts) == 1 else _joined(parts)
@@ -155,8 +157,12 @@ def by_angle(
     catalogue: Catalogue, nodes: Interpretations, earlier: list[Contact], contact: Contact
 ) -> Interpretations:
     """Pair `contact` with every edge whose normal it allows, under `nodes`, which pair the `earlier` ones."""
-    normals = contact.outward_normals()
+    return _turned_to_fit(catalogue, _looked_up(catalogue, nodes, earlier, contact), contact)
 
+
+def _looked_up(
+    catalogue: Catalogue, nodes: Interpretations, earlier: list[Contact], contact: Contact
+) -> Interpretations:
     def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
         fits = np.ones(len(query), dtype=bool)
         for level, other in enumerate(earlier):
@@ -168,12 +174,17 @@ def by_angle(
         return fits
 
     owner, edge = paired_edges(catalogue, nodes.state, nodes.lo, nodes.hi, contact, near)
-    paired = nodes.paired(owner, edge)
+    return nodes.paired(owner, edge)
+
+
+def _turned_to_fit(catalogue: Catalogue, paired: Interpretations, contact: Contact) -> Interpretations:
+    """Orientations at which `contact`, the last that is paired, has a normal and a path that it allows."""
+    normals = contact.outward_normals()
     if normals is None:
         return paired
-    edges = catalogue.edges(contact.finger)
+    edges, edge = catalogue.edges(contact.finger), paired.edges[:, -1]
     paired = paired.narrowed(*intersect(paired.lo, paired.hi, *orientation_range(normals, edges, edge)))
-    return _by_pocket(catalogue, paired, len(earlier), contact)
+    return _by_pocket(catalogue, paired, paired.edges.shape[1] - 1, contact)
 
 
 def _by_pocket(catalogue: Catalogue, nodes: Interpretations, level: int, contact: Contact) -> Interpretations:
