@@ -13,7 +13,8 @@ from palpate.errors import InputError
 from palpate.recognizer.arrays import Floats, Ints
 from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
-from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet, outline_set, pairing_set
+from palpate.recognizer.edge_sets import outline_set, pairing_set
+from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
 from palpate.recognizer.model import ObjectModel, State
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets

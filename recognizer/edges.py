@@ -1,27 +1,19 @@
 """Edges that one kind of finger can meet, over the whole catalogue, in flat arrays.
 
-From grown sections to the interpretation tree: edges are sorted by normal within a state, so that the angle
-test is a range look-up. Part of the catalogue's work, done once for each kind of finger.
+Between the catalogue, which fills them (`edge_sets`), and whatever reads edges. They are sorted by normal
+within a state, so that the angle test is a range look-up.
 """
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
-from palpate.recognizer.coarse import coarsened
-from palpate.recognizer.contact import Finger
-from palpate.recognizer.displaced import touchable_edges
-from palpate.recognizer.grown import GrownSection, grow
-from palpate.recognizer.model import Section, State
-from palpate.recognizer.segments import cross
+from palpate.recognizer.model import State
 
-__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "outline_set", "pairing_set"]
+__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet"]
 
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
@@ -29,7 +21,6 @@ ROUNDING_MM = 1e-6
 NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
 
-MOST_EDGES = 2000  # of one state; finer outlines are coarsened, at the price of a stated slack
 _ON_LINE_MM = 1e-7  # a vertex no further out than this is on the edge's line
 _CONES_AT_ONCE = 200_000
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
@@ -226,25 +217,6 @@ class EdgeSet:
         return owner, begin + within - np.where(within >= size, size, 0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The grown edges of one state, sorted by normal, and the slack of each (n,) mm."""
-
-    edges: GrownSection
-    slack_in: Floats
-    slack_out: Floats
-    slack_along: Floats
-
-
-_NONE, _NOWHERE = np.empty(0), np.empty((0, 2))
-_NOTHING = _Part(
-    GrownSection(_NOWHERE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE, np.empty(0, np.int64)),
-    _NONE,
-    _NONE,
-    _NONE,
-)
-
-
 def _open_cones(edges: EdgeSet, rows: slice, block: slice) -> tuple[Floats, Floats]:
     """Open cones of the edges `rows`, with the edges `block` of their state in the way.
 
@@ -265,149 +237,3 @@ def _open_cones(edges: EdgeSet, rows: slice, block: slice) -> tuple[Floats, Floa
     wall = np.any(across & (out - aside * (out_to - out) / gap > _ON_LINE_MM), axis=1)
     left, right = (np.where(wall, -1.0, seen.min(axis=1)) for seen in (seen_left, seen_right))
     return left, right
-
-
-def outline_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:
-    """Grow every state at the finger's height by its radius: outlines that stop a finger on its way.
-
-    Arcs bulge by at most `facet_error_mm`. An object with a tolerance δ is grown by r − δ only: its true
-    outline is between 0 and 2δ outside of that.
-    """
-    return _joined(states, [_outline(state, finger, facet_error_mm) for state in states])
-
-
-def pairing_set(
-    states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float, outlines: EdgeSet
-) -> EdgeSet:
-    """Edges that a contact of the finger may be paired with: the `outlines` if no state has a tolerance."""
-    if not any(state.tolerance_mm > 0 for state in states):
-        return outlines
-    return _joined(
-        states,
-        [
-            _touchable(state, finger, facet_error_mm)
-            if state.tolerance_mm > 0
-            else _outline(state, finger, facet_error_mm)
-            for state in states
-        ],
-    )
-
-
-def _joined(states: Sequence[CatalogueState], parts: Sequence[_Part]) -> EdgeSet:
-    first = np.cumsum([0] + [len(part.slack_in) for part in parts])
-    start, end, direction, length, span, feature = (
-        np.concatenate([getattr(part.edges, name) for part in parts])
-        for name in ("start", "end", "direction", "length", "span", "feature")
-    )
-    slack_in, slack_out, slack_along = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("slack_in", "slack_out", "slack_along")
-    )
-    normal = np.column_stack([direction[:, 1], -direction[:, 0]])
-    return EdgeSet(
-        state=np.repeat(np.arange(len(states)), np.diff(first)),
-        start=start,
-        end=end,
-        direction=direction,
-        normal=normal,
-        length=length,
-        slack_in=slack_in,
-        slack_out=slack_out,
-        slack_along=slack_along,
-        normal_rad=np.arctan2(normal[:, 1], normal[:, 0]) % (2 * np.pi),
-        span=np.minimum(span + 1e-9, np.pi),
-        feature=feature,
-        representative=np.concatenate(
-            [
-                _representative(part.edges, state.symmetry_order)
-                for part, state in zip(parts, states, strict=True)
-            ]
-        ),
-        first=first.astype(np.int64),
-    )
-
-
-def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    section = _section_at(item, finger.height_mm)
-    if section is None:
-        return _NOTHING
-    delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
-    grown = _by_normal(coarsened(grow(section, radius, facet_error_mm), MOST_EDGES)).moved(-item.origin_mm)
-    return _Part(
-        edges=grown,
-        slack_in=item.rounding_mm + grown.dent + max(0.0, delta - finger.tip_radius_mm),
-        slack_out=item.rounding_mm + grown.bulge + finger.tip_radius_mm + delta - radius,
-        slack_along=item.rounding_mm + grown.dent + 2 * delta,
-    )
-
-
-def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Part:
-    section = _section_at(item, finger.height_mm)
-    if section is None:
-        return _NOTHING
-    found = touchable_edges(section, finger.tip_radius_mm, item.tolerance_mm, facet_error_mm)
-    found = found.select(_normal_order(found.edges))
-    return _Part(
-        edges=found.edges.moved(-item.origin_mm),
-        slack_in=item.rounding_mm + found.inward,
-        slack_out=item.rounding_mm + found.outward,
-        slack_along=item.rounding_mm + found.along,
-    )
-
-
-def _section_at(item: CatalogueState, height_mm: float) -> Section | None:
-    """The cross section at a height, None where nothing is that high.
-
-    Where two sections meet, the finger meets whichever stands out.
-    """
-    at_height = [s for s in item.state.sections if s.z_lo_mm <= height_mm <= s.z_hi_mm]
-    if not at_height:
-        return None
-    return Section(height_mm, height_mm, tuple(polygon for s in at_height for polygon in s.polygons))
-
-
-def _by_normal(grown: GrownSection) -> GrownSection:
-    return grown.select(_normal_order(grown))
-
-
-def _normal_order(grown: GrownSection) -> Ints:
-    return np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
-
-
-def _representative(part: GrownSection, order: int) -> Bools:
-    """One edge of each orbit under the state's rotations: those whose midpoints lie in one sector.
-
-    The sector starts in the widest gap between midpoints, so that rounding cannot put two edges of an orbit
-    in it, or none. Where midpoints leave no clear gap, or edges are no exact images of one another (the
-    symmetry itself has a tolerance), every edge is kept: slower, never wrong.
-    """
-    everything = np.ones(len(part.length), dtype=bool)
-    if order == 1 or not len(part.length):
-        return everything
-    middle = part.start + part.direction * part.length[:, None] / 2
-    sector = 2 * np.pi / order
-    angle = np.arctan2(middle[:, 1], middle[:, 0]) % (2 * np.pi)
-    folded = np.sort(angle % sector)
-    gaps = np.diff(np.append(folded, folded[0] + sector))
-    widest = int(np.argmax(gaps))
-    begin = folded[widest] + gaps[widest] / 2
-    chosen: Bools = (angle - begin) % (2 * np.pi) < sector
-    clear = gaps[widest] > 1e-3 and float(np.min(np.linalg.norm(middle, axis=1))) > 1e-2
-    if not clear or np.sum(chosen) * order != len(chosen):
-        return everything
-    return chosen if _turned_onto_edges(part, chosen, order) else everything
-
-
-def _turned_onto_edges(part: GrownSection, chosen: Bools, order: int) -> bool:
-    """Whether turning the chosen edges by every multiple of 2π/order gives exactly the others."""
-    edges = np.column_stack([part.start, part.end])
-    tree = cKDTree(edges)
-    for step in range(1, order):
-        cos, sin = math.cos(2 * math.pi * step / order), math.sin(2 * math.pi * step / order)
-        turn = np.array([[cos, sin], [-sin, cos]])
-        image = np.column_stack([part.start[chosen] @ turn, part.end[chosen] @ turn])
-        away, match = tree.query(image)
-        leaning = np.abs(cross(part.direction[chosen] @ turn, part.direction[match]))
-        if float(np.max(away)) > ROUNDING_MM / 2 or float(np.max(leaning)) > 5e-10:
-            return False
-    return True

@@ -37,9 +37,7 @@ __all__ = [
     "Pockets",
     "conservative_pockets",
     "exact_pockets",
-    "friction_half_range",
     "hull_radius",
-    "narrowed",
 ]
 
 _AT_ONCE = 200_000  # pieces times vertices in one go: bounds the temporary arrays to tens of MB
@@ -114,33 +112,6 @@ def exact_pockets(
         row = np.flatnonzero(edges.state[edge] == state)
         pieces.append(Pieces(row, edge[row], foot[row], foot[row]))
     return _pockets(edges, pieces, allowance_mm, travel_mm, edge)
-
-
-def friction_half_range(coefficient: float) -> float:
-    """Half-angle (rad) of the friction cone, atan μ (memo §2.2.2)."""
-    return math.atan(coefficient)
-
-
-def narrowed(pockets: Pockets, edges: EdgeSet, coefficient: float, direction_bound_rad: float) -> Pockets:
-    """Pockets of all edges without directions in which a finger would slide along the edge.
-
-    A finger that friction alone brings to rest travels within atan μ of the inward normal. That cone is
-    widened by the turn of the normal on the edge (`span`) and by the error of the direction. `coefficient`
-    is the largest that friction may have. Row k of `pockets` must be edge k.
-    """
-    half = np.minimum(friction_half_range(coefficient) + direction_bound_rad + edges.span, np.pi)
-    row = pockets.row
-    cone_lo = (edges.normal_rad + np.pi - half)[row]
-    lo = (pockets.lo_rad - cone_lo) % (2 * np.pi)
-    hi = lo + pockets.hi_rad - pockets.lo_rad
-    # An arc that begins before the cone may still reach into it a turn later.
-    row, cone_lo, width = np.tile(row, 2), np.tile(cone_lo, 2), np.tile(2 * half[row], 2)
-    lo, hi = np.concatenate([lo, lo - 2 * np.pi]), np.concatenate([hi, hi - 2 * np.pi])
-    lo, hi = np.maximum(lo, 0.0), np.minimum(hi, width)
-    kept = lo <= hi
-    row, lo, hi = _merged(row[kept], lo[kept], hi[kept])
-    base = (edges.normal_rad + np.pi - half)[row]
-    return _by_row(len(pockets), row, base + lo, base + hi)
 
 
 def hull_radius(edges: EdgeSet) -> Floats:

@@ -445,3 +445,23 @@ def test_the_same_name_and_the_same_object_twice() -> None:
     found = recognise(Catalogue([SQUARE, SQUARE]), [one, two])
     assert len(found.contacts) == 2
     assert {item.state_index for item in found.hypotheses} == {0, 1}
+
+
+def test_friction_narrows_the_normals_to_its_cone() -> None:
+    contact = touching("a", (-100.0, 3.0), (-25.0, 3.0), 0.0)
+    held = replace(contact, friction=0.5).outward_normals()
+    assert held is not None
+    assert held.lo_rad == pytest.approx(math.pi - math.atan(0.5), abs=1e-6)
+    assert held.hi_rad == pytest.approx(math.pi + math.atan(0.5), abs=1e-6)
+    contacts = [
+        contact,
+        touching("b", (100.0, -4.0), (25.0, -4.0)),
+        touching("c", (2.0, -100.0), (2.0, -25.0)),
+    ]
+    without = recognise(Catalogue([SQUARE]), contacts)
+    found = recognise(Catalogue([SQUARE]), [replace(item, friction=0.3) for item in contacts])
+    assert holding_truth(found, Placed(SQUARE, 0.0, 0.0, 0.0)) is not None
+    assert found.cells.volume.sum() < without.cells.volume.sum()
+    for wrong in (-0.1, math.nan, math.inf):
+        with pytest.raises(InputError, match="friction"):
+            replace(contact, friction=wrong)

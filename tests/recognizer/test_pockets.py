@@ -16,12 +16,9 @@ from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.pockets import (
-    Pockets,
     conservative_pockets,
     exact_pockets,
-    friction_half_range,
     hull_radius,
-    narrowed,
 )
 
 POINT = Finger(0.0, 10.0)
@@ -353,33 +350,3 @@ def test_hull_radius_reaches_every_grown_corner() -> None:
         shape = shapely.Polygon(model.states[0].sections[0].polygons[0].outer)
         reach = shapely.hausdorff_distance(shape.convex_hull.buffer(5.0, quad_segs=200), shape.centroid)
         assert reach - 1e-3 <= radius[state] <= reach + 0.2
-
-
-def test_friction_cone() -> None:
-    assert friction_half_range(1.0) == pytest.approx(math.pi / 4)
-    edges = edges_of(ring(U))
-    pockets = narrowed(conservative_pockets(edges, 0.0), edges, 0.3, 0.05)
-    cone = math.atan(0.3) + 0.05
-    outer = np.flatnonzero(edges.feature == 0)
-    assert pockets.width_rad[outer] == pytest.approx(2 * cone, abs=1e-6)
-    middle = edges.normal_rad[outer] + math.pi
-    assert pockets.hold(
-        np.tile(outer, 3), np.append(middle, [middle - 0.95 * cone, middle + 0.95 * cone])
-    ).all()
-    assert not pockets.hold(np.tile(outer, 2), np.append(middle - 1.05 * cone, middle + 1.05 * cone)).any()
-    # The slot's walls are reached over the other wall's top, along the normal or from above.
-    wall = np.flatnonzero((edges.feature == 3) | (edges.feature == 5))
-    assert conservative_pockets(edges, 0.0).width_rad[wall].min() > 0.1
-    assert pockets.width_rad[wall] == pytest.approx([cone, cone], abs=1e-5)
-
-
-def test_a_cone_meets_an_arc_from_both_sides() -> None:
-    edges = edges_of(ring([(0, 0), (30, 0), (30, 30)]))
-    every = Pockets(np.arange(4), np.full(3, 0.3), np.full(3, 0.2 + 2 * math.pi))
-    cone = narrowed(every, edges, 0.5, 0.0)
-    rng = np.random.default_rng(5)
-    row = rng.integers(0, 3, 3000)
-    direction = rng.uniform(-math.pi, math.pi, 3000)
-    turn = (direction - edges.normal_rad[row]) % (2 * math.pi) - math.pi
-    expected = (np.abs(turn) <= math.atan(0.5)) & every.hold(row, direction)
-    assert np.array_equal(cone.hold(row, direction), expected)
