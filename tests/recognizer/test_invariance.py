@@ -90,6 +90,34 @@ def test_outlines_may_run_either_way(seed: int) -> None:
 
 
 @FEW
+@given(st.integers(0, 50), st.integers(1, 30))
+def test_edges_may_be_numbered_from_anywhere(seed: int, first: int) -> None:
+    """Other first vertices and another order of the objects: the same answer under other numbers."""
+    counts = {item.name: len(item.states[0].sections[0].polygons[0].outer) for item in models()}
+    renumbered = [
+        flat(item.name, np.roll(item.states[0].sections[0].polygons[0].outer, -first, axis=0))
+        for item in reversed(models())
+    ]
+    before, after = recognise(catalogue(), scene(seed)), recognise(Catalogue(renumbered), scene(seed))
+    assert summary(before) == summary(after)
+    others = list(after.hypotheses)
+    for one in before.hypotheses:
+        name = one.state.object_name
+        near = [item for item in others if item.state.object_name == name]
+        same = min(near, key=lambda item: abs(item.bounds.theta_rad[0] - one.bounds.theta_rad[0]))
+        assert np.allclose(one.bounds.x_mm + one.bounds.y_mm, same.bounds.x_mm + same.bounds.y_mm, atol=1e-6)
+
+        def number(feature: int | None, name: str = name) -> int | None:
+            if feature is None:
+                return None
+            at = feature if feature >= 0 else -1 - feature
+            moved_to = (at - first) % counts[name]
+            return moved_to if feature >= 0 else -1 - moved_to
+
+        assert sorted(tuple(number(k) for k in row) for row in one.features) == sorted(same.features)
+
+
+@FEW
 @given(st.integers(0, 50), st.randoms(use_true_random=False))
 def test_order_of_contacts_loses_nothing(seed: int, shuffler: object) -> None:
     rng = np.random.default_rng(seed)
