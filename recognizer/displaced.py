@@ -6,9 +6,10 @@ model, a finger may touch its floor or its corners though the nominal grown outl
 and every convex vertex is taken by itself.
 
 With vertices off by δ at most, each point of a true edge is within δ of the nominal edge, and an edge of
-length L tilts by up to asin(2δ/L). A finger of radius r that touches the edge has its centre r along the true
-normal from such a point; one that touches a vertex has it r from a point within δ of the nominal vertex,
-along a normal between those of the two true edges. Nothing else is assumed.
+length L tilts by up to asin(2δ/L). Where the true outline is a round of sagitta δ over the edge its normal is
+off by nearly twice that, so asin(4δ/L) is allowed. A finger of radius r that touches the edge has its centre r
+along the true normal from such a point; one that touches a vertex has it r from a point within δ of the
+nominal vertex, along a normal between those of the two true edges. Nothing else is assumed.
 """
 
 import math
@@ -90,7 +91,7 @@ def _sides(ring: Ring, tolerance_mm: float) -> _Sides:
     """A ring's edges; of a very fine ring, chords of its runs of edges."""
     leg = np.roll(ring.points, -1, axis=0) - ring.points
     length = np.hypot(*leg.T)
-    ratio = 2 * tolerance_mm / length
+    ratio = 4 * tolerance_mm / length
     tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
     nothing = np.zeros(len(length))
     traced = GrownSection(
