@@ -7,8 +7,8 @@ and every convex vertex is taken by itself.
 
 With vertices off by δ at most, each point of a true edge is within δ of the nominal edge, and an edge of
 length L tilts by up to asin(2δ/L). Where the true outline is a round of sagitta δ over the edge its normal is
-off by nearly twice that, so asin(4δ/L) is allowed. A finger of radius r that touches the edge has its centre r
-along the true normal from such a point; one that touches a vertex has it r from a point within δ of the
+off by nearly twice that, so asin(4δ/L) is allowed. A finger of radius r that touches the edge has its centre
+r along the true normal from such a point; one that touches a vertex has it r from a point within δ of the
 nominal vertex, along a normal between those of the two true edges. Nothing else is assumed.
 """
 
