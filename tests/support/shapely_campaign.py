@@ -146,6 +146,9 @@ def holding_cell(recognition: Recognition, placed: Placed) -> Hypothesis | None:
     return None
 
 
+_ROUNDING_MM2 = 1e-9
+
+
 def in_polygons(polygon: Floats, point: Floats) -> Bools:
     """Which convex polygons (k, v, 2), counter-clockwise and maybe flat, hold a point, give or take.
 
@@ -153,7 +156,8 @@ def in_polygons(polygon: Floats, point: Floats) -> Bools:
     """
     leg = np.roll(polygon, -1, axis=1) - polygon
     away = point - polygon
-    left = leg[..., 0] * away[..., 1] - leg[..., 1] * away[..., 0] >= 0
+    # Corners that are one but for rounding make a leg of no length, to which nothing is left or right.
+    left = leg[..., 0] * away[..., 1] - leg[..., 1] * away[..., 0] >= -_ROUNDING_MM2
     square = np.maximum(np.sum(leg * leg, axis=2), 1e-300)
     along = np.clip(np.sum(leg * away, axis=2) / square, 0.0, 1.0)
     gap = np.linalg.norm(away - along[..., None] * leg, axis=2).min(axis=1)
