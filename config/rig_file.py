@@ -116,6 +116,9 @@ class Search(FileModel):
     max_grips: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         description="Grips before giving up."
     )
+    confirming_touches: Annotated[int, Field(strict=True, ge=0, le=100)] = Field(
+        default=2, description="An answer is given once this many touches have come out as it foretold."
+    )
     goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(
         description="Orientation bounds narrower than this (±) are fine enough."

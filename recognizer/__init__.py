@@ -5,11 +5,15 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
+from palpate.recognizer.felt import Resolution
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
-from palpate.recognizer.planner import Candidate, Grip, Prediction, Resolution, plan_grip, predict, separable
+from palpate.recognizer.planner import Candidate, Grip, Reachable, plan_grip, twins
+from palpate.recognizer.poses import Goals
+from palpate.recognizer.prediction import Prediction, Predictions, predict
+from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognise import Recognition, Verdict, recognise
-from palpate.recognizer.sweep import Approach
+from palpate.recognizer.strategy import Strategy, checking_grip, next_grip, used_by
 
 __all__ = [
     "Approach",
@@ -19,20 +23,27 @@ __all__ = [
     "Configuration",
     "Contact",
     "Finger",
+    "Goals",
     "Grip",
     "Hypothesis",
     "NormalRange",
     "ObjectModel",
     "Polygon",
     "Prediction",
+    "Predictions",
+    "Reachable",
     "Recognition",
     "Resolution",
     "Section",
     "Slide",
     "State",
+    "Strategy",
     "Verdict",
+    "checking_grip",
+    "next_grip",
     "plan_grip",
     "predict",
     "recognise",
-    "separable",
+    "twins",
+    "used_by",
 ]

@@ -1,31 +1,34 @@
-"""The next approach (memo §3.2, third strategy): which reachable touches tell the hypotheses apart best.
+"""The next approach (memo §3.2, third strategy): which reachable touches tell apart what is left.
 
-From hypotheses and the approaches that the rig can reach to a grip. Every hypothesis is represented by some
-configurations of its region; for each candidate approach the stop and the surface normal are predicted for
-each of them. Two configurations that would feel alike stay confused; the grip that leaves the least expected
-confusion is chosen, finger by finger. Configurations of one hypothesis count as well, so that the same rule
-goes on to sharpen the pose when only one hypothesis is left.
+From a recognition and the approaches that the rig can reach to a grip. Every hypothesis is represented by
+some configurations of its region. Two of them need telling apart if they are of different hypotheses, or
+further apart than is fine enough; what they would feel (`felt`) says how likely each approach is to do it.
+Fingers are added one by one, as long as each takes away a good share of what would still be confused. What
+the grip then promises is not taken from these samples, but from enclosures over whole regions (`prediction`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.hypotheses import Hypothesis
+from palpate.recognizer.felt import Felt, Resolution, felt, likeness
+from palpate.recognizer.poses import Goals, pairs_to_tell_apart, sampled_poses, witness_poses
+from palpate.recognizer.prediction import Predictions, joined_predictions, predict
+from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognise import Recognition
-from palpate.recognizer.region import Cells
-from palpate.recognizer.segments import cross
-from palpate.recognizer.sweep import Approach, sweep
 
-__all__ = ["Candidate", "Grip", "Prediction", "Resolution", "plan_grip", "separable"]
+__all__ = ["Candidate", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "plan_grip", "twins"]
 
-_POSES = 160  # configurations in all; shared out among the hypotheses
-_MOST_POSES, _LEAST_POSES = 24, 4
-_OUT = 0.7  # of the way from a cell's middle to its corners
-_HOPELESS = 1e-3  # a further finger must take at least this share of confusion away
+_HOPELESS = 1e-3  # the first finger must take at least this share of confusion away
+_WORTH = 0.4  # and every further one this share of what is left
+_ENOUGH = 0.03  # where less is confused, no further finger is worth its touch
+_ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
+_SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
+_CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
+_MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,249 +39,211 @@ class Candidate:
     approach: Approach
 
 
-@dataclass(frozen=True)
-class Resolution:
-    """What the rig can feel: stops and normals that differ by less may look alike."""
+class Reachable(Protocol):
+    """All approaches of a rig, and which of them go together."""
 
-    distance_mm: float
-    normal_rad: float
+    @property
+    def candidates(self) -> Sequence[Candidate]:
+        """The approaches (n), of all fingers."""
+        ...
 
+    def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
+        """Whether candidate `one` can be carried out with each of `others` (m,), going this far at most."""
+        ...
 
-@dataclass(frozen=True)
-class Prediction:
-    """What an approach will meet under one hypothesis, over its whole region.
-
-    The travel before the stop lies in [`earliest_mm`, `latest_mm`]; `latest_mm` is infinite if it may miss,
-    `earliest_mm` is infinite if it must.
-    """
-
-    earliest_mm: float
-    latest_mm: float
+    def seconds(self, travels_mm: Floats) -> Floats:
+        """How long each candidate (n,) takes, going this far (n,)."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
 class Grip:
     """Approaches to carry out together, and what each of the hypotheses says will happen.
 
-    `predictions[a][h]` belongs to approach a and hypothesis h. `decisive`: whatever happens, at most one
-    hypothesis survives it: every two of them have disjoint predictions for some approach. `confusion`:
-    expected share of weight that will still feel alike, from 0 to 1.
+    `indices` into the reachable candidates; `travels_mm`: how far each finger has to go, if it meets nothing.
+    `predictions` are (approaches, hypotheses). `decisive`: whatever happens, hypotheses of one class survive,
+    the class being what no reachable approach tells apart; a certificate as long as no touch is blunter than
+    its approach's position bound and the resolution's normal range. `remaining`: expected share of what needs
+    telling apart that will still feel alike, 0 to 1. `seconds`: estimated time of the motion.
     """
 
+    indices: tuple[int, ...]
     candidates: tuple[Candidate, ...]
-    predictions: tuple[tuple[Prediction, ...], ...]
+    travels_mm: tuple[float, ...]
+    predictions: Predictions
     decisive: bool
-    confusion: float
+    remaining: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Foreseen:
+    """Candidate `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
+
+    index: int
+    predictions: Predictions
+    travel_mm: float
 
 
 def plan_grip(
     recognition: Recognition,
-    candidates: Sequence[Candidate],
-    compatible: Bools,
+    reachable: Reachable,
     resolution: Resolution,
-    used: Sequence[int] = (),
+    goals: Goals,
+    used: Bools | None = None,
 ) -> Grip | None:
     """Choose approaches, at most one for each finger, that leave the least confusion; None if none helps.
 
-    `compatible` (n, n): whether two candidates can be carried out together. `used`: candidates not to choose,
-    because they were carried out before: what they can tell they have told.
+    `used` (n,): candidates not to choose, because they were carried out before: what they can tell they have
+    told.
     """
-    poses, weight = _poses(recognition.hypotheses)
-    likeness = _likeness(recognition, poses, candidates, resolution)
-    joint = np.ones((len(poses), len(poses)))
-    pair_weight = weight[:, None] * weight
-    open_to = np.ones(len(candidates), dtype=bool)
-    open_to[list(used)] = False
-    chosen: list[int] = []
-    confusion = 1.0
-    while open_to.any():
-        scores = np.where(open_to, np.einsum("cij,ij->c", likeness, joint * pair_weight), np.inf)
-        best = int(np.argmin(scores))
-        if scores[best] > confusion * (1 - _HOPELESS):
+    approaches = [item.approach for item in reachable.candidates]
+    poses = sampled_poses(recognition.hypotheses)
+    pairs = pairs_to_tell_apart(poses, recognition.hypotheses, goals)
+    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    open_to: Bools = np.any(outcome.hit, axis=1)
+    if used is not None:
+        open_to = open_to & ~used
+    furthest = np.where(outcome.hit, outcome.travel, 0.0).max(axis=1, initial=0.0) + _MARGIN_MM
+    seconds = reachable.seconds(furthest)
+    confused, remaining = pairs.weight.copy(), 1.0
+    chosen: list[Foreseen] = []
+    while open_to.any() and remaining > _ENOUGH and len(pairs.first):
+        taken = [item.index for item in chosen]
+        rows = _shortlist(np.flatnonzero(open_to), outcome, poses.weight, taken, resolution, len(pairs.first))
+        alike = likeness(outcome, pairs.first, pairs.second, resolution, rows)
+        scores = alike @ confused
+        least = float(scores.min())
+        if least > remaining * (1 - (_WORTH if chosen else _HOPELESS)):
             break
-        chosen.append(best)
-        confusion = float(scores[best])
-        joint = joint * likeness[best]
-        open_to &= compatible[best]
-    if not chosen:
-        return None
-    picked = tuple(candidates[k] for k in chosen)
-    predictions = tuple(predict(recognition, item.approach) for item in picked)
-    return Grip(picked, predictions, _decisive(predictions), confusion)
+        good = np.flatnonzero(scores <= least + _ALIKE * remaining)
+        best = good[np.argmin(seconds[rows[good]])]
+        one = foreseen(recognition, reachable, int(rows[best]))
+        open_to[one.index] = False
+        if not fits(reachable, one, chosen):
+            continue
+        furthest[one.index] = one.travel_mm
+        confused, remaining = confused * alike[best], float(scores[best])
+        chosen.append(one)
+        open_to &= reachable.together(one.index, one.travel_mm, np.arange(len(open_to)), furthest)
+    return grip_of(recognition, reachable, chosen, resolution, remaining) if chosen else None
 
 
-def predict(recognition: Recognition, approach: Approach) -> tuple[Prediction, ...]:
-    """What `approach` will meet under each hypothesis, enclosed over its whole region."""
-    result = []
-    for hypothesis in recognition.hypotheses:
-        stops = sweep(recognition.catalogue, hypothesis.cells, recognition.anchor_mm, [approach])
-        earliest, latest = float(stops.earliest.min()), float(stops.latest.max())
-        result.append(
-            Prediction(
-                earliest if earliest <= approach.travel_mm else np.inf,
-                latest if latest <= approach.travel_mm else np.inf,
-            )
-        )
-    return tuple(result)
+def foreseen(recognition: Recognition, reachable: Reachable, index: int) -> Foreseen:
+    """What candidate `index` will meet, and how far it has to go for it."""
+    approaches = [reachable.candidates[index].approach]
+    found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
+    return Foreseen(index, found, float(found.needed_mm(approaches)[0]))
 
 
-def separable(recognition: Recognition, candidates: Sequence[Candidate], resolution: Resolution) -> bool:
-    """Whether some candidate may tell two of the hypotheses apart.
-
-    It may if, for the hypotheses' own configurations, the stops or the normals differ by more than the rig's
-    resolution, or one is hit and the other missed. If not, what is left is indistinguishable.
-    """
-    poses = _joined([_witness_cell(item) for item in recognition.hypotheses])
-    return bool(np.any(_likeness(recognition, poses, candidates, resolution) < np.exp(-1.0)))
+def fits(reachable: Reachable, one: Foreseen, chosen: Sequence[Foreseen]) -> bool:
+    """Whether a candidate can be carried out together with all that are chosen."""
+    others = np.array([item.index for item in chosen], dtype=np.int64)
+    travels = np.array([item.travel_mm for item in chosen])
+    return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
 
 
-def _decisive(predictions: Sequence[Sequence[Prediction]]) -> bool:
-    count = len(predictions[0])
-    return all(any(_disjoint(row[a], row[b]) for row in predictions) for a in range(count) for b in range(a))
-
-
-def _disjoint(a: Prediction, b: Prediction) -> bool:
-    return a.latest_mm < b.earliest_mm or b.latest_mm < a.earliest_mm
-
-
-def _poses(hypotheses: Sequence[Hypothesis]) -> tuple[Cells, Floats]:
-    """Configurations to predict for, as cells without extent, and the weight of each (they sum to 1).
-
-    Half of a hypothesis's weight is its share of the volume; the other half is the same for all, because a
-    well-bounded hypothesis has little volume and is none the less likely for it.
-    """
-    share = max(_LEAST_POSES, min(_MOST_POSES, _POSES // max(len(hypotheses), 1)))
-    parts, weights = [], []
-    for hypothesis in hypotheses:
-        part = _spread(hypothesis, share)
-        parts.append(part)
-        weight = (hypothesis.weight + 1 / len(hypotheses)) / 2
-        weights.append(np.full(len(part), weight / len(part)))
-    return _joined(parts), np.concatenate(weights)
-
-
-def _spread(hypothesis: Hypothesis, count: int) -> Cells:
-    """The configuration of a hypothesis, and some between its cells' middles and their corners.
-
-    Not the corners themselves: cells are a little larger than what they enclose, and a plan made for
-    configurations that are not there would never end.
-    """
-    cells = hypothesis.cells
-    vertices = cells.polygon.shape[1]
-    total = len(cells) * vertices
-    pick: Ints = np.unique(np.linspace(0, total - 1, count - 1).astype(np.int64))
-    row, corner = pick // vertices, (pick % vertices + pick // vertices) % vertices
-    theta = cells.middle[row] + np.where(pick % 2 == 0, -_OUT, _OUT) * cells.half_width[row]
-    middle = cells.centre[row]
-    position = middle + _OUT * (cells.polygon[row, corner] - middle)
-    at = Cells(cells.node[row], cells.state[row], theta, theta, position[:, None])
-    return _joined([_witness_cell(hypothesis), at])
-
-
-def _witness_cell(hypothesis: Hypothesis) -> Cells:
-    theta = np.array([hypothesis.configuration.theta_rad])
-    state = np.array([hypothesis.state_index])
-    return Cells(np.zeros(1, np.int64), state, theta, theta, hypothesis.witness_mm[None, None])
-
-
-def _joined(parts: Sequence[Cells]) -> Cells:
-    """Poses of several hypotheses in one; each has a single position."""
-    return Cells(
-        np.concatenate([part.node for part in parts]),
-        np.concatenate([part.state for part in parts]),
-        np.concatenate([part.lo for part in parts]),
-        np.concatenate([part.hi for part in parts]),
-        np.concatenate([part.polygon for part in parts]),
+def grip_of(
+    recognition: Recognition,
+    reachable: Reachable,
+    chosen: Sequence[Foreseen],
+    resolution: Resolution,
+    remaining: float,
+) -> Grip:
+    """The grip of certain candidates, with what it promises."""
+    indices = [item.index for item in chosen]
+    predictions = joined_predictions([item.predictions for item in chosen])
+    travels = np.zeros(len(reachable.candidates))
+    travels[indices] = [item.travel_mm for item in chosen]
+    return Grip(
+        tuple(indices),
+        tuple(reachable.candidates[k] for k in indices),
+        tuple(item.travel_mm for item in chosen),
+        predictions,
+        _decisive(recognition, reachable, predictions, resolution),
+        remaining,
+        float(reachable.seconds(travels)[indices].max()),
     )
 
 
-def _likeness(
-    recognition: Recognition, poses: Cells, candidates: Sequence[Candidate], resolution: Resolution
-) -> Floats:
-    """How alike two poses feel to each candidate, (c, p, p): 1 if nothing differs, 1/e at the resolution."""
-    result = np.empty((len(candidates), len(poses), len(poses)))
-    for index, candidate in enumerate(candidates):
-        felt = _felt(recognition.catalogue, poses, recognition.anchor_mm, candidate.approach)
-        result[index] = np.exp(-(_difference(felt, resolution) ** 2))
+def twins(
+    recognition: Recognition, reachable: Reachable, resolution: Resolution, used: Bools | None = None
+) -> Bools:
+    """Which two hypotheses (h, h) no candidate that is left may tell apart, at their own configurations.
+
+    Their stops and normals agree to within the rig's resolution, or both are missed. `used` (n,): candidates
+    that have been carried out.
+    """
+    count = len(recognition.hypotheses)
+    alike = np.ones((count, count), dtype=bool)
+    left = np.ones(len(reachable.candidates), dtype=bool) if used is None else ~used
+    first, second = np.triu_indices(count, 1)
+    if left.any() and len(first):
+        same = _alike(recognition, reachable, resolution, np.flatnonzero(left), first, second)
+        alike[first, second] = alike[second, first] = same
+    return alike
+
+
+def _alike(
+    recognition: Recognition,
+    reachable: Reachable,
+    resolution: Resolution,
+    rows: Ints,
+    first: Ints,
+    second: Ints,
+) -> Bools:
+    """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
+    approaches = [reachable.candidates[k].approach for k in rows.tolist()]
+    poses = witness_poses(recognition.hypotheses)
+    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    least = likeness(outcome, first, second, resolution, np.arange(len(rows))).min(axis=0)
+    result: Bools = least >= np.exp(-1.0)
     return result
 
 
-def _difference(felt: "_Felt", resolution: Resolution) -> Floats:
-    """How differently poses feel, pair by pair (p, p), in units of what the rig can just tell.
+def _decisive(
+    recognition: Recognition, reachable: Reachable, predictions: Predictions, resolution: Resolution
+) -> bool:
+    """Whether every two hypotheses that something reachable tells apart are told apart by this.
 
-    Two hits differ by where they stop, as seen along the surface's normal, or by their normals. A hit and a
-    miss differ by how far the object would have to move sideways to turn one into the other: a graze is no
-    sure sign of anything, and both its outcomes carry an error.
+    Where touches may be spurious nothing is certain.
     """
-    facing = np.minimum(felt.facing[:, None], felt.facing)
-    apart = facing * np.abs(felt.travel[:, None] - felt.travel) / resolution.distance_mm
-    turned = np.abs((felt.normal[:, None] - felt.normal + np.pi) % (2 * np.pi) - np.pi)
-    sideways = np.abs(felt.margin[:, None] - felt.margin) / (2 * resolution.distance_mm)
-    both = felt.hit[:, None] & felt.hit
-    one = felt.hit[:, None] != felt.hit
-    result: Floats = np.where(both, np.maximum(apart, turned / resolution.normal_rad), 0.0)
-    return np.where(one, sideways, result)
+    if recognition.max_spurious:
+        return False
+    apart = predictions.apart(resolution.normal_half_rad)
+    first, second = np.nonzero(np.triu(~apart, 1))
+    if not len(first):
+        return True
+    if len(first) > _CLASSED:
+        return False
+    # Survivors of an outcome are confused two by two; if these are twins two by two, they are one class.
+    every = np.arange(len(reachable.candidates))
+    return bool(_alike(recognition, reachable, resolution, every, first, second).all())
 
 
-@dataclass(frozen=True, eq=False)
-class _Felt:
-    """What an approach feels for each of p poses.
+def _shortlist(
+    rows: Ints, outcome: Felt, weight: Floats, chosen: Sequence[int], resolution: Resolution, pairs: int
+) -> Ints:
+    """Candidates `rows` that are worth comparing pair by pair: all of them, if that is quick.
 
-    `hit` (p,); where hit, `travel` (p,) mm before the stop, `normal` (p,) rad, outward in W, and `facing`
-    (p,): cosine between the travel and the inward normal. `margin` (p,) mm: how far the path is from just
-    missing (negative: from just touching) the object, sideways.
+    Else those that sort the poses into the smallest heaps, when outcomes are rounded.
     """
-
-    hit: Bools
-    travel: Floats
-    normal: Floats
-    facing: Floats
-    margin: Floats
-
-
-def _felt(catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approach: Approach) -> _Felt:
-    """Predict an approach for poses without extent."""
-    edges = catalogue.outlines(approach.finger)
-    travel, normal = np.full(len(poses), np.inf), np.zeros(len(poses))
-    margin = np.full(len(poses), -np.inf)
-    point = np.asarray(approach.start_mm) - anchor_mm
-    cos, sin = np.cos(poses.lo), np.sin(poses.lo)
-    start = np.column_stack([cos * point[0] + sin * point[1], cos * point[1] - sin * point[0]])
-    start -= poses.polygon[:, 0]
-    relative = approach.direction_rad - poses.lo
-    heading = np.column_stack([np.cos(relative), np.sin(relative)])
-    for state in np.unique(poses.state):
-        rows = np.flatnonzero(poses.state == state)
-        block = slice(int(edges.first[state]), int(edges.first[state + 1]))
-        if block.stop == block.start:
-            continue
-        at, which = _first_crossing(
-            start[rows], heading[rows], edges.start[block], edges.direction[block], edges.length[block]
-        )
-        rel = edges.start[block] - start[rows][:, None]
-        offset = cross(heading[rows][:, None], rel)
-        margin[rows] = np.minimum(offset.max(axis=1), -offset.min(axis=1))
-        travel[rows] = at
-        normal[rows] = edges.normal_rad[block][which] + poses.lo[rows]
-    hit = travel <= approach.travel_mm
-    # Where no edge is high enough there is nothing to graze either.
-    margin = np.maximum(margin, -approach.travel_mm)
-    normal = np.where(hit, normal, 0.0)
-    facing = np.abs(np.cos(normal - approach.direction_rad))
-    return _Felt(hit, np.where(hit, travel, 0.0), normal, facing, margin)
+    if len(rows) * pairs <= _SHORT or len(rows) <= _LISTED:
+        return rows
+    heap = _heaps(outcome, rows, resolution)
+    for index in chosen:
+        before = np.unique(_heaps(outcome, np.array([index]), resolution)[0], return_inverse=True)[1]
+        heap = heap * (int(before.max()) + 1) + before
+    _, number = np.unique(heap + (int(heap.max()) + 1) * np.arange(len(rows))[:, None], return_inverse=True)
+    number = number.reshape(heap.shape)
+    total = np.bincount(number.ravel(), np.broadcast_to(weight, heap.shape).ravel())
+    alike = (total[number] * weight).sum(axis=1)
+    return np.sort(rows[np.argsort(alike, kind="stable")[:_LISTED]])
 
 
-def _first_crossing(
-    start: Floats, heading: Floats, begin: Floats, direction: Floats, length: Floats
-) -> tuple[Floats, Ints]:
-    """First crossing of rays (m, 2) into edges (n, 2) from outside: travel (m,) and edge (m,)."""
-    rel = begin - start[:, None]
-    facing = cross(heading[:, None], direction)
-    inward = facing < -1e-12  # facing is heading · outward normal
-    safe = np.where(inward, facing, 1.0)
-    travel = cross(rel, direction[None]) / safe
-    along = cross(rel, heading[:, None]) / safe
-    hits = inward & (travel >= 0) & (along >= -1e-9) & (along <= length + 1e-9)
-    travel = np.where(hits, travel, np.inf)
-    which = np.argmin(travel, axis=1)
-    return travel[np.arange(len(travel)), which], which
+def _heaps(outcome: Felt, rows: Ints, resolution: Resolution) -> Ints:
+    """Outcomes (c, p) as whole numbers: alike if stop and normal round to the same."""
+    stop = np.floor(outcome.travel[rows] / (2 * resolution.distance_mm)).astype(np.int64)
+    normal = np.floor(outcome.normal[rows] % (2 * np.pi) / (2 * resolution.normal_half_rad)).astype(np.int64)
+    result: Ints = np.where(outcome.hit[rows], 1 + stop * 64 + normal, 0)
+    return result

@@ -21,7 +21,7 @@ from palpate.recognizer.arrays import Floats
 from palpate.recognizer.segments import distance_range
 from palpate.rig.convert import finger_of
 from palpate.rig.hand import Hand, HostFinger
-from palpate.rig.reach import wait_distance_mm
+from palpate.rig.wait import Close, wait_distance_mm
 
 __all__ = ["Close", "Stage", "Touch", "close_fingers"]
 
@@ -42,15 +42,6 @@ class Stage(Enum):
     CLOSING = "closing"
     TOUCHING = "touching"
     RETRACTING = "retracting"
-
-
-@dataclass(frozen=True)
-class Close:
-    """One finger's part of a grip: turn to `aim_rad`, then go until touched or until `travel_mm` is done."""
-
-    finger_index: int
-    aim_rad: float
-    travel_mm: float
 
 
 @dataclass(frozen=True)

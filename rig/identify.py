@@ -1,42 +1,51 @@
-"""The loop from an untouched table to a verdict: grip, recognise, plan, grip again.
+"""The loop from an untouched table to a verdict: grip, recognise, choose the next grip, grip again.
 
 Joins hand, recogniser and planner. It ends in every case: identified, indistinguishable (no reachable
 approach separates what is left), unknown (nothing in the catalogue fits), or unresolved after the rig's
-`max_grips`.
+`max_grips`. An answer is only given after some touches that it foretold: bounds prove which of the
+catalogue's objects it is, but not that it is one of these. If a grip contradicts the earlier ones, the part
+may have been moved; the search then begins again with that grip.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
 import numpy as np
 
-from palpate.config import Search
+from palpate.config import RigFile
 from palpate.recognizer import (
     Catalogue,
+    Contact,
+    Goals,
     Grip,
     Hypothesis,
     Recognition,
+    Strategy,
     Verdict,
-    plan_grip,
+    checking_grip,
+    next_grip,
     recognise,
-    separable,
+    twins,
+    used_by,
 )
-from palpate.recognizer.arrays import Floats
-from palpate.rig.closing import Close, Stage, Touch, close_fingers
-from palpate.rig.convert import resolution_of
+from palpate.rig.closing import Stage, Touch, close_fingers
+from palpate.rig.convert import goals_of, resolution_of
+from palpate.rig.explore import exploring_grip
 from palpate.rig.hand import Hand
 from palpate.rig.reach import Reach, reach_of
 
-__all__ = ["Identification", "Observer", "Outcome", "identify"]
+__all__ = ["Carry", "Identification", "Observer", "Outcome", "identify", "search"]
+
+Carry = Callable[[Sequence[tuple[int, float]], Callable[[Stage], None]], Sequence[Touch]]
+"""Carries out a grip: reachable approaches (by index) with how far each may go (mm); tells its stages."""
 
 _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
-_USED_MM = 6.0  # exploring approaches keep this far from earlier ones of the same finger
-_INWARD_MM = 6.0
-_SPARE_MM = 5.0  # beyond the furthest predicted stop
 _LEAST_GAIN = 0.1
+_IDLE_TOUCHES = 3  # as many without gain, and more will not help
+_MOST_MOVES = 1
 
 
 class Outcome(Enum):
@@ -67,18 +76,26 @@ class Observer(Protocol):
         """The next grip was chosen to tell hypotheses apart."""
         ...
 
+    def moved(self, grip: int) -> None:
+        """The part seems to have been moved before this grip: what was felt earlier counts no more."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Identification:
     """What a run found. `grips` holds the touches of every grip; `ruled_out` what earlier grips allowed.
 
-    `ruled_out` pairs each hypothesis with the number of the grip that ruled it out.
+    `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
+    (from 1) before which the part seems to have been moved. `foretold`: touches that came out as everything
+    that is left had foretold.
     """
 
     outcome: Outcome
     recognition: Recognition | None
     grips: tuple[tuple[Touch, ...], ...]
     ruled_out: tuple[tuple[int, Hypothesis], ...]
+    moved_before: tuple[int, ...] = ()
+    foretold: int = 0
 
     @property
     def touches(self) -> int:
@@ -88,96 +105,218 @@ class Identification:
 
 @dataclass
 class _Search:
-    """What the loop has gathered so far."""
+    """What the loop has gathered so far; grips before `since` no longer count."""
 
-    hand: Hand
-    catalogue: Catalogue
+    rig: RigFile
     reach: Reach
+    carry: Carry
+    catalogue: Catalogue
+    strategy: Strategy
+    rng: np.random.Generator
     observers: Sequence[Observer]
     grips: list[tuple[Touch, ...]] = field(default_factory=list)
-    used: list[int] = field(default_factory=list)
+    since: int = 0
+    moved_before: list[int] = field(default_factory=list)
     recognition: Recognition | None = None
-    before: Recognition | None = None
     ruled_out: list[tuple[int, Hypothesis]] = field(default_factory=list)
+    idle: int = 0
+    foretold: int = 0
+
+    @property
+    def contacts(self) -> list[Contact]:
+        """Everything that counts."""
+        return [touch.contact for grip in self.grips[self.since :] for touch in grip]
 
 
-def identify(hand: Hand, catalogue: Catalogue, observers: Sequence[Observer] = ()) -> Identification:
+def identify(
+    hand: Hand,
+    catalogue: Catalogue,
+    observers: Sequence[Observer] = (),
+    *,
+    strategy: Strategy = Strategy.PLANNED,
+    seed: int = 0,
+) -> Identification:
     """Touch until there is one answer, as finely placed as the rig file's goals ask, or none to be had.
 
-    Raises what `close_fingers` raises; the hand must be prepared.
+    `seed` decides what the strategy `random` draws. Raises what `close_fingers` raises; the hand must be
+    prepared.
     """
-    search = _Search(hand, catalogue, reach_of(hand.rig), observers)
+    reach = reach_of(hand.rig)
+
+    def carry(grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> Sequence[Touch]:
+        return close_fingers(hand, [reach.close(index, travel) for index, travel in grip], tell)
+
+    return search(hand.rig, reach, carry, catalogue, observers, strategy=strategy, seed=seed)
+
+
+def search(
+    rig: RigFile,
+    reach: Reach,
+    carry: Carry,
+    catalogue: Catalogue,
+    observers: Sequence[Observer] = (),
+    *,
+    strategy: Strategy = Strategy.PLANNED,
+    seed: int = 0,
+) -> Identification:
+    """`identify` with whatever carries out grips."""
+    state = _Search(rig, reach, carry, catalogue, strategy, np.random.default_rng([seed, 2]), observers)
     outcome = Outcome.UNRESOLVED
-    while len(search.grips) < hand.rig.search.max_grips:
-        verdict, grip = _next(search)
+    while len(state.grips) < rig.search.max_grips:
+        verdict, grip = _next(state)
         if verdict is not None:
             outcome = verdict
             break
-        _carry_out(search, grip)
+        _carry_out(state, grip)
     else:
-        outcome = _at_the_end(search)
-    return Identification(outcome, search.recognition, tuple(search.grips), tuple(search.ruled_out))
-
-
-def _next(search: _Search) -> tuple[Outcome | None, list[Close]]:
-    """The verdict if there is one already, else the next grip."""
-    recognition = search.recognition
-    if recognition is None:
-        return None, _explore(search)
-    if recognition.verdict is Verdict.NONE:
-        return Outcome.UNKNOWN, []
-    rig = search.hand.rig
-    fine = all(_is_fine(item, rig.search) for item in recognition.hypotheses)
-    settled = fine or not _still_gains(search, recognition)
-    if recognition.verdict is Verdict.UNIQUE and settled:
-        return Outcome.IDENTIFIED, []
-    if recognition.verdict is Verdict.AMBIGUOUS and settled and not _may_separate(search, recognition):
-        return Outcome.INDISTINGUISHABLE, []
-    plan = plan_grip(
-        recognition, search.reach.candidates, search.reach.compatible, resolution_of(rig), search.used
+        outcome = _at_the_end(state)
+    return Identification(
+        outcome,
+        state.recognition,
+        tuple(state.grips),
+        tuple(state.ruled_out),
+        tuple(state.moved_before),
+        state.foretold,
     )
+
+
+def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
+    """The verdict if there is one already, else the next grip."""
+    if state.recognition is not None and state.recognition.verdict is Verdict.NONE:
+        if not _may_have_moved(state):
+            return Outcome.UNKNOWN, []
+        _begin_again(state)
+    recognition = state.recognition
+    if recognition is None:
+        contacts = state.contacts
+        return None, exploring_grip(state.reach, contacts)
+    answer = _answer(state, recognition)
+    if answer is not None and state.foretold >= state.rig.search.confirming_touches:
+        return answer, []
+    plan = None if answer is not None else _plan(state, recognition)
     if plan is None:
-        return _at_the_end(search), []
-    for observer in search.observers:
-        observer.planned(len(search.grips) + 1, plan)
-    return None, _closes(search, plan)
+        plan = _check(state, recognition)
+    if plan is None:
+        return answer or _at_the_end(state), []
+    for observer in state.observers:
+        observer.planned(len(state.grips) + 1, plan)
+    return None, list(zip(plan.indices, plan.travels_mm, strict=True))
 
 
-def _at_the_end(search: _Search) -> Outcome:
+def _answer(state: _Search, recognition: Recognition) -> Outcome | None:
+    """What could be said now, if it is confirmed: one hypothesis is left, or nothing can be separated."""
+    fine = all(_is_fine(item, goals_of(state.rig)) for item in recognition.hypotheses)
+    if not fine and state.idle < _IDLE_TOUCHES:
+        return None
+    if recognition.verdict is Verdict.UNIQUE:
+        return Outcome.IDENTIFIED
+    return None if _may_separate(state, recognition) else Outcome.INDISTINGUISHABLE
+
+
+def _plan(state: _Search, recognition: Recognition) -> Grip | None:
+    return next_grip(
+        state.strategy, recognition, state.reach, resolution_of(state.rig), goals_of(state.rig), state.rng
+    )
+
+
+def _check(state: _Search, recognition: Recognition) -> Grip | None:
+    """Touches to confirm what seems to be the answer."""
+    needed = state.rig.search.confirming_touches - state.foretold
+    if needed <= 0:
+        return None
+    if state.strategy is Strategy.PLANNED:
+        return checking_grip(recognition, state.reach, resolution_of(state.rig), needed)
+    return _plan(state, recognition)
+
+
+def _at_the_end(state: _Search) -> Outcome:
     """Verdict when no further grip is to be had."""
-    recognition = search.recognition
+    recognition = state.recognition
     if recognition is None:
         return Outcome.UNRESOLVED
-    if recognition.verdict is Verdict.AMBIGUOUS:
-        return Outcome.UNRESOLVED if _may_separate(search, recognition) else Outcome.INDISTINGUISHABLE
-    return Outcome.UNKNOWN if recognition.verdict is Verdict.NONE else Outcome.IDENTIFIED
+    if recognition.verdict is Verdict.NONE:
+        return Outcome.UNKNOWN
+    if state.foretold < state.rig.search.confirming_touches:
+        return Outcome.UNRESOLVED
+    if recognition.verdict is Verdict.UNIQUE:
+        return Outcome.IDENTIFIED
+    return Outcome.UNRESOLVED if _may_separate(state, recognition) else Outcome.INDISTINGUISHABLE
 
 
-def _may_separate(search: _Search, recognition: Recognition) -> bool:
+def _may_separate(state: _Search, recognition: Recognition) -> bool:
     """Whether an approach that has not been carried out yet may tell hypotheses apart."""
-    used = set(search.used)
-    left = [item for index, item in enumerate(search.reach.candidates) if index not in used]
-    return bool(left) and separable(recognition, left, resolution_of(search.hand.rig))
+    used = used_by(recognition.contacts, state.reach.candidates)
+    return not twins(recognition, state.reach, resolution_of(state.rig), used).all()
 
 
-def _is_fine(hypothesis: Hypothesis, goals: Search) -> bool:
+def _is_fine(hypothesis: Hypothesis, goals: Goals) -> bool:
     return (
-        hypothesis.bounds.position_half_mm <= goals.goal_position_mm
-        and hypothesis.bounds.orientation_half_rad <= math.radians(goals.goal_orientation_deg)
+        hypothesis.bounds.position_half_mm <= goals.position_mm
+        and hypothesis.bounds.orientation_half_rad <= goals.orientation_rad
     )
 
 
-def _still_gains(search: _Search, recognition: Recognition) -> bool:
-    """Whether the last grip ruled something out, or narrowed some bounds enough to make another worth it.
-
-    Every touch is as blunt as the rig is: a small part's orientation may be out of reach of the goals.
-    """
-    before = search.before
-    if before is None or len(recognition.hypotheses) < len(before.hypotheses):
+def _may_have_moved(state: _Search) -> bool:
+    """Whether the last grip contradicts the earlier ones, but nothing speaks against it by itself."""
+    if len(state.moved_before) >= _MOST_MOVES or len(state.grips) - state.since < 2:
+        return False
+    last = [touch.contact for touch in state.grips[-1]]
+    if not any(contact.touched for contact in last):
         return True
-    return any(
-        new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(recognition), strict=True)
+    return recognise(state.catalogue, last).verdict is not Verdict.NONE
+
+
+def _begin_again(state: _Search) -> None:
+    """Keep the last grip only."""
+    number = len(state.grips)
+    state.since = number - 1
+    state.moved_before.append(number)
+    state.recognition = None
+    state.idle = state.foretold = 0
+    for observer in state.observers:
+        observer.moved(number)
+    _understand(state, [touch.contact for touch in state.grips[-1]])
+
+
+def _carry_out(state: _Search, grip: Sequence[tuple[int, float]]) -> None:
+    """Do the grip and understand what it felt."""
+    number = len(state.grips) + 1
+
+    def tell(stage: Stage) -> None:
+        for observer in state.observers:
+            observer.stage(number, stage)
+
+    touches = tuple(state.carry(grip, tell))
+    state.grips.append(touches)
+    for observer in state.observers:
+        observer.touches(number, touches)
+    _understand(state, [touch.contact for touch in touches])
+
+
+def _understand(state: _Search, contacts: Sequence[Contact]) -> None:
+    before = state.recognition
+    if before is None:
+        if sum(contact.touched for contact in state.contacts) < _FIRST_CONTACTS:
+            return
+        state.recognition = recognise(state.catalogue, state.contacts)
+    else:
+        state.recognition = before.extend(contacts)
+        _compare(state, before, state.recognition, contacts)
+    for observer in state.observers:
+        observer.recognised(len(state.grips), state.recognition)
+
+
+def _compare(state: _Search, before: Recognition, after: Recognition, contacts: Sequence[Contact]) -> None:
+    """Note what the last grip ruled out, and whether it was worth its touches."""
+    number = len(state.grips)
+    gone = [item for item in before.hypotheses if not _survives(item, after)]
+    state.ruled_out += [(number, item) for item in gone]
+    fewer = len(after.hypotheses) < len(before.hypotheses)
+    narrower = any(
+        new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(after), strict=True)
     )
+    state.idle = 0 if fewer or narrower else state.idle + len(contacts)
+    state.foretold = 0 if gone else state.foretold + sum(contact.touched for contact in contacts)
 
 
 def _extent(recognition: Recognition) -> tuple[float, float]:
@@ -186,83 +325,6 @@ def _extent(recognition: Recognition) -> tuple[float, float]:
         sum(item.bounds.position_half_mm for item in recognition.hypotheses),
         sum(item.bounds.orientation_half_rad for item in recognition.hypotheses),
     )
-
-
-def _closes(search: _Search, plan: Grip) -> list[Close]:
-    closes = []
-    for candidate, predictions in zip(plan.candidates, plan.predictions, strict=True):
-        index = search.reach.candidates.index(candidate)
-        search.used.append(index)
-        furthest = max(item.latest_mm for item in predictions)
-        travel = min(candidate.approach.travel_mm, furthest + _SPARE_MM)
-        closes.append(Close(candidate.finger_index, search.reach.aims_rad[index], travel))
-    return closes
-
-
-def _explore(search: _Search) -> list[Close]:
-    """Aim every finger at the table's middle, or at what was felt so far, along lines not tried yet."""
-    contacts = [touch.contact for grip in search.grips for touch in grip if touch.contact.touched]
-    target = np.zeros(2)
-    if contacts:
-        inward = []
-        for contact in contacts:
-            normal = contact.normal
-            angle = (normal.lo_rad + normal.hi_rad) / 2 if normal else contact.direction_rad + math.pi
-            inward.append(
-                np.array(contact.end_mm) - _INWARD_MM * np.array([math.cos(angle), math.sin(angle)])
-            )
-        target = np.mean(inward, axis=0)
-    closes = []
-    for finger_index in range(len(search.hand.fingers)):
-        best = _nearest_unused(search, finger_index, target)
-        if best is not None:
-            search.used.append(best)
-            candidate = search.reach.candidates[best]
-            closes.append(Close(finger_index, search.reach.aims_rad[best], candidate.approach.travel_mm))
-    return closes
-
-
-def _nearest_unused(search: _Search, finger_index: int, target: Floats) -> int | None:
-    """The finger's approach that passes nearest to the target and not too near to one it has taken."""
-    own = search.reach.of_finger(finger_index)
-    taken = [_offset(search, k, target) for k in search.used if k in own]
-    free = [k for k in own if all(abs(_offset(search, k, target) - offset) >= _USED_MM for offset in taken)]
-    return min(free, key=lambda k: abs(_offset(search, k, target)), default=None)
-
-
-def _offset(search: _Search, index: int, target: Floats) -> float:
-    """Signed distance (mm) of the target from an approach's line."""
-    approach = search.reach.candidates[index].approach
-    x, y = target - np.asarray(approach.start_mm)
-    return float(math.cos(approach.direction_rad) * y - math.sin(approach.direction_rad) * x)
-
-
-def _carry_out(search: _Search, grip: Sequence[Close]) -> None:
-    """Do the grip and understand what it felt."""
-    number = len(search.grips) + 1
-
-    def tell(stage: Stage) -> None:
-        for observer in search.observers:
-            observer.stage(number, stage)
-
-    touches = tuple(close_fingers(search.hand, grip, tell))
-    search.grips.append(touches)
-    for observer in search.observers:
-        observer.touches(number, touches)
-    contacts = [touch.contact for touch in touches]
-    if search.recognition is not None:
-        search.before = search.recognition
-        search.recognition = search.before.extend(contacts)
-        search.ruled_out += [
-            (number, item) for item in search.before.hypotheses if not _survives(item, search.recognition)
-        ]
-    else:
-        every = [touch.contact for each in search.grips for touch in each]
-        if sum(contact.touched for contact in every) < _FIRST_CONTACTS:
-            return
-        search.recognition = recognise(search.catalogue, every)
-    for observer in search.observers:
-        observer.recognised(number, search.recognition)
 
 
 def _survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:

@@ -13,9 +13,12 @@ from palpate.config import Finger as FingerFile
 from palpate.config import RigFile
 from palpate.drivers.finger import FingerKinematics
 from palpate.recognizer import Approach, Candidate
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.segments import distance_range
 from palpate.rig.convert import finger_of, kinematics_of
+from palpate.rig.wait import Close, wait_distance_mm
 
-__all__ = ["Reach", "reach_of", "wait_distance_mm"]
+__all__ = ["Reach", "reach_of"]
 
 _MARGIN_MM = 1.0
 
@@ -30,7 +33,36 @@ class Reach:
 
     candidates: tuple[Candidate, ...]
     aims_rad: tuple[float, ...]
-    compatible: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+    bases: Floats
+    speed_mm_s: float
+    gap_mm: float
+
+    def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
+        """Whether two fingers keep apart, however far they come on their ways."""
+        if not len(others):
+            return np.ones(0, dtype=bool)
+        owner = np.array([item.finger_index for item in self.candidates])
+        ends = self._ends(others, travels_mm)
+        own = np.repeat(self._ends(np.array([one]), np.array([travel_mm])), len(others), axis=0)
+        base = np.repeat(self.bases[[one]], len(others), axis=0)
+        apart, _ = distance_range(base, own, self.bases[others], ends)
+        result: Bools = (apart > self.gap_mm) & (owner[others] != owner[one])
+        return result
+
+    def seconds(self, travels_mm: Floats) -> Floats:
+        """Rough time of each candidate."""
+        result: Floats = 5.0 + 2 * travels_mm / self.speed_mm_s
+        return result
+
+    def close(self, index: int, travel_mm: float) -> Close:
+        """What closing carries out."""
+        return Close(self.candidates[index].finger_index, self.aims_rad[index], travel_mm)
+
+    def _ends(self, rows: Ints, travels_mm: Floats) -> Floats:
+        start = np.array([self.candidates[k].approach.start_mm for k in rows.tolist()])
+        angle = np.array([self.candidates[k].approach.direction_rad for k in rows.tolist()])
+        result: Floats = start + travels_mm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        return result
 
     def of_finger(self, finger_index: int) -> list[int]:
         """Indices of one finger's candidates, by ascending aim."""
@@ -54,26 +86,13 @@ def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
                 kinematics.centre_mm(float(aim), wait),
                 kinematics.direction_rad(float(aim)),
                 travel,
-                kinematics.position_bound_mm(wait + travel),
+                kinematics.position_bound_mm(wait + travel) + 0.45,
             )
             candidates.append(Candidate(index, approach))
             angles.append(float(aim))
-    owner = np.array([item.finger_index for item in candidates])
-    return Reach(tuple(candidates), tuple(angles), owner[:, None] != owner)
-
-
-def wait_distance_mm(spec: FingerFile, workspace_radius_mm: float) -> float:
-    """Furthest distance from the base, coming from the retracted end, with the tip clear of the workspace."""
-    kinematics = kinematics_of(spec)
-    lo, hi = spec.slide.range_mm
-    clear = workspace_radius_mm + spec.tip.radius_mm
-    aims = np.radians(np.linspace(*spec.aim.range_deg, 15))
-    wait = lo + _MARGIN_MM
-    for distance in np.arange(wait, hi, 1.0):
-        if any(math.hypot(*kinematics.centre_mm(float(aim), float(distance))) < clear for aim in aims):
-            break
-        wait = float(distance)
-    return wait
+    bases = np.array([rig.fingers[item.finger_index].base_mm for item in candidates])
+    gap = 2 * max(f.tip.radius_mm for f in rig.fingers) + rig.closing.clearance_mm
+    return Reach(tuple(candidates), tuple(angles), bases, rig.closing.approach_speed_mm_s, gap)
 
 
 def _travel_mm(

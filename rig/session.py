@@ -113,12 +113,21 @@ class SessionLog:
     def planned(self, grip: int, plan: Grip) -> None:
         """Log the next grip and what it is expected to feel."""
         approaches = [
-            {"finger_index": item.finger_index, "approach": item.approach, "predictions": predictions}
-            for item, predictions in zip(plan.candidates, plan.predictions, strict=True)
+            {
+                "finger_index": item.finger_index,
+                "approach": item.approach,
+                "travel_mm": travel,
+                "predictions": plan.predictions.of_approach(row),
+            }
+            for row, (item, travel) in enumerate(zip(plan.candidates, plan.travels_mm, strict=True))
         ]
         self.event(
-            "planned", grip=grip, decisive=plan.decisive, confusion=plan.confusion, approaches=approaches
+            "planned", grip=grip, decisive=plan.decisive, remaining=plan.remaining, approaches=approaches
         )
+
+    def moved(self, grip: int) -> None:
+        """Log that what was felt before this grip counts no more."""
+        self.event("moved", grip=grip)
 
 
 def _hypothesis(item: Hypothesis) -> dict[str, object]:

@@ -14,8 +14,9 @@ from palpate.recognizer import recognise, settle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.model import ObjectModel
+from palpate.recognizer.rays import Approach
 from palpate.recognizer.region import Cells
-from palpate.recognizer.sweep import Approach, sweep, unblocked
+from palpate.recognizer.sweep import sweep, unblocked
 
 MODELS = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(MODELS)

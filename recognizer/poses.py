@@ -1,0 +1,118 @@
+"""Configurations that stand for hypotheses when plans are compared, and which of them need telling apart."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.recognizer.hypotheses import Hypotheses
+from palpate.recognizer.region import Cells, joined_cells
+
+__all__ = ["Goals", "Pairs", "Poses", "pairs_to_tell_apart", "sampled_poses", "witness_poses"]
+
+_POSES = 160  # in all; shared out among the hypotheses
+_MOST_POSES, _LEAST_POSES = 48, 1
+_OUT = 0.7  # of the way from a cell's middle to its corners
+_MOST_PAIRS = 12_000
+
+
+@dataclass(frozen=True)
+class Goals:
+    """Bounds narrower than these, either way, are fine enough."""
+
+    position_mm: float
+    orientation_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """p configurations, as cells without extent, of hypotheses `owner` (p,). The `weight` (p,) sums to 1."""
+
+    cells: Cells
+    owner: Ints
+    weight: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """n pairs of poses, `first` and `second` (n,), that need telling apart. Their `weight` (n,) sums to 1."""
+
+    first: Ints
+    second: Ints
+    weight: Floats
+
+
+def sampled_poses(hypotheses: Hypotheses) -> Poses:
+    """Some configurations of every hypothesis.
+
+    Half of a hypothesis's weight is its share of the volume; the other half is the same for all, because a
+    well-bounded hypothesis has little volume and is none the less likely for it.
+    """
+    share = max(_LEAST_POSES, min(_MOST_POSES, _POSES // max(len(hypotheses), 1)))
+    if share == 1:
+        return witness_poses(hypotheses)
+    own, spread = witness_poses(hypotheses), _spread(hypotheses, share - 1)
+    cells = joined_cells([own.cells, spread])
+    owner = np.concatenate([own.owner, np.repeat(own.owner, share - 1)])
+    return Poses(cells, owner, own.weight[owner] / share)
+
+
+def witness_poses(hypotheses: Hypotheses) -> Poses:
+    """Every hypothesis's own configuration."""
+    regions = hypotheses.regions
+    count = len(hypotheses)
+    cells = Cells(
+        np.zeros(count, np.int64), hypotheses.state, regions.theta, regions.theta, regions.position[:, None]
+    )
+    return Poses(cells, np.arange(count), _weights(hypotheses))
+
+
+def pairs_to_tell_apart(poses: Poses, hypotheses: Hypotheses, goals: Goals) -> Pairs:
+    """Pairs of different hypotheses, and pairs of one that are further apart than is fine enough.
+
+    Where there are too many, some that are drawn in proportion to their weight: always the same ones.
+    """
+    first, second = np.triu_indices(len(poses.owner), 1)
+    weight = poses.weight[first] * poses.weight[second]
+    if len(first) > _MOST_PAIRS:
+        rng = np.random.default_rng(len(first))
+        drawn = rng.choice(len(first), _MOST_PAIRS, p=weight / weight.sum())
+        first, second, weight = first[drawn], second[drawn], np.ones(_MOST_PAIRS)
+    needed = (poses.owner[first] != poses.owner[second]) | _coarse(poses, hypotheses, goals, first, second)
+    first, second, weight = first[needed], second[needed], weight[needed]
+    return Pairs(first, second, weight / (float(weight.sum()) or 1.0))
+
+
+def _coarse(poses: Poses, hypotheses: Hypotheses, goals: Goals, first: Ints, second: Ints) -> Bools:
+    """Whether two poses of one object are further apart than bounds that are fine enough allow."""
+    origin = hypotheses.question.catalogue.origins_mm[poses.cells.state]
+    x, y = (poses.cells.polygon[:, 0] - origin).T
+    cos, sin = np.cos(poses.cells.lo), np.sin(poses.cells.lo)
+    place = np.column_stack([cos * x - sin * y, sin * x + cos * y])
+    # Samples keep away from the corners of cells, so bounds are wider than samples are apart.
+    away = np.abs(place[first] - place[second]).max(axis=1)
+    turned = np.abs(wrap_angle(poses.cells.lo[first] - poses.cells.lo[second]))
+    result: Bools = (away > 2 * _OUT * goals.position_mm) | (turned > 2 * _OUT * goals.orientation_rad)
+    return result
+
+
+def _weights(hypotheses: Hypotheses) -> Floats:
+    result: Floats = (hypotheses.weight + 1 / len(hypotheses)) / 2
+    return result
+
+
+def _spread(hypotheses: Hypotheses, count: int) -> Cells:
+    """`count` configurations of each hypothesis, one after the other, between cells' middles and corners.
+
+    Not the corners themselves: cells are a little larger than what they enclose, and a plan made for
+    configurations that are not there would never end.
+    """
+    cells, first = hypotheses.regions.cells, hypotheses.regions.first
+    vertices = cells.polygon.shape[1]
+    last = np.diff(first) * vertices - 1
+    pick = (last[:, None] * np.linspace(0, 1, count)).astype(np.int64)
+    row = (first[:-1, None] + pick // vertices).ravel()
+    corner = ((pick + pick // vertices) % vertices).ravel()
+    theta = cells.middle[row] + np.where(pick.ravel() % 2 == 0, -_OUT, _OUT) * cells.half_width[row]
+    position = cells.centre[row] + _OUT * (cells.polygon[row, corner] - cells.centre[row])
+    return Cells(cells.node[row], cells.state[row], theta, theta, position[:, None])

@@ -1,0 +1,191 @@
+"""What approaches will meet under each hypothesis: enclosures over the whole of its region (memo §3.2).
+
+From hypotheses and approaches to intervals of stops and normals, and to which hypotheses no outcome can
+confuse. The same capsules decide afterwards what a touch rules out, so planner and recogniser cannot
+disagree. The exact angle pockets of the predicted edges are in it: an interval that ends says that nothing
+else is in the way, for every configuration of the region (docs/recogniser.md, "The next approach").
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.recognizer.capsules import Capsules, capsules_of
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.hypotheses import Hypotheses
+from palpate.recognizer.rays import Approach, in_pieces, rays_of
+from palpate.recognizer.region import Cells
+
+__all__ = ["END_MM", "Prediction", "Predictions", "joined_predictions", "predict"]
+
+END_MM = 1.0
+"""A finger may end its travel this much early: only a stop before that is a sure one."""
+
+_SPARE_MM = 5.0  # beyond the furthest stop that is possible
+_LEAST_LEAN_RAD = 0.1  # by which a path may lean over its stated direction where it meets something
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What one approach will meet under one hypothesis, over its whole region.
+
+    A stop comes after a travel in [`earliest_mm`, `latest_mm`]; `latest_mm` is infinite if the finger may
+    miss. It cannot come after `furthest_mm`, and not at all if `earliest_mm` is infinite; then `furthest_mm`
+    is 0. The surface's outward normal there lies in `normal_rad`, (lo, hi) in W; None if nothing is met.
+    """
+
+    earliest_mm: float
+    latest_mm: float
+    furthest_mm: float
+    normal_rad: tuple[float, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Predictions:
+    """Predictions for a approaches and h hypotheses, all (a, h); see `Prediction`.
+
+    `normal_lo` ≤ `normal_hi` rad in W; where nothing can be met, `furthest` is −∞ and the normals are 0.
+    """
+
+    earliest: Floats
+    latest: Floats
+    furthest: Floats
+    normal_lo: Floats
+    normal_hi: Floats
+
+    def of(self, approach: int, hypothesis: int) -> Prediction:
+        """One of them."""
+        earliest, latest, furthest, lo, hi = (
+            float(value[approach, hypothesis])
+            for value in (self.earliest, self.latest, self.furthest, self.normal_lo, self.normal_hi)
+        )
+        if np.isinf(earliest):
+            return Prediction(earliest, latest, 0.0, None)
+        return Prediction(earliest, latest, furthest, (lo, hi))
+
+    def of_approach(self, approach: int) -> tuple[Prediction, ...]:
+        """Those of one approach, for every hypothesis."""
+        return tuple(self.of(approach, hypothesis) for hypothesis in range(self.earliest.shape[1]))
+
+    def needed_mm(self, approaches: Sequence[Approach]) -> Floats:
+        """Travel (a,) after which nothing can be met any more, and a little further."""
+        furthest = self.furthest.max(axis=1, initial=0.0) + _SPARE_MM
+        result: Floats = np.minimum(furthest, [approach.travel_mm for approach in approaches])
+        return result
+
+    def apart(self, normal_half_rad: float) -> Bools:
+        """Which two hypotheses (h, h) no outcome of some approach can confuse, as long as touches are sharp.
+
+        That is so where the stops are disjoint, or the normals further apart than two ranges of half-width
+        `normal_half_rad` reach and neither may miss. Touches must not be blunter than that, nor than their
+        approaches' position bounds.
+        """
+        before = self.latest[:, :, None] < self.earliest[:, None, :]
+        sure = np.isfinite(self.latest)
+        middle, half = (self.normal_lo + self.normal_hi) / 2, (self.normal_hi - self.normal_lo) / 2
+        turned = np.abs(wrap_angle(middle[:, :, None] - middle[:, None, :]))
+        leaning = turned > half[:, :, None] + half[:, None, :] + 2 * normal_half_rad
+        either = before | before.transpose(0, 2, 1) | (leaning & sure[:, :, None] & sure[:, None, :])
+        result: Bools = np.any(either, axis=0)
+        return result
+
+
+def joined_predictions(parts: Sequence[Predictions]) -> Predictions:
+    """Predictions of several approaches for the same hypotheses in one."""
+    return Predictions(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("earliest", "latest", "furthest", "normal_lo", "normal_hi")
+        )
+    )
+
+
+def predict(
+    catalogue: Catalogue, hypotheses: Hypotheses, anchor_mm: Floats, approaches: Sequence[Approach]
+) -> Predictions:
+    """Enclose what each of the approaches meets anywhere in the region of each hypothesis."""
+    cells, first = hypotheses.regions.cells, hypotheses.regions.first[:-1]
+    shape = (len(approaches), len(first))
+    found = Predictions(*(np.zeros(shape) for _ in range(5)))
+    for finger in dict.fromkeys(approach.finger for approach in approaches):
+        rows = [k for k, approach in enumerate(approaches) if approach.finger == finger]
+        some = [approaches[k] for k in rows]
+        met = _met(catalogue, cells, anchor_mm, some)
+        for to, value, combine in (
+            (found.earliest, met.earliest, np.minimum),
+            (found.latest, met.latest, np.maximum),
+            (found.furthest, met.furthest, np.maximum),
+            (found.normal_lo, met.normal_lo, np.minimum),
+            (found.normal_hi, met.normal_hi, np.maximum),
+        ):
+            to[rows] = combine.reduceat(value, first, axis=0).T
+    travel = np.array([[approach.travel_mm] for approach in approaches])
+    against = np.array([[approach.direction_rad + np.pi] for approach in approaches])
+    met_at_all = (found.earliest <= travel) & np.isfinite(found.furthest)
+    return Predictions(
+        np.where(met_at_all, found.earliest, np.inf),
+        np.where(found.latest <= travel - END_MM, found.latest, np.inf),
+        np.where(met_at_all, np.minimum(found.furthest, travel), -np.inf),
+        np.where(met_at_all, found.normal_lo + against, 0.0),
+        np.where(met_at_all, found.normal_hi + against, 0.0),
+    )
+
+
+def _met(
+    catalogue: Catalogue, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
+) -> Predictions:
+    """The same for k cells and m approaches of one kind of finger, (k, m).
+
+    Normals count from against the travel.
+    """
+    edges, strips = catalogue.outlines(approaches[0].finger), catalogue.outline_strips(approaches[0].finger)
+    rays = rays_of(edges, cells, anchor_mm, approaches)
+    lean = np.array([2 * item.position_bound_mm / max(item.travel_mm, 1e-9) for item in approaches])
+    lean = np.pi / 2 + np.maximum(_LEAST_LEAN_RAD, np.arcsin(np.minimum(lean, 1.0)))
+    against = np.array([item.direction_rad + np.pi for item in approaches])
+    row, column = np.divmod(np.arange(len(rays)), len(approaches))
+    # Where vertices may be off, so may normals, by anything if edges are short: nothing is said of them.
+    vague = np.array([state.tolerance_mm > 0 for state in catalogue.states])
+    parts, begin = [], 0
+    for some in in_pieces(edges, strips, rays):
+        piece = slice(begin, begin + len(some))
+        begin = piece.stop
+        cell, of = row[piece], column[piece]
+        parts.append(
+            _enclosed(
+                edges,
+                capsules_of(edges, strips, some),
+                against[of] - cells.middle[cell],
+                cells.half_width[cell],
+                lean[of],
+                vague[cells.state[cell]],
+            )
+        )
+    shape = (len(cells), len(approaches))
+    return Predictions(*(np.concatenate(each).reshape(shape) for each in zip(*parts, strict=True)))
+
+
+def _enclosed(
+    edges: EdgeSet, met: Capsules, against: Floats, half_width: Floats, lean: Floats, vague: Bools
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Earliest, latest, furthest stop (r,) of rays, and their normals lo, hi (r,) from against the travel.
+
+    `against` (r,): that direction in the frame of the object's middle orientation, which may turn by
+    `half_width` (r,) either way. A finger is stopped only where its path, which leans by less than `lean` −
+    π/2 (r,) over its stated direction, goes into the outline.
+    """
+    edge: Ints = np.maximum(met.edge, 0)
+    off = wrap_angle(edges.normal_rad[edge] - against[:, None])
+    spread = edges.span[edge] + half_width[:, None] + 1e-9
+    stops = met.touchable & (met.edge >= 0) & (met.enter <= met.latest[:, None])
+    stops &= vague[:, None] | (np.abs(off) - spread <= lean[:, None])
+    leave = np.minimum(met.leave, met.latest[:, None])
+    furthest = np.where(stops, leave, -np.inf).max(axis=1, initial=-np.inf)
+    lo = np.where(stops, off - spread, np.inf).min(axis=1, initial=np.inf)
+    hi = np.where(stops, off + spread, -np.inf).max(axis=1, initial=-np.inf)
+    lo, hi = np.maximum(lo, -lean), np.minimum(hi, lean)
+    lo, hi = np.where(vague, -np.pi, lo), np.where(vague, np.pi, hi)
+    return met.earliest, met.latest, furthest, lo, hi

@@ -1,0 +1,137 @@
+"""Straight approaches as rays in the frames of objects, and the edges that they pass close to.
+
+Between configurations with approaches and whatever asks what these meet: `capsules` for what may happen over
+a whole region, `felt` for what does at one configuration.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.contact import Finger
+from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.region import Cells
+from palpate.recognizer.strips import StripForest
+
+__all__ = ["Approach", "Rays", "in_object_frame", "in_pieces", "near_edges", "rays_of", "side"]
+
+_SOME_EDGES = 64
+_RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens of MB
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """A straight path of a tip's centre in W: from `start_mm` along `direction_rad` for `travel_mm`."""
+
+    finger: Finger
+    start_mm: tuple[float, float]
+    direction_rad: float
+    travel_mm: float
+    position_bound_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """r rays in the frames of their objects: `state` (r,), `start`, unit `heading` (r, 2), `rho` (r,) mm."""
+
+    state: Ints
+    start: Floats
+    heading: Floats
+    rho: Floats
+
+    def __len__(self) -> int:
+        return len(self.state)
+
+    def select(self, part: slice | Ints) -> "Rays":
+        """Those at `part` (a slice or indices)."""
+        return Rays(self.state[part], self.start[part], self.heading[part], self.rho[part])
+
+
+def in_object_frame(cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]) -> tuple[Floats, Floats]:
+    """Start and unit heading (k, m, 2) of m paths in the frame of each cell's middle configuration."""
+    cos, sin = np.cos(cells.middle)[:, None], np.sin(cells.middle)[:, None]
+    x, y = (np.array([approach.start_mm for approach in approaches]) - anchor_mm).T
+    start = np.stack([cos * x + sin * y, cos * y - sin * x], axis=2) - cells.centre[:, None]
+    ahead = np.array([approach.direction_rad for approach in approaches])
+    u, v = np.cos(ahead), np.sin(ahead)
+    return start, np.stack([cos * u + sin * v, cos * v - sin * u], axis=2)
+
+
+def rays_of(edges: EdgeSet, cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]) -> Rays:
+    """m approaches of one kind of finger in each of k cells: ray i·m + j is approach j in cell i.
+
+    ρ covers the whole cell, the outline's slack and the approach's bound.
+    """
+    start, heading = in_object_frame(cells, anchor_mm, approaches)
+    bound = np.array([approach.position_bound_mm for approach in approaches])
+    # A point of the path is moved into the object's frame by any configuration of the cell; seen from the
+    # middle one its lever is longer by as much as the centroid may be off.
+    body = (
+        cells.displacement(edges.state_reach_mm[cells.state] + cells.radius)
+        + edges.state_slack_mm[cells.state]
+    )
+    return Rays(
+        np.repeat(cells.state, len(approaches)),
+        start.reshape(-1, 2),
+        heading.reshape(-1, 2),
+        (body[:, None] + bound).ravel(),
+    )
+
+
+def in_pieces(edges: EdgeSet, strips: StripForest, rays: Rays) -> list[Rays]:
+    """Cut rays so that no piece has many more than _RAYS_TIMES_EDGES edges to look at."""
+    large = strips.root[rays.state] >= 0
+    # Of outlines in strip trees only a few edges are ever looked at; how many is a guess.
+    size = np.where(large, _SOME_EDGES, edges.count[rays.state])
+    total = np.cumsum(size)
+    cuts = np.searchsorted(
+        total, np.arange(_RAYS_TIMES_EDGES, int(total[-1]) if len(total) else 0, _RAYS_TIMES_EDGES)
+    )
+    bounds = np.unique([0, *cuts, len(size)])
+    if len(bounds) < 3:
+        return [rays]
+    return [rays.select(slice(int(a), int(b))) for a, b in pairwise(bounds)]
+
+
+def near_edges(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Ints, Ints]:
+    """Pairs of a ray and an edge that its line passes within ρ, by ray. Most edges lie clear on one side."""
+
+    def near(ray: Ints, begin: Floats, end: Floats, stray: Floats | float) -> Bools:
+        first, last = side(rays, ray, begin), side(rays, ray, end)
+        margin = rays.rho[ray] + stray + 1e-9
+        result: Bools = (np.minimum(first, last) <= margin) & (np.maximum(first, last) >= -margin)
+        return result
+
+    large = strips.root[rays.state] >= 0
+    # One look at an edge's circle is half of the work of two at its ends, and settles most.
+    rows = np.flatnonzero(~large)
+    grid = edges.grid(1 << int(edges.count[rays.state[rows]].max(initial=0)).bit_length())
+    state, (u, v) = rays.state[rows], rays.heading[rows].T
+    offset = rays.start[rows, 1] * u - rays.start[rows, 0] * v
+    away = grid.centre_y[state] * u[:, None]
+    away -= grid.centre_x[state] * v[:, None]
+    away -= offset[:, None]
+    close = np.abs(away) <= grid.half_length[state] + (rays.rho[rows] + 1e-9)[:, None]
+    ray, column = np.divmod(np.flatnonzero(close), close.shape[1])
+    ray, edge = rows[ray], edges.first[state[ray]] + column
+    if not large.any():
+        return ray, edge
+    rows = np.flatnonzero(large)
+    query, found = strips.descend(
+        rays.state[rows],
+        lambda query, strip: near(rows[query], strips.start[strip], strips.end[strip], strips.stray[strip]),
+    )
+    ray, edge = np.concatenate([ray, rows[query]]), np.concatenate([edge, found])
+    order = np.argsort(ray, kind="stable")
+    return ray[order], edge[order]
+
+
+def side(rays: Rays, ray: Ints, point: Floats) -> Floats:
+    """Signed distance (n,) of points (n, 2) from the lines of the rays `ray` (n,)."""
+    x = point[:, 0] - rays.start[ray, 0]
+    y = point[:, 1] - rays.start[ray, 1]
+    away: Floats = rays.heading[ray, 0] * y - rays.heading[ray, 1] * x
+    return away

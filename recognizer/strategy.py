@@ -1,0 +1,170 @@
+"""The memo's three ways to get at more data (§3.2), and the check of an answer. From a recognition to a grip.
+
+`random`: a new grip at random, among approaches that may meet something. `rotate`: every finger next to where
+it touched last, as if the hand turned a little in contact. `planned`: what tells the hypotheses apart best.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.felt import Resolution, felt
+from palpate.recognizer.planner import (
+    Candidate,
+    Foreseen,
+    Grip,
+    Reachable,
+    fits,
+    foreseen,
+    grip_of,
+    plan_grip,
+)
+from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
+from palpate.recognizer.recognise import Recognition
+
+__all__ = ["Strategy", "checking_grip", "next_grip", "used_by"]
+
+_SAME_LINE_MM, _SAME_LINE_RAD = 1.0, 0.01
+_ASIDE_MM = 3.0  # a touch nearer to an earlier one than this says little new
+_LEVER_MM = 50.0  # makes turns and distances comparable, to see whose approach a contact was
+_SQUARE = 0.5  # cosine: a check meets its surface at least this squarely
+
+
+class Strategy(Enum):
+    """How the next grip is chosen."""
+
+    PLANNED = "planned"
+    RANDOM = "random"
+    ROTATE = "rotate"
+
+
+def next_grip(
+    strategy: Strategy,
+    recognition: Recognition,
+    reachable: Reachable,
+    resolution: Resolution,
+    goals: Goals,
+    rng: np.random.Generator,
+) -> Grip | None:
+    """The next grip; None if there is none left that could tell anything.
+
+    Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone.
+    """
+    if not reachable.candidates:
+        return None
+    used = used_by(recognition.contacts, reachable.candidates)
+    if strategy is Strategy.PLANNED:
+        return plan_grip(recognition, reachable, resolution, goals, used)
+    order = _meeting(recognition, reachable, used)
+    if strategy is Strategy.RANDOM:
+        return _first_together(recognition, reachable, rng.permutation(order), resolution)
+    return _first_together(recognition, reachable, _beside(recognition, reachable, order), resolution)
+
+
+def checking_grip(
+    recognition: Recognition, reachable: Reachable, resolution: Resolution, touches: int
+) -> Grip | None:
+    """Touches where the first hypothesis must be met, as far as can be from all that was touched before.
+
+    At most so many `touches`, one for each finger; None if there is none. What is not in the catalogue, or
+    has moved, would hardly be met just there as well.
+    """
+    used = used_by(recognition.contacts, reachable.candidates)
+    approaches = [item.approach for item in reachable.candidates]
+    poses = witness_poses(recognition.hypotheses)
+    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    rows = np.flatnonzero(outcome.hit[:, 0] & (outcome.facing[:, 0] >= _SQUARE) & ~used)
+    known = [contact.end_mm for contact in recognition.contacts if contact.touched]
+    chosen: list[Foreseen] = []
+    while len(rows) and len(chosen) < touches:
+        ends = _ends([reachable.candidates[k] for k in rows.tolist()], outcome.travel[rows, 0])
+        away = np.linalg.norm(ends[:, None] - np.array(known), axis=2).min(axis=1)
+        best = int(np.argmax(away))
+        if away[best] < _ASIDE_MM:
+            break
+        one = foreseen(recognition, reachable, int(rows[best]))
+        rows, ends = np.delete(rows, best), ends[best]
+        if np.isfinite(one.predictions.latest[0, 0]) and fits(reachable, one, chosen):
+            chosen.append(one)
+            known.append((float(ends[0]), float(ends[1])))
+    return grip_of(recognition, reachable, chosen, resolution, 1.0) if chosen else None
+
+
+def used_by(contacts: Sequence[Contact], candidates: Sequence[Candidate]) -> Bools:
+    """Which candidates (n,) run along the path of a contact or a miss of the same kind of finger."""
+    start, angle = _lines(candidates)
+    used = np.zeros(len(candidates), dtype=bool)
+    for contact in contacts:
+        same = np.array([item.approach.finger == contact.finger for item in candidates], dtype=bool)
+        off = np.abs(_aside(start, angle, np.array(contact.end_mm)))
+        turned = np.abs(wrap_angle(angle - contact.direction_rad))
+        used |= same & (off < _SAME_LINE_MM) & (turned < _SAME_LINE_RAD)
+    return used
+
+
+def _lines(candidates: Sequence[Candidate]) -> tuple[Floats, Floats]:
+    """Starts (n, 2) mm and directions (n,) rad in W."""
+    start = np.array([item.approach.start_mm for item in candidates]).reshape(-1, 2)
+    return start, np.array([item.approach.direction_rad for item in candidates])
+
+
+def _aside(start: Floats, angle: Floats, point: Floats) -> Floats:
+    """Signed distance (n,) of a point (2,) from lines."""
+    rel = point - start
+    result: Floats = np.cos(angle) * rel[:, 1] - np.sin(angle) * rel[:, 0]
+    return result
+
+
+def _ends(candidates: Sequence[Candidate], travel_mm: Floats) -> Floats:
+    """Where tips (n, 2) are in W after a travel (n,) mm."""
+    start, angle = _lines(candidates)
+    result: Floats = start + travel_mm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return result
+
+
+def _meeting(recognition: Recognition, reachable: Reachable, used: Bools) -> Ints:
+    """Candidates that have not been used and may meet what lies there, as far as some configurations tell."""
+    poses = sampled_poses(recognition.hypotheses)
+    approaches = [item.approach for item in reachable.candidates]
+    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    result: Ints = np.flatnonzero(outcome.hit.any(axis=1) & ~used)
+    return result
+
+
+def _beside(recognition: Recognition, reachable: Reachable, rows: Ints) -> Ints:
+    """Candidates by how near they pass to their finger's last contact, those that pass too near left out."""
+    start, angle = _lines(reachable.candidates)
+    finger = np.array([item.finger_index for item in reachable.candidates])
+    off = np.full(len(angle), np.inf)
+    ends: dict[int, list[Floats]] = {}
+    for contact in recognition.contacts:
+        if contact.touched:
+            end = np.array(contact.end_mm)
+            turned = np.abs(wrap_angle(angle - contact.direction_rad))
+            nearest = int(np.argmin(np.abs(_aside(start, angle, end)) + _LEVER_MM * turned))
+            ends.setdefault(int(finger[nearest]), []).append(end)
+    for index, touched in ends.items():
+        own = np.flatnonzero(finger == index)
+        away = np.abs([_aside(start[own], angle[own], end) for end in touched])
+        off[own] = np.where(away.min(axis=0) >= _ASIDE_MM, away[-1], np.inf)
+    rows = rows[np.isfinite(off[rows])]
+    result: Ints = rows[np.argsort(off[rows], kind="stable")]
+    return result
+
+
+def _first_together(
+    recognition: Recognition, reachable: Reachable, order: Ints, resolution: Resolution
+) -> Grip | None:
+    """A grip of the first candidates of `order` (n,) that go together; None if there is none."""
+    fingers = len({item.finger_index for item in reachable.candidates})
+    chosen: list[Foreseen] = []
+    for index in order.tolist():
+        one = foreseen(recognition, reachable, index)
+        if fits(reachable, one, chosen):
+            chosen.append(one)
+        if len(chosen) == fingers:
+            break
+    return grip_of(recognition, reachable, chosen, resolution, 1.0) if chosen else None

@@ -1,0 +1,34 @@
+"""A grip that is called decisive is: carried out for every hypothesis, it leaves one class."""
+
+from pathlib import Path
+
+import pytest
+from decisive_grips import checked, drawn
+from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS
+
+
+@pytest.mark.parametrize(
+    ("path", "trials", "least"),
+    [
+        (SHIPPED_OBJECTS, 150, 8),
+        pytest.param(
+            SHARED_OUTLINES,
+            150,
+            12,
+            marks=pytest.mark.skipif(not SHARED_OUTLINES.exists(), reason="needs the shared outlines"),
+        ),
+    ],
+    ids=["six", "outlines"],
+)
+def test_decisive_grips_decide(path: Path, trials: int, least: int) -> None:
+    decisive = 0
+    for index in range(trials):
+        trial = drawn(path, 11, index)
+        if trial is None:
+            continue
+        decisive += 1
+        found = checked(path, trial, 11, 3)
+        assert found.outcomes >= 2 * found.hypotheses
+        assert found.undecided == 0, f"trial {index}"
+        assert found.unforeseen == 0, f"trial {index}"
+    assert decisive >= least
