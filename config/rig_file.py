@@ -116,8 +116,10 @@ class Search(FileModel):
     max_grips: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         description="Grips before giving up."
     )
-    confirming_touches: Annotated[int, Field(strict=True, ge=0, le=100)] = Field(
-        default=2, description="An answer is given once this many touches have come out as it foretold."
+    stranger_chance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
+        default=0.001,
+        description="No answer is given while something that is not in the catalogue would have agreed with "
+        "all that was foretold with a greater chance than this.",
     )
     goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(

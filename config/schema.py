@@ -12,8 +12,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from palpate.config.contacts_file import ContactsFile
+from palpate.config.grip_result import GripOut
+from palpate.config.identification_result import IdentificationOut
 from palpate.config.objects_file import ObjectsFileText
-from palpate.config.results import IdentificationOut, RecognitionOut
+from palpate.config.recognition_result import RecognitionOut
+from palpate.config.results import Out
 from palpate.config.rig_file import RigFile
 from palpate.config.scene_file import SceneFile
 
@@ -21,6 +24,7 @@ __all__ = ["FORMATS", "schema_text", "write_schemas"]
 
 FORMATS: Mapping[str, type[BaseModel]] = {
     "contacts": ContactsFile,
+    "grip": GripOut,
     "identification": IdentificationOut,
     "objects": ObjectsFileText,
     "recognition": RecognitionOut,
@@ -33,7 +37,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
 def schema_text(name: str) -> str:
     """JSON Schema of the format called `name`, as the text of its file."""
     model = FORMATS[name]
-    mode: Any = "serialization" if name in {"identification", "recognition"} else "validation"
+    mode: Any = "serialization" if issubclass(model, Out) else "validation"
     schema = model.model_json_schema(mode=mode)
     definitions = schema.pop("$defs", {})
     full = {"$schema": "https://json-schema.org/draft/2020-12/schema"} | _inlined(schema, definitions)

@@ -1,13 +1,14 @@
-"""The command line: `palpate identify`, `recognize`, `emulate`. Errors become one line and an exit code.
+"""The command line: `palpate identify`, `recognize`, `plan`, `emulate`.
 
-Results go to stdout (with `--json` one object), everything for people while it works to stderr. Exit codes: 0
-done, 1 not resolved, 2 usage or configuration, 3 device, 4 safety stop, 130 interrupted.
+Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for people
+while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device, 4 safety stop,
+130 interrupted.
 """
 
 import signal
 import sys
 from collections.abc import Sequence
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -28,6 +29,15 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+class Strategy(StrEnum):
+    """Names of `recognizer.Strategy`, which is only imported by commands that need it."""
+
+    PLANNED = "planned"
+    RANDOM = "random"
+    ROTATE = "rotate"
+
+
 RigOption = Annotated[
     Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
 ]
@@ -39,6 +49,14 @@ SceneOption = Annotated[
 ]
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Draws the scene and the emulated devices' errors.")
+]
+ContactsOption = Annotated[Path, typer.Option("--contacts", help="What fingers felt (JSON).")]
+StrategyOption = Annotated[
+    Strategy,
+    typer.Option(
+        "--strategy",
+        help="How grips are chosen: what tells most apart, at random, or beside the last touches.",
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also write a picture (SVG) here.")]
@@ -82,6 +100,7 @@ def identify(
     seed: SeedOption = 0,
     json: JsonOption = False,
     picture: PictureOption = None,
+    strategy: StrategyOption = Strategy.PLANNED,
     sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = Path(
         "palpate-sessions"
     ),
@@ -98,6 +117,7 @@ def identify(
             json=json,
             picture=picture,
             sessions=sessions,
+            strategy=strategy.value,
         )
     )
 
@@ -105,7 +125,7 @@ def identify(
 @app.command()
 def recognize(
     objects: Annotated[Path, typer.Option("--objects", help="Object models (JSON).")],
-    contacts: Annotated[Path, typer.Option("--contacts", help="What fingers felt (JSON).")],
+    contacts: ContactsOption,
     json: JsonOption = False,
     picture: PictureOption = None,
     max_spurious: Annotated[
@@ -131,6 +151,36 @@ def recognize(
             max_spurious=max_spurious,
             asked=why,
             statistics=statistics,
+        )
+    )
+
+
+@app.command()
+def plan(
+    contacts: ContactsOption,
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    strategy: StrategyOption = Strategy.PLANNED,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the grip of --strategy random.")] = 0,
+    json: JsonOption = False,
+    picture: PictureOption = None,
+) -> None:
+    """Choose the grip to carry out next, and say what each hypothesis foretells of it.
+
+    Exit code 0: there is a grip worth its time, or the one answer is as fine as the rig file asks. 1: nothing
+    fits, or nothing within reach tells apart what does.
+    """
+    from palpate.rig.command_plan import run_plan
+
+    raise typer.Exit(
+        run_plan(
+            rig=rig,
+            objects=objects,
+            contacts=contacts,
+            strategy=strategy.value,
+            seed=seed,
+            json=json,
+            picture=picture,
         )
     )
 

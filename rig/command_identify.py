@@ -15,19 +15,22 @@ from rich.console import Console
 from rich.status import Status
 
 from palpate.config import load_objects, load_rig, load_scene, shipped_objects, shipped_rig
-from palpate.config.results import IdentificationOut, to_json
-from palpate.recognizer import Catalogue, Grip, Recognition
+from palpate.config.identification_result import AlternativeOut, IdentificationOut, IdentificationVerdict
+from palpate.config.results import to_json
+from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.bench import connect, place, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text
 from palpate.rig.identify import Outcome, identify
-from palpate.rig.report import contacts_json, identification_out, identification_picture
+from palpate.rig.report import contacts_json
+from palpate.rig.report_run import identification_out, identification_picture
 from palpate.rig.session import SessionLog, session_folder
 
 __all__ = ["run_identify"]
 
 _NAMES_SHOWN = 5
+_ALTERNATIVES_SHOWN = 12
 
 
 def run_identify(
@@ -39,8 +42,12 @@ def run_identify(
     json: bool,
     picture: Path | None,
     sessions: Path,
+    strategy: str = Strategy.PLANNED.value,
 ) -> int:
-    """Run the bench to a verdict; returns the exit code (1 if it is not an answer)."""
+    """Run the bench to a verdict; returns the exit code (1 if it is not an answer).
+
+    `strategy`: how grips are chosen, as `Strategy` names it.
+    """
     begin = time.perf_counter()
     sources: list[Path | Traversable] = [rig or shipped_rig(), objects or shipped_objects()]
     rig_file, objects_file = load_rig(sources[0]), load_objects(sources[1])
@@ -50,14 +57,15 @@ def run_identify(
         check_place(picture)
     catalogue = Catalogue(models_of(objects_file))
     bench = set_up(rig_file, placement, seed)
-    name = _session_name(sources, scene, seed, emulated=rig_file.emulated)
+    name = _session_name(sources, scene, seed, strategy, emulated=rig_file.emulated)
     folder = session_folder(sessions, name)
-    header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed, "started": _now()}
+    header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed}
+    header |= {"strategy": strategy, "started": _now()}
     console = Console(stderr=True, highlight=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
         with connect(bench, log.tap) as hand:
             hand.prepare()
-            result = identify(hand, catalogue, [log, progress])
+            result = identify(hand, catalogue, [log, progress], strategy=Strategy(strategy), seed=seed)
             emulated = hand.emulated
         out = identification_out(
             result,
@@ -66,6 +74,7 @@ def run_identify(
             rig_seconds=bench.clock.now(),
             wall_seconds=time.perf_counter() - begin,
             session=str(folder),
+            strategy=Strategy(strategy),
         )
         log.event("result", result=out.model_dump(mode="json"))
     drawn = identification_picture(result, placement, rig_file, _facts(out))
@@ -122,6 +131,13 @@ class Progress:
         count = "1 hypothesis" if len(names) == 1 else f"{len(names)} hypotheses"
         self._console.print(f"        {count}{': ' if names else ''}{shown}{more}")
 
+    def moved(self, grip: int) -> None:
+        """The part seems to have been moved."""
+        self._console.print(
+            f"        grip {grip} contradicts the earlier ones: the part may have been moved; "
+            "earlier grips are dropped"
+        )
+
     def planned(self, grip: int, plan: Grip) -> None:
         """The next grip was chosen."""
         if self._status is not None:
@@ -129,7 +145,12 @@ class Progress:
 
 
 def _session_name(
-    sources: Sequence[Path | Traversable], scene: Path | None, seed: int, *, emulated: bool
+    sources: Sequence[Path | Traversable],
+    scene: Path | None,
+    seed: int,
+    strategy: str,
+    *,
+    emulated: bool,
 ) -> str:
     """After everything that decides an emulated session, so that it is the same again; else the time."""
     if not emulated:
@@ -137,6 +158,7 @@ def _session_name(
     content = hashlib.sha256(version("palpate").encode())
     for source in [*sources, *([] if scene is None else [scene])]:
         content.update(source.read_bytes())
+    content.update(strategy.encode())
     return f"identify-seed-{seed}-{content.hexdigest()[:8]}"
 
 
@@ -149,6 +171,8 @@ def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
     rows = [
         ("grips", str(out.grips)),
         ("touches", str(out.touches)),
+        ("came out as foretold", str(out.foretold)),
+        ("strategy", out.strategy.value),
         ("rig time", f"{out.rig_seconds:.1f} s"),
         ("devices", "emulated" if out.emulated else "hardware"),
     ]
@@ -162,12 +186,8 @@ def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
 
 def _print(out: IdentificationOut, picture: Path) -> None:
     """The answer for a person."""
-    if out.object is None and out.verdict == Outcome.UNKNOWN.value:
-        typer.echo(f"{out.verdict}: no object of the catalogue agrees with what was felt")
-    elif out.object is None:
-        typer.echo(f"{out.verdict}: too little was touched to tell anything")
-    else:
-        typer.echo(f"{out.verdict}: {out.object}, {out.state}")
+    for line in _verdict_lines(out):
+        typer.echo(line)
     if out.configuration is not None and out.bounds is not None:
         at, bounds = out.configuration, out.bounds
         typer.echo(f"  x  {at.x:9.3f} mm   in [{bounds.x[0]:.3f}, {bounds.x[1]:.3f}]")
@@ -176,18 +196,58 @@ def _print(out: IdentificationOut, picture: Path) -> None:
         typer.echo(f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]")
         if out.symmetry_order > 1:
             typer.echo(f"  ({out.symmetry_order}-fold symmetric: θ modulo {360 / out.symmetry_order:g}°)")
-    for other in out.alternatives:
-        typer.echo(
-            f"  or {other.object}, {other.state} at x {other.configuration.x:.2f} mm, "
-            f"y {other.configuration.y:.2f} mm, θ {math.degrees(other.configuration.theta):.2f}°"
-        )
+    for other in out.alternatives[:_ALTERNATIVES_SHOWN]:
+        typer.echo(f"  {_alternative_line(other)}")
+    if len(out.alternatives) > _ALTERNATIVES_SHOWN:
+        typer.echo(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
+    if out.verdict == IdentificationVerdict.IDENTIFIED and out.foretold:
+        typer.echo(f"  {_counted(out.foretold, 'touch', 'touches')} came out as this foretold")
     if out.truth is not None:
         typer.echo(_truth_line(out))
     typer.echo(
-        f"{out.grips} grips, {out.touches} touches, {out.rig_seconds:.1f} s on the "
-        f"{'emulated ' if out.emulated else ''}rig, {out.wall_seconds:.1f} s here"
+        f"{_counted(out.grips, 'grip', 'grips')}, {_counted(out.touches, 'touch', 'touches')}, "
+        f"{out.rig_seconds:.1f} s on the {'emulated ' if out.emulated else ''}rig, "
+        f"{out.wall_seconds:.1f} s here"
     )
     typer.echo(f"picture {picture}, session {out.session}")
+
+
+def _verdict_lines(out: IdentificationOut) -> list[str]:
+    """What it is, or why that is not said."""
+    if out.object is None and out.verdict == IdentificationVerdict.UNKNOWN:
+        lines = [f"{out.verdict}: no object of the catalogue agrees with what was felt"]
+        if out.moved_before:
+            lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
+        return lines
+    if out.object is None:
+        return [f"{out.verdict}: too little was touched to tell anything"]
+    name = f"{out.object}, {out.state}"
+    if out.verdict == IdentificationVerdict.UNRESOLVED:
+        left = "is all that agrees with what was felt" if not out.alternatives else "is still possible"
+        lines = [f"{out.verdict}: {name} {left}"]
+    elif out.verdict == IdentificationVerdict.INDISTINGUISHABLE:
+        lines = [f"{out.verdict}: {name}, or something that no touch within reach tells from it"]
+    else:
+        lines = [f"{out.verdict}: {name}"]
+    if out.moved_before:
+        lines.append(f"  moved before grip {_last(out)}; touches since then count")
+    return lines
+
+
+def _last(out: IdentificationOut) -> int:
+    return out.moved_before[-1]
+
+
+def _alternative_line(other: AlternativeOut) -> str:
+    at = other.configuration
+    where = f"x {at.x:.2f} mm, y {at.y:.2f} mm, θ {math.degrees(at.theta):.2f}°"
+    if other.turned is None or other.moved is None:
+        return f"or {other.object}, {other.state} at {where}"
+    return f"or turned by {math.degrees(other.turned):.1f}° and moved by {other.moved:.1f} mm: {where}"
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"
 
 
 def _truth_line(out: IdentificationOut) -> str:

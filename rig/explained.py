@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from palpate.config.problems import nearest, shown
-from palpate.config.results import ExplanationOut, FeltOut, StepOut, WhyOut
+from palpate.config.recognition_result import ExplanationOut, FeltOut, StepOut, WhyOut
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Contact
 from palpate.recognizer.explain import Reason, Why, moved, suspects

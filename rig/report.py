@@ -1,18 +1,12 @@
-"""A recognition or a run as JSON values, a picture, a contacts file. The end of the data's way."""
+"""A recognition as JSON values, as a picture, and its contacts as a file. The end of the data's way."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.config import RigFile
-from palpate.config.results import (
-    AlternativeOut,
-    BoundsOut,
-    ConfigurationOut,
+from palpate.config.recognition_result import (
     HypothesisOut,
-    IdentificationOut,
-    IdentificationVerdict,
     InterpretationOut,
     LevelOut,
     MemoOut,
@@ -20,23 +14,24 @@ from palpate.config.results import (
     RecognitionVerdict,
     SlideOut,
     StatisticsOut,
-    TruthOut,
 )
+from palpate.config.results import BoundsOut, ConfigurationOut
 from palpate.recognizer import Bounds, Configuration, Contact, Hypothesis, Recognition, State
 from palpate.recognizer.arrays import Floats
 from palpate.recognizer.statistics import MemoCounts
 from palpate.rig import picture
-from palpate.rig.identify import Identification
-from palpate.rig.scene import Placement, rings_of
-from palpate.rig.truth import Comparison, compare
 
 __all__ = [
+    "bounds_out",
+    "configuration_out",
     "contacts_json",
     "hypothesis_out",
-    "identification_out",
-    "identification_picture",
+    "pose_of",
     "recognition_out",
     "recognition_picture",
+    "rings_at",
+    "still_possible",
+    "touch_of",
 ]
 
 
@@ -64,46 +59,6 @@ def recognition_out(
     )
 
 
-def identification_out(
-    result: Identification,
-    placement: Placement | None,
-    *,
-    emulated: bool,
-    rig_seconds: float,
-    wall_seconds: float,
-    session: str | None,
-) -> IdentificationOut:
-    """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
-    hypotheses = _hypotheses(result)
-    first = hypotheses[0] if hypotheses else None
-    truth = None if placement is None else compare(placement, hypotheses)
-    return IdentificationOut(
-        verdict=IdentificationVerdict(result.outcome.value),
-        object=first and first.state.object_name,
-        state=first and first.state.state.name,
-        configuration=None if first is None else _configuration(first.configuration),
-        bounds=None if first is None else _bounds(first.bounds),
-        alternatives=tuple(
-            AlternativeOut(
-                object=item.state.object_name,
-                state=item.state.state.name,
-                configuration=_configuration(item.configuration),
-                bounds=_bounds(item.bounds),
-                weight=item.weight,
-            )
-            for item in hypotheses[1:]
-        ),
-        symmetry_order=1 if first is None else first.state.symmetry_order,
-        grips=len(result.grips),
-        touches=result.touches,
-        emulated=emulated,
-        rig_seconds=rig_seconds,
-        wall_seconds=wall_seconds,
-        session=session,
-        truth=None if placement is None or truth is None else _truth(placement, truth),
-    )
-
-
 def contacts_json(grips: Sequence[Sequence[Contact]]) -> dict[str, object]:
     """Contacts as `palpate/contacts@1`, for `palpate recognize`."""
     return {
@@ -120,55 +75,12 @@ def recognition_picture(recognition: Recognition, title: str) -> str:
         picture.Picture(
             title=title,
             subtitle=(_verdict_line(recognition),),
-            found=_rings(hypotheses[0]) if hypotheses else (),
-            pose=_pose(hypotheses[0]) if hypotheses else None,
-            others=tuple(_still_possible(item) for item in hypotheses[1:]),
-            touches=tuple(_touch(1, contact) for contact in recognition.contacts),
+            found=rings_at(hypotheses[0]) if hypotheses else (),
+            pose=pose_of(hypotheses[0]) if hypotheses else None,
+            others=tuple(still_possible(item) for item in hypotheses[1:]),
+            touches=tuple(touch_of(1, contact) for contact in recognition.contacts),
         )
     )
-
-
-def identification_picture(
-    result: Identification, placement: Placement | None, rig: RigFile, facts: Sequence[tuple[str, str]]
-) -> str:
-    """SVG of a run: the object found, contacts, approaches, and what was ruled out when."""
-    hypotheses = _hypotheses(result)
-    others = [_still_possible(item) for item in hypotheses[1:]]
-    others += [
-        picture.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", _rings(item))
-        for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
-    ]
-    first = hypotheses[0] if hypotheses else None
-    name = (
-        "nothing in the catalogue"
-        if first is None
-        else f"{first.state.object_name}, {first.state.state.name}"
-    )
-    truth: tuple[Floats, ...] = ()
-    if placement is not None:
-        truth = tuple(rings_of(placement, placement.state.sections[0]))
-    return picture.draw(
-        picture.Picture(
-            title=f"{result.outcome.value.capitalize()}: {name}",
-            subtitle=(f"rig {rig.name}",),
-            found=() if first is None else _rings(first),
-            pose=None if first is None else _pose(first),
-            truth=truth,
-            others=tuple(others),
-            touches=tuple(
-                _touch(number, touch.contact)
-                for number, grip in enumerate(result.grips, start=1)
-                for touch in grip
-            ),
-            bases=tuple(picture.FingerBase(item.name, item.base_mm) for item in rig.fingers),
-            workspace_radius_mm=rig.workspace.radius_mm,
-            facts=tuple(facts),
-        )
-    )
-
-
-def _hypotheses(result: Identification) -> Sequence[Hypothesis]:
-    return () if result.recognition is None else result.recognition.hypotheses
 
 
 def hypothesis_out(item: Hypothesis) -> HypothesisOut:
@@ -176,8 +88,8 @@ def hypothesis_out(item: Hypothesis) -> HypothesisOut:
     return HypothesisOut(
         object=item.state.object_name,
         state=item.state.state.name,
-        configuration=_configuration(item.configuration),
-        bounds=_bounds(item.bounds),
+        configuration=configuration_out(item.configuration),
+        bounds=bounds_out(item.bounds),
         weight=item.weight,
         verified=item.verified,
         symmetry_order=item.state.symmetry_order,
@@ -202,24 +114,14 @@ def _feature(feature: int) -> str:
     return f"edge {feature}" if feature >= 0 else f"vertex {_edge(feature)}"
 
 
-def _configuration(value: Configuration) -> ConfigurationOut:
+def configuration_out(value: Configuration) -> ConfigurationOut:
+    """A configuration as a JSON value."""
     return ConfigurationOut(x=value.x_mm, y=value.y_mm, theta=value.theta_rad)
 
 
-def _bounds(value: Bounds) -> BoundsOut:
+def bounds_out(value: Bounds) -> BoundsOut:
+    """Bounds as a JSON value."""
     return BoundsOut(x=value.x_mm, y=value.y_mm, theta=value.theta_rad)
-
-
-def _truth(placement: Placement, found: Comparison) -> TruthOut:
-    return TruthOut(
-        object=placement.model.name,
-        state=placement.state.name,
-        configuration=_configuration(found.configuration),
-        named=found.hypothesis is not None,
-        inside_bounds=found.inside_bounds,
-        position_error_mm=found.position_error_mm,
-        orientation_error_rad=found.orientation_error_rad,
-    )
 
 
 def _contact(contact: Contact) -> dict[str, object]:
@@ -247,18 +149,20 @@ def _verdict_line(recognition: Recognition) -> str:
     return f"{recognition.verdict.value}: {len(recognition.hypotheses)} hypotheses after {touched} contacts"
 
 
-def _pose(item: Hypothesis) -> picture.Pose:
+def pose_of(item: Hypothesis) -> picture.Pose:
+    """A hypothesis's configuration with its bounds, for a picture."""
     at, bounds = item.configuration, item.bounds
     return picture.Pose((at.x_mm, *bounds.x_mm), (at.y_mm, *bounds.y_mm), (at.theta_rad, *bounds.theta_rad))
 
 
-def _still_possible(item: Hypothesis) -> picture.OtherHypothesis:
+def still_possible(item: Hypothesis) -> picture.OtherHypothesis:
+    """A hypothesis beside the first one, for a picture."""
     return picture.OtherHypothesis(
-        item.state.object_name, f"still possible, {100 * item.weight:.0f} %", _rings(item)
+        item.state.object_name, f"still possible, {100 * item.weight:.0f} %", rings_at(item)
     )
 
 
-def _rings(item: Hypothesis) -> tuple[Floats, ...]:
+def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
     """Outlines of the lowest section, in W, at the hypothesis's configuration."""
     at = item.configuration
     turn = np.array(
@@ -272,7 +176,8 @@ def _lowest_rings(state: State) -> list[Floats]:
     return [ring for polygon in section.polygons for ring in (polygon.outer, *polygon.holes)]
 
 
-def _touch(grip: int, contact: Contact) -> picture.Touch:
+def touch_of(grip: int, contact: Contact) -> picture.Touch:
+    """A contact or a miss of a grip, counted from 1, for a picture."""
     normal = contact.normal
     return picture.Touch(
         contact.name,

@@ -7,17 +7,15 @@ import pytest
 from pydantic import ValidationError
 
 from palpate.config import load_contacts, load_scene
-from palpate.config.results import (
-    BoundsOut,
-    ConfigurationOut,
+from palpate.config.recognition_result import (
     HypothesisOut,
     InterpretationOut,
     LevelOut,
     RecognitionOut,
     RecognitionVerdict,
     StatisticsOut,
-    to_json,
 )
+from palpate.config.results import BoundsOut, ConfigurationOut, to_json
 from palpate.errors import InputError
 
 TOUCH: dict[str, Any] = {

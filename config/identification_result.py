@@ -1,0 +1,102 @@
+"""Result of `palpate identify`: `palpate/identification@1`."""
+
+from enum import StrEnum
+from typing import Literal
+
+from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
+
+__all__ = [
+    "AlternativeOut",
+    "IdentificationOut",
+    "IdentificationVerdict",
+    "Relation",
+    "StrategyName",
+    "TruthOut",
+]
+
+
+class IdentificationVerdict(StrEnum):
+    """How a run on the bench ended."""
+
+    IDENTIFIED = "identified"
+    INDISTINGUISHABLE = "indistinguishable"
+    UNKNOWN = "unknown"
+    UNRESOLVED = "unresolved"
+
+
+class StrategyName(StrEnum):
+    """How grips are chosen (memo §3.2)."""
+
+    PLANNED = "planned"
+    RANDOM = "random"
+    ROTATE = "rotate"
+
+
+class Relation(StrEnum):
+    """How an alternative relates to the answer: another object or state, or the same state elsewhere."""
+
+    TWIN = "twin"
+    SYMMETRY = "symmetry"
+
+
+class AlternativeOut(Out):
+    """A hypothesis that is left beside the first one.
+
+    `turned` (rad, −π to π) and `moved` (mm, of the state's centre of area) take the first one's configuration
+    to this one; both are null for a twin.
+    """
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+    bounds: BoundsOut
+    weight: Rounded | None = None
+    relation: Relation
+    turned: Rounded | None
+    moved: Rounded | None
+
+
+class TruthOut(Out):
+    """What the emulator had put on the table; written after the run, unknown to everything in it.
+
+    Of the configurations that the state's symmetry makes equal, the one nearest to the answer is given.
+    `named`: object and state are among the answers; then the errors (mm, rad) are those of that answer and
+    `inside_bounds` says whether the truth is inside its bounds.
+    """
+
+    object: str
+    state: str
+    configuration: ConfigurationOut
+    named: bool
+    inside_bounds: bool
+    position_error_mm: Rounded | None
+    orientation_error_rad: Rounded | None
+
+
+class IdentificationOut(Out):
+    """Answer of `palpate identify`.
+
+    object, state, configuration and bounds are null if no hypothesis is left, `truth` on a real rig.
+    `foretold`: touches that came out as everything that was left had foretold. `moved_before`: grips, counted
+    from 1, before which the part seems to have been moved; what was felt before the last of them does not
+    count.
+    """
+
+    format: Literal["palpate/identification@1"] = "palpate/identification@1"
+    verdict: IdentificationVerdict
+    object: str | None
+    state: str | None
+    configuration: ConfigurationOut | None
+    bounds: BoundsOut | None
+    alternatives: tuple[AlternativeOut, ...]
+    symmetry_order: int
+    strategy: StrategyName
+    grips: int
+    touches: int
+    foretold: int
+    moved_before: tuple[int, ...]
+    emulated: bool
+    rig_seconds: Rounded
+    wall_seconds: Rounded
+    session: str | None
+    truth: TruthOut | None = None

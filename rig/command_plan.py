@@ -1,0 +1,51 @@
+"""`palpate plan`: from a rig and a file of contacts to the next grip, without touching anything."""
+
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from palpate.config import load_contacts, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config.results import to_json
+from palpate.recognizer import Catalogue, Strategy, Verdict
+from palpate.rig.convert import grips_of, models_of
+from palpate.rig.explained import Felt, explain, explanation_lines
+from palpate.rig.files import write_text
+from palpate.rig.next_grip import plan_for
+from palpate.rig.plan_picture import plan_picture
+from palpate.rig.plan_table import print_plan
+from palpate.rig.report_grip import grip_out
+
+__all__ = ["run_plan"]
+
+
+def run_plan(
+    *,
+    rig: Path | None,
+    objects: Path | None,
+    contacts: Path,
+    strategy: str,
+    seed: int,
+    json: bool,
+    picture: Path | None,
+) -> int:
+    """Plan, print, draw; returns the exit code (1 if nothing fits or no grip would tell anything apart)."""
+    rig_file = load_rig(rig or shipped_rig())
+    catalogue = Catalogue(models_of(load_objects(objects or shipped_objects())))
+    felt = Felt(grips_of(load_contacts(contacts)))
+    planned = plan_for(rig_file, catalogue, felt.contacts, Strategy(strategy), seed)
+    if picture is not None:
+        write_text(picture, plan_picture(planned, f"{contacts.name} on rig {rig_file.name}"))
+    if json:
+        typer.echo(to_json(grip_out(planned)))
+    elif planned.recognition.verdict is Verdict.NONE:
+        _print_none(catalogue, felt)
+    else:
+        print_plan(planned, Console(highlight=False, markup=False, emoji=False))
+    return 0 if planned.is_help else 1
+
+
+def _print_none(catalogue: Catalogue, felt: Felt) -> None:
+    typer.echo(f"none: 0 hypotheses after {sum(item.touched for item in felt.contacts)} contacts")
+    for line in explanation_lines(explain(catalogue, felt, 0), felt):
+        typer.echo(f"  {line}")
