@@ -1,8 +1,8 @@
 """The command line: `palpate identify`, `recognize`, `plan`, `emulate`.
 
-Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for people
-while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device, 4 safety stop,
-130 interrupted.
+Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
+people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
+4 safety stop, 130 interrupted.
 """
 
 import signal
