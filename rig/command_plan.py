@@ -35,7 +35,7 @@ def run_plan(
     felt = Felt(grips_of(load_contacts(contacts)))
     planned = plan_for(rig_file, catalogue, felt.contacts, Strategy(strategy), seed)
     if picture is not None:
-        write_text(picture, plan_picture(planned, f"{contacts.name} on rig {rig_file.name}"))
+        write_text(picture, plan_picture(planned, felt, f"{contacts.name} on rig {rig_file.name}"))
     if json:
         typer.echo(to_json(grip_out(planned)))
     elif planned.recognition.verdict is Verdict.NONE:

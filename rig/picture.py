@@ -7,13 +7,30 @@ needs words in a panel on the right. Pure and deterministic: equal values give e
 import zlib
 
 from palpate.rig.picture_frame import view_of
-from palpate.rig.picture_panel import PANEL_WIDTH, draw_panel
-from palpate.rig.picture_style import INK, MUTED, PAPER
-from palpate.rig.picture_values import FingerBase, OtherHypothesis, Picture, Pose, Touch
+from palpate.rig.picture_panel import draw_panel, panel_width
+from palpate.rig.picture_style import INK, MUTED, PAPER, Column
+from palpate.rig.picture_values import (
+    FingerBase,
+    Foretold,
+    OtherHypothesis,
+    Picture,
+    PlannedApproach,
+    Pose,
+    Touch,
+)
 from palpate.rig.picture_view import draw_view
 from palpate.rig.svg import element, escape, number, text, wrap
 
-__all__ = ["FingerBase", "OtherHypothesis", "Picture", "Pose", "Touch", "draw"]
+__all__ = [
+    "FingerBase",
+    "Foretold",
+    "OtherHypothesis",
+    "Picture",
+    "PlannedApproach",
+    "Pose",
+    "Touch",
+    "draw",
+]
 
 _EDGE = 28.0
 _TICKS = 44.0  # left of the drawing
@@ -36,11 +53,11 @@ def draw(picture: Picture) -> str:
         head.append(text(line, left, y, size=13.5, fill=MUTED))
     top = y + 24
     view = view_of(picture, left, top)
-    panel_left = left + view.width + _GAP
-    _, panel_end = draw_panel(picture, view, panel_left, top - 2)
+    column = Column(left + view.width + _GAP, panel_width(picture))
+    _, panel_end = draw_panel(picture, view, column, top - 2)
     view = view.taller(panel_end - _BELOW - top)
-    panel, panel_end = draw_panel(picture, view, panel_left, top - 2)
-    width = panel_left + PANEL_WIDTH + _EDGE
+    panel, panel_end = draw_panel(picture, view, column, top - 2)
+    width = column.right + _EDGE
     height = max(top + view.height + _BELOW, panel_end) + _EDGE - 8
     clip = f"window-{zlib.crc32(repr((view, picture.title)).encode()):08x}"
     return (
@@ -68,7 +85,8 @@ def _description(picture: Picture) -> str:
     words = [*picture.subtitle]
     missed = len(picture.touches) - touched
     words.append(f"Grips: {grips}; contacts: {touched}; approaches that touched nothing: {missed}.")
-    words.append(f"Other hypotheses: {len(picture.others)}.")
+    words.append(f"{'Hypotheses' if picture.approaches else 'Other hypotheses'}: {len(picture.others)}.")
+    words += [f"Next, {item.finger}: {', '.join(item.words)}." for item in picture.approaches]
     if picture.pose is not None:
         x, y, theta = picture.pose.x_mm[0], picture.pose.y_mm[0], picture.pose.theta_rad[0]
         words.append(f"Configuration: x {x:.2f} mm, y {y:.2f} mm, θ {theta:.4f} rad.")

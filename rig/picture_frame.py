@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.rig.labels import Box
 from palpate.rig.picture_style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
-from palpate.rig.picture_values import Picture, Touch
+from palpate.rig.picture_values import Picture, PlannedApproach, Touch
 from palpate.rig.svg import Floats, element, number, text
 
 __all__ = ["View", "grid", "nice_step", "scale_bar", "ticks", "view_of"]
@@ -73,7 +73,8 @@ def view_of(picture: Picture, left: float, top: float) -> View:
     parts += [ring for other in picture.others[:MOST_OTHERS] for ring in other.rings]
     parts += [_around(touch) for touch in picture.touches if touch.touched]
     parts += _nearest_part(parts, [_around(touch) for touch in picture.touches if not touch.touched])
-    if not parts:
+    parts += [_stops(item) for item in picture.approaches]
+    if not any(len(part) for part in parts):
         reach = picture.workspace_radius_mm or 50.0
         parts = [np.array([[-reach, -reach], [reach, reach]])]
     points = np.vstack(parts)
@@ -97,6 +98,13 @@ def view_of(picture: Picture, left: float, top: float) -> View:
 def _around(touch: Touch) -> Floats:
     centre = np.array([touch.end_mm])
     return np.vstack([centre - touch.tip_radius_mm, centre + touch.tip_radius_mm])
+
+
+def _stops(item: PlannedApproach) -> Floats:
+    """Where the tip may be stopped (n, 2), with its radius around; n may be 0."""
+    ends = [end for told in item.foretold[:MOST_OTHERS] if told.stop_mm is not None for end in told.stop_mm]
+    centres = np.array([item.at(end) for end in ends]).reshape(-1, 2)
+    return np.vstack([centres - item.tip_radius_mm, centres + item.tip_radius_mm])
 
 
 def _nearest_part(seen: list[Floats], missed: list[Floats]) -> list[Floats]:

@@ -7,16 +7,17 @@ import math
 
 import numpy as np
 
-from palpate.rig.labels import Box, LabelPlacer, enclosed
+from palpate.rig.labels import LabelPlacer, enclosed
+from palpate.rig.picture_approach import approach_labels, draw_approach
 from palpate.rig.picture_frame import View, grid, scale_bar, ticks
+from palpate.rig.picture_marks import badge, draw_base, last_shown, leader, sector
 from palpate.rig.picture_style import (
     AXIS,
-    BADGES,
     CARD,
     DASHES,
     FOUND,
     FOUND_FILL,
-    INK,
+    LABEL,
     LINE,
     MISS,
     MOST_OTHERS,
@@ -28,23 +29,16 @@ from palpate.rig.picture_style import (
     TIP_FILL,
     TRUTH,
 )
-from palpate.rig.picture_values import FingerBase, Picture, Pose, Touch
+from palpate.rig.picture_values import Picture, Pose, Touch
 from palpate.rig.svg import Floats, element, escape, number, path_data, shorten, text, text_width
 
-__all__ = ["badge", "draw_view", "sector", "shows_base"]
+__all__ = ["draw_view"]
 
 _WEDGE = 30.0
-_LABEL = 11.5
 _AXIS = 44.0
+_SAME_MM = 0.3
+_FEW = 4  # hypotheses whose outlines are filled
 _INSIDE = 0.12  # weight of the found object's inside: a label may lie there, but rather not
-
-
-def sector(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
-    """Path data of a sector of a disc, counter-clockwise from lo to hi as seen on the page; SVG units."""
-    count = max(2, math.ceil((hi_rad - lo_rad) / 0.12) + 1)
-    angle = np.linspace(lo_rad, hi_rad, count)
-    rim = centre + radius * np.column_stack([np.cos(angle), -np.sin(angle)])
-    return path_data([np.vstack([centre, rim])])
 
 
 def draw_view(picture: Picture, view: View, clip: str) -> str:
@@ -59,10 +53,12 @@ def draw_view(picture: Picture, view: View, clip: str) -> str:
         _axes(view, placer),
         *(_approach(touch, view, placer) for touch in picture.touches),
         *(_tip(touch, view, placer) for touch in picture.touches),
+        *(draw_approach(picture, item, view, placer) for item in picture.approaches),
     ]
     labels = [_other_badges(picture, view, placer), _axis_letters(view, placer)]
+    labels += [approach_labels(picture, item, view, placer) for item in picture.approaches]
     labels += [_touch_label(touch, view, placer) for touch in picture.touches]
-    bases = [_base(base, view, placer) for base in picture.bases]
+    bases = [draw_base(base, view, placer) for base in picture.bases]
     return "".join(
         [
             element("clipPath", element("rect", **frame), id=clip),
@@ -97,6 +93,7 @@ def _workspace(picture: Picture, view: View) -> str:
 
 def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
     shown = []
+    few = bool(picture.approaches) and len(picture.others) <= _FEW
     for index, other in enumerate(picture.others[:MOST_OTHERS]):
         rings = [view.to_page(ring) for ring in other.rings]
         for ring in rings:
@@ -106,13 +103,28 @@ def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
                 "path",
                 element("title", escape(f"{other.label}: {other.reason}")),
                 d=path_data(rings),
-                fill="none",
-                stroke=BADGES[index % len(BADGES)],
-                stroke_width=THIN,
-                stroke_dasharray=DASHES[index % len(DASHES)],
+                fill=picture.colour(index) if few else "none",
+                fill_opacity=0.04 if few else None,
+                fill_rule="evenodd" if few else None,
+                stroke=picture.colour(index),
+                stroke_width=LINE if picture.approaches else THIN,
+                stroke_opacity=(0.75 if few else 0.45) if picture.approaches else None,
+                stroke_dasharray=_dash(picture, index),
             )
         )
     return "".join(shown)
+
+
+def _dash(picture: Picture, index: int) -> str | None:
+    """Of a plan's hypotheses only those are dashed that lie on another one, so that both show."""
+    if not picture.approaches:
+        return DASHES[index % len(DASHES)]
+    own = np.vstack(picture.others[index].rings)
+    for other in picture.others[:index]:
+        rings = np.vstack(other.rings)
+        if rings.shape == own.shape and np.abs(rings - own).max() < _SAME_MM:
+            return "8 8"
+    return None
 
 
 def _found(picture: Picture, view: View, placer: LabelPlacer) -> str:
@@ -230,11 +242,11 @@ def _tip(touch: Touch, view: View, placer: LabelPlacer) -> str:
 
 
 def _touch_label(touch: Touch, view: View, placer: LabelPlacer) -> str:
-    content = f"{shorten(touch.finger, _LABEL, 90, bold=True)} · {touch.grip}"
-    width = text_width(content, _LABEL, bold=True)
+    content = f"{shorten(touch.finger, LABEL, 90, bold=True)} · {touch.grip}"
+    width = text_width(content, LABEL, bold=True)
     end, start = view.at(touch.end_mm), view.at(touch.start_mm)
     back = math.atan2(end[1] - start[1], start[0] - end[0])
-    shown = _last_shown(start, end, view)
+    shown = last_shown(start, end, view)
     if shown is None:
         return ""
     end = shown
@@ -245,49 +257,9 @@ def _touch_label(touch: Touch, view: View, placer: LabelPlacer) -> str:
     return element(
         "g",
         element("title", escape(f"finger {touch.finger}, grip {touch.grip}: {verb}")),
-        _leader(end, box, clear, colour),
-        text(content, box.x, box.y + 4, size=_LABEL, fill=colour, anchor="middle", weight="bold"),
+        leader(end, box, clear, colour),
+        text(content, box.x, box.y + 4, size=LABEL, fill=colour, anchor="middle", weight="bold"),
     )
-
-
-def _last_shown(start: Floats, end: Floats, view: View) -> Floats | None:
-    """The last point of a path that lies well within the window, if any does."""
-    frame = view.frame
-    path = end + np.linspace(0.0, 1.0, 200)[:, None] * (start - end)
-    room = np.array([frame.width, frame.height]) / 2 - 6
-    seen = np.all(np.abs(path - (frame.x, frame.y)) <= room, axis=1)
-    if not seen.any():
-        return None
-    last: Floats = path[int(np.argmax(seen))]
-    return last
-
-
-def _leader(anchor: Floats, box: Box, clear: float, colour: str) -> str:
-    """A thin line from a label to what it names, where they are not next to each other."""
-    near = np.clip(anchor, (box.left, box.top), (box.left + box.width, box.top + box.height))
-    away = near - anchor
-    distance = float(np.hypot(*away))
-    if distance < clear + 14:
-        return ""
-    begin = anchor + away * ((clear - 3) / distance)
-    return element(
-        "line",
-        x1=begin[0],
-        y1=begin[1],
-        x2=near[0],
-        y2=near[1],
-        stroke=colour,
-        stroke_width=0.8,
-        stroke_opacity=0.6,
-    )
-
-
-def badge(index: int, x: float, y: float) -> str:
-    """The letter of the index-th other hypothesis, in a disc of its outline's colour."""
-    colour = BADGES[index % len(BADGES)]
-    disc = element("circle", cx=x, cy=y, r=8.0, fill=PAPER, stroke=colour, stroke_width=THIN)
-    letter = text(chr(ord("a") + index), x, y + 3.8, size=11, fill=colour, anchor="middle", weight="bold")
-    return disc + letter
 
 
 def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
@@ -311,7 +283,10 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
         anchor = points[int(np.argmax(apart))]
         outward = math.atan2(middle[1] - anchor[1], anchor[0] - middle[0])
         box = placer.place(anchor, 17.0, 17.0, clear=1.0, towards=outward)
-        shown.append(_leader(anchor, box, 4.0, BADGES[index % len(BADGES)]) + badge(index, box.x, box.y))
+        shown.append(
+            leader(anchor, box, 4.0, picture.colour(index))
+            + badge(index, picture.colour(index), box.x, box.y)
+        )
     return "".join(shown)
 
 
@@ -319,36 +294,3 @@ def _thinned(points: Floats, most: int) -> Floats:
     """At most `most` of the points (n, 2), evenly picked."""
     result: Floats = points[:: -(-len(points) // most)]
     return result
-
-
-def shows_base(base: FingerBase, view: View) -> bool:
-    """Whether a finger's base lies within the window with its mark whole."""
-    away = np.abs(view.at(base.at_mm) - (view.frame.x, view.frame.y))
-    return bool(np.all(away <= np.array([view.width, view.height]) / 2 - 8))
-
-
-def _base(base: FingerBase, view: View, placer: LabelPlacer) -> str:
-    """A finger's base, or an arrowhead on the frame where it lies beyond."""
-    at, frame = view.at(base.at_mm), view.frame
-    middle = np.array([frame.x, frame.y])
-    away = at - middle
-    half = np.array([frame.width, frame.height]) / 2
-    beyond = float(np.max(np.abs(away) / half))
-    if shows_base(base, view):
-        mark = element("rect", x=at[0] - 5, y=at[1] - 5, width=10.0, height=10.0, fill=INK)
-    else:
-        at = middle + away / beyond
-        along = away / np.hypot(*away)
-        across = np.array([-along[1], along[0]])
-        mark = element(
-            "path",
-            d=path_data(
-                [np.array([at, at - 16 * along + 6 * across, at - 12 * along, at - 16 * along - 6 * across])]
-            ),
-            fill=INK,
-        )
-    placer.add_disc(at, 12.0, 4.0)
-    content = shorten(base.name, _LABEL, 90)
-    inward = math.atan2(away[1], -away[0])
-    box = placer.place(at, text_width(content, _LABEL) + 4, 15.0, clear=13.0, towards=inward)
-    return mark + text(content, box.x, box.y + 4, size=_LABEL, fill=INK, anchor="middle")

@@ -110,7 +110,7 @@ def _long(item: Prediction) -> str:
     stop, normal = stop_words(item), normal_words(item)
     if stop is None:
         return "misses"
-    return f"stops at {stop}{' or misses' * may_miss(item)}\nwith normal {normal}"
+    return f"stops at {stop} mm{' or misses' * may_miss(item)}\nwith normal {normal}"
 
 
 def _short(item: Prediction) -> str:
@@ -118,7 +118,7 @@ def _short(item: Prediction) -> str:
     stop, normal = stop_words(item), normal_words(item)
     if stop is None:
         return "misses"
-    return f"{stop}\n{normal}" + "\nor misses" * may_miss(item)
+    return f"{stop} mm\n{normal}" + "\nor misses" * may_miss(item)
 
 
 def _blocks(rows: Sequence[int], width: int) -> list[Sequence[int]]:

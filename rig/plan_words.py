@@ -39,11 +39,11 @@ def direction(angle_rad: float) -> str:
 
 
 def stop_words(item: Prediction) -> str | None:
-    """Where a finger is stopped, rounded outward; None if nothing stops it."""
+    """Where a finger is stopped, in mm, rounded outward; None if nothing stops it."""
     if not math.isfinite(item.earliest_mm):
         return None
     lo, hi = math.floor(10 * item.earliest_mm) / 10, math.ceil(10 * item.furthest_mm) / 10
-    return f"{lo:.1f} … {hi:.1f} mm".replace("-", "−")
+    return f"{lo:.1f} … {hi:.1f}".replace("-", "−")
 
 
 def normal_words(item: Prediction) -> str | None:
