@@ -10,7 +10,7 @@ from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Strategy, Verdict
 from palpate.rig.convert import grips_of, models_of
 from palpate.rig.explained import Felt, explain, explanation_lines
-from palpate.rig.files import write_text
+from palpate.rig.files import check_place, write_text
 from palpate.rig.next_grip import plan_for
 from palpate.rig.plan_picture import plan_picture
 from palpate.rig.plan_table import print_plan
@@ -33,6 +33,8 @@ def run_plan(
     rig_file = load_rig(rig or shipped_rig())
     catalogue = Catalogue(models_of(load_objects(objects or shipped_objects())))
     felt = Felt(grips_of(load_contacts(contacts)))
+    if picture is not None:
+        check_place(picture)
     planned = plan_for(rig_file, catalogue, felt.contacts, Strategy(strategy), seed)
     if picture is not None:
         write_text(picture, plan_picture(planned, felt, f"{contacts.name} on rig {rig_file.name}"))

@@ -101,7 +101,7 @@ def _hypothesis(item: Hypothesis) -> Text:
     share = f"{100 * item.weight:.0f} %"
     name = name if len(name) <= _NAME - 6 else f"{name[: _NAME - 7]}…"
     at = item.configuration
-    place = f"{at.x_mm:.1f}, {at.y_mm:.1f} mm, {math.degrees(at.theta_rad):.1f}°".replace("-", "−")
+    place = f"{at.x_mm:.1f}, {at.y_mm:.1f} mm, {math.degrees(at.theta_rad):.0f}°".replace("-", "−")
     return Text.assemble(f"{name:<{_NAME - 6}}{share:>6}", "\n", (place, "dim"))
 
 

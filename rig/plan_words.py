@@ -65,7 +65,7 @@ def rests_on(planned: Planned, grip: Grip) -> str:
     ordered = [grip.candidates[row] for row in planned.rows]
     names = [planned.rig.fingers[item.finger_index].name for item in ordered]
     bounds = [f"{math.floor(100 * item.approach.position_bound_mm) / 100:.2f}" for item in ordered]
-    normal = f"{math.floor(10 * math.degrees(planned.resolution.normal_half_rad)) / 10:g}"
+    normal = f"{math.floor(10 * math.degrees(planned.resolution.normal_half_rad) + 1e-6) / 10:g}"
     if len(set(bounds)) == 1:
         return f"± {bounds[0]} mm and ± {normal}°"
     each = ", ".join(f"± {bound} mm ({name})" for name, bound in zip(names, bounds, strict=True))
@@ -83,7 +83,7 @@ def certainty(planned: Planned) -> list[str]:
     if grip is None:
         return ["no grip: no approach that is left promises to tell anything apart"]
     if not grip.decisive:
-        return ["not decisive: some outcomes leave hypotheses that another touch could tell apart"]
+        return ["not decisive: what some outcomes leave, another touch may tell apart"]
     left = "one set that nothing tells apart" if planned.alike else "one hypothesis"
     return [
         f"decisive: whatever is felt leaves {left}, as long as no touch is blunter than "

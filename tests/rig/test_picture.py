@@ -10,8 +10,18 @@ import pytest
 
 from palpate.config import load_objects, shipped_objects
 from palpate.rig.labels import Box, LabelPlacer, enclosed
-from palpate.rig.picture import FingerBase, OtherHypothesis, Picture, Pose, Touch, draw
-from palpate.rig.picture_frame import nice_step, view_of
+from palpate.rig.picture import (
+    FingerBase,
+    Foretold,
+    OtherHypothesis,
+    Picture,
+    PlannedApproach,
+    Pose,
+    Touch,
+    draw,
+)
+from palpate.rig.picture_approach import lanes
+from palpate.rig.picture_frame import View, nice_step, view_of
 from palpate.rig.svg import Floats, number, shorten, text_width, wrap
 
 NS = "{http://www.w3.org/2000/svg}"
@@ -206,3 +216,107 @@ def test_numbers_and_text_fit() -> None:
     assert shorten("short", 12, 100) == "short"
     assert text_width(shorten("m" * 50, 12, 60), 12) <= 60
     assert wrap("one two three", 12, 50, most_lines=2)[-1].endswith("…")
+
+
+def plan(count: int, fingers: int = 2, name: str = "f") -> Picture:
+    """A plan's picture: every third hypothesis foretells a miss, every fourth that it may miss."""
+    rng = np.random.default_rng([count, fingers])
+    approaches = []
+    for k in range(fingers):
+        start, foretold = (60 * math.cos(2 * k), 60 * math.sin(2 * k)), []
+        for index in range(count):
+            lo = float(rng.uniform(20, 45))
+            stop = None if index % 3 == 2 else (lo, lo + float(rng.uniform(1, 12)))
+            words = ("misses",) if stop is None else (f"{stop[0]:.1f} … {stop[1]:.1f}", "1 … 2°")
+            foretold.append(Foretold(stop, stop is None or index % 4 == 0, words))
+        words = ("1.0, 2.0", "3.0°", "70.0")
+        approaches.append(
+            PlannedApproach(f"{name}{k + 1}", start, 2 * k + math.pi, 70.0, 5.0, words, tuple(foretold))
+        )
+    return replace(
+        picture(others=count),
+        found=(),
+        pose=None,
+        truth=(),
+        facts=(("strategy", "planned"),),
+        approaches=tuple(approaches),
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 8, 40])
+@pytest.mark.parametrize("fingers", [1, 3, 5])
+def test_a_plan_of_any_size_is_drawn_within_its_frame(count: int, fingers: int) -> None:
+    svg = draw(plan(count, fingers))
+    root = ET.fromstring(svg)
+    assert svg == draw(plan(count, fingers))
+    assert "nan" not in svg
+    assert "inf" not in svg
+    width, height = (float(v) for v in root.attrib["viewBox"].split()[2:])
+    for item in root.iter(f"{NS}text"):
+        assert 0 < float(item.attrib["x"]) < width
+        assert 0 < float(item.attrib["y"]) < height
+    shown = texts(svg)
+    assert [shown.count(f"next: f{k + 1}") for k in range(fingers)] == [1] * fingers
+    assert (f"and {count - 12} more, not drawn" in shown) == (count > 12)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_bars_lie_where_hypotheses_foretell_the_stop(count: int) -> None:
+    """Read back from the page: along each way, both ends of a bar are at the travels foretold."""
+    shown = plan(count)
+    root = ET.fromstring(draw(shown))
+    view = drawn_view(root, shown)
+    for approach in shown.approaches:
+        start, end = view.at(approach.start_mm), view.at(approach.at(approach.travel_mm))
+        along = (end - start) / np.hypot(*(end - start))
+        for index, told in enumerate(approach.foretold):
+            bars = [
+                [(float(item.attrib[f"x{k}"]), float(item.attrib[f"y{k}"])) for k in (1, 2)]
+                for item in root.iter(f"{NS}line")
+                if item.get("stroke") == shown.colour(index) and item.get("stroke-width") in {"4.5", "3"}
+            ]
+            read = [((np.array(bar) - start) @ along / view.scale).tolist() for bar in bars]
+            fits = [np.allclose(pair, told.stop_mm, atol=0.02) for pair in read if told.stop_mm is not None]
+            assert fits.count(True) == (told.stop_mm is not None)
+
+
+def drawn_view(root: ET.Element, shown: Picture) -> View:
+    """The window as it was drawn: made taller, so that its middle is that of `view_of`."""
+    (clip,) = root.iter(f"{NS}clipPath")
+    left, top, height = (float(clip[0].attrib[key]) for key in ("x", "y", "height"))
+    return view_of(shown, left, top).taller(height)
+
+
+def test_window_holds_the_stops_of_a_plan() -> None:
+    shown = plan(6, 3)
+    view = view_of(shown, 0.0, 0.0)
+    for approach in shown.approaches:
+        ends = [end for told in approach.foretold if told.stop_mm is not None for end in told.stop_mm]
+        assert all(view.holds(approach.at(end)) for end in ends)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_two_stops_of_one_lane_overlap(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    stops = [(k, lo, lo + w) for k, (lo, w) in enumerate(rng.uniform(0, 20, (9, 2)).tolist())]
+    taken = lanes(stops, 1.0)
+    for (one, in_one), (two, in_two) in combinations(zip(stops, taken, strict=True), 2):
+        if in_one == in_two:
+            assert one[2] + 1.0 < two[1] or two[2] + 1.0 < one[1]
+    assert lanes(stops[:1], 1.0) == [0]
+    assert sorted(set(taken)) == [*range(min(taken), max(taken) + 1)]
+
+
+def test_names_in_a_plan_are_escaped_and_shortened() -> None:
+    svg = draw(plan(3, 2, '<b>&"' + "very long finger " * 9))
+    assert "<b>" not in svg
+    assert ET.fromstring(svg) is not None
+
+
+def test_legend_of_a_plan_names_what_is_drawn() -> None:
+    shown = texts(draw(plan(2, 1)))
+    assert "approach of the next grip" in shown
+    assert "where a hypothesis foretells the stop" in shown
+    assert "object found" not in shown
+    assert "other hypothesis, by letter" not in shown
+    assert "approach of the next grip" not in texts(draw(picture()))
