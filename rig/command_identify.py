@@ -15,9 +15,10 @@ from rich.console import Console
 from rich.status import Status
 
 from palpate.config import load_objects, load_rig, load_scene, shipped_objects, shipped_rig
-from palpate.config.identification_result import AlternativeOut, IdentificationOut, IdentificationVerdict
+from palpate.config.identification_result import IdentificationOut
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
+from palpate.rig.answer_words import answer_lines, counted
 from palpate.rig.bench import connect, place, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
@@ -30,7 +31,6 @@ from palpate.rig.session import SessionLog, session_folder
 __all__ = ["run_identify"]
 
 _NAMES_SHOWN = 5
-_ALTERNATIVES_SHOWN = 12
 
 
 def run_identify(
@@ -186,82 +186,11 @@ def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
 
 def _print(out: IdentificationOut, picture: Path) -> None:
     """The answer for a person."""
-    for line in _verdict_lines(out):
+    for line in answer_lines(out):
         typer.echo(line)
-    if out.configuration is not None and out.bounds is not None:
-        at, bounds = out.configuration, out.bounds
-        typer.echo(f"  x  {at.x:9.3f} mm   in [{bounds.x[0]:.3f}, {bounds.x[1]:.3f}]")
-        typer.echo(f"  y  {at.y:9.3f} mm   in [{bounds.y[0]:.3f}, {bounds.y[1]:.3f}]")
-        lo, hi = (math.degrees(value) for value in bounds.theta)
-        typer.echo(f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]")
-        if out.symmetry_order > 1:
-            typer.echo(f"  ({out.symmetry_order}-fold symmetric: θ modulo {360 / out.symmetry_order:g}°)")
-    for other in out.alternatives[:_ALTERNATIVES_SHOWN]:
-        typer.echo(f"  {_alternative_line(other)}")
-    if len(out.alternatives) > _ALTERNATIVES_SHOWN:
-        typer.echo(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
-    if out.verdict == IdentificationVerdict.IDENTIFIED and out.foretold:
-        typer.echo(f"  {_counted(out.foretold, 'touch', 'touches')} came out as this foretold")
-    if out.truth is not None:
-        typer.echo(_truth_line(out))
     typer.echo(
-        f"{_counted(out.grips, 'grip', 'grips')}, {_counted(out.touches, 'touch', 'touches')}, "
+        f"{counted(out.grips, 'grip', 'grips')}, {counted(out.touches, 'touch', 'touches')}, "
         f"{out.rig_seconds:.1f} s on the {'emulated ' if out.emulated else ''}rig, "
         f"{out.wall_seconds:.1f} s here"
     )
     typer.echo(f"picture {picture}, session {out.session}")
-
-
-def _verdict_lines(out: IdentificationOut) -> list[str]:
-    """What it is, or why that is not said."""
-    if out.object is None and out.verdict == IdentificationVerdict.UNKNOWN:
-        lines = [f"{out.verdict}: no object of the catalogue agrees with what was felt"]
-        if out.moved_before:
-            lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
-        return lines
-    if out.object is None:
-        return [f"{out.verdict}: too little was touched to tell anything"]
-    name = f"{out.object}, {out.state}"
-    if out.verdict == IdentificationVerdict.UNRESOLVED:
-        left = "is all that agrees with what was felt" if not out.alternatives else "is still possible"
-        lines = [f"{out.verdict}: {name} {left}"]
-    elif out.verdict == IdentificationVerdict.INDISTINGUISHABLE:
-        lines = [f"{out.verdict}: {name}, or something that no touch within reach tells from it"]
-    else:
-        lines = [f"{out.verdict}: {name}"]
-    if out.moved_before:
-        lines.append(f"  moved before grip {_last(out)}; touches since then count")
-    return lines
-
-
-def _last(out: IdentificationOut) -> int:
-    return out.moved_before[-1]
-
-
-def _alternative_line(other: AlternativeOut) -> str:
-    at = other.configuration
-    where = f"x {at.x:.2f} mm, y {at.y:.2f} mm, θ {math.degrees(at.theta):.2f}°"
-    if other.turned is None or other.moved is None:
-        return f"or {other.object}, {other.state} at {where}"
-    return f"or turned by {math.degrees(other.turned):.1f}° and moved by {other.moved:.1f} mm: {where}"
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"
-
-
-def _truth_line(out: IdentificationOut) -> str:
-    truth = out.truth
-    assert truth is not None, "only called with a truth"
-    where = truth.configuration
-    line = (
-        f"emulator's truth: {truth.object}, {truth.state} at x {where.x:.3f} mm, y {where.y:.3f} mm, "
-        f"θ {math.degrees(where.theta):.3f}°"
-    )
-    if not truth.named or truth.position_error_mm is None or truth.orientation_error_rad is None:
-        return f"{line}; not among the answers"
-    turned = math.degrees(truth.orientation_error_rad)
-    return (
-        f"{line}; off by {truth.position_error_mm:.3f} mm and {turned:.3f}°, "
-        f"{'inside' if truth.inside_bounds else 'OUTSIDE'} the bounds"
-    )

@@ -62,7 +62,7 @@ def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
     assert errors(told) == []
     assert told["verdict"] == "identified"
     assert told["emulated"] is True
-    assert told["touches"] == 3 * told["grips"]
+    assert told["grips"] <= told["touches"] <= 3 * told["grips"]
     check_truth(told)
     assert "Traceback" not in first.err
 
