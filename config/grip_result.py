@@ -61,7 +61,8 @@ class AssumptionsOut(Out):
 class GripOut(Out):
     """Answer of `palpate plan`.
 
-    Without a grip `approaches` is empty, and `decisive`, `remaining` and `seconds` are null. `decisive`:
+    `fine`: something is left, and every hypothesis's bounds are as narrow as the rig file's goals. Without a
+    grip `approaches` is empty, and `decisive`, `remaining` and `seconds` are null. `decisive`:
     whatever the fingers feel, hypotheses are left of which no two are told apart by anything within reach.
     `remaining`: expected share of what needs telling apart that will still feel alike; null if the strategy
     does not foresee it. `seconds`: estimated time. `indistinguishable`: sets of hypotheses, by index, of
@@ -71,6 +72,7 @@ class GripOut(Out):
     format: Literal["palpate/grip@1"] = "palpate/grip@1"
     strategy: StrategyName
     verdict: RecognitionVerdict
+    fine: bool
     hypotheses: tuple[PossibleOut, ...]
     approaches: tuple[ApproachOut, ...]
     decisive: bool | None

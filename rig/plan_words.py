@@ -109,8 +109,8 @@ def named(indices: Sequence[int]) -> str:
 
 
 def _about_one(planned: Planned) -> str:
-    if planned.grip is not None:
-        return "one hypothesis is left: the grip places it more finely"
     if planned.fine:
         return "one hypothesis is left, placed as finely as the rig file asks: no grip is needed"
+    if planned.grip is not None:
+        return "one hypothesis is left: the grip places it more finely"
     return "one hypothesis is left, and no approach that is left would place it more finely"

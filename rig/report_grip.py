@@ -19,6 +19,7 @@ def grip_out(planned: Planned) -> GripOut:
     return GripOut(
         strategy=StrategyName(planned.strategy.value),
         verdict=RecognitionVerdict(recognition.verdict.value),
+        fine=planned.fine,
         hypotheses=tuple(_possible(item) for item in recognition.hypotheses),
         approaches=() if grip is None else tuple(_approach(planned, grip, row) for row in planned.rows),
         decisive=grip and grip.decisive,
