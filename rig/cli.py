@@ -167,8 +167,7 @@ def plan(
 ) -> None:
     """Choose the grip to carry out next, and say what each hypothesis foretells of it.
 
-    Exit code 0: there is a grip worth its time, or the one answer is as fine as the rig file asks. 1: nothing
-    fits, or nothing within reach tells apart what does.
+    Exit code 1: nothing fits, or nothing within reach tells apart what does.
     """
     from palpate.rig.command_plan import run_plan
 

@@ -68,10 +68,10 @@ def _facts(planned: Planned) -> list[tuple[str, str]]:
     grip = planned.grip
     if grip is not None:
         rows.append(("time, about", f"{grip.seconds:.0f} s"))
-        if len(planned.recognition.hypotheses) > 1:
+        if len(planned.recognition.hypotheses) > 1 and not planned.hopeless:
             rows.append(("decisive", "yes" if grip.decisive else "no"))
             if grip.decisive:
-                rows.append(("if no touch is blunter than", rests_on(planned, grip)))
+                rows.append(("for touches within", rests_on(planned, grip)))
     share = left_over(planned)
     if share is not None:
         rows.append(("expected to stay confused", share))
