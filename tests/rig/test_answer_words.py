@@ -148,7 +148,7 @@ def test_twins_by_every_strategy(
     twins = {"wedge": wedge, "wedge-2": wedge}
     told = identified(tmp_path, monkeypatch, capsys, twins, "--json", "--strategy", strategy).json
     assert violations(told, json.loads(schema_text("identification"))) == []
-    # Neither strategy looks for touches that confirm an answer, so it may run out of grips before there is one.
+    # Neither strategy looks for touches that confirm an answer: grips may run out before there is one.
     assert told["verdict"] in {"indistinguishable", "unresolved"}
     assert told["strategy"] == strategy
     (other,) = told["alternatives"]
