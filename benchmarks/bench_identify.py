@@ -2,112 +2,289 @@
 
     python benchmarks/bench_identify.py                         # six shipped models × 20 seeds
     python benchmarks/bench_identify.py --objects FILE --runs N # N seeds, the object drawn by the seed
+    … --strategy planned --strategy random --strategy rotate    # the memo's strategies beside one another
+    … --outside FILE                                            # what lies there is not in the catalogue
+    … --push MM                                                 # it is pushed so far after the first grip
 
-Prints a row for each object (or for all drawn runs) and ends with exit code 1 if any run was wrong:
-something else identified, or the truth outside the bounds of the answer. Seeds are fixed, so the table is
-repeatable but for the seconds. Sensor noise, gain spread, play and placement are those of the rig's
-`[emulation]` table.
+Prints how the runs ended, how near the answers were, and the touches beyond the first grip beside the least
+that any strategy would need. Ends with exit code 1 if any run was wrong: something else identified, the truth
+outside the bounds of the answer, or called indistinguishable from something that a reachable approach tells
+from it. Seeds are fixed, so the table is repeatable but for the seconds. Sensor noise, gain spread, play and
+placement are those of the rig's `[emulation]` table.
 """
 
 import argparse
 import math
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import shapely
+from shapely import affinity, ops
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.recognizer import Catalogue
-from palpate.rig.bench import connect, place, set_up
-from palpate.rig.convert import models_of
-from palpate.rig.identify import Outcome, identify
-from palpate.rig.scene import draw_placement
+from palpate.recognizer import Approach, Catalogue, Grip, Hypothesis, Recognition, Strategy, used_by
+from palpate.rig.bench import BenchRig, connect, set_up
+from palpate.rig.closing import Stage, Touch
+from palpate.rig.convert import models_of, resolution_of
+from palpate.rig.identify import Identification, Outcome, identify
+from palpate.rig.reach import reach_of
+from palpate.rig.scene import Placement, draw_placement, outline_at
 from palpate.rig.truth import compare
 
 
 @dataclass(frozen=True)
-class Run:
-    """What one run came to. Errors are None where the right object is not among the answers."""
+class Job:
+    """One run: `name` lies there, or whatever the seed draws from `outside` or else from `objects`."""
 
-    name: str
+    objects: Path | None
+    name: str | None
     seed: int
+    strategy: str
+    outside: Path | None
+    push_mm: float
+
+
+@dataclass(frozen=True)
+class Run:
+    """What one run came to. Errors are None where the right object is not among the answers.
+
+    `beyond`: touches beyond the first grip; `least`: touches that any strategy needs to tell apart what the
+    first grip leaves, if every perceptible outcome of each were as likely. `separable`: it was called
+    indistinguishable from something that an approach not taken tells from it.
+    """
+
+    job: Job
+    name: str
     outcome: str
+    known: bool
     named: bool
     inside: bool
+    separable: bool
     position_error_mm: float | None
     orientation_error_rad: float | None
-    grips: int
     touches: int
+    beyond: int
+    least: int
+    moved: bool
+    unforeseen: int
     hardest_n: float
     rig_s: float
     wall_s: float
 
     @property
+    def answered(self) -> bool:
+        """Whether the run claims to know what lies there."""
+        return self.outcome in (Outcome.IDENTIFIED.value, Outcome.INDISTINGUISHABLE.value)
+
+    @property
     def right(self) -> bool:
-        """Identified rightly, or rightly called indistinguishable from something; truth inside the bounds."""
-        answered = self.outcome in (Outcome.IDENTIFIED.value, Outcome.INDISTINGUISHABLE.value)
-        return answered and self.named and self.inside
+        """Identified rightly, or rightly called indistinguishable or unknown; truth inside the bounds."""
+        if not self.known:
+            return self.outcome == Outcome.UNKNOWN.value
+        return self.answered and self.named and self.inside and not self.separable
 
     @property
     def wrong(self) -> bool:
         """A false statement: the worst that can happen."""
-        if self.outcome == Outcome.UNRESOLVED.value:
-            return not self.named
-        return not (self.named and self.inside)
+        if self.answered:
+            return not self.right
+        return self.known and self.outcome == Outcome.UNKNOWN.value and not self.job.push_mm
 
 
-def run(source: Path | None, name: str | None, seed: int) -> Run:
-    """One run: on `name`, or on whatever the seed draws from the catalogue."""
+class Watch:
+    """Follows a run: what the first grip left, whether touches came out as foretold; pushes the part."""
+
+    def __init__(self, bench: BenchRig, placement: Placement, job: Job) -> None:
+        self.placement = placement
+        self.after_first: Recognition | None = None
+        self.unforeseen = 0
+        self._bench, self._job = bench, job
+        self._plan: Grip | None = None
+
+    def stage(self, grip: int, stage: Stage) -> None:
+        """Nothing to note."""
+
+    def moved(self, grip: int) -> None:
+        """Nothing to note."""
+
+    def planned(self, grip: int, plan: Grip) -> None:
+        """Keep what is foretold."""
+        del grip
+        self._plan = plan
+
+    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
+        """Compare with what was foretold; push the part after the first grip."""
+        if self._plan is not None and not self._job.push_mm:
+            self.unforeseen += sum(
+                not _foreseen(self._plan, row, touch) for row, touch in enumerate(touches)
+            )
+        self._plan = None
+        if grip == 1 and self._job.push_mm:
+            self._push()
+
+    def recognised(self, grip: int, recognition: Recognition) -> None:
+        """Keep the first."""
+        del grip
+        if self.after_first is None:
+            self.after_first = recognition
+
+    def _push(self) -> None:
+        bearing = np.random.default_rng([self._job.seed, 7]).uniform(0, 2 * math.pi)
+        self.placement = replace(
+            self.placement,
+            x_mm=self.placement.x_mm + self._job.push_mm * math.cos(bearing),
+            y_mm=self.placement.y_mm + self._job.push_mm * math.sin(bearing),
+        )
+        assert self._bench.mock is not None, "the shipped rig is emulated"
+        for finger in self._bench.mock.rig.bench.fingers:
+            finger.put(outline_at(self.placement, finger.truth.height_mm))
+
+
+def _foreseen(plan: Grip, row: int, touch: Touch) -> bool:
+    """Whether some hypothesis foretold the touch; a miss fits whatever may miss."""
+    contact = touch.contact
+    for foretold in plan.predictions.of_approach(row):
+        if not contact.touched:
+            if math.isinf(foretold.latest_mm):
+                return True
+        elif foretold.earliest_mm <= contact.travel_mm <= foretold.latest_mm:
+            return True
+    return False
+
+
+def run(job: Job) -> Run:
+    """One run on emulated devices."""
     begin = time.perf_counter()
     rig = load_rig(shipped_rig())
-    objects = load_objects(source or shipped_objects())
+    objects = load_objects(job.objects or shipped_objects())
     catalogue = Catalogue(models_of(objects))
-    if name is None:
-        placement = place(rig, objects, None, seed)
-    else:
-        alone = ObjectsFile(tuple(model for model in objects.objects if model.name == name))
-        radius = rig.emulation.placement_radius_mm if rig.emulation else 0.0
-        placement = draw_placement(alone, radius, np.random.default_rng([seed, 0]))
-    bench = set_up(rig, placement, seed)
+    placement = _placement(job, objects, rig.emulation.placement_radius_mm if rig.emulation else 0.0)
+    bench = set_up(rig, placement, job.seed)
+    watch = Watch(bench, placement, job)
     with connect(bench) as hand:
         hand.prepare()
-        result = identify(hand, catalogue)
-    assert placement is not None, "the shipped rig is emulated"
+        result = identify(hand, catalogue, [watch], strategy=Strategy(job.strategy), seed=job.seed)
     assert bench.mock is not None, "the shipped rig is emulated"
-    found = compare(placement, result.recognition.hypotheses if result.recognition else ())
+    left = result.recognition.hypotheses if result.recognition else ()
+    found = compare(watch.placement, left)
     return Run(
+        job,
         placement.model.name,
-        seed,
         result.outcome.value,
+        job.outside is None,
         found.hypothesis is not None,
         found.inside_bounds,
+        result.outcome is Outcome.INDISTINGUISHABLE and found.hypothesis is not None and _separable(result),
         found.position_error_mm,
         found.orientation_error_rad,
-        len(result.grips),
         result.touches,
+        result.touches - len(result.grips[0]),
+        _least_touches(watch.after_first),
+        bool(result.moved_before),
+        watch.unforeseen,
         max(finger.hardest_n for finger in bench.mock.rig.bench.fingers),
         bench.clock.now(),
         time.perf_counter() - begin,
     )
 
 
+def _placement(job: Job, objects: ObjectsFile, radius_mm: float) -> Placement:
+    drawn_from = objects if job.outside is None else load_objects(job.outside)
+    if job.name is not None:
+        drawn_from = ObjectsFile(tuple(model for model in drawn_from.objects if model.name == job.name))
+    return draw_placement(drawn_from, radius_mm, np.random.default_rng([job.seed, 0]))
+
+
+def _least_touches(recognition: Recognition | None) -> int:
+    """Touches needed if each told apart as many hypotheses as it has perceptible outcomes: log to that base.
+
+    Outcomes of one touch: a miss, or a stop anywhere across the parts, at any normal that faces the finger.
+    """
+    if recognition is None or len(recognition.hypotheses) < 2:
+        return 0
+    resolution = resolution_of(load_rig(shipped_rig()))
+    boxes = [item.bounds for item in recognition.hypotheses]
+    across = max(max(item.state.state.sections[0].polygons[0].outer.max(axis=0)
+                     - item.state.state.sections[0].polygons[0].outer.min(axis=0))
+                 for item in recognition.hypotheses)  # fmt: skip
+    spread = max(b.x_mm[1] for b in boxes) - min(b.x_mm[0] for b in boxes)
+    stops = math.ceil((float(across) + spread) / resolution.distance_mm)
+    normals = math.ceil(math.pi / (2 * resolution.normal_half_rad))
+    return math.ceil(math.log(len(boxes)) / math.log(1 + stops * normals))
+
+
+def _separable(result: Identification) -> bool:
+    """Whether an approach that was not taken would stop at perceptibly different places: by shapely alone."""
+    assert result.recognition is not None, "only called with an answer"
+    rig = load_rig(shipped_rig())
+    candidates = reach_of(rig).candidates
+    used = used_by(result.recognition.contacts, candidates)
+    shapes = [_shape(item) for item in result.recognition.hypotheses]
+    limit = resolution_of(rig).distance_mm
+    for k in np.flatnonzero(~used):
+        felt = [_felt(shape, candidates[k].approach) for shape in shapes]
+        hits = [item for item in felt if item is not None]
+        if len(hits) == len(felt):
+            travel, facing = zip(*hits, strict=True)
+            if (max(travel) - min(travel)) * min(facing) > limit:
+                return True
+    return False
+
+
+def _shape(item: Hypothesis) -> shapely.Geometry:
+    parts = [
+        shapely.Polygon(polygon.outer, polygon.holes)
+        for section in item.state.state.sections
+        for polygon in section.polygons
+    ]
+    at = item.configuration
+    turned = affinity.rotate(shapely.union_all(parts), at.theta_rad, origin=(0, 0), use_radians=True)
+    return affinity.translate(turned, at.x_mm, at.y_mm)
+
+
+def _felt(shape: shapely.Geometry, approach: Approach) -> tuple[float, float] | None:
+    """Travel to the stop, and how squarely the surface is met; None for a miss."""
+    start = np.asarray(approach.start_mm)
+    heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
+    travel = 0.0
+    while travel < approach.travel_mm:
+        at = shapely.Point(start + travel * heading)
+        gap = shapely.distance(shape, at) - approach.finger.tip_radius_mm
+        if gap < 1e-6:
+            nearest = ops.nearest_points(shape, at)[0]
+            inward = np.array([nearest.x - at.x, nearest.y - at.y])
+            return travel, float(abs(inward @ heading) / np.linalg.norm(inward))
+        travel += gap
+    return None
+
+
+_HEAD = (
+    "                     runs right wrong ident. indist unkn. unres.  mm med   max ° med   max"
+    "  beyond first: mean  90%  max least  max N  rig s wall s"
+)
+
+
 def table(title: str, runs: Iterable[Run]) -> str:
-    """One row: how often right, and how well."""
+    """One row: how often right, how well, and after how many touches."""
     every = list(runs)
-    errors = [item.position_error_mm for item in every if item.position_error_mm is not None]
+    errors = [item.position_error_mm for item in every if item.position_error_mm is not None] or [math.nan]
     turns = [item.orientation_error_rad for item in every if item.orientation_error_rad is not None]
+    turns = turns or [math.nan]
     count = {item.value: sum(i.outcome == item.value for i in every) for item in Outcome}
+    beyond = [item.beyond for item in every]
     cells = [
-        f"{title:<12}{len(every):>5}{sum(i.right for i in every):>6}{sum(i.wrong for i in every):>6}",
+        f"{title:<20}{len(every):>5}{sum(i.right for i in every):>6}{sum(i.wrong for i in every):>6}",
         *(f"{count[item.value]:>7}" for item in Outcome),
-        f"{np.median(errors):>7.2f}{max(errors):>6.2f}",
+        f"{np.median(errors):>8.2f}{max(errors):>6.2f}",
         f"{math.degrees(np.median(turns)):>6.2f}{math.degrees(max(turns)):>6.2f}",
-        f"{np.mean([i.touches for i in every]):>6.1f}{max(i.touches for i in every):>4}",
-        f"{max(i.hardest_n for i in every):>6.1f}",
+        f"{np.mean(beyond):>20.2f}{np.percentile(beyond, 90):>5.0f}{max(beyond):>5}",
+        f"{np.mean([i.least for i in every]):>6.2f}",
+        f"{max(i.hardest_n for i in every):>7.1f}",
         f"{np.median([i.rig_s for i in every]):>7.0f}{np.median([i.wall_s for i in every]):>7.1f}",
     ]
     return "".join(cells)
@@ -123,27 +300,35 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=20, help="seeds (for each shipped model)")
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--strategy", action="append", choices=[item.value for item in Strategy])
+    parser.add_argument("--outside", type=Path, help="objects file with what lies on the table")
+    parser.add_argument("--push", type=float, default=0.0, metavar="MM")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.runs)
-    if options.objects is None:
+    names = [None]
+    if options.objects is None and options.outside is None:
         names = [model.name for model in load_objects(shipped_objects()).objects]
-        jobs = [(None, name, seed) for name in names for seed in seeds]
-    else:
-        jobs = [(options.objects, None, seed) for seed in seeds]
-    print(
-        "object       runs right wrong ident. indist unkn. unres. mm med   max ° med   max  touches"
-        " max N  rig s wall s"
-    )
+    wrong = False
+    print(_HEAD)
     with ProcessPoolExecutor(options.workers) as pool:
-        runs = list(pool.map(run, *zip(*jobs, strict=True)))
-    if options.objects is None:
-        for name in names:
-            print(table(name, [item for item in runs if item.name == name]))
-    print(table("all", runs))
-    for item in runs:
-        if not item.right:
-            print(f"not right: {item}")
-    return int(any(item.wrong for item in runs))
+        for strategy in options.strategy or [Strategy.PLANNED.value]:
+            jobs = [
+                Job(options.objects, name, seed, strategy, options.outside, options.push)
+                for name in names
+                for seed in seeds
+            ]
+            runs = list(pool.map(run, jobs))
+            for name in names if len(names) > 1 else []:
+                print(table(f"{strategy} {name}", [item for item in runs if item.name == name]))
+            print(table(f"{strategy}, all", runs), flush=True)
+            if options.push:
+                print(f"  noticed that it moved: {sum(item.moved for item in runs)} of {len(runs)}")
+            print(f"  touches that no hypothesis had foretold: {sum(item.unforeseen for item in runs)}")
+            for item in runs:
+                if not item.right:
+                    print(f"  not right: {item}", flush=True)
+            wrong |= any(item.wrong for item in runs)
+    return int(wrong)
 
 
 if __name__ == "__main__":

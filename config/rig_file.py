@@ -117,9 +117,13 @@ class Search(FileModel):
         description="Grips before giving up."
     )
     stranger_chance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
-        default=0.001,
+        default=0.01,
         description="No answer is given while something that is not in the catalogue would have agreed with "
         "all that was foretold with a greater chance than this.",
+    )
+    unnoticed_shift_mm: Positive = Field(
+        default=5.0,
+        description="No answer is given unless the last grip would have noticed a shift of the part by this.",
     )
     goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(

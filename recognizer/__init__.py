@@ -5,6 +5,7 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
+from palpate.recognizer.evidence import chance_of_agreeing, unnoticed_shift_mm
 from palpate.recognizer.felt import Resolution
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
@@ -39,11 +40,13 @@ __all__ = [
     "State",
     "Strategy",
     "Verdict",
+    "chance_of_agreeing",
     "checking_grip",
     "next_grip",
     "plan_grip",
     "predict",
     "recognise",
     "twins",
+    "unnoticed_shift_mm",
     "used_by",
 ]

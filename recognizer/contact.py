@@ -114,6 +114,13 @@ class Contact:
             return math.pi
         return math.asin(2 * self.position_bound_mm / self.travel_mm)
 
+    @property
+    def middle_normal_rad(self) -> float:
+        """Middle of the normal's range; against the travel if nothing is known of it."""
+        if self.normal is None:
+            return self.direction_rad + math.pi
+        return (self.normal.lo_rad + self.normal.hi_rad) / 2
+
     def outward_normals(self) -> NormalRange | None:
         """Normals that both the sensor and the approach allow; None if together they allow nothing.
 

@@ -13,21 +13,33 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
 from palpate.recognizer.felt import Felt, Resolution, felt, likeness
 from palpate.recognizer.poses import Goals, pairs_to_tell_apart, sampled_poses, witness_poses
 from palpate.recognizer.prediction import Predictions, joined_predictions, predict
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognise import Recognition
 
-__all__ = ["Candidate", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "plan_grip", "twins"]
+__all__ = [
+    "Candidate",
+    "Foreseen",
+    "Grip",
+    "Reachable",
+    "fits",
+    "foreseen",
+    "grip_of",
+    "other_side",
+    "plan_grip",
+    "twins",
+]
 
 _HOPELESS = 1e-3  # the first finger must take at least this share of confusion away
-_WORTH = 0.4  # and every further one this share of what is left
-_ENOUGH = 0.03  # where less is confused, no further finger is worth its touch
+_WORTH = 0.5  # and every further one this share of what is left
+_ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
 _CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
+_TWO_SIDES_RAD = np.radians(30.0)
 _MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
 
@@ -91,11 +103,12 @@ def plan_grip(
     resolution: Resolution,
     goals: Goals,
     used: Bools | None = None,
+    fingers: int = 1,
 ) -> Grip | None:
     """Choose approaches, at most one for each finger, that leave the least confusion; None if none helps.
 
-    `used` (n,): candidates not to choose, because they were carried out before: what they can tell they have
-    told.
+    As many as `fingers`, where that many go together, and more if they are worth it. `used` (n,): candidates
+    not to choose, because they were carried out before: what they can tell they have told.
     """
     approaches = [item.approach for item in reachable.candidates]
     poses = sampled_poses(recognition.hypotheses)
@@ -108,13 +121,20 @@ def plan_grip(
     seconds = reachable.seconds(furthest)
     confused, remaining = pairs.weight.copy(), 1.0
     chosen: list[Foreseen] = []
-    while open_to.any() and remaining > _ENOUGH and len(pairs.first):
+    while open_to.any() and len(pairs.first):
+        wanted = len(chosen) < fingers
+        if remaining <= _ENOUGH and not wanted:
+            break
         taken = [item.index for item in chosen]
         rows = _shortlist(np.flatnonzero(open_to), outcome, poses.weight, taken, resolution, len(pairs.first))
+        sides = other_side(outcome.normal[:, 0], rows, taken)
+        if wanted and sides.any():
+            rows = rows[sides]
         alike = likeness(outcome, pairs.first, pairs.second, resolution, rows)
         scores = alike @ confused
         least = float(scores.min())
-        if least > remaining * (1 - (_WORTH if chosen else _HOPELESS)):
+        worth = (0.0 if wanted else _WORTH) if chosen else _HOPELESS
+        if least > remaining * (1 - worth):
             break
         good = np.flatnonzero(scores <= least + _ALIKE * remaining)
         best = good[np.argmin(seconds[rows[good]])]
@@ -141,6 +161,17 @@ def fits(reachable: Reachable, one: Foreseen, chosen: Sequence[Foreseen]) -> boo
     others = np.array([item.index for item in chosen], dtype=np.int64)
     travels = np.array([item.travel_mm for item in chosen])
     return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
+
+
+def other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
+    """Which candidates `rows` (m,) meet a surface that is not parallel to those that the chosen ones meet.
+
+    `normal_rad` (n,): the normals that all candidates meet under the first hypothesis. Met from two sides, a
+    part that has moved is noticed.
+    """
+    turned = np.abs(wrap_angle(2 * (normal_rad[rows][:, None] - normal_rad[list(chosen)]))) / 2
+    result: Bools = np.all(turned > _TWO_SIDES_RAD, axis=1)
+    return result
 
 
 def grip_of(

@@ -13,6 +13,7 @@ __all__ = ["Goals", "Pairs", "Poses", "pairs_to_tell_apart", "sampled_poses", "w
 _POSES = 160  # in all; shared out among the hypotheses
 _MOST_POSES, _LEAST_POSES = 48, 1
 _OUT = 0.7  # of the way from a cell's middle to its corners
+_FINE = 0.4  # of the goals: bounds are twice as wide, and they hold more than what a touch can just not tell
 _MOST_PAIRS = 12_000
 
 
@@ -78,7 +79,12 @@ def pairs_to_tell_apart(poses: Poses, hypotheses: Hypotheses, goals: Goals) -> P
         rng = np.random.default_rng(len(first))
         drawn = rng.choice(len(first), _MOST_PAIRS, p=weight / weight.sum())
         first, second, weight = first[drawn], second[drawn], np.ones(_MOST_PAIRS)
-    needed = (poses.owner[first] != poses.owner[second]) | _coarse(poses, hypotheses, goals, first, second)
+    other = poses.owner[first] != poses.owner[second]
+    coarse = ~other & _coarse(poses, hypotheses, goals, first, second)
+    # Both kinds count for half: whoever tells hypotheses apart may as well place what is left.
+    for kind in (other, coarse):
+        weight[kind] /= float(weight[kind].sum()) or 1.0
+    needed = other | coarse
     first, second, weight = first[needed], second[needed], weight[needed]
     return Pairs(first, second, weight / (float(weight.sum()) or 1.0))
 
@@ -89,10 +95,9 @@ def _coarse(poses: Poses, hypotheses: Hypotheses, goals: Goals, first: Ints, sec
     x, y = (poses.cells.polygon[:, 0] - origin).T
     cos, sin = np.cos(poses.cells.lo), np.sin(poses.cells.lo)
     place = np.column_stack([cos * x - sin * y, sin * x + cos * y])
-    # Samples keep away from the corners of cells, so bounds are wider than samples are apart.
     away = np.abs(place[first] - place[second]).max(axis=1)
     turned = np.abs(wrap_angle(poses.cells.lo[first] - poses.cells.lo[second]))
-    result: Bools = (away > 2 * _OUT * goals.position_mm) | (turned > 2 * _OUT * goals.orientation_rad)
+    result: Bools = (away > _FINE * goals.position_mm) | (turned > _FINE * goals.orientation_rad)
     return result
 
 

@@ -70,6 +70,17 @@ class Predictions:
         """Those of one approach, for every hypothesis."""
         return tuple(self.of(approach, hypothesis) for hypothesis in range(self.earliest.shape[1]))
 
+    def select(self, approaches: Sequence[int]) -> "Predictions":
+        """Those of some approaches."""
+        rows = list(approaches)
+        return Predictions(
+            self.earliest[rows],
+            self.latest[rows],
+            self.furthest[rows],
+            self.normal_lo[rows],
+            self.normal_hi[rows],
+        )
+
     def needed_mm(self, approaches: Sequence[Approach]) -> Floats:
         """Travel (a,) after which nothing can be met any more, and a little further."""
         furthest = self.furthest.max(axis=1, initial=0.0) + _SPARE_MM

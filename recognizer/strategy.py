@@ -11,7 +11,8 @@ import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.felt import Resolution, felt
+from palpate.recognizer.evidence import unnoticed_shift_mm
+from palpate.recognizer.felt import Felt, Resolution, felt
 from palpate.recognizer.planner import (
     Candidate,
     Foreseen,
@@ -20,9 +21,11 @@ from palpate.recognizer.planner import (
     fits,
     foreseen,
     grip_of,
+    other_side,
     plan_grip,
 )
 from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
+from palpate.recognizer.prediction import joined_predictions
 from palpate.recognizer.recognise import Recognition
 
 __all__ = ["Strategy", "checking_grip", "next_grip", "used_by"]
@@ -30,6 +33,7 @@ __all__ = ["Strategy", "checking_grip", "next_grip", "used_by"]
 _SAME_LINE_MM, _SAME_LINE_RAD = 1.0, 0.01
 _ASIDE_MM = 3.0  # a touch nearer to an earlier one than this says little new
 _LEVER_MM = 50.0  # makes turns and distances comparable, to see whose approach a contact was
+_CHECKS = 2  # touches that confirm an answer
 _SQUARE = 0.5  # cosine: a check meets its surface at least this squarely
 
 
@@ -48,8 +52,9 @@ def next_grip(
     resolution: Resolution,
     goals: Goals,
     rng: np.random.Generator,
+    fingers: int = 1,
 ) -> Grip | None:
-    """The next grip; None if there is none left that could tell anything.
+    """The next grip, of `fingers` or more if as many go together; None if none could tell anything.
 
     Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone.
     """
@@ -57,7 +62,7 @@ def next_grip(
         return None
     used = used_by(recognition.contacts, reachable.candidates)
     if strategy is Strategy.PLANNED:
-        return plan_grip(recognition, reachable, resolution, goals, used)
+        return plan_grip(recognition, reachable, resolution, goals, used, fingers)
     order = _meeting(recognition, reachable, used)
     if strategy is Strategy.RANDOM:
         return _first_together(recognition, reachable, rng.permutation(order), resolution)
@@ -65,12 +70,12 @@ def next_grip(
 
 
 def checking_grip(
-    recognition: Recognition, reachable: Reachable, resolution: Resolution, touches: int
+    recognition: Recognition, reachable: Reachable, resolution: Resolution, shift_mm: float
 ) -> Grip | None:
     """Touches where the first hypothesis must be met, as far as can be from all that was touched before.
 
-    At most so many `touches`, one for each finger; None if there is none. What is not in the catalogue, or
-    has moved, would hardly be met just there as well.
+    Two of them, or more until a shift of the part by `shift_mm` would be noticed; None if there are none.
+    What is not in the catalogue would hardly be met just there as well.
     """
     used = used_by(recognition.contacts, reachable.candidates)
     approaches = [item.approach for item in reachable.candidates]
@@ -79,9 +84,12 @@ def checking_grip(
     rows = np.flatnonzero(outcome.hit[:, 0] & (outcome.facing[:, 0] >= _SQUARE) & ~used)
     known = [contact.end_mm for contact in recognition.contacts if contact.touched]
     chosen: list[Foreseen] = []
-    while len(rows) and len(chosen) < touches:
+    while len(rows) and (len(chosen) < _CHECKS or _hidden(outcome, reachable, chosen) > shift_mm):
         ends = _ends([reachable.candidates[k] for k in rows.tolist()], outcome.travel[rows, 0])
         away = np.linalg.norm(ends[:, None] - np.array(known), axis=2).min(axis=1)
+        sides = other_side(outcome.normal[:, 0], rows, [item.index for item in chosen])
+        if sides.any():
+            away = np.where(sides, away, 0.0)
         best = int(np.argmax(away))
         if away[best] < _ASIDE_MM:
             break
@@ -91,6 +99,14 @@ def checking_grip(
             chosen.append(one)
             known.append((float(ends[0]), float(ends[1])))
     return grip_of(recognition, reachable, chosen, resolution, 1.0) if chosen else None
+
+
+def _hidden(outcome: Felt, reachable: Reachable, chosen: Sequence[Foreseen]) -> float:
+    """How far a shift may go unnoticed by the chosen approaches (mm)."""
+    rows = [item.index for item in chosen]
+    direction = np.array([reachable.candidates[k].approach.direction_rad for k in rows])
+    predictions = joined_predictions([item.predictions for item in chosen])
+    return unnoticed_shift_mm(predictions, outcome.normal[rows, 0], direction)
 
 
 def used_by(contacts: Sequence[Contact], candidates: Sequence[Candidate]) -> Bools:

@@ -39,8 +39,7 @@ def _target(contacts: Sequence[Contact]) -> Floats:
     inward = []
     for contact in contacts:
         if contact.touched:
-            normal = contact.normal
-            angle = (normal.lo_rad + normal.hi_rad) / 2 if normal else contact.direction_rad + math.pi
+            angle = contact.middle_normal_rad
             inward.append(
                 np.array(contact.end_mm) - _INWARD_MM * np.array([math.cos(angle), math.sin(angle)])
             )

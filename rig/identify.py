@@ -25,10 +25,12 @@ from palpate.recognizer import (
     Recognition,
     Strategy,
     Verdict,
+    chance_of_agreeing,
     checking_grip,
     next_grip,
     recognise,
     twins,
+    unnoticed_shift_mm,
     used_by,
 )
 from palpate.rig.closing import Stage, Touch, close_fingers
@@ -46,6 +48,7 @@ _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
 _LEAST_GAIN = 0.1
 _IDLE_TOUCHES = 3  # as many without gain, and more will not help
 _MOST_MOVES = 1
+_VAIN = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
 
 class Outcome(Enum):
@@ -121,6 +124,9 @@ class _Search:
     ruled_out: list[tuple[int, Hypothesis]] = field(default_factory=list)
     idle: int = 0
     foretold: int = 0
+    chance: float = 1.0
+    unnoticed_mm: float = math.inf
+    plan: Grip | None = None
 
     @property
     def contacts(self) -> list[Contact]:
@@ -191,62 +197,79 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
         contacts = state.contacts
         return None, exploring_grip(state.reach, contacts)
     answer = _answer(state, recognition)
-    if answer is not None and state.foretold >= state.rig.search.confirming_touches:
+    settled = answer is not None and _is_settled(state, recognition)
+    if settled and _is_confirmed(state):
         return answer, []
-    plan = None if answer is not None else _plan(state, recognition)
-    if plan is None:
+    plan = None if settled else _plan(state, recognition, one_class=answer is not None)
+    if plan is None or (answer is not None and _is_vain(state, plan)):
+        if _is_confirmed(state):
+            return answer or Outcome.UNRESOLVED, []
         plan = _check(state, recognition)
     if plan is None:
-        return answer or _at_the_end(state), []
+        return Outcome.UNRESOLVED, []
+    state.plan = plan
     for observer in state.observers:
         observer.planned(len(state.grips) + 1, plan)
     return None, list(zip(plan.indices, plan.travels_mm, strict=True))
 
 
 def _answer(state: _Search, recognition: Recognition) -> Outcome | None:
-    """What could be said now, if it is confirmed: one hypothesis is left, or nothing can be separated."""
-    fine = all(_is_fine(item, goals_of(state.rig)) for item in recognition.hypotheses)
-    if not fine and state.idle < _IDLE_TOUCHES:
-        return None
+    """What could be said if it is confirmed: one hypothesis is left, or some that nothing tells apart."""
     if recognition.verdict is Verdict.UNIQUE:
         return Outcome.IDENTIFIED
-    return None if _may_separate(state, recognition) else Outcome.INDISTINGUISHABLE
+    used = used_by(recognition.contacts, state.reach.candidates)
+    same = twins(recognition, state.reach, resolution_of(state.rig), used)
+    return Outcome.INDISTINGUISHABLE if same.all() else None
 
 
-def _plan(state: _Search, recognition: Recognition) -> Grip | None:
+def _is_settled(state: _Search, recognition: Recognition) -> bool:
+    """Whether everything that is left is placed finely enough, or the last touches did nothing for it."""
+    fine = all(_is_fine(item, goals_of(state.rig)) for item in recognition.hypotheses)
+    return fine or state.idle >= _IDLE_TOUCHES
+
+
+def _plan(state: _Search, recognition: Recognition, *, one_class: bool) -> Grip | None:
+    # A grip that may be the last one has to meet the part from two sides.
     return next_grip(
-        state.strategy, recognition, state.reach, resolution_of(state.rig), goals_of(state.rig), state.rng
+        state.strategy,
+        recognition,
+        state.reach,
+        resolution_of(state.rig),
+        goals_of(state.rig),
+        state.rng,
+        fingers=2 if one_class else 1,
     )
+
+
+def _is_vain(state: _Search, plan: Grip) -> bool:
+    """Whether even the best plan would hardly place things more finely."""
+    return state.strategy is Strategy.PLANNED and plan.remaining > _VAIN
 
 
 def _check(state: _Search, recognition: Recognition) -> Grip | None:
     """Touches to confirm what seems to be the answer."""
-    needed = state.rig.search.confirming_touches - state.foretold
-    if needed <= 0:
-        return None
     if state.strategy is Strategy.PLANNED:
-        return checking_grip(recognition, state.reach, resolution_of(state.rig), needed)
-    return _plan(state, recognition)
+        return checking_grip(
+            recognition, state.reach, resolution_of(state.rig), state.rig.search.unnoticed_shift_mm
+        )
+    return _plan(state, recognition, one_class=True)
+
+
+def _is_confirmed(state: _Search) -> bool:
+    """Whether enough came out as foretold, and the last grip would have noticed a shift of the part."""
+    limits = state.rig.search
+    return state.chance <= limits.stranger_chance and state.unnoticed_mm <= limits.unnoticed_shift_mm
 
 
 def _at_the_end(state: _Search) -> Outcome:
-    """Verdict when no further grip is to be had."""
+    """Verdict when no further grip may be made."""
     recognition = state.recognition
     if recognition is None:
         return Outcome.UNRESOLVED
     if recognition.verdict is Verdict.NONE:
         return Outcome.UNKNOWN
-    if state.foretold < state.rig.search.confirming_touches:
-        return Outcome.UNRESOLVED
-    if recognition.verdict is Verdict.UNIQUE:
-        return Outcome.IDENTIFIED
-    return Outcome.UNRESOLVED if _may_separate(state, recognition) else Outcome.INDISTINGUISHABLE
-
-
-def _may_separate(state: _Search, recognition: Recognition) -> bool:
-    """Whether an approach that has not been carried out yet may tell hypotheses apart."""
-    used = used_by(recognition.contacts, state.reach.candidates)
-    return not twins(recognition, state.reach, resolution_of(state.rig), used).all()
+    answer = _answer(state, recognition)
+    return answer if answer is not None and _is_confirmed(state) else Outcome.UNRESOLVED
 
 
 def _is_fine(hypothesis: Hypothesis, goals: Goals) -> bool:
@@ -273,6 +296,7 @@ def _begin_again(state: _Search) -> None:
     state.moved_before.append(number)
     state.recognition = None
     state.idle = state.foretold = 0
+    state.chance, state.unnoticed_mm = 1.0, math.inf
     for observer in state.observers:
         observer.moved(number)
     _understand(state, [touch.contact for touch in state.grips[-1]])
@@ -316,7 +340,22 @@ def _compare(state: _Search, before: Recognition, after: Recognition, contacts: 
         new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(after), strict=True)
     )
     state.idle = 0 if fewer or narrower else state.idle + len(contacts)
-    state.foretold = 0 if gone else state.foretold + sum(contact.touched for contact in contacts)
+    state.foretold += sum(contact.touched for contact in contacts)
+    if state.plan is not None:
+        half = resolution_of(state.rig).normal_half_rad
+        state.chance *= chance_of_agreeing(state.plan.predictions, contacts, half)
+        state.unnoticed_mm = math.inf if gone else _unnoticed_mm(state.plan, contacts)
+
+
+def _unnoticed_mm(plan: Grip, contacts: Sequence[Contact]) -> float:
+    """How far the part may have been shifted before this grip, though it came out as foretold."""
+    rows = [k for k, contact in enumerate(contacts) if contact.touched]
+    some = [contacts[k] for k in rows]
+    return unnoticed_shift_mm(
+        plan.predictions.select(rows),
+        np.array([contact.middle_normal_rad for contact in some]),
+        np.array([contact.direction_rad for contact in some]),
+    )
 
 
 def _extent(recognition: Recognition) -> tuple[float, float]:

@@ -93,6 +93,11 @@ class EmulatedFinger:
         self._free_mm = 0.0
         self._pressed_centre = np.full(2, np.inf)
 
+    def put(self, outline: Outline | None) -> None:
+        """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
+        self.outline = outline
+        self._free_centre = np.full(2, np.inf)
+
     @property
     def direction_rad(self) -> float:
         """True direction of the slide in W."""

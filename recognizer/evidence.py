@@ -1,0 +1,55 @@
+"""What speaks for an answer beside its bounds: how unlikely it came out by chance, or over a part that moved.
+
+From plans and what came of them to verdicts. Bounds prove which of the catalogue's objects lies there, but
+not that it is one of these, nor that it stayed where it was. For that there are touches that came out as
+foretold though they might have come out otherwise.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.recognizer.arrays import Floats
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.prediction import Predictions
+
+__all__ = ["chance_of_agreeing", "unnoticed_shift_mm"]
+
+_ACROSS_MM = 40.0  # a stop might have come anywhere within this, as far as a stranger's size is known
+_FACING_RAD = math.pi  # and normals within this
+_SHIFTS = 90
+
+
+def chance_of_agreeing(
+    predictions: Predictions, contacts: Sequence[Contact], normal_half_rad: float
+) -> float:
+    """Share of all outcomes of a grip that would have agreed with some hypothesis, 0 to 1.
+
+    `predictions` (a, h) for the a contacts, in order. Stops and normals count as independent and equally
+    likely everywhere; misses say nothing, because a smaller thing would have been missed as well. So it is a
+    measure, and no proof.
+    """
+    touched = np.array([contact.touched for contact in contacts], dtype=bool)
+    possible = np.isfinite(predictions.earliest[touched])
+    stop = np.where(possible, predictions.furthest[touched] - predictions.earliest[touched], 0.0)
+    normal = (predictions.normal_hi - predictions.normal_lo)[touched] + 2 * normal_half_rad
+    share = np.clip(stop / _ACROSS_MM, 0.0, 1.0) * np.clip(normal / _FACING_RAD, 0.0, 1.0)
+    return float(min(1.0, share.prod(axis=0).sum()))
+
+
+def unnoticed_shift_mm(predictions: Predictions, normal_rad: Floats, direction_rad: Floats) -> float:
+    """How far the part may have been shifted before a grip, at most, though all came out as foretold (mm).
+
+    `predictions` (a, h), `normal_rad` and `direction_rad` (a,): the surfaces that were met, and the travels.
+    On a straight surface a shift moves the stop by its share along the normal; beyond the foretold interval
+    it would have been noticed. Infinite if nothing was foretold to be met for certain.
+    """
+    wide = predictions.latest.max(axis=1) - predictions.earliest.min(axis=1)
+    facing = np.abs(np.cos(normal_rad - direction_rad))
+    sure = np.isfinite(wide) & (facing > 0)
+    bearing = np.arange(_SHIFTS) * (math.pi / _SHIFTS)
+    along = np.abs(np.cos(bearing[:, None] - normal_rad[sure]))
+    with np.errstate(divide="ignore"):
+        hidden = (wide * facing)[sure] / along
+    return float(hidden.min(axis=1, initial=np.inf).max())
