@@ -9,12 +9,14 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+import shapely
+
 from palpate.config.problems import Place, problem
 
 if TYPE_CHECKING:
     from palpate.config.rig_file import Finger, RigFile
 
-__all__ = ["MOCK", "check_emulation", "check_identities", "check_places"]
+__all__ = ["MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
 
 MOCK = "mock://"
 """Ports of emulated devices begin so."""
@@ -72,6 +74,27 @@ def check_places(rig: RigFile) -> None:
                 f"closing.clearance_mm asks for {rig.closing.clearance_mm:g}",
                 *("fingers", index, "base_mm"),
             )
+
+
+def check_obstacles(rig: RigFile) -> None:
+    """Refuse an obstacle's name given twice, and one that a finger touches where it starts."""
+    names: dict[str, int] = {}
+    for index, obstacle in enumerate(rig.obstacles):
+        if obstacle.name in names:
+            raise problem(
+                f"obstacles[{names[obstacle.name]}] has this name already", "obstacles", index, "name"
+            )
+        names[obstacle.name] = index
+        shape = shapely.Polygon(obstacle.outline_mm)
+        for finger in rig.fingers:
+            body = shapely.LineString([finger.base_mm, _tip(finger)])
+            gap = shapely.distance(shape, body) - finger.tip.radius_mm
+            if gap < rig.closing.clearance_mm:
+                raise problem(
+                    f'is {gap:.4g} mm from finger "{finger.name}", retracted; '
+                    f"closing.clearance_mm asks for {rig.closing.clearance_mm:g}",
+                    *("obstacles", index, "outline_mm"),
+                )
 
 
 def check_emulation(rig: RigFile) -> None:

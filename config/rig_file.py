@@ -7,12 +7,14 @@ N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench. `docs/rig-
 
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text, in_order
 from palpate.config.loading import Source, load_toml
+from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
-from palpate.config.rig_checks import check_emulation, check_identities, check_places
+from palpate.config.rig_checks import check_emulation, check_identities, check_obstacles, check_places
 
 __all__ = [
     "BUS_BAUDRATES",
@@ -23,6 +25,7 @@ __all__ = [
     "Closing",
     "Emulation",
     "Finger",
+    "Obstacle",
     "RigFile",
     "Search",
     "SlideServo",
@@ -90,7 +93,7 @@ class Closing(FileModel):
     back_off_mm: Positive = Field(description="Way back from a first contact before touching again slowly.")
     contact_force_n: Positive = Field(description="Force that counts as a contact.")
     max_force_n: Annotated[Positive, Field(le=200)] = Field(description="No finger may ever press harder.")
-    clearance_mm: Length = Field(description="Least gap between two fingers while they move.")
+    clearance_mm: Length = Field(description="Least gap between two fingers, or a finger and an obstacle.")
     sample_rate_hz: Annotated[Positive, Field(ge=1, le=10000)] = Field(
         description="Frames per second of an array."
     )
@@ -217,6 +220,23 @@ class Finger(FileModel):
     bounds: Bounds
 
 
+class Obstacle(FileModel):
+    """A part of the rig that stands in the fingers' plane: a post, a camera."""
+
+    name: Name
+    outline_mm: list[Point] = Field(
+        min_length=3, description="Corners [x, y] in the support-plane frame W, in order round it."
+    )
+
+    @model_validator(mode="after")
+    def _is_simple(self) -> Self:
+        found = outline_problem(np.array(self.outline_mm, dtype=np.float64))
+        if found is not None:
+            point, what = found
+            raise problem(what, "outline_mm", *(() if point is None else (point,)))
+        return self
+
+
 class Emulation(FileModel):
     """How far the emulated devices stray from this description. What they draw stays hidden from the host."""
 
@@ -248,12 +268,14 @@ class RigFile(FileModel):
     closing: Closing
     search: Search
     fingers: list[Finger] = Field(min_length=1, description="The fingers, in the order they are reported.")
+    obstacles: list[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
     emulation: Emulation | None = Field(default=None, description="Only for rigs with mock:// ports.")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         check_identities(self)
         check_places(self)
+        check_obstacles(self)
         check_emulation(self)
         return self
 

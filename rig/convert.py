@@ -5,13 +5,25 @@ Degrees become radians here, and nowhere else.
 
 import math
 
-from palpate.config import ContactsFile, ObjectsFile, RigFile
+from palpate.config import Closing, ContactsFile, ObjectsFile, RigFile
 from palpate.config import Finger as FingerFile
-from palpate.drivers.finger import FingerKinematics
+from palpate.drivers.slide_finger import SlideKinematics
 from palpate.errors import InputError
 from palpate.recognizer import Contact, Finger, NormalRange, ObjectModel, Polygon, Resolution, Section, State
 
-__all__ = ["finger_of", "grips_of", "kinematics_of", "models_of", "resolution_of"]
+__all__ = [
+    "dent_allowance_mm",
+    "finger_of",
+    "grips_of",
+    "kinematics_of",
+    "models_of",
+    "resolution_of",
+    "unfelt_mm",
+]
+
+
+_STOP_S = 0.010  # from the goal that stops a servo to its standing still
+_CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
 
 def models_of(objects: ObjectsFile) -> list[ObjectModel]:
@@ -66,10 +78,10 @@ def finger_of(finger: FingerFile) -> Finger:
     return Finger(finger.tip.radius_mm, finger.height_mm)
 
 
-def kinematics_of(finger: FingerFile) -> FingerKinematics:
+def kinematics_of(finger: FingerFile) -> SlideKinematics:
     """Kinematics of a finger. The file counts servo angles from Goal Position 0, the drivers from 2048."""
     mm_per_rad = finger.slide.mm_per_turn / (2 * math.pi)
-    return FingerKinematics(
+    return SlideKinematics(
         base_mm=finger.base_mm,
         heading_rad=math.radians(finger.heading_deg),
         gear_ratio=finger.aim.gear_ratio,
@@ -83,6 +95,31 @@ def kinematics_of(finger: FingerFile) -> FingerKinematics:
     )
 
 
+def unfelt_mm(finger: FingerFile, closing: Closing) -> float:
+    """How deep something may have dented a moving tip without being felt.
+
+    Twice the contact threshold: the quick guard leaves out what is below each taxel's noise, and gains vary.
+    """
+    return 2 * closing.contact_force_n / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
+
+
+def dent_allowance_mm(finger: FingerFile, closing: Closing) -> float:
+    """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
+
+    The tip presses with the threshold's force and what comes on top until it stands: two sample periods and
+    the servo's own stop. The force is known to within the gains' spread and the crosstalk. In a notch the
+    dent may be along a normal that is not known, so the whole dent counts sideways.
+    """
+    tip = finger.tip
+    late_s = 2 / closing.sample_rate_hz + _STOP_S
+    stiffest = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
+    force = min(closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s, closing.max_force_n)
+    unsure = (finger.array.gain_spread + _CROSSTALK_SHARE) * force
+    deepest = (force + unsure) / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
+    shallowest = max(force - unsure, 0.0) / stiffest
+    return (deepest - shallowest) / 2 + deepest + unfelt_mm(finger, closing)
+
+
 def resolution_of(rig: RigFile) -> Resolution:
     """What the rig can feel, for planning: by how much two measurements of one thing may differ."""
     bounds = []
@@ -91,5 +128,7 @@ def resolution_of(rig: RigFile) -> Resolution:
         middle = math.hypot(*finger.base_mm)
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / finger.tip.stiffness_n_per_mm
-        bounds.append(kinematics.position_bound_mm(middle) + dent)
+        bounds.append(
+            kinematics.position_bound_mm(kinematics.servos_rad(kinematics.line(0.0, middle), 0.0)) + dent
+        )
     return Resolution(distance_mm=2 * max(bounds), normal_rad=math.radians(20.0))

@@ -25,10 +25,10 @@ from palpate.recognizer import (
     separable,
 )
 from palpate.recognizer.arrays import Floats
-from palpate.rig.closing import Close, Stage, Touch, close_fingers
+from palpate.rig.closing import Stage, Touch, close_fingers
 from palpate.rig.convert import resolution_of
 from palpate.rig.hand import Hand
-from palpate.rig.reach import Reach, reach_of
+from palpate.rig.reach import Close, Reach, reach_of
 
 __all__ = ["Identification", "Observer", "Outcome", "identify"]
 
@@ -195,7 +195,7 @@ def _closes(search: _Search, plan: Grip) -> list[Close]:
         search.used.append(index)
         furthest = max(item.latest_mm for item in predictions)
         travel = min(candidate.approach.travel_mm, furthest + _SPARE_MM)
-        closes.append(Close(candidate.finger_index, search.reach.aims_rad[index], travel))
+        closes.append(search.reach.close(index, travel))
     return closes
 
 
@@ -218,7 +218,7 @@ def _explore(search: _Search) -> list[Close]:
         if best is not None:
             search.used.append(best)
             candidate = search.reach.candidates[best]
-            closes.append(Close(finger_index, search.reach.aims_rad[best], candidate.approach.travel_mm))
+            closes.append(search.reach.close(best, candidate.approach.travel_mm))
     return closes
 
 

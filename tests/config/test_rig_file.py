@@ -147,6 +147,30 @@ CASES = [
         'fingers[1].array.port ("left"): "mock://left" is an emulated port, but there is no [emulation]',
     ),
     (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[8, 150], [20, 150], [20, 170]]\n',
+        'obstacles[0].outline_mm ("post"): is 3 mm from finger "f1", retracted; closing.clearance_mm asks',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[100, 0], [110, 0]]\n',
+        'obstacles[0].outline_mm ("post"): has 2 values; it must have at least 3',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[90, 0], [100, 10], [100, 0], [90, 10]]\n',
+        'obstacles[0].outline_mm ("post"): intersects itself at (95, 5): edge 0 meets edge 2',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[90, 0], [90, 0], [100, 0], [90, 10]]\n',
+        'obstacles[0].outline_mm[1] ("post"): repeats point 0; leave one of them out',
+    ),
+    (
+        BENCH + 2 * '[[obstacles]]\nname = "post"\noutline_mm = [[90, 0], [100, 0], [90, 10]]\n',
+        'obstacles[1].name ("post"): obstacles[0] has this name already',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline = [[90, 0], [100, 0], [90, 10]]\n',
+        'obstacles[0] ("post"): unknown key "outline"; did you mean "outline_mm"?',
+    ),
+    (
         changed(BENCH, "mock://bus", "/dev/ttyUSB0"),
         'bus.port: "/dev/ttyUSB0" is not an emulated port (mock://…), but there is an [emulation] table',
     ),

@@ -26,7 +26,7 @@ def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[Clos
     for index in range(len(session.rig.fingers)):
         own = reach.of_finger(index)
         k = int(np.clip(rng.normal(len(own) / 2, len(own) / 8), 0, len(own) - 1))
-        closes.append(Close(index, reach.aims_rad[own[k]], reach.candidates[own[k]].approach.travel_mm))
+        closes.append(reach.close(own[k], reach.candidates[own[k]].approach.travel_mm))
     return closes
 
 

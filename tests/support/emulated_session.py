@@ -134,8 +134,9 @@ class EmulatedSession:
         reach = reach_of(self.rig)
         closes = []
         for index in range(len(self.rig.fingers)):
-            best = min(reach.of_finger(index), key=lambda k: abs(reach.aims_rad[k]))
-            closes.append(Close(index, reach.aims_rad[best], reach.candidates[best].approach.travel_mm))
+            own = reach.of_finger(index)
+            best = own[len(own) // 2]
+            closes.append(reach.close(best, reach.candidates[best].approach.travel_mm))
         return closes
 
 
