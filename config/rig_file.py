@@ -223,7 +223,7 @@ class Finger(FileModel):
 class Obstacle(FileModel):
     """A part of the rig that stands in the fingers' plane: a post, a camera."""
 
-    name: Name
+    name: Name = Field(description="How messages call it.")
     outline_mm: list[Point] = Field(
         min_length=3, description="Corners [x, y] in the support-plane frame W, in order round it."
     )
