@@ -14,9 +14,13 @@ import shapely
 from palpate.config.problems import Place, problem
 
 if TYPE_CHECKING:
-    from palpate.config.rig_file import Finger, RigFile
+    from palpate.config.rig_file import Emulation, RigFile
+    from palpate.config.rig_fingers import AnyFinger, ArmFinger, Finger
 
-__all__ = ["MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
+__all__ = ["ARM_MARGIN_MM", "MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
+
+ARM_MARGIN_MM = 2.0
+"""The tip of an arm waits this far outside of the workspace."""
 
 MOCK = "mock://"
 """Ports of emulated devices begin so."""
@@ -31,7 +35,7 @@ def check_identities(rig: RigFile) -> None:
         if finger.name in names:
             raise problem(f"fingers[{names[finger.name]}] has this name already", "fingers", index, "name")
         names[finger.name] = index
-        for part, dxl_id in (("aim", finger.aim.dxl_id), ("slide", finger.slide.dxl_id)):
+        for part, dxl_id in ((part, servo.dxl_id) for part, servo in finger.servos.items()):
             if dxl_id in servos:
                 raise problem(
                     f"{dxl_id} is the id of {servos[dxl_id]} already; every servo on the bus needs its own",
@@ -51,6 +55,9 @@ def check_places(rig: RigFile) -> None:
     """Refuse fingers that cannot wait outside the workspace, never reach into it, or start in each other."""
     radius = rig.workspace.radius_mm
     for index, finger in enumerate(rig.fingers):
+        if finger.type == "two-link":
+            _check_arm(finger, radius, index)
+            continue
         waiting = _nearest_to_origin(finger, finger.slide.range_mm[0])
         needed = radius + finger.tip.radius_mm
         if waiting < needed:
@@ -67,7 +74,9 @@ def check_places(rig: RigFile) -> None:
                 *("fingers", index),
             )
     for (_, first), (index, second) in combinations(enumerate(rig.fingers), 2):
-        gap = math.dist(_tip(first), _tip(second)) - first.tip.radius_mm - second.tip.radius_mm
+        gap = (
+            math.dist(_tip(first, radius), _tip(second, radius)) - first.tip.radius_mm - second.tip.radius_mm
+        )
         if gap < rig.closing.clearance_mm:
             raise problem(
                 f'retracted, its tip is {gap:.4g} mm from that of finger "{first.name}"; '
@@ -87,7 +96,7 @@ def check_obstacles(rig: RigFile) -> None:
         names[obstacle.name] = index
         shape = shapely.Polygon(obstacle.outline_mm)
         for finger in rig.fingers:
-            body = shapely.LineString([finger.base_mm, _tip(finger)])
+            body = shapely.LineString([finger.base_mm, _tip(finger, rig.workspace.radius_mm)])
             gap = shapely.distance(shape, body) - finger.tip.radius_mm
             if gap < rig.closing.clearance_mm:
                 raise problem(
@@ -120,8 +129,7 @@ def check_emulation(rig: RigFile) -> None:
         )
     for index, finger in enumerate(rig.fingers):
         for key, drawn, declared, bound in (
-            ("backlash_mm", rig.emulation.backlash_mm, "slide.backlash_mm", finger.slide.backlash_mm),
-            ("aim_backlash_deg", rig.emulation.aim_backlash_deg, "aim.backlash_deg", finger.aim.backlash_deg),
+            *_mechanical(finger, rig.emulation),
             ("gain_spread", rig.emulation.gain_spread, "array.gain_spread", finger.array.gain_spread),
             (
                 "stiffness_spread",
@@ -145,8 +153,61 @@ def check_emulation(rig: RigFile) -> None:
                 )
 
 
-def _tip(finger: Finger) -> tuple[float, float]:
-    """Tip centre, fully retracted at aim 0."""
+def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:
+    """What the emulation draws of a finger's mechanics: its key, how much, and the declared bound's key."""
+    if finger.type == "two-link":
+        play, length = drawn.joint_backlash_deg, drawn.link_error_mm
+        return [
+            ("joint_backlash_deg", play, "shoulder.backlash_deg", finger.shoulder.backlash_deg),
+            ("joint_backlash_deg", play, "elbow.backlash_deg", finger.elbow.backlash_deg),
+            ("link_error_mm", length, "links.bound_mm", finger.links.bound_mm),
+        ]
+    return [
+        ("backlash_mm", drawn.backlash_mm, "slide.backlash_mm", finger.slide.backlash_mm),
+        ("aim_backlash_deg", drawn.aim_backlash_deg, "aim.backlash_deg", finger.aim.backlash_deg),
+    ]
+
+
+def _check_arm(finger: ArmFinger, radius_mm: float, index: int) -> None:
+    """Refuse an arm with its base in the workspace, or that cannot wait between its base and that."""
+    away = math.hypot(*finger.base_mm)
+    if away <= radius_mm + finger.tip.radius_mm:
+        raise problem(
+            f"is {away:.4g} mm from the origin; the base must stand outside of the workspace, beyond "
+            f"{radius_mm + finger.tip.radius_mm:g} mm (workspace.radius_mm + tip.radius_mm)",
+            *("fingers", index, "base_mm"),
+        )
+    tip = _tip(finger, radius_mm)
+    x, y = tip[0] - finger.base_mm[0], tip[1] - finger.base_mm[1]
+    upper, fore = finger.links.upper_mm, finger.links.fore_mm
+    bend = (x * x + y * y - upper**2 - fore**2) / (2 * upper * fore)
+    if abs(bend) > 1:
+        raise problem(
+            f"cannot put the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), {math.hypot(x, y):.4g} mm "
+            "from the base",
+            *("fingers", index, "links"),
+        )
+    elbow = math.copysign(math.acos(bend), finger.elbow.range_deg[0])
+    across = math.atan2(fore * math.sin(elbow), upper + fore * math.cos(elbow))
+    shoulder = math.degrees(math.atan2(y, x) - across) - finger.heading_deg
+    for key, angle, (lo, hi) in (
+        ("shoulder", math.remainder(shoulder, 360.0), finger.shoulder.range_deg),
+        ("elbow", math.degrees(elbow), finger.elbow.range_deg),
+    ):
+        if not lo < angle < hi:
+            raise problem(
+                f"is [{lo:g}, {hi:g}]; with the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), the "
+                f"{key} stands at {angle:.4g}",
+                *("fingers", index, key, "range_deg"),
+            )
+
+
+def _tip(finger: AnyFinger, radius_mm: float) -> tuple[float, float]:
+    """Tip centre where a finger must start: a slide retracted at aim 0, an arm beside the workspace."""
+    if finger.type == "two-link":
+        x, y = finger.base_mm
+        share = (radius_mm + finger.tip.radius_mm + ARM_MARGIN_MM) / math.hypot(x, y)
+        return share * x, share * y
     heading = math.radians(finger.heading_deg)
     distance = finger.slide.range_mm[0]
     return (

@@ -8,23 +8,40 @@ N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench. `docs/rig-
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text, in_order
+from palpate.config.fields import FileModel, Length, Name, Point, Positive, Text
 from palpate.config.loading import Source, load_toml
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_checks import check_emulation, check_identities, check_obstacles, check_places
+from palpate.config.rig_fingers import (
+    AimServo,
+    AnyFinger,
+    ArmFinger,
+    Array,
+    Bounds,
+    Finger,
+    JointServo,
+    Links,
+    Share,
+    SlideServo,
+    Tip,
+)
 
 __all__ = [
     "BUS_BAUDRATES",
     "AimServo",
+    "AnyFinger",
+    "ArmFinger",
     "Array",
     "Bounds",
     "Bus",
     "Closing",
     "Emulation",
     "Finger",
+    "JointServo",
+    "Links",
     "Obstacle",
     "RigFile",
     "Search",
@@ -36,27 +53,6 @@ __all__ = [
 
 BUS_BAUDRATES = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
 """Rates that all supported servos know (e-Manual, Baud Rate (8))."""
-
-_TURNS = 256
-"""Turns either way in Extended Position Control Mode (e-Manual, Operating Mode (11))."""
-
-ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
-DxlId = Annotated[int, Field(strict=True, ge=0, le=252)]
-Angle = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-360, le=360)]
-Share = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)]
-
-
-def _not_zero(value: float) -> float:
-    if value == 0:
-        raise problem("is 0; it must not be")
-    return value
-
-
-Ratio = Annotated[
-    float, Field(strict=True, allow_inf_nan=False, ge=-1000, le=1000), AfterValidator(_not_zero)
-]
-AngleRange = Annotated[tuple[Angle, Angle], AfterValidator(in_order)]
-LengthRange = Annotated[tuple[Length, Length], AfterValidator(in_order)]
 
 
 class Bus(FileModel):
@@ -125,101 +121,6 @@ class Search(FileModel):
     )
 
 
-class AimServo(FileModel):
-    """The servo that turns the slide about the finger's base: servo angle = zero_deg + gear_ratio · aim."""
-
-    dxl_id: DxlId = Field(description="ID on the bus.")
-    model: ServoModel = Field(description="Model as printed on the servo.")
-    gear_ratio: Ratio = Field(
-        description="Servo turns per turn of the slide; negative if they turn opposite ways."
-    )
-    range_deg: AngleRange = Field(description="[lo, hi] of the aim, counter-clockwise from heading_deg.")
-    backlash_deg: Length = Field(
-        description="Bound: the aim is off by at most this through play, either way."
-    )
-    zero_deg: Number = Field(description="Servo angle at aim 0, from its Goal Position 0.")
-
-    @model_validator(mode="after")
-    def _within_the_servo(self) -> Self:
-        turns = [(self.zero_deg + self.gear_ratio * aim) / 360 for aim in self.range_deg]
-        _check_turns(turns, "range_deg")
-        return self
-
-
-class SlideServo(FileModel):
-    """The servo that moves the tip: distance from base = zero_mm + mm_per_turn · servo turns."""
-
-    dxl_id: DxlId = Field(description="ID on the bus.")
-    model: ServoModel = Field(description="Model as printed on the servo.")
-    mm_per_turn: Ratio = Field(
-        description="Travel per servo turn; negative if growing angles retract the tip."
-    )
-    range_mm: LengthRange = Field(description="[lo, hi] of the distance from base to tip centre.")
-    backlash_mm: Length = Field(
-        description="Bound: the distance is off by at most this through play, either way."
-    )
-    zero_mm: Number = Field(description="Distance at Goal Position 0.")
-
-    @model_validator(mode="after")
-    def _within_the_servo(self) -> Self:
-        turns = [(distance - self.zero_mm) / self.mm_per_turn for distance in self.range_mm]
-        _check_turns(turns, "range_mm")
-        # After power-up a servo knows its angle within one turn, so the finger must start in that one.
-        if not 0 <= turns[0] < 1:
-            raise problem(
-                f"is {self.zero_mm:g}: retracted, at {self.range_mm[0]:g} mm, the servo would stand at turn "
-                f"{turns[0]:.2f}; it must be in 0 … 1, because a servo starts within one turn",
-                "zero_mm",
-            )
-        return self
-
-
-class Tip(FileModel):
-    """The cylindrical fingertip."""
-
-    radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
-    stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
-    stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
-
-
-class Array(FileModel):
-    """The tactile array round the tip."""
-
-    port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
-    baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
-    protocol: Literal["palpate"] = Field(
-        description='What the array speaks; "palpate" is docs/tactile-protocol.md.'
-    )
-    gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
-    heading_deg: Angle = Field(
-        default=0.0,
-        description="Where the array's middle looks, counter-clockwise from the direction of travel.",
-    )
-
-
-class Bounds(FileModel):
-    """How well the finger's place is known."""
-
-    base_mm: Length = Field(description="Bound: the base is within this distance of base_mm.")
-    heading_deg: Annotated[Length, Field(le=45)] = Field(
-        description="Bound: the heading is off by at most this."
-    )
-
-
-class Finger(FileModel):
-    """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
-
-    name: Name
-    base_mm: Point = Field(description="[x, y] of the aim axis in the support-plane frame W.")
-    heading_deg: Angle = Field(description="Direction of the slide at aim 0, counter-clockwise from +x of W.")
-    height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
-    aim: AimServo
-    slide: SlideServo
-    tip: Tip
-    array: Array
-    bounds: Bounds
-
-
 class Obstacle(FileModel):
     """A part of the rig that stands in the fingers' plane: a post, a camera."""
 
@@ -248,6 +149,8 @@ class Emulation(FileModel):
     )
     backlash_mm: Length = Field(default=0.0, description="Play of the slides, either way.")
     aim_backlash_deg: Length = Field(default=0.0, description="Play of the aims, either way.")
+    joint_backlash_deg: Length = Field(default=0.0, description="Play of arms' joints, either way.")
+    link_error_mm: Length = Field(default=0.0, description="Lengths of arms' links are off by up to this.")
     base_error_mm: Length = Field(
         default=0.0, description="Bases are up to this far from where they should be."
     )
@@ -267,7 +170,7 @@ class RigFile(FileModel):
     workspace: Workspace
     closing: Closing
     search: Search
-    fingers: list[Finger] = Field(min_length=1, description="The fingers, in the order they are reported.")
+    fingers: list[AnyFinger] = Field(min_length=1, description="The fingers, in the order they are reported.")
     obstacles: list[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
     emulation: Emulation | None = Field(default=None, description="Only for rigs with mock:// ports.")
 
@@ -293,11 +196,3 @@ def load_rig(source: Source) -> RigFile:
 
     """
     return load_toml(source, RigFile, {})
-
-
-def _check_turns(turns: list[float], key: str) -> None:
-    if max(abs(turn) for turn in turns) > _TURNS:
-        raise problem(
-            f"needs servo turns {min(turns):.0f} to {max(turns):.0f}; a servo reaches {_TURNS} either way",
-            key,
-        )

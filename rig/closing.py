@@ -25,6 +25,7 @@ _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched
 _ARRIVED_MM = 0.8
 _STALLED_S = 0.6
 _SILENT_S = 0.15
+_OFF_WAY_MM = 3.0
 _SETTLE_S = 0.08
 _MEASURE_FRAMES = 8
 
@@ -71,13 +72,16 @@ def close_fingers(hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], Non
 def _retract_all(hand: Hand) -> None:
     """Let every finger go back to where it waits, also those that take no part."""
     goals = {servo: goal for finger in hand.fingers for servo, goal in finger.drive.retract().items()}
-    write_goals(hand.bus, goals)
-    _wait(hand, goals, {servo: finger.drive for finger in hand.fingers for servo in finger.drive.servos})
+    if goals:
+        write_goals(hand.bus, goals)
+        _wait(hand, goals, {servo: finger.drive for finger in hand.fingers for servo in finger.drive.servos})
 
 
 def _aim(hand: Hand, runs: Sequence[Run]) -> None:
+    present = hand.servos_of([run.finger for run in runs])
     now = hand.clock.now()
-    write_goals(hand.bus, _every(run.finger.drive.aim(run.line, now) for run in runs))
+    goals = _every(run.finger.drive.aim(run.line, present[run.finger], now) for run in runs)
+    write_goals(hand.bus, goals)
     _stream(hand, runs)
     goals = _every(run.finger.drive.targets() for run in runs)
     hand.wait_still(goals, lambda _: AIM_TOLERANCE_RAD)
@@ -89,7 +93,7 @@ def _go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
     """Move along lines through space that is known to be free, and wait until fingers are there."""
     now = hand.clock.now()
     speed = hand.rig.closing.approach_speed_mm_s
-    goals = [run.finger.drive.go(run.line, to, speed, now) for run, to in travels_mm.items()]
+    goals = [run.finger.drive.go(run.line, run.travel_mm, to, speed, now) for run, to in travels_mm.items()]
     write_goals(hand.bus, _every(goals))
     _stream(hand, list(travels_mm))
     _wait(
@@ -97,6 +101,7 @@ def _go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
         _every(run.finger.drive.targets() for run in travels_mm),
         {servo: run.finger.drive for run in travels_mm for servo in run.finger.drive.servos},
     )
+    _look(hand, list(travels_mm))
 
 
 def _wait(hand: Hand, goals: Goals, drive_of: Mapping[Servo, Drive]) -> None:
@@ -127,9 +132,8 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
     for run in runs:
         run.touched = run.done = False
         run.moved_s = run.heard_s = now
-    write_goals(
-        hand.bus, _every(run.finger.drive.go(run.line, run.limit_mm, speed_mm_s, now) for run in runs)
-    )
+    goals = [run.finger.drive.go(run.line, run.travel_mm, run.limit_mm, speed_mm_s, now) for run in runs]
+    write_goals(hand.bus, _every(goals))
     _look(hand, runs)
     count = 0
     period = 1 / hand.rig.closing.sample_rate_hz
@@ -204,6 +208,11 @@ def _watch(hand: Hand, runs: Sequence[Run]) -> None:
             raise SafetyStop(
                 f"finger {run.finger.name} is held after {run.travel_mm:.1f} mm of its way by something "
                 "that its array does not feel; fingers were stopped; clear its way"
+            )
+        if run.off_mm > _OFF_WAY_MM:
+            raise SafetyStop(
+                f"finger {run.finger.name} is {run.off_mm:.1f} mm off its way; fingers were stopped; "
+                "check what pushes it aside, and if nothing does, raise max_force_n"
             )
     crowded = [run for run in runs if not run.done and _is_crowded(hand, run, runs)]
     if crowded:

@@ -11,7 +11,7 @@ from typing import Protocol
 from palpate.config import Closing
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.finger import TICK_RAD, Line
+from palpate.drivers.finger import TICK_RAD, Line, Servos
 from palpate.drivers.slide_finger import SlideKinematics
 
 __all__ = [
@@ -19,6 +19,8 @@ __all__ = [
     "AIM_CURRENT_A",
     "AIM_SPEED_RAD_S",
     "AIM_TOLERANCE_RAD",
+    "ARM_AIM_SPEED_MM_S",
+    "STREAM_TOLERANCE_RAD",
     "Drive",
     "Goals",
     "SlideDrive",
@@ -31,7 +33,13 @@ AIM_CURRENT_A = 0.6
 AIM_TOLERANCE_RAD = 4 * TICK_RAD
 """How near to its goal an aiming servo must settle. Friction holds the emulated one 2 to 3 steps off."""
 
+STREAM_TOLERANCE_RAD = 2 * TICK_RAD
+"""How far a servo that is steered along a line is off it. 1.4 steps were seen on the emulated bench."""
+
 AIM_SPEED_RAD_S = 3.0
+ARM_AIM_SPEED_MM_S = 40.0
+"""Speed of an arm's tip on the circle where it waits."""
+
 ACCELERATION_RAD_S2 = 6.0
 
 
@@ -61,12 +69,12 @@ class Drive(Protocol):
         """Begin to go back to where the finger waits, if it may be elsewhere; what to write at once."""
         ...
 
-    def aim(self, line: Line, now: float) -> Goals:
-        """Begin to go to where a line starts, from where another one does; what to write at once."""
+    def aim(self, line: Line, present: Servos, now: float) -> Goals:
+        """Begin to go to where a line starts, from where the finger is; what to write at once."""
         ...
 
-    def go(self, line: Line, to_mm: float, speed_mm_s: float, now: float) -> Goals:
-        """Begin to go along a line; what to write at once."""
+    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> Goals:
+        """Begin to go along a line, on which the finger is at `from_mm`; what to write at once."""
         ...
 
     def goals(self, now: float) -> Goals:
@@ -128,12 +136,19 @@ class SlideDrive:
         self._targets = {self._slide: self._kinematics.slide_servo_rad(self._wait_mm)}
         return self._targets
 
-    def aim(self, line: Line, now: float) -> Goals:  # noqa: ARG002 - the servo's profile needs no time
+    def aim(self, line: Line, present: Servos, now: float) -> Goals:  # noqa: ARG002 - one goal is enough
         """Turn; the slide stays where it waits."""
         self._targets = {self._aim: self._kinematics.servos_rad(line, 0.0)[0]}
         return self._targets
 
-    def go(self, line: Line, to_mm: float, speed_mm_s: float, now: float) -> Goals:  # noqa: ARG002
+    def go(
+        self,
+        line: Line,
+        from_mm: float,  # noqa: ARG002
+        to_mm: float,
+        speed_mm_s: float,
+        now: float,  # noqa: ARG002
+    ) -> Goals:
         """Slide at a speed, from the next goal on."""
         self._set_speed(speed_mm_s)
         self._targets = {self._slide: self._kinematics.servos_rad(line, to_mm)[1]}

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import Emulation, Finger, RigFile
+from palpate.config import AnyFinger, RigFile
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import Bench, EmulatedFinger, FingerTruth
+from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.messages import Description, Shape
@@ -20,14 +20,13 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
-from palpate.rig.convert import kinematics_of
+from palpate.rig.hidden import start_angles_rad, truth_of
 from palpate.rig.scene import Placement, outline_at
 
 __all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
 
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
-_COVERAGE_RAD = math.radians(270.0)
 _BIT_DEPTH = 12
 _EMULATED_MODEL = "XM430-W350"
 _COUNTS_PER_N = 2000.0
@@ -65,7 +64,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             "add an [emulation] table and mock:// ports to emulate it"
         )
     for finger in rig.fingers:
-        for servo in (finger.aim, finger.slide):
+        for servo in finger.servos.values():
             if servo.model != _EMULATED_MODEL:
                 raise InputError(
                     f'rig "{rig.name}", finger "{finger.name}": only {_EMULATED_MODEL} is emulated so far, '
@@ -80,10 +79,12 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         bench_of[0].advance(now)
 
     for finger in rig.fingers:
-        truth = _truth(finger, rig.emulation, rng)
-        aim = EmulatedServo(finger.aim.dxl_id, start_rad=truth.aim_zero_rad)
-        retracted = (finger.slide.range_mm[0] + 1.0 - truth.zero_mm) / truth.mm_per_rad
-        slide = EmulatedServo(finger.slide.dxl_id, start_rad=retracted)
+        truth = truth_of(finger, rig.emulation, rng)
+        starts = start_angles_rad(finger, rig, truth)
+        near, far = (
+            EmulatedServo(servo.dxl_id, start_rad=start)
+            for servo, start in zip(finger.servos.values(), starts, strict=True)
+        )
         array = EmulatedArray(
             _description(finger),
             seed=int(rng.integers(2**63)),
@@ -94,10 +95,10 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             advance=advance,
         )
         outline = None if placement is None else outline_at(placement, finger.height_mm)
-        fingers.append(EmulatedFinger(truth, aim, slide, array, outline))
+        fingers.append(EmulatedFinger(truth, (near, far), array, outline))
     bench = Bench(fingers)
     bench_of.append(bench)
-    servos = [servo for finger in fingers for servo in (finger.aim, finger.slide)]
+    servos = [servo for finger in fingers for servo in finger.servos]
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
@@ -116,34 +117,9 @@ def on_mock_wires(rig: EmulatedRig) -> MockRig:
     return MockRig(rig, hub, clock, urls)
 
 
-def _truth(finger: Finger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth:
-    """How this finger really is built: somewhere within what the emulation table allows."""
-    nominal = kinematics_of(finger)
-    away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
-    turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
-    return FingerTruth(
-        base_mm=(
-            finger.base_mm[0] + away * math.cos(bearing),
-            finger.base_mm[1] + away * math.sin(bearing),
-        ),
-        heading_rad=nominal.heading_rad + turn,
-        height_mm=finger.height_mm,
-        gear_ratio=nominal.gear_ratio,
-        aim_zero_rad=nominal.aim_zero_rad,
-        aim_play_rad=math.radians(emulation.aim_backlash_deg) * rng.uniform(0.3, 1),
-        mm_per_rad=nominal.mm_per_rad,
-        zero_mm=nominal.zero_mm,
-        slide_play_mm=emulation.backlash_mm * rng.uniform(0.3, 1),
-        tip_radius_mm=finger.tip.radius_mm,
-        stiffness_n_per_mm=finger.tip.stiffness_n_per_mm
-        * (1 + emulation.stiffness_spread * rng.uniform(-1, 1)),
-        array_heading_rad=math.radians(finger.array.heading_deg),
-    )
-
-
-def _description(finger: Finger) -> Description:
-    """The emulated array: 8 rows of 20 taxels over three quarters of the tip's circumference."""
-    pitch = _COVERAGE_RAD / _COLUMNS
+def _description(finger: AnyFinger) -> Description:
+    """The emulated array: 8 rows of 20 taxels over what it covers of the tip's circumference."""
+    pitch = math.radians(finger.array.coverage_deg) / _COLUMNS
     return Description(
         unique_id=finger.name.encode()[:16].ljust(16, b"\0"),
         firmware="palpate emulator 1",

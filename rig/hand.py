@@ -15,8 +15,7 @@ from typing import Self
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import Finger as FingerFile
-from palpate.config import RigFile
+from palpate.config import AnyFinger, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.failures import DamagedAnswer
 from palpate.drivers.dynamixel.servo import Servo, ServoState, read_states, torque_off_all
@@ -47,7 +46,7 @@ _READS = 3
 class HostFinger:
     """One finger as the host sees it: its part of the rig file, its devices and its kinematics."""
 
-    spec: FingerFile
+    spec: AnyFinger
     kinematics: FingerKinematics
     drive: Drive
     array: TactileArray
@@ -232,7 +231,7 @@ class Hand:
         )
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
-    def _finger(self, spec: FingerFile, drive: Drive, open_port: OpenPort) -> HostFinger:
+    def _finger(self, spec: AnyFinger, drive: Drive, open_port: OpenPort) -> HostFinger:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
         self._ports.append(port)
         array = TactileArray(port, self.clock, spec.name)

@@ -17,7 +17,7 @@ from palpate.errors import InputError
 from palpate.recognizer import Approach, Candidate
 from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.rig.convert import dent_allowance_mm, finger_of, kinematics_of
-from palpate.rig.drives import AIM_TOLERANCE_RAD
+from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD
 from palpate.rig.room import Pieces, Swept, gap_mm, longest_way_mm, polygon_gap_mm
 from palpate.rig.waiting import Waiting, clear_aims, free_ranges, waiting_of
 from palpate.rig.ways import Way, joined, ways_of
@@ -152,7 +152,7 @@ def _ways_at(rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floa
         if found is None:
             continue
         lo, hi = waiting.aims_rad[found[0]], waiting.aims_rad[found[1]]
-        ways = ways_of(rig, index, np.unique(np.linspace(lo, hi, aims)))
+        ways = ways_of(rig, index, float(lo), float(hi), aims)
         others = [_range(*pair) for pair in zip(waitings, ranges, strict=True) if pair[0] is not waiting]
         result += _unblocked(ways, obstacles, [item for item in others if item is not None], clearance)
     return result
@@ -190,10 +190,8 @@ def _approach(rig: RigFile, way: Way) -> Approach:
     spec = rig.fingers[way.finger_index]
     kinematics = kinematics_of(spec)
     ends = [kinematics.servos_rad(way.line, travel) for travel in (0.0, way.travel_mm)]
-    bound = max(
-        kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, AIM_TOLERANCE_RAD)
-        for servos in ends
-    )
+    off = STREAM_TOLERANCE_RAD if spec.type == "two-link" else AIM_TOLERANCE_RAD
+    bound = max(kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, off) for servos in ends)
     return Approach(
         finger_of(spec),
         way.line.start_mm,

@@ -2,9 +2,11 @@
 
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Self
 
+import numpy as np
+
+from palpate.config import ARM_MARGIN_MM
 from palpate.drivers.finger import Body, Line, Servos, Turn
 from palpate.rig.hand import HostFinger
 from palpate.rig.reach import Close
@@ -47,12 +49,20 @@ class Run:
 
     @property
     def start_mm(self) -> tuple[float, float]:
-        """Where the tip's centre was when it had aimed."""
+        """Where the way began that is known to be straight.
+
+        A tip that is steered along may stand a little beside its line until friction is overcome; it does so
+        outside of the workspace, where it waits.
+        """
+        for point in self.track:
+            if self.line.travel_mm(point) >= ARM_MARGIN_MM:
+                return point
         return self.finger.kinematics.centre_mm(self.started)
 
     def begin(self, servos: Servos) -> None:
         """Note where the finger stands after aiming."""
         self.started = self.servos = servos
+        self.travel_mm = self.line.travel_mm(self.centre_mm)
 
     def seen(self, servos: Servos, now: float) -> None:
         """Note where the servos are."""
@@ -64,24 +74,32 @@ class Run:
         if self.finger.drive.streams:
             self.track.append(centre)
 
+    @property
+    def off_mm(self) -> float:
+        """How far the tip is beside its line."""
+        return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
+
     def body(self) -> Body:
         """Room that the finger takes up now."""
         return self.finger.kinematics.body(self.servos, self.finger.spec.tip.radius_mm)
 
     def strayed_mm(self, far_mm: float) -> float:
-        """How far the tip was off the straight line from its start to where it is, up to `far_mm` of the way.
+        """How far the tip was off the straight way from `start_mm` to where it is, up to `far_mm` of it.
 
-        Between two looks it may have been off by half the way between them more.
+        That is what was seen; and between two looks, half the way between them.
         """
-        way = Line(self.start_mm, _direction(self.start_mm, self.centre_mm))
-        seen = [(point, way.travel_mm(point)) for point in self.track]
-        counted = [(point, travel) for point, travel in seen if 0 <= travel <= far_mm]
-        if not counted:
+        if not self.track:
             return 0.0
-        off = max(math.dist(point, way.point_mm(travel)) for point, travel in counted)
-        points = [point for point, _ in counted]
-        steps = (math.dist(a, b) for a, b in pairwise(points))
-        return off + max(steps, default=0.0) / 2
+        way = Line(self.start_mm, _direction(self.start_mm, self.centre_mm))
+        travels = np.array([way.travel_mm(point) for point in self.track])
+        counted = (travels >= 0) & (travels <= far_mm)
+        if not counted.any():
+            return 0.0
+        points = np.array(self.track)[counted]
+        on_way = np.array([way.point_mm(float(travel)) for travel in travels[counted]])
+        off = float(np.hypot(*(points - on_way).T).max())
+        gaps = np.diff(np.concatenate([[0.0], np.sort(travels[counted]), [far_mm]]))
+        return off + float(gaps.max()) / 2
 
 
 def _direction(start: tuple[float, float], end: tuple[float, float]) -> float:

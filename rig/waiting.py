@@ -14,18 +14,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import Finger
+from palpate.config import ARM_MARGIN_MM, AnyFinger, ArmFinger, Finger
 from palpate.drivers.finger import Body, FingerKinematics, Servos
-from palpate.drivers.slide_finger import SlideKinematics
+from palpate.drivers.two_link import ArmKinematics
 from palpate.recognizer.arrays import Bools, Floats
-from palpate.rig.convert import kinematics_of
+from palpate.rig.convert import arm_kinematics, slide_kinematics
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.room import Pieces, gaps_mm, pieces_of, polygon_gap_mm
 
-__all__ = ["Waiting", "body_of", "clear_aims", "free_ranges", "wait_distance_mm", "waiting_of"]
+__all__ = [
+    "Waiting",
+    "body_of",
+    "clear_aims",
+    "free_ranges",
+    "is_steady",
+    "on_circle",
+    "wait_distance_mm",
+    "wait_radius_mm",
+    "waiting_of",
+]
 
 _MARGIN_MM = 1.0
 _STEP_RAD = math.radians(1.0)
+_ARM_STEP_RAD = math.radians(2.0)
+_MOST_STEPS = 90  # half a turn either way
+_END_RAD = math.radians(1.0)  # an arm keeps this far off its joints' ends
+_LEAST_SHARPNESS = 0.25
+"""Of a posture (`ArmKinematics.sharpness`): with less, torques that are safe for a part hardly move an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,18 +55,69 @@ class Waiting:
     home: int
 
 
-def waiting_of(spec: Finger, workspace_radius_mm: float) -> Waiting:
-    """Sample the aims of a finger."""
+def waiting_of(spec: AnyFinger, workspace_radius_mm: float) -> Waiting:
+    """Sample the aims of a finger: directions of a slide, places of an arm's tip on its waiting circle.
+
+    Both are angles: a slide's counts from its heading, an arm's is the place's direction from W's origin.
+    """
+    if isinstance(spec, ArmFinger):
+        return _arm_waiting(spec, workspace_radius_mm)
     lo, hi = (math.radians(value) for value in spec.aim.range_deg)
     home = min(max(0.0, lo), hi)
     before = np.linspace(lo, home, math.ceil((home - lo) / _STEP_RAD) + 1)
     after = np.linspace(home, hi, math.ceil((hi - home) / _STEP_RAD) + 1)
     aims = np.concatenate([before[:-1], after])
-    kinematics = kinematics_of(spec)
+    kinematics = slide_kinematics(spec)
     wait = wait_distance_mm(spec, workspace_radius_mm)
     lines = [kinematics.line(float(aim), wait) for aim in aims]
     bodies = [body_of(kinematics, kinematics.servos_rad(line, 0.0), spec.tip.radius_mm) for line in lines]
     return Waiting(aims, pieces_of(bodies, between=True), len(before) - 1)
+
+
+def _arm_waiting(spec: ArmFinger, workspace_radius_mm: float) -> Waiting:
+    """The part of the circle that the arm can follow from its home, which is next to its base."""
+    kinematics = arm_kinematics(spec)
+    home = math.atan2(spec.base_mm[1], spec.base_mm[0])
+    radius = wait_radius_mm(spec, workspace_radius_mm)
+
+    def reached(step: int) -> list[float]:
+        found: list[float] = []
+        while len(found) < _MOST_STEPS:
+            aim = home + (len(found) + 1) * step * _ARM_STEP_RAD
+            if not is_steady(kinematics, on_circle(radius, aim)):
+                break
+            found.append(aim)
+        return found
+
+    before = reached(-1)[::-1]
+    aims = np.array([*before, home, *reached(1)])
+    postures = [kinematics.servos_at(on_circle(radius, float(aim))) for aim in aims]
+    bodies = [body_of(kinematics, servos, spec.tip.radius_mm) for servos in postures]
+    return Waiting(aims, pieces_of(bodies, between=True), len(before))
+
+
+def wait_radius_mm(spec: ArmFinger, workspace_radius_mm: float) -> float:
+    """Distance from W's origin at which an arm's tip waits."""
+    return workspace_radius_mm + spec.tip.radius_mm + ARM_MARGIN_MM
+
+
+def on_circle(radius_mm: float, angle_rad: float) -> tuple[float, float]:
+    """A place on the circle round W's origin."""
+    return radius_mm * math.cos(angle_rad), radius_mm * math.sin(angle_rad)
+
+
+def is_steady(kinematics: ArmKinematics, point_mm: tuple[float, float]) -> bool:
+    """Whether an arm can hold its tip there, off its ends of range, and neither stretched nor folded."""
+    servos = kinematics.servos_at(point_mm)
+    if math.isnan(servos[0]) or math.isnan(servos[1]):
+        return False
+    angles = kinematics.shoulder.angle_rad(servos[0]), kinematics.elbow.angle_rad(servos[1])
+    ranges = (kinematics.shoulder, kinematics.elbow)
+    off_ends = all(
+        joint.lo_rad + _END_RAD <= angle <= joint.hi_rad - _END_RAD
+        for joint, angle in zip(ranges, angles, strict=True)
+    )
+    return off_ends and kinematics.sharpness(servos) >= _LEAST_SHARPNESS
 
 
 def body_of(kinematics: FingerKinematics, servos_rad: Servos, tip_radius_mm: float) -> Body:
@@ -117,7 +183,7 @@ def free_ranges(
 
 def wait_distance_mm(spec: Finger, workspace_radius_mm: float) -> float:
     """Furthest distance from the base, coming from the retracted end, with the tip clear of the workspace."""
-    kinematics: SlideKinematics = kinematics_of(spec)
+    kinematics = slide_kinematics(spec)
     lo, hi = spec.slide.range_mm
     clear = workspace_radius_mm + spec.tip.radius_mm
     distances = np.append(lo + _MARGIN_MM, np.arange(lo + _MARGIN_MM, hi, 1.0))

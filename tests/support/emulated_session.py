@@ -92,7 +92,7 @@ class EmulatedSession:
 
     @property
     def servos(self) -> dict[int, EmulatedServo]:
-        return {s.dxl_id: s for finger in self.bench.fingers for s in (finger.aim, finger.slide)}
+        return {s.dxl_id: s for finger in self.bench.fingers for s in finger.servos}
 
     def torque(self) -> dict[int, bool]:
         """Torque Enable of every servo, from its own control table."""
