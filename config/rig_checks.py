@@ -14,7 +14,7 @@ import shapely
 from palpate.config.problems import Place, problem
 
 if TYPE_CHECKING:
-    from palpate.config.rig_file import Emulation, RigFile
+    from palpate.config.rig_file import Emulation, RigFile, Stage
     from palpate.config.rig_fingers import AnyFinger, ArmFinger, Finger
 
 __all__ = ["ARM_MARGIN_MM", "MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
@@ -31,6 +31,8 @@ def check_identities(rig: RigFile) -> None:
     names: dict[str, int] = {}
     servos: dict[int, str] = {}
     ports: dict[str, str] = {rig.bus.port: "the bus"}
+    if rig.stage is not None:
+        servos[rig.stage.dxl_id] = "the stage"
     for index, finger in enumerate(rig.fingers):
         if finger.name in names:
             raise problem(f"fingers[{names[finger.name]}] has this name already", "fingers", index, "name")
@@ -53,7 +55,7 @@ def check_identities(rig: RigFile) -> None:
 
 def check_places(rig: RigFile) -> None:
     """Refuse fingers that cannot wait outside the workspace, never reach into it, or start in each other."""
-    radius = rig.workspace.radius_mm
+    radius = rig.clear_radius_mm
     for index, finger in enumerate(rig.fingers):
         if finger.type == "two-link":
             _check_arm(finger, radius, index)
@@ -96,7 +98,7 @@ def check_obstacles(rig: RigFile) -> None:
         names[obstacle.name] = index
         shape = shapely.Polygon(obstacle.outline_mm)
         for finger in rig.fingers:
-            body = shapely.LineString([finger.base_mm, _tip(finger, rig.workspace.radius_mm)])
+            body = shapely.LineString([finger.base_mm, _tip(finger, rig.clear_radius_mm)])
             gap = shapely.distance(shape, body) - finger.tip.radius_mm
             if gap < rig.closing.clearance_mm:
                 raise problem(
@@ -127,6 +129,7 @@ def check_emulation(rig: RigFile) -> None:
             f"({rig.workspace.radius_mm:g})",
             *("emulation", "placement_radius_mm"),
         )
+    _check_stage(rig.stage, rig.emulation)
     for index, finger in enumerate(rig.fingers):
         for key, drawn, declared, bound in (
             *_mechanical(finger, rig.emulation),
@@ -151,6 +154,21 @@ def check_emulation(rig: RigFile) -> None:
                     "widen the bound or emulate less",
                     *("emulation", key),
                 )
+
+
+def _check_stage(stage: Stage | None, drawn: Emulation) -> None:
+    """Refuse emulated errors of the stage beyond its bounds."""
+    if stage is None:
+        return
+    for key, amount, declared, bound in (
+        ("stage_backlash_deg", drawn.stage_backlash_deg, "stage.backlash_deg", stage.backlash_deg),
+        ("stage_error_deg", drawn.stage_error_deg, "stage.bound_deg", stage.bound_deg),
+    ):
+        if amount > bound:
+            raise problem(
+                f"is {amount:g}, beyond the bound {declared} = {bound:g}; widen the bound or emulate less",
+                *("emulation", key),
+            )
 
 
 def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:

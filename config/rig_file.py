@@ -5,28 +5,34 @@ how carefully to move. The values keep the file's units, which are the suffixes 
 N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench. `docs/rig-file.md` explains every key.
 """
 
+import math
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.config.fields import FileModel, Length, Name, Point, Positive, Text
+from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text
 from palpate.config.loading import Source, load_toml
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_checks import check_emulation, check_identities, check_obstacles, check_places
 from palpate.config.rig_fingers import (
     AimServo,
+    AngleRange,
     AnyFinger,
     ArmFinger,
     Array,
     Bounds,
+    DxlId,
     Finger,
     JointServo,
     Links,
+    Ratio,
+    ServoModel,
     Share,
     SlideServo,
     Tip,
+    check_one_turn,
 )
 
 __all__ = [
@@ -46,6 +52,7 @@ __all__ = [
     "RigFile",
     "Search",
     "SlideServo",
+    "Stage",
     "Tip",
     "Workspace",
     "load_rig",
@@ -121,6 +128,35 @@ class Search(FileModel):
     )
 
 
+class Stage(FileModel):
+    """A servo that turns the ring with all fingers: servo angle = zero_deg + gear_ratio · stage angle."""
+
+    centre_mm: Point = Field(description="[x, y] of the ring's axis in the support-plane frame W.")
+    dxl_id: DxlId = Field(description="ID on the bus.")
+    model: ServoModel = Field(description="Model as printed on the servo.")
+    gear_ratio: Ratio = Field(
+        description="Servo turns per turn of the ring; negative if they turn opposite ways."
+    )
+    range_deg: AngleRange = Field(
+        description="[lo, hi] of the ring's angle; at 0 the fingers stand as they are described."
+    )
+    backlash_deg: Length = Field(
+        description="Bound: the ring is off by at most this through play, either way."
+    )
+    zero_deg: Number = Field(description="Servo angle at stage angle 0, from its Goal Position 0.")
+    bound_deg: Annotated[Length, Field(le=45)] = Field(
+        description="Bound: the ring's angle is off by at most this, besides its play."
+    )
+
+    @model_validator(mode="after")
+    def _starts_within_one_turn(self) -> Self:
+        lo, hi = self.range_deg
+        if not lo <= 0 <= hi:
+            raise problem(f"is [{lo:g}, {hi:g}]; it must contain 0, where the stage starts", "range_deg")
+        check_one_turn(self.gear_ratio, self.zero_deg, self.range_deg)
+        return self
+
+
 class Obstacle(FileModel):
     """A part of the rig that stands in the fingers' plane: a post, a camera."""
 
@@ -155,6 +191,8 @@ class Emulation(FileModel):
         default=0.0, description="Bases are up to this far from where they should be."
     )
     heading_error_deg: Length = Field(default=0.0, description="Headings are off by up to this.")
+    stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
+    stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
@@ -171,6 +209,7 @@ class RigFile(FileModel):
     closing: Closing
     search: Search
     fingers: list[AnyFinger] = Field(min_length=1, description="The fingers, in the order they are reported.")
+    stage: Stage | None = Field(default=None, description="The turning stage, if there is one.")
     obstacles: list[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
     emulation: Emulation | None = Field(default=None, description="Only for rigs with mock:// ports.")
 
@@ -181,6 +220,16 @@ class RigFile(FileModel):
         check_obstacles(self)
         check_emulation(self)
         return self
+
+    @property
+    def clear_radius_mm(self) -> float:
+        """Radius round the ring's origin that holds the workspace at every angle of the stage."""
+        if self.stage is None:
+            return self.workspace.radius_mm
+        most = math.radians(max(abs(angle) for angle in self.stage.range_deg))
+        return self.workspace.radius_mm + 2 * math.hypot(*self.stage.centre_mm) * math.sin(
+            min(most, math.pi) / 2
+        )
 
     @property
     def emulated(self) -> bool:

@@ -13,16 +13,21 @@ from palpate.config.problems import TAG, problem
 
 __all__ = [
     "AimServo",
+    "AngleRange",
     "AnyFinger",
     "ArmFinger",
     "Array",
     "Bounds",
+    "DxlId",
     "Finger",
     "JointServo",
     "Links",
+    "Ratio",
+    "ServoModel",
     "Share",
     "SlideServo",
     "Tip",
+    "check_one_turn",
 ]
 
 _TURNS = 256
@@ -167,14 +172,7 @@ class JointServo(FileModel):
 
     @model_validator(mode="after")
     def _within_one_turn(self) -> Self:
-        # After power-up a servo knows its angle within one turn only.
-        turns = [(self.zero_deg + self.gear_ratio * angle) / 360 for angle in self.range_deg]
-        if min(turns) < 0 or max(turns) >= 1:
-            raise problem(
-                f"needs servo turns {min(turns):.2f} to {max(turns):.2f}; an arm's servos must stay within "
-                "0 … 1, because they start within one turn",
-                "range_deg",
-            )
+        check_one_turn(self.gear_ratio, self.zero_deg, self.range_deg)
         return self
 
 
@@ -243,6 +241,17 @@ AnyFinger = Annotated[
     ),
 ]
 """A finger of either type, by its key `type`."""
+
+
+def check_one_turn(gear_ratio: float, zero_deg: float, range_deg: tuple[float, float]) -> None:
+    """Refuse a range that leaves the one turn within which a servo knows its angle at power-up."""
+    turns = [(zero_deg + gear_ratio * angle) / 360 for angle in range_deg]
+    if min(turns) < 0 or max(turns) >= 1:
+        raise problem(
+            f"needs servo turns {min(turns):.2f} to {max(turns):.2f}; this servo must stay within 0 … 1, "
+            "because it knows its angle within one turn when it starts",
+            "range_deg",
+        )
 
 
 def _check_turns(turns: list[float], key: str) -> None:

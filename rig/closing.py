@@ -6,18 +6,20 @@ sample, and every finger stops by itself. A finger that comes too close to anoth
 free way so far is still evidence.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import Enum
 
 from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
+from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.concluding import Touch, concluded
 from palpate.rig.drives import AIM_TOLERANCE_RAD, Drive, Goals
-from palpate.rig.hand import Hand
+from palpate.rig.hand import Hand, HostFinger
 from palpate.rig.reach import Close
 from palpate.rig.room import gap_mm, pieces_of
 from palpate.rig.run import Run
+from palpate.rig.stage import planned_turn
 
 __all__ = ["Close", "Stage", "Touch", "close_fingers"]
 
@@ -48,7 +50,8 @@ def close_fingers(hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], Non
     tell(Stage.AIMING)
     hand.arm()
     _retract_all(hand)
-    runs = [Run.of(hand.fingers[item.finger_index], item, hand.turn) for item in grip]
+    turn = _turn(hand, {item.stage_rad for item in grip})
+    runs = [Run.of(hand.fingers[item.finger_index], item, turn) for item in grip]
     _aim(hand, runs)
     hand.tare()
     tell(Stage.CLOSING)
@@ -61,7 +64,8 @@ def close_fingers(hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], Non
     if found:
         tell(Stage.TOUCHING)
         patches = {run.finger.name: patch for run, patch in _measure(hand, found)}
-    touches = [concluded(run, patches.get(run.finger.name), hand.rig.closing, hand.turn) for run in runs]
+    turned = hand.turn
+    touches = [concluded(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(Stage.RETRACTING)
     hand.stop_arrays()
     _go_to(hand, dict.fromkeys(runs, 0.0))
@@ -77,16 +81,42 @@ def _retract_all(hand: Hand) -> None:
         _wait(hand, goals, {servo: finger.drive for finger in hand.fingers for servo in finger.drive.servos})
 
 
-def _aim(hand: Hand, runs: Sequence[Run]) -> None:
-    present = hand.servos_of([run.finger for run in runs])
+def _turn(hand: Hand, wanted_rad: Collection[float]) -> Turn:
+    """Turn the stage to a grip's angle, which all its approaches share; every finger goes home first.
+
+    Returns the turn that was asked for: the lines of a grip are computed for it.
+    """
+    if len(set(wanted_rad)) > 1:
+        raise ValueError("approaches of one grip are for different stage angles")
+    angle = next(iter(wanted_rad), 0.0)
+    stage = hand.stage
+    if stage is None:
+        return Turn()
+    goal = {stage.servo: stage.goal_rad(angle)}
+    now_at = hand.states([stage.servo])[stage.servo.dxl_id].position_rad
+    if abs(now_at - goal[stage.servo]) > AIM_TOLERANCE_RAD:
+        _to_lines(hand, {finger: finger.home for finger in hand.fingers})
+        write_goals(hand.bus, goal)
+        hand.wait_still(goal, lambda _: AIM_TOLERANCE_RAD)
+    return planned_turn(stage.spec, angle)
+
+
+def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
+    """Let fingers go to where lines start, outside of the workspace."""
+    fingers = list(lines)
+    present = hand.servos_of(fingers)
     now = hand.clock.now()
-    goals = _every(run.finger.drive.aim(run.line, present[run.finger], now) for run in runs)
+    goals = _every(finger.drive.aim(lines[finger], present[finger], now) for finger in fingers)
     write_goals(hand.bus, goals)
-    _stream(hand, runs)
-    goals = _every(run.finger.drive.targets() for run in runs)
-    hand.wait_still(goals, lambda _: AIM_TOLERANCE_RAD)
-    for finger, servos in hand.servos_of([run.finger for run in runs]).items():
-        next(run for run in runs if run.finger is finger).begin(servos)
+    _stream(hand, fingers)
+    hand.wait_still(_every(finger.drive.targets() for finger in fingers), lambda _: AIM_TOLERANCE_RAD)
+
+
+def _aim(hand: Hand, runs: Sequence[Run]) -> None:
+    _to_lines(hand, {run.finger: run.line for run in runs})
+    found = hand.servos_of([run.finger for run in runs])
+    for run in runs:
+        run.begin(found[run.finger])
 
 
 def _go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
@@ -95,7 +125,7 @@ def _go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
     speed = hand.rig.closing.approach_speed_mm_s
     goals = [run.finger.drive.go(run.line, run.travel_mm, to, speed, now) for run, to in travels_mm.items()]
     write_goals(hand.bus, _every(goals))
-    _stream(hand, list(travels_mm))
+    _stream(hand, [run.finger for run in travels_mm])
     _wait(
         hand,
         _every(run.finger.drive.targets() for run in travels_mm),
@@ -108,16 +138,16 @@ def _wait(hand: Hand, goals: Goals, drive_of: Mapping[Servo, Drive]) -> None:
     hand.wait_still(goals, lambda servo: drive_of[servo].reached_rad(servo, _ARRIVED_MM))
 
 
-def _stream(hand: Hand, runs: Sequence[Run]) -> None:
+def _stream(hand: Hand, fingers: Sequence[HostFinger]) -> None:
     """Write goals every sample until the last ones are written."""
     period = 1 / hand.rig.closing.sample_rate_hz
-    while any(run.finger.drive.under_way(hand.clock.now()) for run in runs):
+    while any(finger.drive.under_way(hand.clock.now()) for finger in fingers):
         hand.pause(period)
-        _write(hand, runs)
+        _write(hand, fingers)
 
 
-def _write(hand: Hand, runs: Sequence[Run]) -> None:
-    goals = _every(run.finger.drive.goals(hand.clock.now()) for run in runs)
+def _write(hand: Hand, fingers: Sequence[HostFinger]) -> None:
+    goals = _every(finger.drive.goals(hand.clock.now()) for finger in fingers)
     if goals:
         write_goals(hand.bus, goals)
 
@@ -144,7 +174,7 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
             _stop(hand, touched)
             for run in touched:
                 run.touched = run.done = True
-        _write(hand, [run for run in runs if not run.done])
+        _write(hand, [run.finger for run in runs if not run.done])
         count += 1
         streaming = [run for run in runs if run.finger.drive.streams]
         if count % _STATE_EVERY == 0:

@@ -6,7 +6,7 @@ virtual time or hands them out to be served on real ports.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from palpate.config import AnyFinger, RigFile
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
-from palpate.rig.hidden import start_angles_rad, truth_of
+from palpate.rig.hidden import joint_truth, start_angles_rad, truth_of
 from palpate.rig.scene import Placement, outline_at
 
 __all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
@@ -63,13 +64,13 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             f'rig "{rig.name}" describes real devices; '
             "add an [emulation] table and mock:// ports to emulate it"
         )
-    for finger in rig.fingers:
-        for servo in finger.servos.values():
-            if servo.model != _EMULATED_MODEL:
-                raise InputError(
-                    f'rig "{rig.name}", finger "{finger.name}": only {_EMULATED_MODEL} is emulated so far, '
-                    f"not {servo.model} (servo {servo.dxl_id})"
-                )
+    owned = [(f'finger "{f.name}"', servo) for f in rig.fingers for servo in f.servos.values()]
+    for owner, servo in [*owned, *([("the stage", rig.stage)] if rig.stage else [])]:
+        if servo.model != _EMULATED_MODEL:
+            raise InputError(
+                f'rig "{rig.name}", {owner}: only {_EMULATED_MODEL} is emulated so far, '
+                f"not {servo.model} (servo {servo.dxl_id})"
+            )
     # The catalogue's draw and the devices' draws must not depend on each other's number.
     rng = np.random.default_rng([seed, 1])
     fingers: list[EmulatedFinger] = []
@@ -78,6 +79,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     def advance(now: float) -> None:
         bench_of[0].advance(now)
 
+    stage = _stage(rig, seed)
     for finger in rig.fingers:
         truth = truth_of(finger, rig.emulation, rng)
         starts = start_angles_rad(finger, rig, truth)
@@ -95,10 +97,11 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             advance=advance,
         )
         outline = None if placement is None else outline_at(placement, finger.height_mm)
-        fingers.append(EmulatedFinger(truth, (near, far), array, outline))
-    bench = Bench(fingers)
+        fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
+    bench = Bench(fingers, stage)
     bench_of.append(bench)
     servos = [servo for finger in fingers for servo in finger.servos]
+    servos += [] if stage is None else [stage.servo]
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
@@ -115,6 +118,18 @@ def on_mock_wires(rig: EmulatedRig) -> MockRig:
         for port, (device, baudrate) in rig.devices.items()
     }
     return MockRig(rig, hub, clock, urls)
+
+
+def _stage(rig: RigFile, seed: int) -> EmulatedStage | None:
+    """The emulated stage, at angle 0 as far as people can tell; its draw leaves the fingers' as they are."""
+    if rig.stage is None or rig.emulation is None:
+        return None
+    spec, rng = rig.stage, np.random.default_rng([seed, 2])
+    joint = joint_truth(spec.gear_ratio, spec.zero_deg, rig.emulation.stage_backlash_deg, rng)
+    start = joint.zero_rad
+    off = math.radians(rig.emulation.stage_error_deg) * rng.uniform(-1, 1)
+    joint = replace(joint, zero_rad=joint.zero_rad - spec.gear_ratio * off)
+    return EmulatedStage(spec.centre_mm, joint, EmulatedServo(spec.dxl_id, start_rad=start))
 
 
 def _description(finger: AnyFinger) -> Description:

@@ -19,13 +19,15 @@ from palpate.config import AnyFinger, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.failures import DamagedAnswer
 from palpate.drivers.dynamixel.servo import Servo, ServoState, read_states, torque_off_all
-from palpate.drivers.finger import FingerKinematics, Servos, Turn
+from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 from palpate.rig.convert import kinematics_of
 from palpate.rig.drives import Drive
+from palpate.rig.stage import HostStage
+from palpate.rig.waiting import home_line
 from palpate.rig.wiring import drive_of, start_problem
 
 __all__ = ["Hand", "HostFinger", "OpenPort"]
@@ -44,11 +46,15 @@ _READS = 3
 
 @dataclass(frozen=True, eq=False)
 class HostFinger:
-    """One finger as the host sees it: its part of the rig file, its devices and its kinematics."""
+    """One finger as the host sees it: its part of the rig file, its devices and its kinematics.
+
+    `home`: a way that starts where the finger stands when the stage turns.
+    """
 
     spec: AnyFinger
     kinematics: FingerKinematics
     drive: Drive
+    home: Line
     array: TactileArray
     extractor: ContactExtractor
 
@@ -73,6 +79,7 @@ class Hand:
         self._arrays: list[TactileArray] = []
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
+        self.stage: HostStage | None = None
         self.emulated = False
         try:
             self._connect(open_port)
@@ -116,6 +123,12 @@ class Hand:
 
     def prepare(self) -> None:
         """Write and check limits, switch torque on where everything stands."""
+        if self.stage is not None:
+            self.stage.prepare()
+            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
+            wrong = self.stage.start_problem(at)
+            if wrong is not None:
+                raise DeviceError(wrong)
         for finger in self.fingers:
             finger.drive.prepare(self.rig.closing)
             self._check_start(finger)
@@ -124,8 +137,11 @@ class Hand:
 
     @property
     def turn(self) -> Turn:
-        """Where the turning stage stands."""
-        return Turn()
+        """Where the turning stage stands now; raises DeviceError if it does not answer."""
+        if self.stage is None:
+            return Turn()
+        servo = self.stage.servo
+        return self.stage.turn(self.states([servo])[servo.dxl_id].position_rad)
 
     def servos_of(self, fingers: Sequence[HostFinger]) -> dict[HostFinger, Servos]:
         """Angles of some fingers' servos now."""
@@ -219,6 +235,9 @@ class Hand:
         port = open_port(rig.bus.port, rig.bus.baudrate_bps)
         self._ports.append(port)
         self.bus = Bus(port, self.clock, rig.bus.baudrate_bps)
+        self.stage = HostStage.of(rig, self.bus)
+        if self.stage is not None:
+            self._servos.append(self.stage.servo)
         drives = []
         for spec in rig.fingers:
             drive = drive_of(spec, rig, self.bus)
@@ -245,7 +264,9 @@ class Hand:
             stiffness_bound=spec.tip.stiffness_spread,
         )
         extractor = ContactExtractor(description, calibration)
-        return HostFinger(spec, kinematics_of(spec), drive, array, extractor)
+        return HostFinger(
+            spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor
+        )
 
     def _check_start(self, finger: HostFinger) -> None:
         """Raise DeviceError if a finger stands where it must not start."""

@@ -37,7 +37,7 @@ def start_angles_rad(finger: AnyFinger, rig: RigFile, truth: FingerTruth | ArmTr
     """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them."""
     if isinstance(finger, ArmFinger):
         home = on_circle(
-            wait_radius_mm(finger, rig.workspace.radius_mm),
+            wait_radius_mm(finger, rig.clear_radius_mm),
             math.atan2(finger.base_mm[1], finger.base_mm[0]),
         )
         return arm_kinematics(finger).servos_at(home)

@@ -224,7 +224,7 @@ def _explore(search: _Search) -> list[Close]:
 
 def _nearest_unused(search: _Search, finger_index: int, target: Floats) -> int | None:
     """The finger's approach that passes nearest to the target and not too near to one it has taken."""
-    own = search.reach.of_finger(finger_index)
+    own = search.reach.of_finger(finger_index, search.reach.middle_rad)
     taken = [_offset(search, k, target) for k in search.used if k in own]
     free = [k for k in own if all(abs(_offset(search, k, target) - offset) >= _USED_MM for offset in taken)]
     return min(free, key=lambda k: abs(_offset(search, k, target)), default=None)

@@ -6,25 +6,23 @@ in its way: an obstacle, or the place where another finger may wait.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.config import Closing, RigFile
 from palpate.drivers.finger import Line
-from palpate.errors import InputError
 from palpate.recognizer import Approach, Candidate
 from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.rig.convert import dent_allowance_mm, finger_of, kinematics_of
 from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD
-from palpate.rig.room import Pieces, Swept, gap_mm, longest_way_mm, polygon_gap_mm
-from palpate.rig.waiting import Waiting, clear_aims, free_ranges, waiting_of
-from palpate.rig.ways import Way, joined, ways_of
+from palpate.rig.free_ways import free_ways
+from palpate.rig.room import Swept, gap_mm
+from palpate.rig.stage import STAGE_SPEED_RAD_S, planned_turn
+from palpate.rig.ways import Way, joined
 
 __all__ = ["Close", "Reach", "reach_of"]
 
-_MARGIN_MM = 1.0
 _SETTLE_S = 0.5  # servos settling, tare and measuring frames, in all
 
 
@@ -52,7 +50,8 @@ class Reach:
     """All approaches of a rig: what the planner sees, and how each is carried out.
 
     `finger` (n,) and `stage_rad` (n,): whose each is, and the stage's angle. `aiming_s` (n,): rough time of
-    turning to it. `swept`: what they sweep, with every finger's bounds. `closing`: the rig file's.
+    turning to it. `swept`: what they sweep in the ring's frame, with every finger's
+    bounds. `closing`: the rig file's.
     """
 
     candidates: tuple[Candidate, ...]
@@ -62,9 +61,17 @@ class Reach:
     swept: Swept
     closing: Closing
 
-    def of_finger(self, finger_index: int) -> list[int]:
-        """Indices of one finger's candidates, by stage angle and ascending aim."""
-        return np.flatnonzero(self.finger == finger_index).tolist()
+    def of_finger(self, finger_index: int, stage_rad: float | None = None) -> list[int]:
+        """Indices of one finger's candidates, by stage angle (one, if given) and ascending aim."""
+        wanted = self.finger == finger_index
+        if stage_rad is not None:
+            wanted &= self.stage_rad == stage_rad
+        return np.flatnonzero(wanted).tolist()
+
+    @property
+    def middle_rad(self) -> float:
+        """The stage angle that is nearest to 0; all of a grip must have the same one."""
+        return float(self.stage_rad[np.argmin(np.abs(self.stage_rad))])
 
     def close(self, index: int, travel_mm: float) -> Close:
         """What `close_fingers` carries out: candidate `index`, for `travel_mm` at most."""
@@ -121,81 +128,42 @@ class Reach:
 def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
     """Every approach of every finger, with `aims` evenly spaced aims over each finger's free range.
 
-    Raises InputError for a finger that has no room even where it starts.
+    With a turning stage, also at other stage angles. Raises InputError for a finger that has no room even
+    where it starts.
     """
-    obstacles = [np.array(item.outline_mm) for item in rig.obstacles]
-    waitings = [waiting_of(spec, rig.workspace.radius_mm) for spec in rig.fingers]
-    ways = _ways_at(rig, waitings, obstacles, aims)
-    candidates = [Candidate(way.finger_index, _approach(rig, way)) for way in ways]
+    found = free_ways(rig, aims)
+    ways = [way for _, way in found]
     return Reach(
-        tuple(candidates),
+        tuple(Candidate(way.finger_index, _approach(rig, way, angle)) for angle, way in found),
         np.array([way.finger_index for way in ways], dtype=np.int64),
-        np.zeros(len(ways)),
-        np.array([way.aiming_s for way in ways]),
+        np.array([angle for angle, _ in found]),
+        np.array([way.aiming_s + _turning_s(rig, angle) for angle, way in found]),
         joined(ways),
         rig.closing,
     )
 
 
-def _ways_at(rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floats], aims: int) -> list[Way]:
-    """What all fingers can do, in the frame that carries them, among obstacles that stand there."""
-    clearance = rig.closing.clearance_mm
-    ranges = free_ranges(waitings, [clear_aims(w, obstacles, clearance) for w in waitings], clearance)
-    for spec, found in zip(rig.fingers, ranges, strict=True):
-        if found is None:
-            raise InputError(
-                f'rig "{rig.name}": finger "{spec.name}" has no room where it waits: with its bounds it '
-                f"comes nearer than closing.clearance_mm = {clearance:g} to an obstacle or to another finger"
-            )
-    result: list[Way] = []
-    for index, (waiting, found) in enumerate(zip(waitings, ranges, strict=True)):
-        if found is None:
-            continue
-        lo, hi = waiting.aims_rad[found[0]], waiting.aims_rad[found[1]]
-        ways = ways_of(rig, index, float(lo), float(hi), aims)
-        others = [_range(*pair) for pair in zip(waitings, ranges, strict=True) if pair[0] is not waiting]
-        result += _unblocked(ways, obstacles, [item for item in others if item is not None], clearance)
-    return result
+def _turning_s(rig: RigFile, angle_rad: float) -> float:
+    """Rough time to turn the stage from 0."""
+    return 0.0 if rig.stage is None else abs(rig.stage.gear_ratio * angle_rad) / STAGE_SPEED_RAD_S
 
 
-def _range(waiting: Waiting, found: tuple[int, int] | None) -> Pieces | None:
-    """All places of a finger's range; None for one that has none."""
-    if found is None:
-        return None
-    owner = waiting.pieces.owner
-    return waiting.pieces.of((owner >= found[0]) & (owner <= found[1]))
-
-
-def _unblocked(
-    ways: Sequence[Way], obstacles: Sequence[Floats], others: Sequence[Pieces], clearance_mm: float
-) -> list[Way]:
-    """The ways that are left, each as far as it is free."""
-    if not ways:
-        return []
-
-    def free(pieces: Pieces) -> Bools:
-        result = np.ones(len(pieces.owner), dtype=bool)
-        for corners in obstacles:
-            result &= polygon_gap_mm(pieces, corners) >= clearance_mm
-        for other in others:
-            result &= gap_mm(pieces, other) >= clearance_mm
-        return result
-
-    travel = longest_way_mm(joined(ways), np.array([way.travel_mm for way in ways]), free)
-    return [way.up_to(float(far)) for way, far in zip(ways, travel, strict=True) if far > _MARGIN_MM]
-
-
-def _approach(rig: RigFile, way: Way) -> Approach:
-    """The way for the planner, with a bound that holds for it as it will be carried out and measured."""
+def _approach(rig: RigFile, way: Way, stage_rad: float) -> Approach:
+    """The way in W for the planner, with a bound that holds for it as it will be carried out and measured."""
     spec = rig.fingers[way.finger_index]
     kinematics = kinematics_of(spec)
-    ends = [kinematics.servos_rad(way.line, travel) for travel in (0.0, way.travel_mm)]
+    turn = planned_turn(rig.stage, stage_rad)
     off = STREAM_TOLERANCE_RAD if spec.type == "two-link" else AIM_TOLERANCE_RAD
-    bound = max(kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, off) for servos in ends)
+    bound = 0.0
+    for travel in (0.0, way.travel_mm):
+        servos = kinematics.servos_rad(way.line, travel)
+        own = kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, off)
+        bound = max(bound, own + turn.position_bound_mm(way.line.point_mm(travel)))
+    line = turn.line(way.line)
     return Approach(
         finger_of(spec),
-        way.line.start_mm,
-        math.remainder(way.line.direction_rad, 2 * math.pi),
+        line.start_mm,
+        math.remainder(line.direction_rad, 2 * math.pi),
         way.travel_mm,
         bound + dent_allowance_mm(spec, rig.closing),
     )

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.config import ARM_MARGIN_MM, AnyFinger, ArmFinger, Finger
-from palpate.drivers.finger import Body, FingerKinematics, Servos
+from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
 from palpate.drivers.two_link import ArmKinematics
 from palpate.recognizer.arrays import Bools, Floats
 from palpate.rig.convert import arm_kinematics, slide_kinematics
@@ -27,6 +27,7 @@ __all__ = [
     "body_of",
     "clear_aims",
     "free_ranges",
+    "home_line",
     "is_steady",
     "on_circle",
     "wait_distance_mm",
@@ -40,7 +41,7 @@ _ARM_STEP_RAD = math.radians(2.0)
 _MOST_STEPS = 90  # half a turn either way
 _END_RAD = math.radians(1.0)  # an arm keeps this far off its joints' ends
 _LEAST_SHARPNESS = 0.25
-"""Of a posture (`ArmKinematics.sharpness`): with less, torques that are safe for a part hardly move an arm."""
+"""Of a posture (`ArmKinematics.sharpness`): with less, torques that a part can bear hardly move an arm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +95,16 @@ def _arm_waiting(spec: ArmFinger, workspace_radius_mm: float) -> Waiting:
     postures = [kinematics.servos_at(on_circle(radius, float(aim))) for aim in aims]
     bodies = [body_of(kinematics, servos, spec.tip.radius_mm) for servos in postures]
     return Waiting(aims, pieces_of(bodies, between=True), len(before))
+
+
+def home_line(spec: AnyFinger, workspace_radius_mm: float) -> Line:
+    """A way that starts at the finger's home, where it stands at power-up and when a stage turns."""
+    if isinstance(spec, ArmFinger):
+        angle = math.atan2(spec.base_mm[1], spec.base_mm[0])
+        return Line(on_circle(wait_radius_mm(spec, workspace_radius_mm), angle), angle + math.pi)
+    lo, hi = (math.radians(value) for value in spec.aim.range_deg)
+    wait = wait_distance_mm(spec, workspace_radius_mm)
+    return slide_kinematics(spec).line(min(max(0.0, lo), hi), wait)
 
 
 def wait_radius_mm(spec: ArmFinger, workspace_radius_mm: float) -> float:

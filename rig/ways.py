@@ -62,7 +62,7 @@ def joined(ways: Sequence[Way]) -> Swept:
 def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count: int) -> list[Way]:
     """Ways of a finger from aims between two: `count` of a slide, about five times as many of an arm."""
     spec = rig.fingers[finger_index]
-    radius = rig.workspace.radius_mm
+    radius = rig.clear_radius_mm
     if isinstance(spec, ArmFinger):
         aims = np.linspace(lo_rad, hi_rad, count // 3 + 1) if hi_rad > lo_rad else np.array([lo_rad])
         turns = np.radians(np.linspace(-_MOST_TURN_DEG, _MOST_TURN_DEG, 2 * (count // 6) + 1))

@@ -19,7 +19,7 @@ _START_MM = 15.0  # an arm's tip may stand this far from where tips wait when it
 
 def drive_of(spec: AnyFinger, rig: RigFile, bus: Bus) -> Drive:
     """The servos of a finger, limited to its ranges, and what moves them."""
-    closing, radius = rig.closing, rig.workspace.radius_mm
+    closing, radius = rig.closing, rig.clear_radius_mm
     near, far = (
         Servo(bus, servo.dxl_id, servo.model, range_rad=(min(ends), max(ends)))
         for servo, ends in zip(spec.servos.values(), _ends(spec), strict=True)
@@ -41,7 +41,7 @@ def start_problem(
     """
     if isinstance(spec, ArmFinger):
         x, y = arm_kinematics(spec).centre_mm(angles_rad)
-        radius = wait_radius_mm(spec, rig.workspace.radius_mm)
+        radius = wait_radius_mm(spec, rig.clear_radius_mm)
         home = on_circle(radius, math.atan2(spec.base_mm[1], spec.base_mm[0]))
         beside = on_circle(radius, math.atan2(y, x))
         if math.dist(beside, (x, y)) <= _START_MM and is_steady(arm_kinematics(spec), beside):

@@ -56,6 +56,23 @@ def test_the_example_of_a_real_rig_is_accepted() -> None:
     assert rig.fingers[1].slide.mm_per_turn == -100.53
 
 
+STAGED = changed(
+    BENCH,
+    "[search]",
+    """[stage]
+centre_mm = [0, 0]
+dxl_id = 1
+model = "XM430-W350"
+gear_ratio = 5.0
+range_deg = [-30.0, 30.0]
+backlash_deg = 0.02
+zero_deg = 180.0
+bound_deg = 0.02
+
+[search]""",
+)
+
+
 CASES = [
     (
         changed(BENCH, "dxl_id = 22", "dxl_id = 12"),
@@ -205,7 +222,7 @@ CASES = [
     ),
     (
         changed(ARMS, "gear_ratio = 3.0", "gear_ratio = 4.0"),
-        'fingers[0].shoulder.range_deg ("a1"): needs servo turns -0.16 to 1.16; an arm\'s servos must stay',
+        'fingers[0].shoulder.range_deg ("a1"): needs servo turns -0.16 to 1.16; this servo must stay',
     ),
     (
         changed(ARMS, "range_deg = [24.0, 142.0]", "range_deg = [-24.0, 94.0]").replace(
@@ -232,6 +249,23 @@ CASES = [
     (
         changed(ARMS, "joint_backlash_deg = 0.02", "joint_backlash_deg = 0.03"),
         "emulation.joint_backlash_deg: is 0.03, beyond the bound fingers[0].shoulder.backlash_deg = 0.02;",
+    ),
+    (
+        changed(STAGED, "dxl_id = 1\n", "dxl_id = 11\n"),
+        'fingers[0].aim.dxl_id ("f1"): 11 is the id of the stage already; every servo on the bus',
+    ),
+    (
+        changed(STAGED, "range_deg = [-30.0, 30.0]", "range_deg = [5.0, 30.0]"),
+        "stage.range_deg: is [5, 30]; it must contain 0, where the stage starts",
+    ),
+    (
+        changed(STAGED, "range_deg = [-30.0, 30.0]", "range_deg = [-40.0, 30.0]"),
+        "stage.range_deg: needs servo turns -0.06 to 0.92; this servo must stay within 0 … 1",
+    ),
+    (changed(STAGED, "[stage]", "[stages]"), 'unknown key "stages"; did you mean "stage"?'),
+    (
+        changed(STAGED, "offset_counts", "stage_error_deg = 0.1\noffset_counts"),
+        "emulation.stage_error_deg: is 0.1, beyond the bound stage.bound_deg = 0.02; widen the bound",
     ),
     (changed(BENCH, 'name = "bench"', "name = bench"), "not valid TOML: line 5, column 8: "),
     (changed(BENCH, 'name = "bench"', 'name = "a"\nname = "b"'), "not valid TOML: line 6, column 11: "),

@@ -92,7 +92,10 @@ class EmulatedSession:
 
     @property
     def servos(self) -> dict[int, EmulatedServo]:
-        return {s.dxl_id: s for finger in self.bench.fingers for s in finger.servos}
+        found = {s.dxl_id: s for finger in self.bench.fingers for s in finger.servos}
+        if self.bench.stage is not None:
+            found[self.bench.stage.servo.dxl_id] = self.bench.stage.servo
+        return found
 
     def torque(self) -> dict[int, bool]:
         """Torque Enable of every servo, from its own control table."""
