@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from emulated_session import EmulatedSession, emulated_session, shape_of
 from hypothesis import given
 from hypothesis import strategies as st
@@ -254,6 +255,31 @@ def test_a_catalogue_with_a_part_that_is_too_high_is_refused() -> None:
     wanted = 'object "tr-1" is 20 mm high; the links of finger "a1" pass 20 mm above the table'
     with pytest.raises(InputError, match=wanted):
         place(rig, load_objects(shipped_objects()), None, 1)
+
+
+def test_no_arm_meets_a_post() -> None:
+    """Links and tip, sampled on every way and at every place where the tip may wait."""
+    post = np.array([[-72.0, 95.0], [-62.0, 95.0], [-62.0, 105.0], [-72.0, 105.0]])
+    data: dict[str, Any] = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
+    rig = RigFile.model_validate(data | {"obstacles": [{"name": "post", "outline_mm": post.tolist()}]})
+    reach = reach_of(rig, aims=21)
+    free = reach_of(ARMS, aims=21)
+    longest = [sum(full.close(k, math.inf).travel_mm for k in full.of_finger(0)) for full in (reach, free)]
+    assert 0.1 * longest[1] < longest[0] < 0.9 * longest[1]
+    shape = shapely.Polygon(post)
+    spec, k = arm()
+    own = [reach.close(index, math.inf) for index in reach.of_finger(0)]
+    starts = [math.atan2(close.start_mm[1], close.start_mm[0]) for close in own]
+    radius = math.hypot(*own[0].start_mm)
+    places = [
+        (radius * math.cos(at), radius * math.sin(at)) for at in np.linspace(min(starts), max(starts), 60)
+    ]
+    places += [close.line.point_mm(at) for close in own for at in np.linspace(0.0, close.travel_mm, 15)]
+    for place_mm in places:
+        servos = k.servos_at(place_mm)
+        links = shapely.LineString([spec.base_mm, k.elbow_mm(servos), place_mm]).buffer(8.0)
+        gap = min(links.distance(shape), shapely.Point(place_mm).buffer(5.0).distance(shape))
+        assert gap >= rig.closing.clearance_mm
 
 
 def test_arms_that_go_together_stay_apart() -> None:
