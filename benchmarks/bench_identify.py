@@ -120,9 +120,7 @@ class Watch:
     def touches(self, grip: int, touches: Sequence[Touch]) -> None:
         """Compare with what was foretold; push the part after the first grip."""
         if self._plan is not None and not self._job.push_mm:
-            self.unforeseen += sum(
-                not _foreseen(self._plan, row, touch) for row, touch in enumerate(touches)
-            )
+            self.unforeseen += sum(not _foreseen(self._plan, row, touch) for row, touch in enumerate(touches))
         self._plan = None
         if grip == 1 and self._job.push_mm:
             self._push()

@@ -6,17 +6,24 @@ an `InputError` with one line that names the file, the place, what is wrong and 
 
 from palpate.config.contacts_file import ContactEntry, ContactsFile, GripEntry, Travel, load_contacts
 from palpate.config.objects_file import ObjectModel, ObjectsFile, Polygon, Section, State, load_objects
+from palpate.config.rig_checks import ARM_MARGIN_MM
 from palpate.config.rig_file import (
     AimServo,
+    AnyFinger,
+    ArmFinger,
     Array,
     Bounds,
     Bus,
     Closing,
     Emulation,
     Finger,
+    JointServo,
+    Links,
+    Obstacle,
     RigFile,
     Search,
     SlideServo,
+    Stage,
     Tip,
     Workspace,
     load_rig,
@@ -25,7 +32,10 @@ from palpate.config.scene_file import Scene, load_scene
 from palpate.config.shipped import shipped_objects, shipped_rig
 
 __all__ = [
+    "ARM_MARGIN_MM",
     "AimServo",
+    "AnyFinger",
+    "ArmFinger",
     "Array",
     "Bounds",
     "Bus",
@@ -35,14 +45,18 @@ __all__ = [
     "Emulation",
     "Finger",
     "GripEntry",
+    "JointServo",
+    "Links",
     "ObjectModel",
     "ObjectsFile",
+    "Obstacle",
     "Polygon",
     "RigFile",
     "Scene",
     "Search",
     "Section",
     "SlideServo",
+    "Stage",
     "State",
     "Tip",
     "Travel",

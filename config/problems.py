@@ -10,15 +10,28 @@ from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Union, cast, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Tag, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from palpate.errors import InputError
 
-__all__ = ["Place", "Problem", "nearest", "place_in_words", "problem", "problems_of", "refuse", "shown"]
+__all__ = [
+    "TAG",
+    "Place",
+    "Problem",
+    "nearest",
+    "place_in_words",
+    "problem",
+    "problems_of",
+    "refuse",
+    "shown",
+]
 
 Place = tuple[str | int, ...]
 """Keys and indices (from 0) from the top of a file to a value."""
+
+TAG = "type="
+"""What the tags of models that are told apart by a key `type` begin with; they are no part of a place."""
 
 _OWN_TYPE = "palpate"
 _KINDS: Mapping[str, str] = {
@@ -150,15 +163,21 @@ def _reworded(
     about_parent = kind in {"extra_forbidden", "missing"}
     if kind == _OWN_TYPE:
         place += cast("Place", context["place"])
-    words = place_in_words(place[:-1] if about_parent else place, data, nouns)
+    if kind == "finger_type":
+        place += ("type",)
+    shown_place = tuple(step for step in place if not _is_tag(step))
+    words = place_in_words(shown_place[:-1] if about_parent else shown_place, data, nouns)
     return Problem(words, _sentence(detail, model))
 
 
-def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR0911 - a table with logic
+def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR0911, PLR0912 - a table with logic
     kind, place, value = detail["type"], detail["loc"], detail["input"]
     context = detail.get("ctx", {})
     if kind == _OWN_TYPE:
         return str(context["text"])
+    if kind == "finger_type":
+        given = value.get("type") if isinstance(value, Mapping) else value
+        return f"is {shown(given)}; allowed: {', '.join(map(shown, _tags_at(model, place)))}"
     if kind == "extra_forbidden":
         return _unknown_key(str(place[-1]), _keys_at(model, place[:-1]))
     if kind == "missing":
@@ -203,17 +222,46 @@ def _child(value: object, step: str | int) -> object:
 
 def _keys_at(model: type[BaseModel], place: Place) -> list[str]:
     """Keys that the table at `place` may have."""
+    kind = _kind_at(model, place)
+    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
+
+
+def _tags_at(model: type[BaseModel], place: Place) -> list[str]:
+    """Values that the key `type` of the table at `place` may have."""
+    options = _tagged(_kind_at(model, place))
+    return [tag.removeprefix(TAG) for tag in options]
+
+
+def _kind_at(model: type[BaseModel], place: Place) -> Any:
+    """The type of what is at `place`, which has a step for every tag."""
     kind: Any = model
     for step in place:
         kind = _inner(kind)
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
+        options = _tagged(kind)
+        if options:
+            kind = options.get(str(step))
+        elif isinstance(kind, type) and issubclass(kind, BaseModel):
             field = kind.model_fields.get(str(step))
             kind = field.annotation if field else None
         else:
             arguments = [argument for argument in get_args(kind) if argument is not Ellipsis]
             kind = arguments[-1] if arguments else None
-    kind = _inner(kind)
-    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
+    return _inner(kind)
+
+
+def _tagged(kind: Any) -> dict[str, Any]:
+    """Models of a union that is told apart by tags, by tag; empty for anything else."""
+    if get_origin(kind) not in {Union, UnionType}:
+        return {}
+    found = {}
+    for part in get_args(kind):
+        tags = [item.tag for item in get_args(part)[1:] if isinstance(item, Tag)]
+        found.update(dict.fromkeys(tags, part))
+    return found
+
+
+def _is_tag(step: str | int) -> bool:
+    return isinstance(step, str) and step.startswith(TAG)
 
 
 def _inner(kind: Any) -> Any:
@@ -221,7 +269,7 @@ def _inner(kind: Any) -> Any:
     while True:
         if get_origin(kind) is Annotated:
             kind = get_args(kind)[0]
-        elif get_origin(kind) in {Union, UnionType}:
+        elif get_origin(kind) in {Union, UnionType} and not _tagged(kind):
             kind = next(part for part in get_args(kind) if part is not type(None))
         else:
             return kind

@@ -9,12 +9,18 @@ import math
 from itertools import combinations
 from typing import TYPE_CHECKING
 
+import shapely
+
 from palpate.config.problems import Place, problem
 
 if TYPE_CHECKING:
-    from palpate.config.rig_file import Finger, RigFile
+    from palpate.config.rig_file import Emulation, RigFile, Stage
+    from palpate.config.rig_fingers import AnyFinger, ArmFinger, Finger
 
-__all__ = ["MOCK", "check_emulation", "check_identities", "check_places"]
+__all__ = ["ARM_MARGIN_MM", "MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
+
+ARM_MARGIN_MM = 2.0
+"""The tip of an arm waits this far outside of the workspace."""
 
 MOCK = "mock://"
 """Ports of emulated devices begin so."""
@@ -25,11 +31,13 @@ def check_identities(rig: RigFile) -> None:
     names: dict[str, int] = {}
     servos: dict[int, str] = {}
     ports: dict[str, str] = {rig.bus.port: "the bus"}
+    if rig.stage is not None:
+        servos[rig.stage.dxl_id] = "the stage"
     for index, finger in enumerate(rig.fingers):
         if finger.name in names:
             raise problem(f"fingers[{names[finger.name]}] has this name already", "fingers", index, "name")
         names[finger.name] = index
-        for part, dxl_id in (("aim", finger.aim.dxl_id), ("slide", finger.slide.dxl_id)):
+        for part, dxl_id in ((part, servo.dxl_id) for part, servo in finger.servos.items()):
             if dxl_id in servos:
                 raise problem(
                     f"{dxl_id} is the id of {servos[dxl_id]} already; every servo on the bus needs its own",
@@ -47,8 +55,11 @@ def check_identities(rig: RigFile) -> None:
 
 def check_places(rig: RigFile) -> None:
     """Refuse fingers that cannot wait outside the workspace, never reach into it, or start in each other."""
-    radius = rig.workspace.radius_mm
+    radius = rig.clear_radius_mm
     for index, finger in enumerate(rig.fingers):
+        if finger.type == "two-link":
+            _check_arm(finger, radius, index)
+            continue
         waiting = _nearest_to_origin(finger, finger.slide.range_mm[0])
         needed = radius + finger.tip.radius_mm
         if waiting < needed:
@@ -65,13 +76,36 @@ def check_places(rig: RigFile) -> None:
                 *("fingers", index),
             )
     for (_, first), (index, second) in combinations(enumerate(rig.fingers), 2):
-        gap = math.dist(_tip(first), _tip(second)) - first.tip.radius_mm - second.tip.radius_mm
+        gap = (
+            math.dist(_tip(first, radius), _tip(second, radius)) - first.tip.radius_mm - second.tip.radius_mm
+        )
         if gap < rig.closing.clearance_mm:
             raise problem(
                 f'retracted, its tip is {gap:.4g} mm from that of finger "{first.name}"; '
                 f"closing.clearance_mm asks for {rig.closing.clearance_mm:g}",
                 *("fingers", index, "base_mm"),
             )
+
+
+def check_obstacles(rig: RigFile) -> None:
+    """Refuse an obstacle's name given twice, and one that a finger touches where it starts."""
+    names: dict[str, int] = {}
+    for index, obstacle in enumerate(rig.obstacles):
+        if obstacle.name in names:
+            raise problem(
+                f"obstacles[{names[obstacle.name]}] has this name already", "obstacles", index, "name"
+            )
+        names[obstacle.name] = index
+        shape = shapely.Polygon(obstacle.outline_mm)
+        for finger in rig.fingers:
+            body = shapely.LineString([finger.base_mm, _tip(finger, rig.clear_radius_mm)])
+            gap = shapely.distance(shape, body) - finger.tip.radius_mm
+            if gap < rig.closing.clearance_mm:
+                raise problem(
+                    f'is {gap:.4g} mm from finger "{finger.name}", retracted; '
+                    f"closing.clearance_mm asks for {rig.closing.clearance_mm:g}",
+                    *("obstacles", index, "outline_mm"),
+                )
 
 
 def check_emulation(rig: RigFile) -> None:
@@ -95,10 +129,10 @@ def check_emulation(rig: RigFile) -> None:
             f"({rig.workspace.radius_mm:g})",
             *("emulation", "placement_radius_mm"),
         )
+    _check_stage(rig.stage, rig.emulation)
     for index, finger in enumerate(rig.fingers):
         for key, drawn, declared, bound in (
-            ("backlash_mm", rig.emulation.backlash_mm, "slide.backlash_mm", finger.slide.backlash_mm),
-            ("aim_backlash_deg", rig.emulation.aim_backlash_deg, "aim.backlash_deg", finger.aim.backlash_deg),
+            *_mechanical(finger, rig.emulation),
             ("gain_spread", rig.emulation.gain_spread, "array.gain_spread", finger.array.gain_spread),
             (
                 "stiffness_spread",
@@ -122,8 +156,76 @@ def check_emulation(rig: RigFile) -> None:
                 )
 
 
-def _tip(finger: Finger) -> tuple[float, float]:
-    """Tip centre, fully retracted at aim 0."""
+def _check_stage(stage: Stage | None, drawn: Emulation) -> None:
+    """Refuse emulated errors of the stage beyond its bounds."""
+    if stage is None:
+        return
+    for key, amount, declared, bound in (
+        ("stage_backlash_deg", drawn.stage_backlash_deg, "stage.backlash_deg", stage.backlash_deg),
+        ("stage_error_deg", drawn.stage_error_deg, "stage.bound_deg", stage.bound_deg),
+    ):
+        if amount > bound:
+            raise problem(
+                f"is {amount:g}, beyond the bound {declared} = {bound:g}; widen the bound or emulate less",
+                *("emulation", key),
+            )
+
+
+def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:
+    """What the emulation draws of a finger's mechanics: its key, how much, and the declared bound's key."""
+    if finger.type == "two-link":
+        play, length = drawn.joint_backlash_deg, drawn.link_error_mm
+        return [
+            ("joint_backlash_deg", play, "shoulder.backlash_deg", finger.shoulder.backlash_deg),
+            ("joint_backlash_deg", play, "elbow.backlash_deg", finger.elbow.backlash_deg),
+            ("link_error_mm", length, "links.bound_mm", finger.links.bound_mm),
+        ]
+    return [
+        ("backlash_mm", drawn.backlash_mm, "slide.backlash_mm", finger.slide.backlash_mm),
+        ("aim_backlash_deg", drawn.aim_backlash_deg, "aim.backlash_deg", finger.aim.backlash_deg),
+    ]
+
+
+def _check_arm(finger: ArmFinger, radius_mm: float, index: int) -> None:
+    """Refuse an arm with its base in the workspace, or that cannot wait between its base and that."""
+    away = math.hypot(*finger.base_mm)
+    if away <= radius_mm + finger.tip.radius_mm:
+        raise problem(
+            f"is {away:.4g} mm from the origin; the base must stand outside of the workspace, beyond "
+            f"{radius_mm + finger.tip.radius_mm:g} mm (workspace.radius_mm + tip.radius_mm)",
+            *("fingers", index, "base_mm"),
+        )
+    tip = _tip(finger, radius_mm)
+    x, y = tip[0] - finger.base_mm[0], tip[1] - finger.base_mm[1]
+    upper, fore = finger.links.upper_mm, finger.links.fore_mm
+    bend = (x * x + y * y - upper**2 - fore**2) / (2 * upper * fore)
+    if abs(bend) > 1:
+        raise problem(
+            f"cannot put the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), {math.hypot(x, y):.4g} mm "
+            "from the base",
+            *("fingers", index, "links"),
+        )
+    elbow = math.copysign(math.acos(bend), finger.elbow.range_deg[0])
+    across = math.atan2(fore * math.sin(elbow), upper + fore * math.cos(elbow))
+    shoulder = math.degrees(math.atan2(y, x) - across) - finger.heading_deg
+    for key, angle, (lo, hi) in (
+        ("shoulder", math.remainder(shoulder, 360.0), finger.shoulder.range_deg),
+        ("elbow", math.degrees(elbow), finger.elbow.range_deg),
+    ):
+        if not lo < angle < hi:
+            raise problem(
+                f"is [{lo:g}, {hi:g}]; with the tip where it waits, at ({tip[0]:.4g}, {tip[1]:.4g}), the "
+                f"{key} stands at {angle:.4g}",
+                *("fingers", index, key, "range_deg"),
+            )
+
+
+def _tip(finger: AnyFinger, radius_mm: float) -> tuple[float, float]:
+    """Tip centre where a finger must start: a slide retracted at aim 0, an arm beside the workspace."""
+    if finger.type == "two-link":
+        x, y = finger.base_mm
+        share = (radius_mm + finger.tip.radius_mm + ARM_MARGIN_MM) / math.hypot(x, y)
+        return share * x, share * y
     heading = math.radians(finger.heading_deg)
     distance = finger.slide.range_mm[0]
     return (

@@ -5,27 +5,54 @@ how carefully to move. The values keep the file's units, which are the suffixes 
 N, Hz; `rig` turns them into mm, rad, s, N where it builds the bench. `docs/rig-file.md` explains every key.
 """
 
+import math
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+import numpy as np
+from pydantic import Field, model_validator
 
-from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text, in_order
+from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text
 from palpate.config.loading import Source, load_toml
+from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
-from palpate.config.rig_checks import check_emulation, check_identities, check_places
+from palpate.config.rig_checks import check_emulation, check_identities, check_obstacles, check_places
+from palpate.config.rig_fingers import (
+    AimServo,
+    AngleRange,
+    AnyFinger,
+    ArmFinger,
+    Array,
+    Bounds,
+    DxlId,
+    Finger,
+    JointServo,
+    Links,
+    Ratio,
+    ServoModel,
+    Share,
+    SlideServo,
+    Tip,
+    check_one_turn,
+)
 
 __all__ = [
     "BUS_BAUDRATES",
     "AimServo",
+    "AnyFinger",
+    "ArmFinger",
     "Array",
     "Bounds",
     "Bus",
     "Closing",
     "Emulation",
     "Finger",
+    "JointServo",
+    "Links",
+    "Obstacle",
     "RigFile",
     "Search",
     "SlideServo",
+    "Stage",
     "Tip",
     "Workspace",
     "load_rig",
@@ -33,27 +60,6 @@ __all__ = [
 
 BUS_BAUDRATES = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
 """Rates that all supported servos know (e-Manual, Baud Rate (8))."""
-
-_TURNS = 256
-"""Turns either way in Extended Position Control Mode (e-Manual, Operating Mode (11))."""
-
-ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
-DxlId = Annotated[int, Field(strict=True, ge=0, le=252)]
-Angle = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-360, le=360)]
-Share = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)]
-
-
-def _not_zero(value: float) -> float:
-    if value == 0:
-        raise problem("is 0; it must not be")
-    return value
-
-
-Ratio = Annotated[
-    float, Field(strict=True, allow_inf_nan=False, ge=-1000, le=1000), AfterValidator(_not_zero)
-]
-AngleRange = Annotated[tuple[Angle, Angle], AfterValidator(in_order)]
-LengthRange = Annotated[tuple[Length, Length], AfterValidator(in_order)]
 
 
 class Bus(FileModel):
@@ -90,7 +96,7 @@ class Closing(FileModel):
     back_off_mm: Positive = Field(description="Way back from a first contact before touching again slowly.")
     contact_force_n: Positive = Field(description="Force that counts as a contact.")
     max_force_n: Annotated[Positive, Field(le=200)] = Field(description="No finger may ever press harder.")
-    clearance_mm: Length = Field(description="Least gap between two fingers while they move.")
+    clearance_mm: Length = Field(description="Least gap between two fingers, or a finger and an obstacle.")
     sample_rate_hz: Annotated[Positive, Field(ge=1, le=10000)] = Field(
         description="Frames per second of an array."
     )
@@ -131,99 +137,50 @@ class Search(FileModel):
     )
 
 
-class AimServo(FileModel):
-    """The servo that turns the slide about the finger's base: servo angle = zero_deg + gear_ratio · aim."""
+class Stage(FileModel):
+    """A servo that turns the ring with all fingers: servo angle = zero_deg + gear_ratio · stage angle."""
 
+    centre_mm: Point = Field(description="[x, y] of the ring's axis in the support-plane frame W.")
     dxl_id: DxlId = Field(description="ID on the bus.")
     model: ServoModel = Field(description="Model as printed on the servo.")
     gear_ratio: Ratio = Field(
-        description="Servo turns per turn of the slide; negative if they turn opposite ways."
+        description="Servo turns per turn of the ring; negative if they turn opposite ways."
     )
-    range_deg: AngleRange = Field(description="[lo, hi] of the aim, counter-clockwise from heading_deg.")
+    range_deg: AngleRange = Field(
+        description="[lo, hi] of the ring's angle; at 0 the fingers stand as they are described."
+    )
     backlash_deg: Length = Field(
-        description="Bound: the aim is off by at most this through play, either way."
+        description="Bound: the ring is off by at most this through play, either way."
     )
-    zero_deg: Number = Field(description="Servo angle at aim 0, from its Goal Position 0.")
+    zero_deg: Number = Field(description="Servo angle at stage angle 0, from its Goal Position 0.")
+    bound_deg: Annotated[Length, Field(le=45)] = Field(
+        description="Bound: the ring's angle is off by at most this, besides its play."
+    )
 
     @model_validator(mode="after")
-    def _within_the_servo(self) -> Self:
-        turns = [(self.zero_deg + self.gear_ratio * aim) / 360 for aim in self.range_deg]
-        _check_turns(turns, "range_deg")
+    def _starts_within_one_turn(self) -> Self:
+        lo, hi = self.range_deg
+        if not lo <= 0 <= hi:
+            raise problem(f"is [{lo:g}, {hi:g}]; it must contain 0, where the stage starts", "range_deg")
+        check_one_turn(self.gear_ratio, self.zero_deg, self.range_deg)
         return self
 
 
-class SlideServo(FileModel):
-    """The servo that moves the tip: distance from base = zero_mm + mm_per_turn · servo turns."""
+class Obstacle(FileModel):
+    """A part of the rig that stands in the fingers' plane: a post, a camera."""
 
-    dxl_id: DxlId = Field(description="ID on the bus.")
-    model: ServoModel = Field(description="Model as printed on the servo.")
-    mm_per_turn: Ratio = Field(
-        description="Travel per servo turn; negative if growing angles retract the tip."
+    name: Name = Field(description="How messages call it.")
+    outline_mm: list[Point] = Field(
+        min_length=3, description="Corners [x, y] in the support-plane frame W, in order round it."
     )
-    range_mm: LengthRange = Field(description="[lo, hi] of the distance from base to tip centre.")
-    backlash_mm: Length = Field(
-        description="Bound: the distance is off by at most this through play, either way."
-    )
-    zero_mm: Number = Field(description="Distance at Goal Position 0.")
 
     @model_validator(mode="after")
-    def _within_the_servo(self) -> Self:
-        turns = [(distance - self.zero_mm) / self.mm_per_turn for distance in self.range_mm]
-        _check_turns(turns, "range_mm")
-        # After power-up a servo knows its angle within one turn, so the finger must start in that one.
-        if not 0 <= turns[0] < 1:
-            raise problem(
-                f"is {self.zero_mm:g}: retracted, at {self.range_mm[0]:g} mm, the servo would stand at turn "
-                f"{turns[0]:.2f}; it must be in 0 … 1, because a servo starts within one turn",
-                "zero_mm",
-            )
+    def _is_simple(self) -> Self:
+        found = outline_problem(np.array(self.outline_mm, dtype=np.float64))
+        if found is not None:
+            point, what = found
+            raise problem(what, "outline_mm", *(() if point is None else (point,)))
         return self
-
-
-class Tip(FileModel):
-    """The cylindrical fingertip."""
-
-    radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
-    stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
-    stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
-
-
-class Array(FileModel):
-    """The tactile array round the tip."""
-
-    port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
-    baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
-    protocol: Literal["palpate"] = Field(
-        description='What the array speaks; "palpate" is docs/tactile-protocol.md.'
-    )
-    gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
-    heading_deg: Angle = Field(
-        default=0.0,
-        description="Where the array's middle looks, counter-clockwise from the direction of travel.",
-    )
-
-
-class Bounds(FileModel):
-    """How well the finger's place is known."""
-
-    base_mm: Length = Field(description="Bound: the base is within this distance of base_mm.")
-    heading_deg: Annotated[Length, Field(le=45)] = Field(
-        description="Bound: the heading is off by at most this."
-    )
-
-
-class Finger(FileModel):
-    """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
-
-    name: Name
-    base_mm: Point = Field(description="[x, y] of the aim axis in the support-plane frame W.")
-    heading_deg: Angle = Field(description="Direction of the slide at aim 0, counter-clockwise from +x of W.")
-    height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
-    aim: AimServo
-    slide: SlideServo
-    tip: Tip
-    array: Array
-    bounds: Bounds
 
 
 class Emulation(FileModel):
@@ -237,10 +194,14 @@ class Emulation(FileModel):
     )
     backlash_mm: Length = Field(default=0.0, description="Play of the slides, either way.")
     aim_backlash_deg: Length = Field(default=0.0, description="Play of the aims, either way.")
+    joint_backlash_deg: Length = Field(default=0.0, description="Play of arms' joints, either way.")
+    link_error_mm: Length = Field(default=0.0, description="Lengths of arms' links are off by up to this.")
     base_error_mm: Length = Field(
         default=0.0, description="Bases are up to this far from where they should be."
     )
     heading_error_deg: Length = Field(default=0.0, description="Headings are off by up to this.")
+    stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
+    stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
@@ -256,15 +217,28 @@ class RigFile(FileModel):
     workspace: Workspace
     closing: Closing
     search: Search
-    fingers: list[Finger] = Field(min_length=1, description="The fingers, in the order they are reported.")
+    fingers: list[AnyFinger] = Field(min_length=1, description="The fingers, in the order they are reported.")
+    stage: Stage | None = Field(default=None, description="The turning stage, if there is one.")
+    obstacles: list[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
     emulation: Emulation | None = Field(default=None, description="Only for rigs with mock:// ports.")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         check_identities(self)
         check_places(self)
+        check_obstacles(self)
         check_emulation(self)
         return self
+
+    @property
+    def clear_radius_mm(self) -> float:
+        """Radius round the ring's origin that holds the workspace at every angle of the stage."""
+        if self.stage is None:
+            return self.workspace.radius_mm
+        most = math.radians(max(abs(angle) for angle in self.stage.range_deg))
+        return self.workspace.radius_mm + 2 * math.hypot(*self.stage.centre_mm) * math.sin(
+            min(most, math.pi) / 2
+        )
 
     @property
     def emulated(self) -> bool:
@@ -280,11 +254,3 @@ def load_rig(source: Source) -> RigFile:
 
     """
     return load_toml(source, RigFile, {})
-
-
-def _check_turns(turns: list[float], key: str) -> None:
-    if max(abs(turn) for turn in turns) > _TURNS:
-        raise problem(
-            f"needs servo turns {min(turns):.0f} to {max(turns):.0f}; a servo reaches {_TURNS} either way",
-            key,
-        )

@@ -1,80 +1,120 @@
-"""Kinematics of a finger: from servo angles to where its tip is in the support plane, and how surely.
+"""What every kind of finger can be asked: servo angles for a place on a line, and where the tip is for them.
 
-Stands between the servos and the contacts, and between the plan and the servos. A finger is an aim that
-turns a slide about a fixed base, and a slide that moves the tip along the line. The bounds add up everything
-that is known only to within a tolerance: base, heading, play and encoder steps.
+Stands between the servos and the contacts, and between the plan and the servos. `slide_finger` and
+`two_link` are the kinds there are; both have two servos. Everything is in the frame that carries the finger's
+base: W, or the turning stage's ring at angle 0 (`Turn` leads from there to W).
 """
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
-__all__ = ["FingerKinematics"]
+import numpy as np
+from numpy.typing import NDArray
 
-_TICK_RAD = 2 * math.pi / 4096
+__all__ = ["TICK_RAD", "Body", "FingerKinematics", "Line", "Servos", "Turn"]
+
+TICK_RAD = 2 * math.pi / 4096
+"""Encoder step of a servo (e-Manual)."""
+
+Floats = NDArray[np.float64]
+
+Servos = tuple[float, float]
+"""Angles of a finger's two servos (rad), counted from Goal Position 2048, the one next to the base first."""
 
 
 @dataclass(frozen=True)
-class FingerKinematics:
-    """Aim + slide finger in W; mm, rad. Servo angles count from Goal Position 2048 (e-Manual).
+class Line:
+    """A straight way of the tip's centre: from `start_mm` along `direction_rad`."""
 
-    aim = (servo − aim_zero_rad) / gear_ratio, measured from `heading_rad`; distance of the tip's centre from
-    the base = zero_mm + mm_per_rad · servo. The `…_bound_…` fields are how far each may be off, either way.
-    """
+    start_mm: tuple[float, float]
+    direction_rad: float
 
-    base_mm: tuple[float, float]
-    heading_rad: float
-    gear_ratio: float
-    aim_zero_rad: float
-    mm_per_rad: float
-    zero_mm: float
-    base_bound_mm: float
-    heading_bound_rad: float
-    aim_play_rad: float
-    slide_play_mm: float
-
-    def aim_servo_rad(self, aim_rad: float) -> float:
-        """Servo angle for an aim."""
-        return self.aim_zero_rad + self.gear_ratio * aim_rad
-
-    def slide_servo_rad(self, distance_mm: float) -> float:
-        """Servo angle for a distance of the tip's centre from the base."""
-        return (distance_mm - self.zero_mm) / self.mm_per_rad
-
-    def aim_rad(self, servo_rad: float) -> float:
-        """Aim for a servo angle."""
-        return (servo_rad - self.aim_zero_rad) / self.gear_ratio
-
-    def distance_mm(self, servo_rad: float) -> float:
-        """Distance of the tip's centre from the base for a servo angle."""
-        return self.zero_mm + self.mm_per_rad * servo_rad
-
-    def direction_rad(self, aim_rad: float) -> float:
-        """Direction of travel in W at an aim."""
-        return self.heading_rad + aim_rad
-
-    def centre_mm(self, aim_rad: float, distance_mm: float) -> tuple[float, float]:
-        """Tip's centre in W."""
-        angle = self.direction_rad(aim_rad)
+    def point_mm(self, travel_mm: float) -> tuple[float, float]:
+        """Where the centre is after `travel_mm`."""
         return (
-            self.base_mm[0] + distance_mm * math.cos(angle),
-            self.base_mm[1] + distance_mm * math.sin(angle),
+            self.start_mm[0] + travel_mm * math.cos(self.direction_rad),
+            self.start_mm[1] + travel_mm * math.sin(self.direction_rad),
         )
+
+    def travel_mm(self, point_mm: tuple[float, float]) -> float:
+        """How far along the line a point is."""
+        x, y = point_mm[0] - self.start_mm[0], point_mm[1] - self.start_mm[1]
+        return x * math.cos(self.direction_rad) + y * math.sin(self.direction_rad)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Room that a finger takes up, from above: straight pieces (k, 2) to (k, 2) with half widths (k,)."""
+
+    start: Floats
+    end: Floats
+    half_width: Floats
+
+
+class FingerKinematics(Protocol):
+    """A finger whose two servos place its tip in the plane; mm, rad.
+
+    The bounds hold for the play, the encoder steps and the tolerances that the rig file declares.
+    """
 
     @property
     def direction_bound_rad(self) -> float:
-        """How far the true direction of travel may be from the computed one."""
-        return self.heading_bound_rad + self.aim_play_rad + _TICK_RAD / 2 / abs(self.gear_ratio)
+        """How far the direction that carries the array may be from the computed one."""
+        ...
 
-    @property
-    def distance_bound_mm(self) -> float:
-        """How far the true distance from the base may be from the computed one."""
-        return self.slide_play_mm + abs(self.mm_per_rad) * _TICK_RAD / 2
+    def servos_rad(self, line: Line, travel_mm: float) -> Servos:
+        """Servo angles that put the tip's centre `travel_mm` along a line; nan where it cannot get there."""
+        ...
 
-    def position_bound_mm(self, distance_mm: float, along_mm: float = 0.0, across_mm: float = 0.0) -> float:
-        """How far the true centre may be from `centre_mm`.
+    def centre_mm(self, servos_rad: Servos) -> tuple[float, float]:
+        """Tip's centre for servo angles."""
+        ...
 
-        `along_mm` and `across_mm` are further errors along and across the direction of travel.
-        """
-        along = self.distance_bound_mm + along_mm
-        across = distance_mm * self.direction_bound_rad + across_mm
-        return self.base_bound_mm + math.hypot(along, across)
+    def facing_rad(self, servos_rad: Servos) -> float:
+        """Direction from which `array.heading_deg` counts."""
+        ...
+
+    def position_bound_mm(self, servos_rad: Servos) -> float:
+        """How far the true centre may be from `centre_mm`."""
+        ...
+
+    def strayed_mm(self, servos_rad: Servos, off_rad: float) -> float:
+        """How far the tip is off its line at most, if the servos that keep it there are off by `off_rad`."""
+        ...
+
+    def body(self, servos_rad: Servos, tip_radius_mm: float) -> Body:
+        """Room that the finger takes up."""
+        ...
+
+
+@dataclass(frozen=True)
+class Turn:
+    """The turning stage at an angle: from the ring's frame to W. Without a stage: angle 0, no bound."""
+
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    angle_rad: float = 0.0
+    angle_bound_rad: float = 0.0
+
+    def point_mm(self, point_mm: tuple[float, float]) -> tuple[float, float]:
+        """A point of the ring in W."""
+        return self._turned(point_mm, self.angle_rad)
+
+    def line(self, line: Line) -> Line:
+        """A line of the ring in W."""
+        return Line(self.point_mm(line.start_mm), line.direction_rad + self.angle_rad)
+
+    def line_back(self, line: Line) -> Line:
+        """A line of W in the ring's frame."""
+        return Line(self._turned(line.start_mm, -self.angle_rad), line.direction_rad - self.angle_rad)
+
+    def position_bound_mm(self, point_mm: tuple[float, float]) -> float:
+        """How much further off a point of the ring may be, because the stage's angle is."""
+        return self.angle_bound_rad * math.dist(point_mm, self.centre_mm)
+
+    def _turned(self, point_mm: tuple[float, float], angle_rad: float) -> tuple[float, float]:
+        if angle_rad == 0.0:
+            return point_mm
+        x, y = point_mm[0] - self.centre_mm[0], point_mm[1] - self.centre_mm[1]
+        c, s = math.cos(angle_rad), math.sin(angle_rad)
+        return (self.centre_mm[0] + c * x - s * y, self.centre_mm[1] + s * x + c * y)

@@ -39,6 +39,7 @@ _ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
 _CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
+_AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
 _TWO_SIDES_RAD = np.radians(30.0)
 _MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
@@ -227,8 +228,13 @@ def _alike(
     approaches = [reachable.candidates[k].approach for k in rows.tolist()]
     poses = witness_poses(recognition.hypotheses)
     outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
-    least = likeness(outcome, first, second, resolution, np.arange(len(rows))).min(axis=0)
-    result: Bools = least >= np.exp(-1.0)
+    every = np.arange(len(rows))
+    result: Bools = np.ones(len(first), dtype=bool)
+    size = max(1, _AT_ONCE // len(rows))
+    for begin in range(0, len(first), size):
+        piece = slice(begin, begin + size)
+        least = likeness(outcome, first[piece], second[piece], resolution, every).min(axis=0)
+        result[piece] = least >= np.exp(-1.0)
     return result
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import ObjectsFile, RigFile, Scene
+from palpate.config import ArmFinger, ObjectsFile, RigFile, Scene
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.tap import BytesObserver, TappedPort
@@ -35,8 +35,10 @@ class BenchRig:
 def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
     """What lies on the table of an emulated rig; None for a real one.
 
-    Raises InputError for a scene on a real rig, or one that does not fit the catalogue.
+    Raises InputError for a scene on a real rig, or one that does not fit the catalogue, and for an object
+    that is too high for an arm's links to pass above it.
     """
+    _check_heights(rig, objects)
     if rig.emulation is None:
         if scene is not None:
             raise InputError(f'--scene is for emulated rigs; rig "{rig.name}" has real devices')
@@ -44,6 +46,22 @@ def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) ->
     if scene is not None:
         return placement_of(scene, objects)
     return draw_placement(objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0]))
+
+
+def _check_heights(rig: RigFile, objects: ObjectsFile) -> None:
+    """Refuse a catalogue with an object that an arm's links would run into."""
+    arms = [finger for finger in rig.fingers if isinstance(finger, ArmFinger)]
+    if not arms:
+        return
+    lowest = min(arms, key=lambda arm: arm.links.links_height_mm)
+    room = lowest.links.links_height_mm
+    for model in objects.objects:
+        top = max(section.z_mm[1] for state in model.states for section in state.sections)
+        if top >= room:
+            raise InputError(
+                f'object "{model.name}" is {top:g} mm high; the links of finger "{lowest.name}" pass '
+                f"{room:g} mm above the table (links_height_mm), so parts must be lower"
+            )
 
 
 def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:

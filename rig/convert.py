@@ -5,9 +5,11 @@ Degrees become radians here, and nowhere else.
 
 import math
 
-from palpate.config import ContactsFile, ObjectsFile, RigFile
+from palpate.config import AnyFinger, ArmFinger, Closing, ContactsFile, JointServo, ObjectsFile, RigFile
 from palpate.config import Finger as FingerFile
-from palpate.drivers.finger import FingerKinematics
+from palpate.drivers.finger import FingerKinematics, Line
+from palpate.drivers.slide_finger import SlideKinematics
+from palpate.drivers.two_link import ArmKinematics, Joint
 from palpate.errors import InputError
 from palpate.recognizer import (
     Contact,
@@ -21,9 +23,23 @@ from palpate.recognizer import (
     State,
 )
 
-_NORMAL_HALF_RAD = math.radians(12.5)  # of 291 touches of the emulated bench none was blunter than 11.5°
+__all__ = [
+    "arm_kinematics",
+    "dent_allowance_mm",
+    "finger_of",
+    "goals_of",
+    "grips_of",
+    "kinematics_of",
+    "models_of",
+    "resolution_of",
+    "slide_kinematics",
+    "unfelt_mm",
+]
 
-__all__ = ["finger_of", "goals_of", "grips_of", "kinematics_of", "models_of", "resolution_of"]
+
+_NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
+_STOP_S = 0.010  # from the goal that stops a servo to its standing still
+_CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
 
 def models_of(objects: ObjectsFile) -> list[ObjectModel]:
@@ -73,15 +89,20 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
     return grips
 
 
-def finger_of(finger: FingerFile) -> Finger:
+def finger_of(finger: AnyFinger) -> Finger:
     """What of a finger decides which grown section it meets."""
     return Finger(finger.tip.radius_mm, finger.height_mm)
 
 
-def kinematics_of(finger: FingerFile) -> FingerKinematics:
-    """Kinematics of a finger. The file counts servo angles from Goal Position 0, the drivers from 2048."""
+def kinematics_of(finger: AnyFinger) -> FingerKinematics:
+    """Kinematics of a finger of any type."""
+    return arm_kinematics(finger) if isinstance(finger, ArmFinger) else slide_kinematics(finger)
+
+
+def slide_kinematics(finger: FingerFile) -> SlideKinematics:
+    """Kinematics of aim and slide. The file counts servo angles from Goal Position 0, drivers from 2048."""
     mm_per_rad = finger.slide.mm_per_turn / (2 * math.pi)
-    return FingerKinematics(
+    return SlideKinematics(
         base_mm=finger.base_mm,
         heading_rad=math.radians(finger.heading_deg),
         gear_ratio=finger.aim.gear_ratio,
@@ -95,15 +116,65 @@ def kinematics_of(finger: FingerFile) -> FingerKinematics:
     )
 
 
+def arm_kinematics(finger: ArmFinger) -> ArmKinematics:
+    """Kinematics of a two-link arm."""
+    return ArmKinematics(
+        base_mm=finger.base_mm,
+        heading_rad=math.radians(finger.heading_deg),
+        upper_mm=finger.links.upper_mm,
+        fore_mm=finger.links.fore_mm,
+        shoulder=_joint(finger.shoulder),
+        elbow=_joint(finger.elbow),
+        link_width_mm=finger.links.width_mm,
+        base_bound_mm=finger.bounds.base_mm,
+        heading_bound_rad=math.radians(finger.bounds.heading_deg),
+        length_bound_mm=finger.links.bound_mm,
+    )
+
+
+def _joint(servo: JointServo) -> Joint:
+    lo, hi = (math.radians(value) for value in servo.range_deg)
+    play, zero = math.radians(servo.backlash_deg), math.radians(servo.zero_deg) - math.pi
+    return Joint(servo.gear_ratio, zero, play, lo, hi)
+
+
+def unfelt_mm(finger: AnyFinger, closing: Closing) -> float:
+    """How deep something may have dented a moving tip without being felt.
+
+    Twice the contact threshold: the quick guard leaves out what is below each taxel's noise, and gains vary.
+    """
+    return 2 * closing.contact_force_n / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
+
+
+def dent_allowance_mm(finger: AnyFinger, closing: Closing) -> float:
+    """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
+
+    The tip presses with the threshold's force and what comes on top until it stands: two sample periods and
+    the servo's own stop. The force is known to within the gains' spread and the crosstalk. In a notch the
+    dent may be along a normal that is not known, so the whole dent counts sideways.
+    """
+    tip = finger.tip
+    late_s = 2 / closing.sample_rate_hz + _STOP_S
+    stiffest = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
+    force = min(closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s, closing.max_force_n)
+    unsure = (finger.array.gain_spread + _CROSSTALK_SHARE) * force
+    deepest = (force + unsure) / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
+    shallowest = max(force - unsure, 0.0) / stiffest
+    return (deepest - shallowest) / 2 + deepest + unfelt_mm(finger, closing)
+
+
 def resolution_of(rig: RigFile) -> Resolution:
     """What the rig can feel, for planning: by how much two measurements of one thing may differ."""
     bounds = []
     for finger in rig.fingers:
         kinematics = kinematics_of(finger)
-        middle = math.hypot(*finger.base_mm)
+        x, y = finger.base_mm
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / finger.tip.stiffness_n_per_mm
-        bounds.append(kinematics.position_bound_mm(middle) + dent)
+        servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
+        bounds.append(kinematics.position_bound_mm(servos) + dent)
+    # An arm that does not get to the middle has no bound there.
+    bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
     return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD)
 
 

@@ -6,28 +6,28 @@ virtual time or hands them out to be served on real ports.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.config import Emulation, Finger, RigFile
+from palpate.config import AnyFinger, RigFile
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import Bench, EmulatedFinger, FingerTruth
+from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
-from palpate.rig.convert import kinematics_of
+from palpate.rig.hidden import joint_truth, start_angles_rad, truth_of
 from palpate.rig.scene import Placement, outline_at
 
 __all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
 
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
-_COVERAGE_RAD = math.radians(270.0)
 _BIT_DEPTH = 12
 _EMULATED_MODEL = "XM430-W350"
 _COUNTS_PER_N = 2000.0
@@ -64,13 +64,13 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             f'rig "{rig.name}" describes real devices; '
             "add an [emulation] table and mock:// ports to emulate it"
         )
-    for finger in rig.fingers:
-        for servo in (finger.aim, finger.slide):
-            if servo.model != _EMULATED_MODEL:
-                raise InputError(
-                    f'rig "{rig.name}", finger "{finger.name}": only {_EMULATED_MODEL} is emulated so far, '
-                    f"not {servo.model} (servo {servo.dxl_id})"
-                )
+    owned = [(f'finger "{f.name}"', servo) for f in rig.fingers for servo in f.servos.values()]
+    for owner, servo in [*owned, *([("the stage", rig.stage)] if rig.stage else [])]:
+        if servo.model != _EMULATED_MODEL:
+            raise InputError(
+                f'rig "{rig.name}", {owner}: only {_EMULATED_MODEL} is emulated so far, '
+                f"not {servo.model} (servo {servo.dxl_id})"
+            )
     # The catalogue's draw and the devices' draws must not depend on each other's number.
     rng = np.random.default_rng([seed, 1])
     fingers: list[EmulatedFinger] = []
@@ -79,11 +79,14 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     def advance(now: float) -> None:
         bench_of[0].advance(now)
 
+    stage = _stage(rig, seed)
     for finger in rig.fingers:
-        truth = _truth(finger, rig.emulation, rng)
-        aim = EmulatedServo(finger.aim.dxl_id, start_rad=truth.aim_zero_rad)
-        retracted = (finger.slide.range_mm[0] + 1.0 - truth.zero_mm) / truth.mm_per_rad
-        slide = EmulatedServo(finger.slide.dxl_id, start_rad=retracted)
+        truth = truth_of(finger, rig.emulation, rng)
+        starts = start_angles_rad(finger, rig, truth)
+        near, far = (
+            EmulatedServo(servo.dxl_id, start_rad=start)
+            for servo, start in zip(finger.servos.values(), starts, strict=True)
+        )
         array = EmulatedArray(
             _description(finger),
             seed=int(rng.integers(2**63)),
@@ -94,10 +97,11 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             advance=advance,
         )
         outline = None if placement is None else outline_at(placement, finger.height_mm)
-        fingers.append(EmulatedFinger(truth, aim, slide, array, outline))
-    bench = Bench(fingers)
+        fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
+    bench = Bench(fingers, stage)
     bench_of.append(bench)
-    servos = [servo for finger in fingers for servo in (finger.aim, finger.slide)]
+    servos = [servo for finger in fingers for servo in finger.servos]
+    servos += [] if stage is None else [stage.servo]
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
@@ -116,34 +120,21 @@ def on_mock_wires(rig: EmulatedRig) -> MockRig:
     return MockRig(rig, hub, clock, urls)
 
 
-def _truth(finger: Finger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth:
-    """How this finger really is built: somewhere within what the emulation table allows."""
-    nominal = kinematics_of(finger)
-    away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
-    turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
-    return FingerTruth(
-        base_mm=(
-            finger.base_mm[0] + away * math.cos(bearing),
-            finger.base_mm[1] + away * math.sin(bearing),
-        ),
-        heading_rad=nominal.heading_rad + turn,
-        height_mm=finger.height_mm,
-        gear_ratio=nominal.gear_ratio,
-        aim_zero_rad=nominal.aim_zero_rad,
-        aim_play_rad=math.radians(emulation.aim_backlash_deg) * rng.uniform(0.3, 1),
-        mm_per_rad=nominal.mm_per_rad,
-        zero_mm=nominal.zero_mm,
-        slide_play_mm=emulation.backlash_mm * rng.uniform(0.3, 1),
-        tip_radius_mm=finger.tip.radius_mm,
-        stiffness_n_per_mm=finger.tip.stiffness_n_per_mm
-        * (1 + emulation.stiffness_spread * rng.uniform(-1, 1)),
-        array_heading_rad=math.radians(finger.array.heading_deg),
-    )
+def _stage(rig: RigFile, seed: int) -> EmulatedStage | None:
+    """The emulated stage, at angle 0 as far as people can tell; its draw leaves the fingers' as they are."""
+    if rig.stage is None or rig.emulation is None:
+        return None
+    spec, rng = rig.stage, np.random.default_rng([seed, 2])
+    joint = joint_truth(spec.gear_ratio, spec.zero_deg, rig.emulation.stage_backlash_deg, rng)
+    start = joint.zero_rad
+    off = math.radians(rig.emulation.stage_error_deg) * rng.uniform(-1, 1)
+    joint = replace(joint, zero_rad=joint.zero_rad - spec.gear_ratio * off)
+    return EmulatedStage(spec.centre_mm, joint, EmulatedServo(spec.dxl_id, start_rad=start))
 
 
-def _description(finger: Finger) -> Description:
-    """The emulated array: 8 rows of 20 taxels over three quarters of the tip's circumference."""
-    pitch = _COVERAGE_RAD / _COLUMNS
+def _description(finger: AnyFinger) -> Description:
+    """The emulated array: 8 rows of 20 taxels over what it covers of the tip's circumference."""
+    pitch = math.radians(finger.array.coverage_deg) / _COLUMNS
     return Description(
         unique_id=finger.name.encode()[:16].ljust(16, b"\0"),
         firmware="palpate emulator 1",

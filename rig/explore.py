@@ -24,7 +24,7 @@ def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[tuple[int,
     used = used_by(contacts, reach.candidates)
     grip = []
     for finger_index in sorted({item.finger_index for item in reach.candidates}):
-        own = reach.of_finger(finger_index)
+        own = reach.of_finger(finger_index, reach.middle_rad)
         offset = {k: _offset(reach, k, target) for k in own}
         taken = [offset[k] for k in own if used[k]]
         free = [k for k in own if all(abs(offset[k] - other) >= _APART_MM for other in taken)]

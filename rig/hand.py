@@ -15,27 +15,26 @@ from typing import Self
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import Finger as FingerFile
-from palpate.config import RigFile
+from palpate.config import AnyFinger, RigFile
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.failures import DamagedAnswer
 from palpate.drivers.dynamixel.servo import Servo, ServoState, read_states, torque_off_all
-from palpate.drivers.finger import FingerKinematics
+from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 from palpate.rig.convert import kinematics_of
+from palpate.rig.drives import Drive
+from palpate.rig.stage import HostStage
+from palpate.rig.waiting import home_line
+from palpate.rig.wiring import drive_of, start_problem
 
 __all__ = ["Hand", "HostFinger", "OpenPort"]
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
 
-_AIM_CURRENT_A = 0.6
-_AIM_SPEED_RAD_S = 3.0
-_ACCELERATION_RAD_S2 = 6.0
 _WATCHDOG_S = 0.5
 _TARE_FRAMES = 16
 _SETTLED_RAD_S = 0.03
@@ -47,12 +46,15 @@ _READS = 3
 
 @dataclass(frozen=True, eq=False)
 class HostFinger:
-    """One finger as the host sees it: its part of the rig file, its devices and its kinematics."""
+    """One finger as the host sees it: its part of the rig file, its devices and its kinematics.
 
-    spec: FingerFile
+    `home`: a way that starts where the finger stands when the stage turns.
+    """
+
+    spec: AnyFinger
     kinematics: FingerKinematics
-    aim: Servo
-    slide: Servo
+    drive: Drive
+    home: Line
     array: TactileArray
     extractor: ContactExtractor
 
@@ -77,6 +79,7 @@ class Hand:
         self._arrays: list[TactileArray] = []
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
+        self.stage: HostStage | None = None
         self.emulated = False
         try:
             self._connect(open_port)
@@ -120,18 +123,34 @@ class Hand:
 
     def prepare(self) -> None:
         """Write and check limits, switch torque on where everything stands."""
-        closing = self.rig.closing
+        if self.stage is not None:
+            self.stage.prepare()
+            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
+            wrong = self.stage.start_problem(at)
+            if wrong is not None:
+                raise DeviceError(wrong)
         for finger in self.fingers:
-            lever_m = abs(finger.kinematics.mm_per_rad) / 1000
-            current = closing.max_force_n * lever_m / finger.slide.model.torque_per_current_nm_a
-            finger.aim.prepare(OperatingMode.POSITION, _AIM_CURRENT_A)
-            finger.slide.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
-            finger.slide.set_goal_current_a(current)
-            finger.aim.set_profile(_AIM_SPEED_RAD_S, _ACCELERATION_RAD_S2)
-            self.set_speed(finger, closing.approach_speed_mm_s)
+            finger.drive.prepare(self.rig.closing)
             self._check_start(finger)
         for servo in self._servos:
             servo.torque(on=True)
+
+    @property
+    def turn(self) -> Turn:
+        """Where the turning stage stands now; raises DeviceError if it does not answer."""
+        if self.stage is None:
+            return Turn()
+        servo = self.stage.servo
+        return self.stage.turn(self.states([servo])[servo.dxl_id].position_rad)
+
+    def servos_of(self, fingers: Sequence[HostFinger]) -> dict[HostFinger, Servos]:
+        """Angles of some fingers' servos now."""
+        states = self.states([servo for finger in fingers for servo in finger.drive.servos])
+        return {
+            finger: (states[near.dxl_id].position_rad, states[far.dxl_id].position_rad)
+            for finger in fingers
+            for near, far in (finger.drive.servos,)
+        }
 
     def arm(self) -> None:
         """Arm Bus Watchdog on every servo: if the host falls silent, everything stops by itself."""
@@ -144,10 +163,6 @@ class Hand:
         for servo in self._servos:
             servo.disarm_watchdog()
 
-    def set_speed(self, finger: HostFinger, speed_mm_s: float) -> None:
-        """Speed of a finger's slide from its next goal on."""
-        finger.slide.set_profile(speed_mm_s / abs(finger.kinematics.mm_per_rad), _ACCELERATION_RAD_S2)
-
     def states(self, servos: Sequence[Servo]) -> dict[int, ServoState]:
         """What the servos measure now, by id.
 
@@ -159,10 +174,9 @@ class Hand:
                 return read_states(self.bus, servos)
         return read_states(self.bus, servos)
 
-    def wait_still(
-        self, servos: Sequence[Servo], goals_rad: Mapping[int, float], tolerance_rad: float
-    ) -> None:
+    def wait_still(self, goals_rad: Mapping[Servo, float], tolerance_rad: Callable[[Servo], float]) -> None:
         """Wait until servos stand within a tolerance of their goals; DeviceError names one that is late."""
+        servos = list(goals_rad)
         deadline = self.clock.now() + _MOVE_TIMEOUT_S
         while True:
             self.pause(_POLL_S)
@@ -171,7 +185,7 @@ class Hand:
                 servo
                 for servo in servos
                 if abs(states[servo.dxl_id].velocity_rad_s) > _SETTLED_RAD_S
-                or abs(states[servo.dxl_id].position_rad - goals_rad[servo.dxl_id]) > tolerance_rad
+                or abs(states[servo.dxl_id].position_rad - goals_rad[servo]) > tolerance_rad(servo)
             ]
             if not late:
                 return
@@ -179,7 +193,7 @@ class Hand:
                 servo = late[0]
                 raise DeviceError(
                     f"servo {servo.dxl_id} on {self.bus.port_name} did not reach "
-                    f"{goals_rad[servo.dxl_id]:.3f} rad within {_MOVE_TIMEOUT_S:g} s (it is at "
+                    f"{goals_rad[servo]:.3f} rad within {_MOVE_TIMEOUT_S:g} s (it is at "
                     f"{states[servo.dxl_id].position_rad:.3f}); check what holds it; "
                     "if nothing does, raise max_force_n"
                 )
@@ -221,28 +235,22 @@ class Hand:
         port = open_port(rig.bus.port, rig.bus.baudrate_bps)
         self._ports.append(port)
         self.bus = Bus(port, self.clock, rig.bus.baudrate_bps)
-        pairs = []
+        self.stage = HostStage.of(rig, self.bus)
+        if self.stage is not None:
+            self._servos.append(self.stage.servo)
+        drives = []
         for spec in rig.fingers:
-            pair = self._servo_pair(spec)
-            self._servos += pair
-            pairs.append(pair)
+            drive = drive_of(spec, rig, self.bus)
+            self._servos += drive.servos
+            drives.append(drive)
         for servo in self._servos:
             servo.check()
         self.fingers = tuple(
-            self._finger(spec, pair, open_port) for spec, pair in zip(rig.fingers, pairs, strict=True)
+            self._finger(spec, drive, open_port) for spec, drive in zip(rig.fingers, drives, strict=True)
         )
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
-    def _servo_pair(self, spec: FingerFile) -> tuple[Servo, Servo]:
-        kinematics = kinematics_of(spec)
-        aims = [kinematics.aim_servo_rad(math.radians(value)) for value in spec.aim.range_deg]
-        slides = [kinematics.slide_servo_rad(value) for value in spec.slide.range_mm]
-        return (
-            Servo(self.bus, spec.aim.dxl_id, spec.aim.model, range_rad=(min(aims), max(aims))),
-            Servo(self.bus, spec.slide.dxl_id, spec.slide.model, range_rad=(min(slides), max(slides))),
-        )
-
-    def _finger(self, spec: FingerFile, pair: tuple[Servo, Servo], open_port: OpenPort) -> HostFinger:
+    def _finger(self, spec: AnyFinger, drive: Drive, open_port: OpenPort) -> HostFinger:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
         self._ports.append(port)
         array = TactileArray(port, self.clock, spec.name)
@@ -256,20 +264,17 @@ class Hand:
             stiffness_bound=spec.tip.stiffness_spread,
         )
         extractor = ContactExtractor(description, calibration)
-        return HostFinger(spec, kinematics_of(spec), *pair, array, extractor)
+        return HostFinger(
+            spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor
+        )
 
     def _check_start(self, finger: HostFinger) -> None:
-        """A slide must be retracted at the start: its servo knows its angle within one turn only."""
-        state = self.states([finger.slide])[finger.slide.dxl_id]
-        distance = finger.kinematics.distance_mm(state.position_rad)
-        lo, hi = finger.spec.slide.range_mm
-        play = finger.spec.slide.backlash_mm
-        if not lo - play <= distance <= hi + play:
-            raise DeviceError(
-                f"finger {finger.name}: its slide (servo {finger.slide.dxl_id}) stands at {distance:.1f} mm, "
-                f"outside its range {lo:g} … {hi:g} mm; with torque off, push the finger back by hand until "
-                "it is retracted within the servo's first turn, then start again"
-            )
+        """Raise DeviceError if a finger stands where it must not start."""
+        states = self.states(finger.drive.servos)
+        near, far = (states[servo.dxl_id].position_rad for servo in finger.drive.servos)
+        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far))
+        if wrong is not None:
+            raise DeviceError(f"finger {finger.name}: {wrong}")
 
 
 def _warn(error: BaseException, failed: Sequence[DeviceError]) -> None:

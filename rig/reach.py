@@ -1,7 +1,8 @@
-"""Which approaches each finger can take: from the rig's kinematics to the planner's candidates.
+"""The reach of the rig: every approach that each finger can take, and which of them go together.
 
-An approach starts with the tip waiting outside the workspace and goes along the slide's line until the tip
-has crossed the workspace or the slide ends.
+From the rig file to the planner's candidates. An approach starts with the tip waiting outside of the
+workspace and goes straight on until the tip has crossed the workspace, the finger ends, or something stands
+in its way: an obstacle, or the place where another finger may wait.
 """
 
 import math
@@ -9,101 +10,150 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import Finger as FingerFile
-from palpate.config import RigFile
-from palpate.drivers.finger import FingerKinematics
+from palpate.config import Closing, RigFile
+from palpate.drivers.finger import Line
 from palpate.recognizer import Approach, Candidate
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.segments import distance_range
-from palpate.rig.convert import finger_of, kinematics_of
-from palpate.rig.wait import Close, wait_distance_mm
+from palpate.rig.convert import dent_allowance_mm, finger_of, kinematics_of
+from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD
+from palpate.rig.free_ways import free_ways
+from palpate.rig.room import Swept, gap_mm
+from palpate.rig.stage import STAGE_SPEED_RAD_S, planned_turn
+from palpate.rig.ways import Way, joined
 
-__all__ = ["Reach", "reach_of"]
+__all__ = ["Close", "Reach", "reach_of"]
 
-_MARGIN_MM = 1.0
+_SETTLE_S = 0.5  # servos settling, tare and measuring frames, in all
+
+
+@dataclass(frozen=True)
+class Close:
+    """One finger's part of a grip: from `start_mm` along `direction_rad` in W, until it touches something.
+
+    It goes `travel_mm` at most, with the turning stage at `stage_rad`.
+    """
+
+    finger_index: int
+    start_mm: tuple[float, float]
+    direction_rad: float
+    travel_mm: float
+    stage_rad: float = 0.0
+
+    @property
+    def line(self) -> Line:
+        """The way in W."""
+        return Line(self.start_mm, self.direction_rad)
 
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """All approaches of a rig: what the planner sees, and the aim (rad) of each.
+    """All approaches of a rig: what the planner sees, and how each is carried out.
 
-    `compatible` (n, n): candidates of different fingers go together; while they move, the closing keeps them
-    apart.
+    `finger` (n,) and `stage_rad` (n,): whose each is, and the stage's angle. `aiming_s` (n,): rough time of
+    turning to it. `swept`: what they sweep in the ring's frame, with every finger's
+    bounds. `closing`: the rig file's.
     """
 
     candidates: tuple[Candidate, ...]
-    aims_rad: tuple[float, ...]
-    bases: Floats
-    speed_mm_s: float
-    gap_mm: float
+    finger: Ints
+    stage_rad: Floats
+    aiming_s: Floats
+    swept: Swept
+    closing: Closing
+
+    def of_finger(self, finger_index: int, stage_rad: float | None = None) -> list[int]:
+        """Indices of one finger's candidates, by stage angle (one, if given) and ascending aim."""
+        wanted = self.finger == finger_index
+        if stage_rad is not None:
+            wanted &= self.stage_rad == stage_rad
+        return np.flatnonzero(wanted).tolist()
+
+    @property
+    def middle_rad(self) -> float:
+        """The stage angle that is nearest to 0; all of a grip must have the same one."""
+        return float(self.stage_rad[np.argmin(np.abs(self.stage_rad))])
+
+    def close(self, index: int, travel_mm: float) -> Close:
+        """What `close_fingers` carries out: candidate `index`, for `travel_mm` at most."""
+        item = self.candidates[index]
+        way = min(travel_mm, item.approach.travel_mm)
+        return Close(
+            item.finger_index,
+            item.approach.start_mm,
+            item.approach.direction_rad,
+            way,
+            float(self.stage_rad[index]),
+        )
 
     def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
-        """Whether two fingers keep apart, however far they come on their ways."""
-        if not len(others):
-            return np.ones(0, dtype=bool)
-        owner = np.array([item.finger_index for item in self.candidates])
-        ends = self._ends(others, travels_mm)
-        own = np.repeat(self._ends(np.array([one]), np.array([travel_mm])), len(others), axis=0)
-        base = np.repeat(self.bases[[one]], len(others), axis=0)
-        apart, _ = distance_range(base, own, self.bases[others], ends)
-        result: Bools = (apart > self.gap_mm) & (owner[others] != owner[one])
+        """Whether candidate `one`, going `travel_mm` at most, and each of `others` (n,) never come too near.
+
+        `travels_mm` (n,): how far the others go at most. False for the same finger and for another stage
+        angle. What fingers sweep up to their ends is compared, so their timing does not matter.
+        """
+        others = np.asarray(others, dtype=np.int64)
+        apart: Bools = self.finger[others] != self.finger[one]
+        result: Bools = apart & (self.stage_rad[others] == self.stage_rad[one])
+        theirs = self.swept.at(others, np.minimum(travels_mm, self._travels[others]))
+        alone = np.array([one])
+        mine = self.swept.at(alone, np.minimum(travel_mm, self._travels[alone]))
+        asked = result[theirs.owner]
+        near = gap_mm(theirs.of(asked), mine) < self.closing.clearance_mm
+        result[theirs.owner[asked][near]] = False
         return result
 
     def seconds(self, travels_mm: Floats) -> Floats:
-        """Rough time of each candidate."""
-        result: Floats = 5.0 + 2 * travels_mm / self.speed_mm_s
+        """Rough time (n,) that each candidate takes for a travel (n,): aim, close, touch twice, go back."""
+        closing = self.closing
+        there = np.asarray(travels_mm) / closing.approach_speed_mm_s
+        again = closing.back_off_mm * (1 / closing.approach_speed_mm_s + 1 / closing.touch_speed_mm_s)
+        result: Floats = self.aiming_s + 2 * there + again + _SETTLE_S
         return result
 
-    def close(self, index: int, travel_mm: float) -> Close:
-        """What closing carries out."""
-        return Close(self.candidates[index].finger_index, self.aims_rad[index], travel_mm)
-
-    def _ends(self, rows: Ints, travels_mm: Floats) -> Floats:
-        start = np.array([self.candidates[k].approach.start_mm for k in rows.tolist()])
-        angle = np.array([self.candidates[k].approach.direction_rad for k in rows.tolist()])
-        result: Floats = start + travels_mm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        return result
-
-    def of_finger(self, finger_index: int) -> list[int]:
-        """Indices of one finger's candidates, by ascending aim."""
-        return [k for k, item in enumerate(self.candidates) if item.finger_index == finger_index]
+    @property
+    def _travels(self) -> Floats:
+        return np.array([item.approach.travel_mm for item in self.candidates])
 
 
 def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
-    """Candidate approaches with `aims` evenly spaced aims of each finger."""
-    candidates: list[Candidate] = []
-    angles: list[float] = []
-    for index, spec in enumerate(rig.fingers):
-        kinematics = kinematics_of(spec)
-        wait = wait_distance_mm(spec, rig.workspace.radius_mm)
-        lo, hi = (math.radians(value) for value in spec.aim.range_deg)
-        for aim in np.linspace(lo, hi, aims):
-            travel = _travel_mm(spec, kinematics, float(aim), wait, rig.workspace.radius_mm)
-            if travel <= _MARGIN_MM:
-                continue
-            approach = Approach(
-                finger_of(spec),
-                kinematics.centre_mm(float(aim), wait),
-                kinematics.direction_rad(float(aim)),
-                travel,
-                kinematics.position_bound_mm(wait + travel) + 0.45,
-            )
-            candidates.append(Candidate(index, approach))
-            angles.append(float(aim))
-    bases = np.array([rig.fingers[item.finger_index].base_mm for item in candidates])
-    gap = 2 * max(f.tip.radius_mm for f in rig.fingers) + rig.closing.clearance_mm
-    return Reach(tuple(candidates), tuple(angles), bases, rig.closing.approach_speed_mm_s, gap)
+    """Every approach of every finger, with `aims` evenly spaced aims over each finger's free range.
+
+    With a turning stage, also at other stage angles. Raises InputError for a finger that has no room even
+    where it starts.
+    """
+    found = free_ways(rig, aims)
+    ways = [way for _, way in found]
+    return Reach(
+        tuple(Candidate(way.finger_index, _approach(rig, way, angle)) for angle, way in found),
+        np.array([way.finger_index for way in ways], dtype=np.int64),
+        np.array([angle for angle, _ in found]),
+        np.array([way.aiming_s + _turning_s(rig, angle) for angle, way in found]),
+        joined(ways),
+        rig.closing,
+    )
 
 
-def _travel_mm(
-    spec: FingerFile, kinematics: FingerKinematics, aim_rad: float, wait_mm: float, workspace_radius_mm: float
-) -> float:
-    """Travel until the tip has left the workspace on the far side, or the slide ends."""
-    angle = kinematics.direction_rad(aim_rad)
-    x, y = kinematics.base_mm
-    middle = -(x * math.cos(angle) + y * math.sin(angle))
-    miss = abs(x * math.sin(angle) - y * math.cos(angle))
-    if miss >= workspace_radius_mm:
-        return 0.0
-    far = middle + math.sqrt(workspace_radius_mm**2 - miss**2)
-    return min(far, spec.slide.range_mm[1] - _MARGIN_MM) - wait_mm
+def _turning_s(rig: RigFile, angle_rad: float) -> float:
+    """Rough time to turn the stage from 0."""
+    return 0.0 if rig.stage is None else abs(rig.stage.gear_ratio * angle_rad) / STAGE_SPEED_RAD_S
+
+
+def _approach(rig: RigFile, way: Way, stage_rad: float) -> Approach:
+    """The way in W for the planner, with a bound that holds for it as it will be carried out and measured."""
+    spec = rig.fingers[way.finger_index]
+    kinematics = kinematics_of(spec)
+    turn = planned_turn(rig.stage, stage_rad)
+    off = STREAM_TOLERANCE_RAD if spec.type == "two-link" else AIM_TOLERANCE_RAD
+    bound = 0.0
+    for travel in (0.0, way.travel_mm):
+        servos = kinematics.servos_rad(way.line, travel)
+        own = kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, off)
+        bound = max(bound, own + turn.position_bound_mm(way.line.point_mm(travel)))
+    line = turn.line(way.line)
+    return Approach(
+        finger_of(spec),
+        line.start_mm,
+        math.remainder(line.direction_rad, 2 * math.pi),
+        way.travel_mm,
+        bound + dent_allowance_mm(spec, rig.closing),
+    )

@@ -137,6 +137,11 @@ class Model:
     largest_current: int
     torque_per_current_nm_a: float
 
+    @property
+    def largest_current_a(self) -> float:
+        """Largest Current Limit in A."""
+        return self.largest_current * self.current_unit_a
+
 
 MODELS: tuple[Model, ...] = (
     Model("XM430-W350", 1020, 2.69e-3, 1193, 4.1 / 2.3),

@@ -101,6 +101,11 @@ class Servo:
         self._bus.write(self.dxl_id, ct.PROFILE_ACCELERATION, acceleration)
         self._bus.write(self.dxl_id, ct.PROFILE_VELOCITY, velocity)
 
+    def no_profile(self) -> None:
+        """Follow every goal at once, as streamed goals need it."""
+        self._bus.write(self.dxl_id, ct.PROFILE_ACCELERATION, 0)
+        self._bus.write(self.dxl_id, ct.PROFILE_VELOCITY, 0)
+
     def torque(self, *, on: bool) -> None:
         """Switch torque on or off."""
         self._bus.write(self.dxl_id, ct.TORQUE_ENABLE, int(on))

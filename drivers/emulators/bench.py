@@ -1,68 +1,33 @@
 """The emulated bench: fingers, a table and what stands on it, in one time.
 
 Joins the emulated servos and arrays. Every device calls `Bench.advance` before it answers; the bench then
-lets the mechanics catch up in steps of one millisecond and hands every streaming array its samples. A finger
-is an aim servo that turns a slide about a fixed base, and a slide servo that moves the tip along it; both act
-through play. The object does not move, and tips yield along their radius only.
-
-What the host is not told (`FingerTruth`) is drawn by whoever builds the bench and never leaves it.
+lets the mechanics catch up in steps of one millisecond and hands every streaming array its samples. The
+object does not move, and tips yield along their radius only. A turning stage, if any, carries all fingers.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.mechanics import (
+    ArmMechanics,
+    ArmTruth,
+    EmulatedStage,
+    FingerTruth,
+    Mechanics,
+    SlideMechanics,
+)
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.tip import Outline, Press, press, separation_mm
 
-__all__ = ["Bench", "EmulatedFinger", "FingerTruth"]
+__all__ = ["Bench", "EmulatedFinger"]
 
 Floats = NDArray[np.float64]
 
 _STEP_S = 1e-3
-_MM_PER_M = 1000.0
-
-
-@dataclass(frozen=True)
-class FingerTruth:
-    """How an emulated finger really is built, in W; mm, rad, N.
-
-    aim = heading + (servo − aim_zero_rad) / gear_ratio and distance = zero_mm + mm_per_rad · servo, with
-    servo angles as the shaft has them and `aim_play_rad` and `slide_play_mm` either way between the two.
-    `array_heading_rad`: where the array's middle looks, from the direction of travel.
-    """
-
-    base_mm: tuple[float, float]
-    heading_rad: float
-    height_mm: float
-    gear_ratio: float
-    aim_zero_rad: float
-    aim_play_rad: float
-    mm_per_rad: float
-    zero_mm: float
-    slide_play_mm: float
-    tip_radius_mm: float
-    stiffness_n_per_mm: float
-    array_heading_rad: float
-
-
-class _Play:
-    """A coupling with play: the driven side follows once the play is used up."""
-
-    def __init__(self, half: float, at: float) -> None:
-        self._half = half
-        self.at = at
-
-    def follow(self, driving: float) -> float:
-        if driving - self.at > self._half:
-            self.at = driving - self._half
-        elif driving - self.at < -self._half:
-            self.at = driving + self._half
-        return self.at
 
 
 class EmulatedFinger:
@@ -74,21 +39,22 @@ class EmulatedFinger:
 
     def __init__(
         self,
-        truth: FingerTruth,
-        aim: EmulatedServo,
-        slide: EmulatedServo,
+        truth: FingerTruth | ArmTruth,
+        servos: tuple[EmulatedServo, EmulatedServo],
         array: EmulatedArray,
         outline: Outline | None,
+        stage: EmulatedStage | None = None,
     ) -> None:
+        """`servos`: the one next to the base first. `stage`: what carries the base, None for the table."""
         self.truth = truth
         self.outline = outline
-        self.aim = aim
-        self.slide = slide
         self.array = array
         self.press: Press | None = None
         self.hardest_n = 0.0
-        self._aim_play = _Play(truth.aim_play_rad, self._aim_drive())
-        self._slide_play = _Play(truth.slide_play_mm, self._slide_drive())
+        self._stage = stage
+        self._mechanics: Mechanics = (
+            ArmMechanics(truth, *servos) if isinstance(truth, ArmTruth) else SlideMechanics(truth, *servos)
+        )
         self._free_centre = np.full(2, np.inf)
         self._free_mm = 0.0
         self._pressed_centre = np.full(2, np.inf)
@@ -99,28 +65,27 @@ class EmulatedFinger:
         self._free_centre = np.full(2, np.inf)
 
     @property
-    def direction_rad(self) -> float:
-        """True direction of the slide in W."""
-        return self._aim_play.at
+    def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
+        """The servo next to the base, and the other one."""
+        return self._mechanics.servos
+
+    @property
+    def facing_rad(self) -> float:
+        """True direction in W from which the array's heading counts."""
+        return self._mechanics.facing_rad + (self._stage.angle_rad if self._stage else 0.0)
 
     @property
     def centre_mm(self) -> Floats:
         """True position (2,) of the tip's axis in W."""
-        angle, distance = self._aim_play.at, self._slide_play.at
-        x, y = self.truth.base_mm
-        return np.array([x + distance * math.cos(angle), y + distance * math.sin(angle)])
+        centre = self._mechanics.centre_mm
+        return self._stage.place(centre) if self._stage else centre
 
     def step(self, dt_s: float) -> None:
         """Let servos, couplings and skin move on by `dt_s`."""
-        push = 0.0
-        if self.press is not None:
-            along = np.array([math.cos(self.direction_rad), math.sin(self.direction_rad)])
-            push = float(self.press.force_n @ along)
-        lever = self.truth.mm_per_rad / _MM_PER_M
-        self.slide.step(dt_s, push * lever)
-        self.aim.step(dt_s, 0.0)
-        self._aim_play.follow(self._aim_drive())
-        self._slide_play.follow(self._slide_drive())
+        force = None if self.press is None else self.press.force_n
+        if force is not None and self._stage:
+            force = self._stage.back(force)
+        self._mechanics.step(dt_s, force)
         self.press = None if self.outline is None else self._touch(self.outline)
         if self.press is not None:
             self.hardest_n = max(self.hardest_n, float(np.hypot(*self.press.force_n)))
@@ -131,13 +96,6 @@ class EmulatedFinger:
             self.array.sample(now, np.zeros((self.array.description.rows, self.array.description.cols)))
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
-
-    def _aim_drive(self) -> float:
-        truth = self.truth
-        return truth.heading_rad + (self.aim.shaft_rad - truth.aim_zero_rad) / truth.gear_ratio
-
-    def _slide_drive(self) -> float:
-        return self.truth.zero_mm + self.truth.mm_per_rad * self.slide.shaft_rad
 
     def _touch(self, outline: Outline) -> Press | None:
         # An outline that was further away than the tip has moved since cannot have been reached.
@@ -157,7 +115,7 @@ class EmulatedFinger:
         d = self.array.description
         columns = np.asarray(d.columns)
         pitch = columns[1] - columns[0]
-        middle = self.direction_rad + self.truth.array_heading_rad
+        middle = self.facing_rad + self.truth.array_heading_rad
         seen = (touch.angle - middle + math.pi) % (2 * math.pi) - math.pi
         slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(np.int64)
         on_array = (slot >= 0) & (slot < d.cols)
@@ -173,8 +131,9 @@ class EmulatedFinger:
 class Bench:
     """All fingers round one table, in one time."""
 
-    def __init__(self, fingers: Sequence[EmulatedFinger]) -> None:
+    def __init__(self, fingers: Sequence[EmulatedFinger], stage: EmulatedStage | None = None) -> None:
         self.fingers = tuple(fingers)
+        self.stage = stage
         self._steps = 0
 
     def advance(self, now: float) -> None:
@@ -186,9 +145,19 @@ class Bench:
         while self._steps < steps:
             self._sample_until((self._steps + 1) * _STEP_S)
             self._steps += 1
+            if self.stage is not None:
+                self.stage.step(_STEP_S, self._torque_nm(self.stage))
             for finger in self.fingers:
                 finger.step(_STEP_S)
         self._sample_until(now)
+
+    def _torque_nm(self, stage: EmulatedStage) -> float:
+        """What all touched tips together turn the ring with."""
+        return sum(
+            stage.torque_nm(finger.centre_mm, finger.press.force_n)
+            for finger in self.fingers
+            if finger.press is not None
+        )
 
     def _sample_until(self, now: float) -> None:
         for finger in self.fingers:

@@ -11,6 +11,7 @@ from palpate.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = shipped_rig().read_text(encoding="utf-8")
+ARMS = (ROOT / "examples" / "two-link-rig.toml").read_text(encoding="utf-8")
 REAL = (ROOT / "examples" / "real-rig.toml").read_text(encoding="utf-8")
 
 
@@ -41,10 +42,35 @@ def test_the_shipped_bench_is_emulated_and_has_three_fingers() -> None:
     assert [finger.heading_deg for finger in rig.fingers] == [270.0, 30.0, 150.0]
 
 
+def test_the_example_with_arms_is_emulated_and_has_three() -> None:
+    rig = load_rig(ROOT / "examples" / "two-link-rig.toml")
+    assert rig.emulated
+    assert [finger.type for finger in rig.fingers] == ["two-link"] * 3
+    ids = [[servo.dxl_id for servo in finger.servos.values()] for finger in rig.fingers]
+    assert ids == [[11, 12], [21, 22], [31, 32]]
+
+
 def test_the_example_of_a_real_rig_is_accepted() -> None:
     rig = load_rig(ROOT / "examples" / "real-rig.toml")
     assert not rig.emulated
     assert rig.fingers[1].slide.mm_per_turn == -100.53
+
+
+STAGED = changed(
+    BENCH,
+    "[search]",
+    """[stage]
+centre_mm = [0, 0]
+dxl_id = 1
+model = "XM430-W350"
+gear_ratio = 5.0
+range_deg = [-30.0, 30.0]
+backlash_deg = 0.02
+zero_deg = 180.0
+bound_deg = 0.02
+
+[search]""",
+)
 
 
 CASES = [
@@ -147,8 +173,99 @@ CASES = [
         'fingers[1].array.port ("left"): "mock://left" is an emulated port, but there is no [emulation]',
     ),
     (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[8, 150], [20, 150], [20, 170]]\n',
+        'obstacles[0].outline_mm ("post"): is 3 mm from finger "f1", retracted; closing.clearance_mm asks',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[100, 0], [110, 0]]\n',
+        'obstacles[0].outline_mm ("post"): has 2 values; it must have at least 3',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[90, 0], [100, 10], [100, 0], [90, 10]]\n',
+        'obstacles[0].outline_mm ("post"): intersects itself at (95, 5): edge 0 meets edge 2',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline_mm = [[90, 0], [90, 0], [100, 0], [90, 10]]\n',
+        'obstacles[0].outline_mm[1] ("post"): repeats point 0; leave one of them out',
+    ),
+    (
+        BENCH + 2 * '[[obstacles]]\nname = "post"\noutline_mm = [[90, 0], [100, 0], [90, 10]]\n',
+        'obstacles[1].name ("post"): obstacles[0] has this name already',
+    ),
+    (
+        BENCH + '[[obstacles]]\nname = "post"\noutline = [[90, 0], [100, 0], [90, 10]]\n',
+        'obstacles[0] ("post"): unknown key "outline"; did you mean "outline_mm"?',
+    ),
+    (
         changed(BENCH, "mock://bus", "/dev/ttyUSB0"),
         'bus.port: "/dev/ttyUSB0" is not an emulated port (mock://…), but there is an [emulation] table',
+    ),
+    (
+        changed(BENCH, 'name = "f2"', 'name = "f2"\ntype = "three-link"'),
+        'fingers[1].type ("f2"): is "three-link"; allowed: "slide", "two-link"',
+    ),
+    (
+        changed(BENCH, 'name = "f2"', 'name = "f2"\ntype = 2'),
+        'fingers[1].type ("f2"): is 2; allowed: "slide", "two-link"',
+    ),
+    (
+        changed(ARMS, 'type = "two-link"\n', ""),
+        'fingers[0] ("a1"): unknown key "shoulder"; did you mean "slide"?',
+    ),
+    (
+        changed(ARMS, "fingers.elbow", "fingers.elbwo"),
+        'fingers[0] ("a1"): unknown key "elbwo"; did you mean "elbow"?',
+    ),
+    (
+        changed(ARMS, "dxl_id = 12", "dxl_id = 11"),
+        'fingers[0].elbow.dxl_id ("a1"): 11 is the id of finger "a1" (shoulder) already; every servo',
+    ),
+    (
+        changed(ARMS, "gear_ratio = 3.0", "gear_ratio = 4.0"),
+        'fingers[0].shoulder.range_deg ("a1"): needs servo turns -0.16 to 1.16; this servo must stay',
+    ),
+    (
+        changed(ARMS, "range_deg = [24.0, 142.0]", "range_deg = [-24.0, 94.0]").replace(
+            "zero_deg = -69.0", "zero_deg = 75.0", 1
+        ),
+        'fingers[0].elbow.range_deg ("a1"): is [-24, 94]; the elbow bends one way, so that both are above 0',
+    ),
+    (
+        changed(ARMS, "range_deg = [24.0, 142.0]", "range_deg = [24.0, 130.0]"),
+        'fingers[0].elbow.range_deg ("a1"): is [24, 130]; with the tip where it waits, at (0, 117), the',
+    ),
+    (
+        changed(ARMS, "links_height_mm = 30.0", "links_height_mm = 9.0"),
+        'fingers[0].links.links_height_mm ("a1"): is 9, not above the tip\'s height_mm (10)',
+    ),
+    (
+        changed(ARMS, "upper_mm = 150.0", "upper_mm = 30.0"),
+        'fingers[0].links ("a1"): cannot put the tip where it waits, at (0, 117), 113 mm from the base',
+    ),
+    (
+        changed(ARMS, "base_mm = [0.0, 230.000]", "base_mm = [0.0, 100.0]"),
+        'fingers[0].base_mm ("a1"): is 100 mm from the origin; the base must stand outside of the workspace',
+    ),
+    (
+        changed(ARMS, "joint_backlash_deg = 0.02", "joint_backlash_deg = 0.03"),
+        "emulation.joint_backlash_deg: is 0.03, beyond the bound fingers[0].shoulder.backlash_deg = 0.02;",
+    ),
+    (
+        changed(STAGED, "dxl_id = 1\n", "dxl_id = 11\n"),
+        'fingers[0].aim.dxl_id ("f1"): 11 is the id of the stage already; every servo on the bus',
+    ),
+    (
+        changed(STAGED, "range_deg = [-30.0, 30.0]", "range_deg = [5.0, 30.0]"),
+        "stage.range_deg: is [5, 30]; it must contain 0, where the stage starts",
+    ),
+    (
+        changed(STAGED, "range_deg = [-30.0, 30.0]", "range_deg = [-40.0, 30.0]"),
+        "stage.range_deg: needs servo turns -0.06 to 0.92; this servo must stay within 0 … 1",
+    ),
+    (changed(STAGED, "[stage]", "[stages]"), 'unknown key "stages"; did you mean "stage"?'),
+    (
+        changed(STAGED, "offset_counts", "stage_error_deg = 0.1\noffset_counts"),
+        "emulation.stage_error_deg: is 0.1, beyond the bound stage.bound_deg = 0.02; widen the bound",
     ),
     (changed(BENCH, 'name = "bench"', "name = bench"), "not valid TOML: line 5, column 8: "),
     (changed(BENCH, 'name = "bench"', 'name = "a"\nname = "b"'), "not valid TOML: line 6, column 11: "),
@@ -179,8 +296,9 @@ def test_every_key_of_a_rig_is_described() -> None:
         found = []
         for key, value in properties.items():
             inner = value.get("items", value)
-            deeper = undescribed(inner, f"{path}{key}.") if "properties" in inner else []
-            found += deeper if "properties" in inner or "description" in value else [path + key]
+            tables = [option for option in inner.get("oneOf", [inner]) if "properties" in option]
+            deeper = [line for table in tables for line in undescribed(table, f"{path}{key}.")]
+            found += deeper if tables or "description" in value else [path + key]
         return found
 
     assert undescribed(json.loads(schema_text("rig")), "") == ["format", "name", "fingers.name"]
@@ -194,9 +312,10 @@ def test_every_key_of_a_rig_is_explained_in_the_docs() -> None:
         assert isinstance(properties, dict)
         leaves: set[str] = set()
         for key, value in properties.items():
-            options = [value, value.get("items", {}), *value.get("anyOf", [])]
+            listed = value.get("items", {})
+            options = [value, listed, *value.get("anyOf", []), *listed.get("oneOf", [])]
             inner = [option for option in options if "properties" in option]
-            leaves |= keys(inner[0]) if inner else {key}
+            leaves |= set().union(*map(keys, inner)) if inner else {key}
         return leaves
 
     known = keys(json.loads(schema_text("rig")))

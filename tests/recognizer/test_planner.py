@@ -121,7 +121,7 @@ def test_predictions_enclose_simulated_stops_and_normals(seed: int) -> None:
 
 
 def test_a_prediction_that_ends_is_in_the_exact_pockets_of_its_edge() -> None:
-    """Where one edge must be met, the approach is in the exact pocket of the point that is met (memo §3.2)."""
+    """Where one edge must be met, the approach is in the exact pocket of the point met (memo §3.2)."""
     checked = 0
     for seed in range(12):
         models, found = some_recognition(seed)

@@ -5,18 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
-from emulated_session import EmulatedSession, angle_in, emulated_session, shape_of
+from emulated_session import EmulatedSession, emulated_session, shape_of
+from touch_check import check_touch
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
-from palpate.drivers.tactile.contact import PatchFlag
 from palpate.recognizer.segments import distance_range
 from palpate.rig.bench import connect
 from palpate.rig.closing import Close, Stage, Touch
 from palpate.rig.reach import reach_of
 
 SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
-SEVERAL = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
 
 def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[Close]:
@@ -26,7 +24,7 @@ def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[Clos
     for index in range(len(session.rig.fingers)):
         own = reach.of_finger(index)
         k = int(np.clip(rng.normal(len(own) / 2, len(own) / 8), 0, len(own) - 1))
-        closes.append(Close(index, reach.aims_rad[own[k]], reach.candidates[own[k]].approach.travel_mm))
+        closes.append(reach.close(own[k], reach.candidates[own[k]].approach.travel_mm))
     return closes
 
 
@@ -39,39 +37,6 @@ def gaps_mm(session: EmulatedSession) -> list[float]:
             apart, _ = distance_range(base, tip, other_base, other_tip)
             gaps.append(float(apart[0]) - one.tip_radius_mm - other.tip_radius_mm)
     return gaps
-
-
-def check_touch(shape: shapely.Polygon, touch: Touch, centre: np.ndarray, radius: float) -> None:
-    """Compare one touch with the true section and the true centre of the tip while it was measured."""
-    contact = touch.contact
-    way = shapely.LineString([contact.start_mm, contact.end_mm])
-    assert way.distance(shape) >= radius - contact.path_bound_mm
-    if not contact.touched:
-        return
-    assert touch.patch is not None
-    tip = shapely.Point(centre)
-    nearest = shape.boundary.interpolate(shape.boundary.project(tip))
-    outward = np.array([tip.x - nearest.x, tip.y - nearest.y])
-    if shape.contains(tip):
-        outward = -outward
-    just_touching = np.array([nearest.x, nearest.y]) + radius * outward / np.hypot(*outward)
-    # A tip in a notch touches twice; then the nearer edge need not be the one that was measured.
-    alone = shapely.Point(just_touching).distance(shape) > radius - 1e-6 and not touch.patch.flags & SEVERAL
-    if alone:
-        assert math.dist(contact.end_mm, just_touching) <= contact.position_bound_mm
-        if contact.normal is not None:
-            angle = math.atan2(outward[1], outward[0])
-            assert angle_in(angle, contact.normal.lo_rad, contact.normal.hi_rad)
-        return
-    where = shapely.Point(contact.end_mm).buffer(contact.position_bound_mm)
-    near = shape.buffer(radius, quad_segs=128).boundary.intersection(where)
-    assert not near.is_empty
-    if contact.normal is not None:
-        found = []
-        for point in shapely.get_coordinates(shapely.segmentize(near, 0.02)):
-            foot = shape.boundary.interpolate(shape.boundary.project(shapely.Point(point)))
-            found.append(math.atan2(point[1] - foot.y, point[0] - foot.x))
-        assert any(angle_in(angle, contact.normal.lo_rad, contact.normal.hi_rad) for angle in found)
 
 
 def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:

@@ -163,7 +163,7 @@ def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
             self.at = slide.shaft_rad
 
     clamp = Clamp()
-    session.bench.fingers[0].slide.step = clamp.step  # type: ignore[method-assign]
+    session.bench.fingers[0].servos[1].step = clamp.step  # type: ignore[method-assign]
     error = failing(session, tmp_path, Stage.CLOSING, 1.0, clamp.shut)
     assert isinstance(error, SafetyStop)
     assert "finger f1 is held" in str(error)

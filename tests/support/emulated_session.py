@@ -92,7 +92,10 @@ class EmulatedSession:
 
     @property
     def servos(self) -> dict[int, EmulatedServo]:
-        return {s.dxl_id: s for finger in self.bench.fingers for s in (finger.aim, finger.slide)}
+        found = {s.dxl_id: s for finger in self.bench.fingers for s in finger.servos}
+        if self.bench.stage is not None:
+            found[self.bench.stage.servo.dxl_id] = self.bench.stage.servo
+        return found
 
     def torque(self) -> dict[int, bool]:
         """Torque Enable of every servo, from its own control table."""
@@ -134,8 +137,9 @@ class EmulatedSession:
         reach = reach_of(self.rig)
         closes = []
         for index in range(len(self.rig.fingers)):
-            best = min(reach.of_finger(index), key=lambda k: abs(reach.aims_rad[k]))
-            closes.append(Close(index, reach.aims_rad[best], reach.candidates[best].approach.travel_mm))
+            own = reach.of_finger(index)
+            best = own[len(own) // 2]
+            closes.append(reach.close(best, reach.candidates[best].approach.travel_mm))
         return closes
 
 

@@ -1,0 +1,262 @@
+"""The fingers of a rig file: what each is made of. `rig_file` puts them together.
+
+A finger is of one of two types: "slide", an aim that turns a slide, or "two-link", an arm with a shoulder and
+an elbow. The values keep the file's units: mm, degrees, N.
+"""
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+
+from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text, in_order
+from palpate.config.problems import TAG, problem
+
+__all__ = [
+    "AimServo",
+    "AngleRange",
+    "AnyFinger",
+    "ArmFinger",
+    "Array",
+    "Bounds",
+    "DxlId",
+    "Finger",
+    "JointServo",
+    "Links",
+    "Ratio",
+    "ServoModel",
+    "Share",
+    "SlideServo",
+    "Tip",
+    "check_one_turn",
+]
+
+_TURNS = 256
+"""Turns either way in Extended Position Control Mode (e-Manual, Operating Mode (11))."""
+
+ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
+DxlId = Annotated[int, Field(strict=True, ge=0, le=252)]
+Angle = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-360, le=360)]
+Share = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)]
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise problem("is 0; it must not be")
+    return value
+
+
+Ratio = Annotated[
+    float, Field(strict=True, allow_inf_nan=False, ge=-1000, le=1000), AfterValidator(_not_zero)
+]
+AngleRange = Annotated[tuple[Angle, Angle], AfterValidator(in_order)]
+LengthRange = Annotated[tuple[Length, Length], AfterValidator(in_order)]
+
+
+class AimServo(FileModel):
+    """The servo that turns the slide about the finger's base: servo angle = zero_deg + gear_ratio · aim."""
+
+    dxl_id: DxlId = Field(description="ID on the bus.")
+    model: ServoModel = Field(description="Model as printed on the servo.")
+    gear_ratio: Ratio = Field(
+        description="Servo turns per turn of the slide; negative if they turn opposite ways."
+    )
+    range_deg: AngleRange = Field(description="[lo, hi] of the aim, counter-clockwise from heading_deg.")
+    backlash_deg: Length = Field(
+        description="Bound: the aim is off by at most this through play, either way."
+    )
+    zero_deg: Number = Field(description="Servo angle at aim 0, from its Goal Position 0.")
+
+    @model_validator(mode="after")
+    def _within_the_servo(self) -> Self:
+        turns = [(self.zero_deg + self.gear_ratio * aim) / 360 for aim in self.range_deg]
+        _check_turns(turns, "range_deg")
+        return self
+
+
+class SlideServo(FileModel):
+    """The servo that moves the tip: distance from base = zero_mm + mm_per_turn · servo turns."""
+
+    dxl_id: DxlId = Field(description="ID on the bus.")
+    model: ServoModel = Field(description="Model as printed on the servo.")
+    mm_per_turn: Ratio = Field(
+        description="Travel per servo turn; negative if growing angles retract the tip."
+    )
+    range_mm: LengthRange = Field(description="[lo, hi] of the distance from base to tip centre.")
+    backlash_mm: Length = Field(
+        description="Bound: the distance is off by at most this through play, either way."
+    )
+    zero_mm: Number = Field(description="Distance at Goal Position 0.")
+
+    @model_validator(mode="after")
+    def _within_the_servo(self) -> Self:
+        turns = [(distance - self.zero_mm) / self.mm_per_turn for distance in self.range_mm]
+        _check_turns(turns, "range_mm")
+        # After power-up a servo knows its angle within one turn, so the finger must start in that one.
+        if not 0 <= turns[0] < 1:
+            raise problem(
+                f"is {self.zero_mm:g}: retracted, at {self.range_mm[0]:g} mm, the servo would stand at turn "
+                f"{turns[0]:.2f}; it must be in 0 … 1, because a servo starts within one turn",
+                "zero_mm",
+            )
+        return self
+
+
+class Tip(FileModel):
+    """The cylindrical fingertip."""
+
+    radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
+    stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
+    stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
+
+
+class Array(FileModel):
+    """The tactile array round the tip."""
+
+    port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
+    baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
+    protocol: Literal["palpate"] = Field(
+        description='What the array speaks; "palpate" is docs/tactile-protocol.md.'
+    )
+    gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
+    heading_deg: Angle = Field(
+        default=0.0,
+        description="Where the array's middle looks, from the slide's or the arm's last link's direction.",
+    )
+    coverage_deg: Annotated[Positive, Field(le=360)] = Field(
+        default=270.0, description="How much of the tip's circumference has taxels."
+    )
+
+
+class Bounds(FileModel):
+    """How well the finger's place is known."""
+
+    base_mm: Length = Field(description="Bound: the base is within this distance of base_mm.")
+    heading_deg: Annotated[Length, Field(le=45)] = Field(
+        description="Bound: the heading is off by at most this."
+    )
+
+
+class Finger(FileModel):
+    """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
+
+    type: Literal["slide"] = Field(default="slide", description='"slide": an aim and a slide.')
+    name: Name
+    base_mm: Point = Field(description="[x, y] of the aim axis in the support-plane frame W.")
+    heading_deg: Angle = Field(description="Direction of the slide at aim 0, counter-clockwise from +x of W.")
+    height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
+    aim: AimServo
+    slide: SlideServo
+    tip: Tip
+    array: Array
+    bounds: Bounds
+
+    @property
+    def servos(self) -> dict[str, AimServo | SlideServo]:
+        """Both servos by their keys, the one next to the base first."""
+        return {"aim": self.aim, "slide": self.slide}
+
+
+class JointServo(FileModel):
+    """The servo of an arm's joint: servo angle = zero_deg + gear_ratio · joint angle."""
+
+    dxl_id: DxlId = Field(description="ID on the bus.")
+    model: ServoModel = Field(description="Model as printed on the servo.")
+    gear_ratio: Ratio = Field(
+        description="Servo turns per turn of the joint; negative if they turn opposite ways."
+    )
+    range_deg: AngleRange = Field(description="[lo, hi] of the joint's angle.")
+    backlash_deg: Length = Field(
+        description="Bound: the joint is off by at most this through play, either way."
+    )
+    zero_deg: Number = Field(description="Servo angle at joint angle 0, from its Goal Position 0.")
+
+    @model_validator(mode="after")
+    def _within_one_turn(self) -> Self:
+        check_one_turn(self.gear_ratio, self.zero_deg, self.range_deg)
+        return self
+
+
+class Links(FileModel):
+    """The two links of an arm, which pass above the parts; the tip hangs down from the end of the second."""
+
+    upper_mm: Positive = Field(description="From the shoulder's axis to the elbow's.")
+    fore_mm: Positive = Field(description="From the elbow's axis to the tip's.")
+    bound_mm: Length = Field(description="Bound: each length is off by at most this.")
+    width_mm: Positive = Field(description="Width of the links, seen from above.")
+    links_height_mm: Positive = Field(
+        description="Underside of the links above the support plane; parts must be lower."
+    )
+
+
+class ArmFinger(FileModel):
+    """One finger: an arm of two links, turned by a shoulder servo at the base and an elbow servo."""
+
+    type: Literal["two-link"] = Field(description='"two-link": an arm with a shoulder and an elbow.')
+    name: Name = Field(description="How reports and messages call it.")
+    base_mm: Point = Field(description="[x, y] of the shoulder's axis in the support-plane frame W.")
+    heading_deg: Angle = Field(
+        description="Direction of the first link at shoulder angle 0, counter-clockwise from +x of W."
+    )
+    height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
+    shoulder: JointServo
+    elbow: JointServo
+    links: Links
+    tip: Tip
+    array: Array
+    bounds: Bounds
+
+    @model_validator(mode="after")
+    def _bends_one_way(self) -> Self:
+        lo, hi = self.elbow.range_deg
+        if lo <= 0 <= hi or max(abs(lo), abs(hi)) > 180:
+            raise problem(
+                f"is [{lo:g}, {hi:g}]; the elbow bends one way, so that both are above 0 or both below, "
+                "and by 180 at most",
+                *("elbow", "range_deg"),
+            )
+        if self.height_mm >= self.links.links_height_mm:
+            raise problem(
+                f"is {self.links.links_height_mm:g}, not above the tip's height_mm ({self.height_mm:g})",
+                *("links", "links_height_mm"),
+            )
+        return self
+
+    @property
+    def servos(self) -> dict[str, JointServo]:
+        """Both servos by their keys, the one next to the base first."""
+        return {"shoulder": self.shoulder, "elbow": self.elbow}
+
+
+def _kind(value: Any) -> str | None:
+    kind = value.get("type", "slide") if isinstance(value, dict) else getattr(value, "type", "slide")
+    return TAG + kind if isinstance(kind, str) else None
+
+
+AnyFinger = Annotated[
+    Annotated[Finger, Tag(TAG + "slide")] | Annotated[ArmFinger, Tag(TAG + "two-link")],
+    Discriminator(
+        _kind,
+        custom_error_type="finger_type",
+        custom_error_message="type",
+    ),
+]
+"""A finger of either type, by its key `type`."""
+
+
+def check_one_turn(gear_ratio: float, zero_deg: float, range_deg: tuple[float, float]) -> None:
+    """Refuse a range that leaves the one turn within which a servo knows its angle at power-up."""
+    turns = [(zero_deg + gear_ratio * angle) / 360 for angle in range_deg]
+    if min(turns) < 0 or max(turns) >= 1:
+        raise problem(
+            f"needs servo turns {min(turns):.2f} to {max(turns):.2f}; this servo must stay within 0 … 1, "
+            "because it knows its angle within one turn when it starts",
+            "range_deg",
+        )
+
+
+def _check_turns(turns: list[float], key: str) -> None:
+    if max(abs(turn) for turn in turns) > _TURNS:
+        raise problem(
+            f"needs servo turns {min(turns):.0f} to {max(turns):.0f}; a servo reaches {_TURNS} either way",
+            key,
+        )

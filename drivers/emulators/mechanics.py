@@ -1,0 +1,251 @@
+"""What emulated servos move: slides, arms and a turning stage, with play, and forces back onto the shafts.
+
+Between the emulated servos and the tips of the bench. Each kind of mechanics says where the tip really is. It
+is written from drawings of the mechanics, not from the host's kinematics, so that the two check each other.
+What the host is not told (the `…Truth` values) is drawn by whoever builds the bench and never leaves it.
+"""
+
+import cmath
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.emulators.servo import EmulatedServo
+
+__all__ = [
+    "ArmMechanics",
+    "ArmTruth",
+    "EmulatedStage",
+    "FingerTruth",
+    "JointTruth",
+    "Mechanics",
+    "SlideMechanics",
+]
+
+Floats = NDArray[np.float64]
+
+_MM_PER_M = 1000.0
+
+
+@dataclass(frozen=True)
+class FingerTruth:
+    """How an emulated aim + slide finger really is built; mm, rad, N.
+
+    aim = heading + (servo − aim_zero_rad) / gear_ratio and distance = zero_mm + mm_per_rad · servo, with
+    servo angles as the shaft has them and `aim_play_rad` and `slide_play_mm` either way between the two.
+    `array_heading_rad`: where the array's middle looks, from the direction of travel.
+    """
+
+    base_mm: tuple[float, float]
+    heading_rad: float
+    height_mm: float
+    gear_ratio: float
+    aim_zero_rad: float
+    aim_play_rad: float
+    mm_per_rad: float
+    zero_mm: float
+    slide_play_mm: float
+    tip_radius_mm: float
+    stiffness_n_per_mm: float
+    array_heading_rad: float
+
+
+@dataclass(frozen=True)
+class JointTruth:
+    """A joint behind a gear: joint angle = (servo − zero_rad) / gear_ratio, with play either way."""
+
+    gear_ratio: float
+    zero_rad: float
+    play_rad: float
+
+
+@dataclass(frozen=True)
+class ArmTruth:
+    """How an emulated two-link arm really is built; mm, rad, N.
+
+    The shoulder's angle counts from `heading_rad`, the elbow's from the first link. `array_heading_rad`:
+    where the array's middle looks, from the second link's direction.
+    """
+
+    base_mm: tuple[float, float]
+    heading_rad: float
+    height_mm: float
+    upper_mm: float
+    fore_mm: float
+    shoulder: JointTruth
+    elbow: JointTruth
+    tip_radius_mm: float
+    stiffness_n_per_mm: float
+    array_heading_rad: float
+
+
+class Mechanics(Protocol):
+    """Two servos and what they move."""
+
+    @property
+    def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
+        """The servo next to the base, and the other one."""
+        ...
+
+    @property
+    def facing_rad(self) -> float:
+        """True direction from which the array's heading counts."""
+        ...
+
+    @property
+    def centre_mm(self) -> Floats:
+        """True position (2,) of the tip's axis."""
+        ...
+
+    def step(self, dt_s: float, force_n: Floats | None) -> None:
+        """Let servos and couplings move on, with a force (2,) on the tip."""
+        ...
+
+
+class _Play:
+    """A coupling with play: the driven side follows once the play is used up."""
+
+    def __init__(self, half: float, at: float) -> None:
+        self._half = half
+        self.at = at
+
+    def follow(self, driving: float) -> float:
+        if driving - self.at > self._half:
+            self.at = driving - self._half
+        elif driving - self.at < -self._half:
+            self.at = driving + self._half
+        return self.at
+
+
+class SlideMechanics:
+    """An aim servo that turns a slide about a fixed base, and a slide servo that moves the tip along it."""
+
+    def __init__(self, truth: FingerTruth, aim: EmulatedServo, slide: EmulatedServo) -> None:
+        self._truth = truth
+        self._aim = aim
+        self._slide = slide
+        self._aim_play = _Play(truth.aim_play_rad, self._aim_drive())
+        self._slide_play = _Play(truth.slide_play_mm, self._slide_drive())
+
+    @property
+    def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
+        """Aim and slide."""
+        return self._aim, self._slide
+
+    @property
+    def facing_rad(self) -> float:
+        """True direction of the slide."""
+        return self._aim_play.at
+
+    @property
+    def centre_mm(self) -> Floats:
+        """True position (2,) of the tip's axis."""
+        angle, distance = self._aim_play.at, self._slide_play.at
+        x, y = self._truth.base_mm
+        return np.array([x + distance * math.cos(angle), y + distance * math.sin(angle)])
+
+    def step(self, dt_s: float, force_n: Floats | None) -> None:
+        """Move on; the force loads the slide only."""
+        push = 0.0
+        if force_n is not None:
+            along = np.array([math.cos(self.facing_rad), math.sin(self.facing_rad)])
+            push = float(force_n @ along)
+        self._slide.step(dt_s, push * self._truth.mm_per_rad / _MM_PER_M)
+        self._aim.step(dt_s, 0.0)
+        self._aim_play.follow(self._aim_drive())
+        self._slide_play.follow(self._slide_drive())
+
+    def _aim_drive(self) -> float:
+        truth = self._truth
+        return truth.heading_rad + (self._aim.shaft_rad - truth.aim_zero_rad) / truth.gear_ratio
+
+    def _slide_drive(self) -> float:
+        return self._truth.zero_mm + self._truth.mm_per_rad * self._slide.shaft_rad
+
+
+class ArmMechanics:
+    """Two links in a row, each behind a gear with play. Places are complex numbers here: x + iy."""
+
+    def __init__(self, truth: ArmTruth, shoulder: EmulatedServo, elbow: EmulatedServo) -> None:
+        self._truth = truth
+        self._servos = (shoulder, elbow)
+        self._joints = (truth.shoulder, truth.elbow)
+        self._plays = tuple(_Play(joint.play_rad, self._drive(k)) for k, joint in enumerate(self._joints))
+
+    @property
+    def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
+        """Shoulder and elbow."""
+        return self._servos
+
+    @property
+    def facing_rad(self) -> float:
+        """True direction of the second link."""
+        return self._truth.heading_rad + self._plays[0].at + self._plays[1].at
+
+    @property
+    def centre_mm(self) -> Floats:
+        """True position (2,) of the tip's axis."""
+        tip = complex(*self._truth.base_mm) + self._upper() + self._fore()
+        return np.array([tip.real, tip.imag])
+
+    def step(self, dt_s: float, force_n: Floats | None) -> None:
+        """Move on; the force turns both joints by its levers (the Jacobian's transpose)."""
+        force = 0j if force_n is None else complex(*force_n)
+        fore = self._fore()
+        arms = (self._upper() + fore, fore)
+        for servo, joint, arm, play, k in zip(
+            self._servos, self._joints, arms, self._plays, (0, 1), strict=True
+        ):
+            torque = (arm.conjugate() * force).imag / _MM_PER_M
+            servo.step(dt_s, torque / joint.gear_ratio)
+            play.follow(self._drive(k))
+
+    def _upper(self) -> complex:
+        return cmath.rect(self._truth.upper_mm, self._truth.heading_rad + self._plays[0].at)
+
+    def _fore(self) -> complex:
+        return cmath.rect(self._truth.fore_mm, self.facing_rad)
+
+    def _drive(self, k: int) -> float:
+        return (self._servos[k].shaft_rad - self._joints[k].zero_rad) / self._joints[k].gear_ratio
+
+
+class EmulatedStage:
+    """A ring that carries all fingers and turns about a centre, behind a gear with play."""
+
+    def __init__(self, centre_mm: tuple[float, float], joint: JointTruth, servo: EmulatedServo) -> None:
+        self.servo = servo
+        self._centre = complex(*centre_mm)
+        self._joint = joint
+        self._play = _Play(joint.play_rad, self._drive())
+
+    @property
+    def angle_rad(self) -> float:
+        """True angle of the ring."""
+        return self._play.at
+
+    def place(self, point_mm: Floats) -> Floats:
+        """A point (2,) of the ring in W."""
+        turned = (complex(*point_mm) - self._centre) * cmath.rect(1.0, self.angle_rad) + self._centre
+        return np.array([turned.real, turned.imag])
+
+    def back(self, vector: Floats) -> Floats:
+        """A vector (2,) of W as the ring sees it."""
+        turned = complex(*vector) * cmath.rect(1.0, -self.angle_rad)
+        return np.array([turned.real, turned.imag])
+
+    def torque_nm(self, point_mm: Floats, force_n: Floats) -> float:
+        """Torque about the centre of a force (2,) that acts at a point (2,), both in W."""
+        arm = complex(*point_mm) - self._centre
+        return (arm.conjugate() * complex(*force_n)).imag / _MM_PER_M
+
+    def step(self, dt_s: float, torque_nm: float) -> None:
+        """Move on, with a torque on the ring."""
+        self.servo.step(dt_s, torque_nm / self._joint.gear_ratio)
+        self._play.follow(self._drive())
+
+    def _drive(self) -> float:
+        return (self.servo.shaft_rad - self._joint.zero_rad) / self._joint.gear_ratio

@@ -1,0 +1,95 @@
+"""Kinematics of an aim + slide finger: an aim turns a slide about a fixed base, the slide moves the tip.
+
+One of the kinds of `finger`. The bounds add up everything that is known only to within a tolerance: base,
+heading, play and encoder steps.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.drivers.finger import TICK_RAD, Body, Line, Servos
+
+__all__ = ["SlideKinematics"]
+
+
+@dataclass(frozen=True)
+class SlideKinematics:
+    """Aim + slide finger; mm, rad. Servo angles count from Goal Position 2048 (e-Manual).
+
+    aim = (servo − aim_zero_rad) / gear_ratio, measured from `heading_rad`; distance of the tip's centre from
+    the base = zero_mm + mm_per_rad · servo. The `…_bound_…` fields are how far each may be off, either way.
+    """
+
+    base_mm: tuple[float, float]
+    heading_rad: float
+    gear_ratio: float
+    aim_zero_rad: float
+    mm_per_rad: float
+    zero_mm: float
+    base_bound_mm: float
+    heading_bound_rad: float
+    aim_play_rad: float
+    slide_play_mm: float
+
+    @property
+    def direction_bound_rad(self) -> float:
+        """How far the true direction of travel may be from the computed one."""
+        return self.heading_bound_rad + self.aim_play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
+
+    @property
+    def distance_bound_mm(self) -> float:
+        """How far the true distance from the base may be from the computed one."""
+        return self.slide_play_mm + abs(self.mm_per_rad) * TICK_RAD / 2
+
+    def aim_servo_rad(self, aim_rad: float) -> float:
+        """Servo angle for an aim."""
+        return self.aim_zero_rad + self.gear_ratio * aim_rad
+
+    def slide_servo_rad(self, distance_mm: float) -> float:
+        """Servo angle for a distance of the tip's centre from the base."""
+        return (distance_mm - self.zero_mm) / self.mm_per_rad
+
+    def distance_mm(self, servo_rad: float) -> float:
+        """Distance of the tip's centre from the base for a servo angle."""
+        return self.zero_mm + self.mm_per_rad * servo_rad
+
+    def line(self, aim_rad: float, distance_mm: float) -> Line:
+        """The way along the slide at an aim, from a distance on."""
+        angle = self.heading_rad + aim_rad
+        x, y = self.base_mm
+        return Line((x + distance_mm * math.cos(angle), y + distance_mm * math.sin(angle)), angle)
+
+    def servos_rad(self, line: Line, travel_mm: float) -> Servos:
+        """Aim and slide; the line must pass through the base, as all of a slide's do."""
+        turn = line.direction_rad - self.heading_rad
+        aim = (turn + math.pi) % (2 * math.pi) - math.pi
+        distance = Line(self.base_mm, line.direction_rad).travel_mm(line.point_mm(travel_mm))
+        return self.aim_servo_rad(aim), self.slide_servo_rad(distance)
+
+    def centre_mm(self, servos_rad: Servos) -> tuple[float, float]:
+        """Tip's centre."""
+        return self._along(servos_rad[0]).point_mm(self.distance_mm(servos_rad[1]))
+
+    def facing_rad(self, servos_rad: Servos) -> float:
+        """Direction of travel: the slide's."""
+        return self._along(servos_rad[0]).direction_rad
+
+    def position_bound_mm(self, servos_rad: Servos) -> float:
+        """How far the true centre may be from `centre_mm`: along the slide and across it."""
+        across = self.distance_mm(servos_rad[1]) * self.direction_bound_rad
+        return self.base_bound_mm + math.hypot(self.distance_bound_mm, across)
+
+    def strayed_mm(self, servos_rad: Servos, off_rad: float) -> float:
+        """The aim keeps the tip on its line: its error by the distance."""
+        return abs(self.distance_mm(servos_rad[1])) * off_rad / abs(self.gear_ratio)
+
+    def body(self, servos_rad: Servos, tip_radius_mm: float) -> Body:
+        """From base to tip, as wide as the tip."""
+        tip = self.centre_mm(servos_rad)
+        return Body(np.array([self.base_mm]), np.array([tip]), np.array([tip_radius_mm]))
+
+    def _along(self, aim_servo_rad: float) -> Line:
+        aim = (aim_servo_rad - self.aim_zero_rad) / self.gear_ratio
+        return Line(self.base_mm, self.heading_rad + aim)

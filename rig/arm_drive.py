@@ -1,0 +1,181 @@
+"""How a two-link arm is moved: goals of both servos, streamed along the way. One of the kinds of `drives`.
+
+The servos have no profile of their own; every sample period they get the place where the tip should be by
+then, on a straight line or on the circle where tips wait, with a ramp at either end. Both servos lag behind
+their goals by the same time, so the lag does not bend the way.
+
+No finger may press harder than max_force_n: both servos' Goal Currents are the largest that cannot exceed it
+in any posture of the next stretch of the way (`ArmKinematics.largest_torques_nm`), set before it begins.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.config import Closing
+from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.finger import Line, Servos
+from palpate.drivers.two_link import ArmKinematics
+from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Goals
+from palpate.rig.waiting import on_circle
+
+__all__ = ["ArmDrive"]
+
+_ACCELERATION_MM_S2 = 100.0
+_STRETCH_MM = 8.0
+_LAG_MM = 4.0
+_POSTURES = 4  # looked at in a stretch
+
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """A way of some length: `place` by travel, begun at `begun_s`, with a ramp up and down."""
+
+    place: Callable[[float], Place]
+    length_mm: float
+    speed_mm_s: float
+    begun_s: float
+
+    @property
+    def duration_s(self) -> float:
+        """Time from standing still to standing still."""
+        top = self._top_mm_s
+        return top / _ACCELERATION_MM_S2 + (self.length_mm / top if top > 0 else 0.0)
+
+    def travel_mm(self, now: float) -> float:
+        """How far the tip should be."""
+        after = min(max(now - self.begun_s, 0.0), self.duration_s)
+        left = self.duration_s - after
+        ramp = self._top_mm_s / _ACCELERATION_MM_S2
+        if after < ramp:
+            return _ACCELERATION_MM_S2 * after**2 / 2
+        if left < ramp:
+            return self.length_mm - _ACCELERATION_MM_S2 * left**2 / 2
+        return self._top_mm_s * (after - ramp / 2)
+
+    @property
+    def _top_mm_s(self) -> float:
+        return min(self.speed_mm_s, math.sqrt(_ACCELERATION_MM_S2 * self.length_mm))
+
+
+class ArmDrive:
+    """Both servos in current-based position mode, with streamed goals."""
+
+    streams = True
+
+    def __init__(
+        self, shoulder: Servo, elbow: Servo, kinematics: ArmKinematics, wait_mm: float, force_n: float
+    ) -> None:
+        """`wait_mm`: radius of the circle where the tip waits; `force_n`: it never presses harder."""
+        self._servos = (shoulder, elbow)
+        self._kinematics = kinematics
+        self._wait_mm = wait_mm
+        self._force_n = force_n
+        self._motion: _Motion | None = None
+        self._limited_mm = 0.0
+
+    @property
+    def servos(self) -> tuple[Servo, Servo]:
+        """Shoulder and elbow."""
+        return self._servos
+
+    @property
+    def closing_servos(self) -> tuple[Servo, ...]:
+        """Both."""
+        return self._servos
+
+    def prepare(self, closing: Closing) -> None:  # noqa: ARG002 - the force is known already
+        """Write modes and limits; until a way begins, currents are those for where the arm must start."""
+        k = self._kinematics
+        levers = k.upper_mm + k.fore_mm, k.fore_mm
+        joints = k.shoulder, k.elbow
+        for servo, joint, lever in zip(self._servos, joints, levers, strict=True):
+            torque = self._force_n * lever / 1000 / abs(joint.gear_ratio)
+            current = min(torque / servo.model.torque_per_current_nm_a, servo.model.largest_current_a)
+            servo.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
+            servo.no_profile()
+        angle = math.atan2(k.base_mm[1], k.base_mm[0])
+        self._limit([on_circle(self._wait_mm, angle)])
+
+    def retract(self) -> Goals:
+        """Nothing: between approaches an arm is where it waits already."""
+        return {}
+
+    def aim(self, line: Line, present: Servos, now: float) -> Goals:
+        """Go straight to the circle, if it is a little off, then along it to where the line starts."""
+        x, y = self._kinematics.centre_mm(present)
+        away, angle = math.hypot(x, y), math.atan2(y, x)
+        turn = math.remainder(math.atan2(line.start_mm[1], line.start_mm[0]) - angle, 2 * math.pi)
+        inward = abs(away - self._wait_mm)
+        arc = abs(turn) * self._wait_mm
+
+        def place(travel_mm: float) -> Place:
+            if travel_mm < inward:
+                return on_circle(away + math.copysign(travel_mm, self._wait_mm - away), angle)
+            share = (travel_mm - inward) / arc if arc > 0 else 1.0
+            return on_circle(self._wait_mm, angle + turn * min(share, 1.0))
+
+        return self._begin(_Motion(place, inward + arc, ARM_AIM_SPEED_MM_S, now))
+
+    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> Goals:
+        """Go along the line, forward or back."""
+        sign = math.copysign(1.0, to_mm - from_mm)
+
+        def place(travel_mm: float) -> Place:
+            return line.point_mm(from_mm + sign * travel_mm)
+
+        return self._begin(_Motion(place, abs(to_mm - from_mm), speed_mm_s, now))
+
+    def goals(self, now: float) -> Goals:
+        """Where both servos should be now."""
+        if self._motion is None:
+            return {}
+        travel = self._motion.travel_mm(now)
+        if travel > self._limited_mm:
+            self._limit_from(self._motion, travel)
+        return self._angles(self._motion.place(travel))
+
+    def under_way(self, now: float) -> bool:
+        """Until the last goal is due."""
+        return self._motion is not None and now < self._motion.begun_s + self._motion.duration_s
+
+    def targets(self) -> Goals:
+        """Angles at the end of the way."""
+        return {} if self._motion is None else self._angles(self._motion.place(self._motion.length_mm))
+
+    def reached_rad(self, servo: Servo, gap_mm: float) -> float:
+        """Each servo may use half of the gap."""
+        k = self._kinematics
+        joint, lever = (
+            (k.shoulder, k.upper_mm + k.fore_mm) if servo is self._servos[0] else (k.elbow, k.fore_mm)
+        )
+        return gap_mm / 2 / lever * abs(joint.gear_ratio)
+
+    def _begin(self, motion: _Motion) -> Goals:
+        self._motion = motion
+        self._limit_from(motion, 0.0)
+        return self.goals(motion.begun_s)
+
+    def _limit_from(self, motion: _Motion, travel_mm: float) -> None:
+        """Set currents for the next stretch of a way, and a little before it, because the tip lags behind."""
+        self._limited_mm = travel_mm + _STRETCH_MM
+        first, last = max(travel_mm - _LAG_MM, 0.0), min(self._limited_mm + _LAG_MM, motion.length_mm)
+        self._limit([motion.place(float(at)) for at in np.linspace(first, last, _POSTURES)])
+
+    def _limit(self, places: list[Place]) -> None:
+        k = self._kinematics
+        postures = [k.servos_at(place) for place in places]
+        torques = [k.largest_torques_nm(servos, self._force_n) for servos in postures]
+        joints = k.shoulder, k.elbow
+        for index, (servo, joint) in enumerate(zip(self._servos, joints, strict=True)):
+            torque = min(pair[index] for pair in torques) / abs(joint.gear_ratio)
+            current = min(torque / servo.model.torque_per_current_nm_a, servo.model.largest_current_a)
+            servo.set_goal_current_a(current)
+
+    def _angles(self, place: Place) -> Goals:
+        return dict(zip(self._servos, self._kinematics.servos_at(place), strict=True))

@@ -1,0 +1,174 @@
+"""How a finger is moved: what its servos are told, and when. Between the closing and the servos.
+
+A `Drive` is told where to go; the closing asks it every sample for the goals to write then (`goals`), and at
+the end where its servos should stand (`targets`). A slide has one goal for a whole way, with the servo's own
+speed profile. Limits are written before torque goes on.
+"""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from palpate.config import Closing
+from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.finger import TICK_RAD, Line, Servos
+from palpate.drivers.slide_finger import SlideKinematics
+
+__all__ = [
+    "ACCELERATION_RAD_S2",
+    "AIM_CURRENT_A",
+    "AIM_SPEED_RAD_S",
+    "AIM_TOLERANCE_RAD",
+    "ARM_AIM_SPEED_MM_S",
+    "STREAM_TOLERANCE_RAD",
+    "Drive",
+    "Goals",
+    "SlideDrive",
+]
+
+Goals = Mapping[Servo, float]
+"""Servo angles (rad) to be written, or to be reached."""
+
+AIM_CURRENT_A = 0.6
+AIM_TOLERANCE_RAD = 4 * TICK_RAD
+"""How near to its goal an aiming servo must settle. Friction holds the emulated one 2 to 3 steps off."""
+
+STREAM_TOLERANCE_RAD = 2 * TICK_RAD
+"""How far a servo that is steered along a line is off it. 1.4 steps were seen on the emulated bench."""
+
+AIM_SPEED_RAD_S = 3.0
+ARM_AIM_SPEED_MM_S = 40.0
+"""Speed of an arm's tip on the circle where it waits."""
+
+ACCELERATION_RAD_S2 = 6.0
+
+
+class Drive(Protocol):
+    """What moves one finger."""
+
+    @property
+    def servos(self) -> tuple[Servo, Servo]:
+        """Both servos, the one next to the base first."""
+        ...
+
+    @property
+    def closing_servos(self) -> tuple[Servo, ...]:
+        """Those that move while the finger closes."""
+        ...
+
+    @property
+    def streams(self) -> bool:
+        """Whether goals change with time, so that `goals` must be asked every sample."""
+        ...
+
+    def prepare(self, closing: Closing) -> None:
+        """Write modes and limits; torque is off."""
+        ...
+
+    def retract(self) -> Goals:
+        """Begin to go back to where the finger waits, if it may be elsewhere; what to write at once."""
+        ...
+
+    def aim(self, line: Line, present: Servos, now: float) -> Goals:
+        """Begin to go to where a line starts, from where the finger is; what to write at once."""
+        ...
+
+    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> Goals:
+        """Begin to go along a line, on which the finger is at `from_mm`; what to write at once."""
+        ...
+
+    def goals(self, now: float) -> Goals:
+        """What to write now; empty if the servos know enough."""
+        ...
+
+    def under_way(self, now: float) -> bool:
+        """Whether further goals will come."""
+        ...
+
+    def targets(self) -> Goals:
+        """Where the servos that move should stand at the end."""
+        ...
+
+    def reached_rad(self, servo: Servo, gap_mm: float) -> float:
+        """By how much a servo may be off its target for the tip to be off by about `gap_mm`."""
+        ...
+
+
+class SlideDrive:
+    """Aim in position mode, slide in current-based position mode, each with one goal at a time."""
+
+    streams = False
+
+    def __init__(
+        self, aim: Servo, slide: Servo, kinematics: SlideKinematics, wait_mm: float, speed_mm_s: float
+    ) -> None:
+        """`wait_mm`: distance from the base at which the tip waits; it goes back there at `speed_mm_s`."""
+        self._aim = aim
+        self._slide = slide
+        self._kinematics = kinematics
+        self._wait_mm = wait_mm
+        self._speed_mm_s = speed_mm_s
+        self._targets: Goals = {}
+
+    @property
+    def servos(self) -> tuple[Servo, Servo]:
+        """Aim and slide."""
+        return self._aim, self._slide
+
+    @property
+    def closing_servos(self) -> tuple[Servo, ...]:
+        """The slide alone."""
+        return (self._slide,)
+
+    def prepare(self, closing: Closing) -> None:
+        """Write modes and limits: the slide's current allows max_force_n at the tip."""
+        lever_m = abs(self._kinematics.mm_per_rad) / 1000
+        current = closing.max_force_n * lever_m / self._slide.model.torque_per_current_nm_a
+        self._aim.prepare(OperatingMode.POSITION, AIM_CURRENT_A)
+        self._slide.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
+        self._slide.set_goal_current_a(current)
+        self._aim.set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
+        self._set_speed(closing.approach_speed_mm_s)
+
+    def retract(self) -> Goals:
+        """Slide back; the aim stays."""
+        self._set_speed(self._speed_mm_s)
+        self._targets = {self._slide: self._kinematics.slide_servo_rad(self._wait_mm)}
+        return self._targets
+
+    def aim(self, line: Line, present: Servos, now: float) -> Goals:  # noqa: ARG002 - one goal is enough
+        """Turn; the slide stays where it waits."""
+        self._targets = {self._aim: self._kinematics.servos_rad(line, 0.0)[0]}
+        return self._targets
+
+    def go(
+        self,
+        line: Line,
+        from_mm: float,  # noqa: ARG002
+        to_mm: float,
+        speed_mm_s: float,
+        now: float,  # noqa: ARG002
+    ) -> Goals:
+        """Slide at a speed, from the next goal on."""
+        self._set_speed(speed_mm_s)
+        self._targets = {self._slide: self._kinematics.servos_rad(line, to_mm)[1]}
+        return self._targets
+
+    def goals(self, now: float) -> Goals:  # noqa: ARG002
+        """Nothing: one goal is enough."""
+        return {}
+
+    def under_way(self, now: float) -> bool:  # noqa: ARG002
+        """Never: one goal is enough."""
+        return False
+
+    def targets(self) -> Goals:
+        """The last goal."""
+        return self._targets
+
+    def reached_rad(self, servo: Servo, gap_mm: float) -> float:  # noqa: ARG002
+        """Only the slide's is asked for: the aim has a tolerance of its own."""
+        return gap_mm / abs(self._kinematics.mm_per_rad)
+
+    def _set_speed(self, speed_mm_s: float) -> None:
+        self._slide.set_profile(speed_mm_s / abs(self._kinematics.mm_per_rad), ACCELERATION_RAD_S2)

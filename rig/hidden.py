@@ -1,0 +1,97 @@
+"""What emulated mechanics really are: drawn within what a rig file's `[emulation]` allows."""
+
+import math
+
+import numpy as np
+
+from palpate.config import AnyFinger, ArmFinger, Emulation, Finger, JointServo, RigFile
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
+from palpate.rig.convert import arm_kinematics, slide_kinematics
+from palpate.rig.waiting import on_circle, wait_radius_mm
+
+__all__ = ["joint_truth", "start_angles_rad", "truth_of"]
+
+
+def truth_of(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth | ArmTruth:
+    """How this finger really is built."""
+    away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
+    base = (
+        finger.base_mm[0] + away * math.cos(bearing),
+        finger.base_mm[1] + away * math.sin(bearing),
+    )
+    heading = math.radians(finger.heading_deg) + turn
+    if isinstance(finger, ArmFinger):
+        return _arm(finger, emulation, base, heading, rng)
+    return _slide(finger, emulation, base, heading, rng)
+
+
+def joint_truth(gear_ratio: float, zero_deg: float, play_deg: float, rng: np.random.Generator) -> JointTruth:
+    """A joint behind a gear; the file counts servo angles from Goal Position 0, emulated shafts from 2048."""
+    return JointTruth(
+        gear_ratio, math.radians(zero_deg) - math.pi, math.radians(play_deg) * rng.uniform(0.3, 1)
+    )
+
+
+def start_angles_rad(finger: AnyFinger, rig: RigFile, truth: FingerTruth | ArmTruth) -> tuple[float, float]:
+    """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them."""
+    if isinstance(finger, ArmFinger):
+        home = on_circle(
+            wait_radius_mm(finger, rig.clear_radius_mm),
+            math.atan2(finger.base_mm[1], finger.base_mm[0]),
+        )
+        return arm_kinematics(finger).servos_at(home)
+    assert isinstance(truth, FingerTruth)
+    return truth.aim_zero_rad, (finger.slide.range_mm[0] + 1.0 - truth.zero_mm) / truth.mm_per_rad
+
+
+def _slide(
+    finger: Finger,
+    emulation: Emulation,
+    base_mm: tuple[float, float],
+    heading_rad: float,
+    rng: np.random.Generator,
+) -> FingerTruth:
+    nominal = slide_kinematics(finger)
+    return FingerTruth(
+        base_mm=base_mm,
+        heading_rad=heading_rad,
+        height_mm=finger.height_mm,
+        gear_ratio=nominal.gear_ratio,
+        aim_zero_rad=nominal.aim_zero_rad,
+        aim_play_rad=math.radians(emulation.aim_backlash_deg) * rng.uniform(0.3, 1),
+        mm_per_rad=nominal.mm_per_rad,
+        zero_mm=nominal.zero_mm,
+        slide_play_mm=emulation.backlash_mm * rng.uniform(0.3, 1),
+        tip_radius_mm=finger.tip.radius_mm,
+        stiffness_n_per_mm=_stiffness(finger, emulation, rng),
+        array_heading_rad=math.radians(finger.array.heading_deg),
+    )
+
+
+def _arm(
+    finger: ArmFinger,
+    emulation: Emulation,
+    base_mm: tuple[float, float],
+    heading_rad: float,
+    rng: np.random.Generator,
+) -> ArmTruth:
+    def joint(servo: JointServo) -> JointTruth:
+        return joint_truth(servo.gear_ratio, servo.zero_deg, emulation.joint_backlash_deg, rng)
+
+    return ArmTruth(
+        base_mm=base_mm,
+        heading_rad=heading_rad,
+        height_mm=finger.height_mm,
+        upper_mm=finger.links.upper_mm + emulation.link_error_mm * rng.uniform(-1, 1),
+        fore_mm=finger.links.fore_mm + emulation.link_error_mm * rng.uniform(-1, 1),
+        shoulder=joint(finger.shoulder),
+        elbow=joint(finger.elbow),
+        tip_radius_mm=finger.tip.radius_mm,
+        stiffness_n_per_mm=_stiffness(finger, emulation, rng),
+        array_heading_rad=math.radians(finger.array.heading_deg),
+    )
+
+
+def _stiffness(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> float:
+    return finger.tip.stiffness_n_per_mm * (1 + emulation.stiffness_spread * rng.uniform(-1, 1))
