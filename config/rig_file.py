@@ -128,8 +128,8 @@ class Search(FileModel):
         "all that was foretold with a greater chance than this.",
     )
     unnoticed_shift_mm: Positive = Field(
-        default=5.0,
-        description="No answer is given unless the last grip would have noticed a shift of the part by this.",
+        default=10.0,
+        description="The last grip before an answer should surely notice a shift of the part by this.",
     )
     goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(

@@ -34,7 +34,7 @@ __all__ = [
 ]
 
 _HOPELESS = 1e-3  # the first finger must take at least this share of confusion away
-_WORTH = 0.5  # and every further one this share of what is left
+_WORTH = 0.08  # and every further one this
 _ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
@@ -135,7 +135,7 @@ def plan_grip(
         scores = alike @ confused
         least = float(scores.min())
         worth = (0.0 if wanted else _WORTH) if chosen else _HOPELESS
-        if least > remaining * (1 - worth):
+        if least > remaining - worth:
             break
         good = np.flatnonzero(scores <= least + _ALIKE * remaining)
         best = good[np.argmin(seconds[rows[good]])]

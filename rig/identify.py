@@ -17,17 +17,20 @@ import numpy as np
 
 from palpate.config import RigFile
 from palpate.recognizer import (
+    Approach,
     Catalogue,
     Contact,
     Goals,
     Grip,
     Hypothesis,
+    Predictions,
     Recognition,
     Strategy,
     Verdict,
     chance_of_agreeing,
     checking_grip,
     next_grip,
+    predict,
     recognise,
     twins,
     unnoticed_shift_mm,
@@ -48,6 +51,8 @@ _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
 _LEAST_GAIN = 0.1
 _IDLE_TOUCHES = 3  # as many without gain, and more will not help
 _MOST_MOVES = 1
+_MOST_CHECKS = 2  # in a row: where they do not notice small shifts, further ones would not either
+_FURTHER_MM = 50.0
 _VAIN = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
 
@@ -90,7 +95,8 @@ class Identification:
 
     `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
     (from 1) before which the part seems to have been moved. `foretold`: touches that came out as everything
-    that is left had foretold.
+    that is left had foretold. `unnoticed_mm`: a part shifted before the last grip by more would surely have
+    been noticed.
     """
 
     outcome: Outcome
@@ -99,6 +105,7 @@ class Identification:
     ruled_out: tuple[tuple[int, Hypothesis], ...]
     moved_before: tuple[int, ...] = ()
     foretold: int = 0
+    unnoticed_mm: float = math.inf
 
     @property
     def touches(self) -> int:
@@ -126,7 +133,7 @@ class _Search:
     foretold: int = 0
     chance: float = 1.0
     unnoticed_mm: float = math.inf
-    plan: Grip | None = None
+    checks: int = 0
 
     @property
     def contacts(self) -> list[Contact]:
@@ -183,6 +190,7 @@ def search(
         tuple(state.ruled_out),
         tuple(state.moved_before),
         state.foretold,
+        state.unnoticed_mm,
     )
 
 
@@ -205,9 +213,9 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
         if _is_confirmed(state):
             return answer or Outcome.UNRESOLVED, []
         plan = _check(state, recognition)
+        state.checks += 1
     if plan is None:
         return Outcome.UNRESOLVED, []
-    state.plan = plan
     for observer in state.observers:
         observer.planned(len(state.grips) + 1, plan)
     return None, list(zip(plan.indices, plan.travels_mm, strict=True))
@@ -256,9 +264,13 @@ def _check(state: _Search, recognition: Recognition) -> Grip | None:
 
 
 def _is_confirmed(state: _Search) -> bool:
-    """Whether enough came out as foretold, and the last grip would have noticed a shift of the part."""
+    """Whether enough came out as foretold, and the last grip would have noticed a shift of the part.
+
+    On some parts no reachable touches notice it: then the checks that were made must do.
+    """
     limits = state.rig.search
-    return state.chance <= limits.stranger_chance and state.unnoticed_mm <= limits.unnoticed_shift_mm
+    steady = state.unnoticed_mm <= limits.unnoticed_shift_mm or state.checks >= _MOST_CHECKS
+    return steady and state.chance <= limits.stranger_chance
 
 
 def _at_the_end(state: _Search) -> Outcome:
@@ -296,6 +308,7 @@ def _begin_again(state: _Search) -> None:
     state.moved_before.append(number)
     state.recognition = None
     state.idle = state.foretold = 0
+    state.checks = 0
     state.chance, state.unnoticed_mm = 1.0, math.inf
     for observer in state.observers:
         observer.moved(number)
@@ -341,18 +354,33 @@ def _compare(state: _Search, before: Recognition, after: Recognition, contacts: 
     )
     state.idle = 0 if fewer or narrower else state.idle + len(contacts)
     state.foretold += sum(contact.touched for contact in contacts)
-    if state.plan is not None:
-        half = resolution_of(state.rig).normal_half_rad
-        state.chance *= chance_of_agreeing(state.plan.predictions, contacts, half)
-        state.unnoticed_mm = math.inf if gone else _unnoticed_mm(state.plan, contacts)
+    foretold = _foretold(before, contacts)
+    state.chance *= chance_of_agreeing(foretold, contacts, resolution_of(state.rig).normal_half_rad)
+    state.unnoticed_mm = math.inf if gone else _unnoticed_mm(foretold, contacts)
+    state.checks = 0 if gone else state.checks
 
 
-def _unnoticed_mm(plan: Grip, contacts: Sequence[Contact]) -> float:
+def _foretold(before: Recognition, contacts: Sequence[Contact]) -> Predictions:
+    """What was to be expected of the contacts before they were made, as they were made and measured."""
+    approaches = [
+        Approach(
+            contact.finger,
+            contact.start_mm,
+            contact.direction_rad,
+            contact.travel_mm + _FURTHER_MM,
+            contact.free_path_bound_mm,
+        )
+        for contact in contacts
+    ]
+    return predict(before.catalogue, before.hypotheses, before.anchor_mm, approaches)
+
+
+def _unnoticed_mm(foretold: Predictions, contacts: Sequence[Contact]) -> float:
     """How far the part may have been shifted before this grip, though it came out as foretold."""
     rows = [k for k, contact in enumerate(contacts) if contact.touched]
     some = [contacts[k] for k in rows]
     return unnoticed_shift_mm(
-        plan.predictions.select(rows),
+        foretold.select(rows),
         np.array([contact.middle_normal_rad for contact in some]),
         np.array([contact.direction_rad for contact in some]),
     )

@@ -17,7 +17,7 @@ from palpate.recognizer import Contact, NormalRange
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.reach import Reach
 
-ORDINARY_SHARE = 0.6  # of an approach's bound is what a touch on the emulated bench declares
+ORDINARY_SHARE, ORDINARY_PATH = 0.33, 0.55  # of an approach's bound: what touches on the emulated bench declare
 
 
 @dataclass
@@ -63,7 +63,7 @@ class SimulatedTouches:
             (float(end[0]), float(end[1])),
             bound,
             None if missed else self._normal(shape, end + error),
-            path_bound_mm=approach.position_bound_mm,
+            path_bound_mm=max(self.share, ORDINARY_PATH) * approach.position_bound_mm,
         )
         return Touch(candidate.finger_index, contact, None)
 
