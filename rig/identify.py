@@ -17,23 +17,19 @@ import numpy as np
 
 from palpate.config import RigFile
 from palpate.recognizer import (
-    Approach,
     Catalogue,
     Contact,
     Goals,
     Grip,
     Hypothesis,
-    Predictions,
     Recognition,
     Strategy,
     Verdict,
     chance_of_agreeing,
     checking_grip,
     next_grip,
-    predict,
     recognise,
     twins,
-    unnoticed_shift_mm,
     used_by,
 )
 from palpate.rig.closing import Stage, Touch, close_fingers
@@ -41,6 +37,7 @@ from palpate.rig.convert import goals_of, resolution_of
 from palpate.rig.explore import exploring_grip
 from palpate.rig.hand import Hand
 from palpate.rig.reach import Reach, reach_of
+from palpate.rig.told import extent_of, foretold_by, survives, unnoticed_mm
 
 __all__ = ["Carry", "Identification", "Observer", "Outcome", "identify", "search"]
 
@@ -52,7 +49,6 @@ _LEAST_GAIN = 0.1
 _IDLE_TOUCHES = 3  # as many without gain, and more will not help
 _MOST_MOVES = 1
 _MOST_CHECKS = 2  # in a row: where they do not notice small shifts, further ones would not either
-_FURTHER_MM = 50.0
 _VAIN = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
 
 
@@ -346,72 +342,15 @@ def _understand(state: _Search, contacts: Sequence[Contact]) -> None:
 def _compare(state: _Search, before: Recognition, after: Recognition, contacts: Sequence[Contact]) -> None:
     """Note what the last grip ruled out, and whether it was worth its touches."""
     number = len(state.grips)
-    gone = [item for item in before.hypotheses if not _survives(item, after)]
+    gone = [item for item in before.hypotheses if not survives(item, after)]
     state.ruled_out += [(number, item) for item in gone]
     fewer = len(after.hypotheses) < len(before.hypotheses)
     narrower = any(
-        new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(after), strict=True)
+        new < (1 - _LEAST_GAIN) * old for old, new in zip(extent_of(before), extent_of(after), strict=True)
     )
     state.idle = 0 if fewer or narrower else state.idle + len(contacts)
     state.foretold += sum(contact.touched for contact in contacts)
-    foretold = _foretold(before, contacts)
+    foretold = foretold_by(before, contacts)
     state.chance *= chance_of_agreeing(foretold, contacts, resolution_of(state.rig).normal_half_rad)
-    state.unnoticed_mm = math.inf if gone else _unnoticed_mm(foretold, contacts)
+    state.unnoticed_mm = math.inf if gone else unnoticed_mm(foretold, contacts)
     state.checks = 0 if gone else state.checks
-
-
-def _foretold(before: Recognition, contacts: Sequence[Contact]) -> Predictions:
-    """What was to be expected of the contacts before they were made, as they were made and measured."""
-    approaches = [
-        Approach(
-            contact.finger,
-            contact.start_mm,
-            contact.direction_rad,
-            contact.travel_mm + _FURTHER_MM,
-            contact.free_path_bound_mm,
-        )
-        for contact in contacts
-    ]
-    return predict(before.catalogue, before.hypotheses, before.anchor_mm, approaches)
-
-
-def _unnoticed_mm(foretold: Predictions, contacts: Sequence[Contact]) -> float:
-    """How far the part may have been shifted before this grip, though it came out as foretold."""
-    rows = [k for k, contact in enumerate(contacts) if contact.touched]
-    some = [contacts[k] for k in rows]
-    return unnoticed_shift_mm(
-        foretold.select(rows),
-        np.array([contact.middle_normal_rad for contact in some]),
-        np.array([contact.direction_rad for contact in some]),
-    )
-
-
-def _extent(recognition: Recognition) -> tuple[float, float]:
-    """Half-widths of all hypotheses' bounds, added up: position (mm) and orientation (rad)."""
-    return (
-        sum(item.bounds.position_half_mm for item in recognition.hypotheses),
-        sum(item.bounds.orientation_half_rad for item in recognition.hypotheses),
-    )
-
-
-def _survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:
-    """Whether some part of a hypothesis's region is still among the hypotheses."""
-    return any(
-        item.state_index == hypothesis.state_index and _overlap(item, hypothesis)
-        for item in recognition.hypotheses
-    )
-
-
-def _overlap(a: Hypothesis, b: Hypothesis) -> bool:
-    turn = 2 * math.pi / a.state.symmetry_order
-    lo, hi = a.bounds.theta_rad
-    other_lo, other_hi = b.bounds.theta_rad
-    apart = abs(((lo + hi) / 2 - (other_lo + other_hi) / 2 + turn / 2) % turn - turn / 2)
-    if apart > (hi - lo + other_hi - other_lo) / 2:
-        return False
-    if a.state.symmetry_order > 1:
-        return True
-    return all(
-        p[0] <= q[1] and q[0] <= p[1]
-        for p, q in ((a.bounds.x_mm, b.bounds.x_mm), (a.bounds.y_mm, b.bounds.y_mm))
-    )

@@ -12,7 +12,7 @@ from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
 from palpate.rig.convert import models_of
 from palpate.rig.identify import Identification, Outcome, identify
-from palpate.rig.report import identification_out
+from palpate.rig.report_run import identification_out
 from palpate.rig.scene import Placement
 from palpate.rig.truth import compare
 

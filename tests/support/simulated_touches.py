@@ -17,7 +17,10 @@ from palpate.recognizer import Contact, NormalRange
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.reach import Reach
 
-ORDINARY_SHARE, ORDINARY_PATH = 0.33, 0.55  # of an approach's bound: what touches on the emulated bench declare
+ORDINARY_SHARE, ORDINARY_PATH = (
+    0.33,
+    0.55,
+)  # of an approach's bound: what touches on the emulated bench declare
 
 
 @dataclass
