@@ -79,7 +79,8 @@ class IdentificationOut(Out):
     object, state, configuration and bounds are null if no hypothesis is left, `truth` on a real rig.
     `foretold`: touches that came out as everything that was left had foretold. `moved_before`: grips, counted
     from 1, before which the part seems to have been moved; what was felt before the last of them does not
-    count.
+    count. `unnoticed_shift` (mm): had the part been shifted before the last grip by more, that would surely
+    have been noticed; null if that cannot be said.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -95,6 +96,7 @@ class IdentificationOut(Out):
     touches: int
     foretold: int
     moved_before: tuple[int, ...]
+    unnoticed_shift: Rounded | None
     emulated: bool
     rig_seconds: Rounded
     wall_seconds: Rounded

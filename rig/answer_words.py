@@ -17,6 +17,9 @@ def answer_lines(out: IdentificationOut) -> list[str]:
         lines.append(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
     if out.verdict == IdentificationVerdict.IDENTIFIED and out.foretold:
         lines.append(f"  {counted(out.foretold, 'touch', 'touches')} came out as foretold")
+        if out.unnoticed_shift is not None:
+            shift = f"{out.unnoticed_shift:.1f} mm"
+            lines.append(f"  a shift by more than {shift} before the last grip would have been noticed")
     if out.truth is not None:
         lines.append(_truth_line(out))
     return lines

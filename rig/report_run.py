@@ -50,6 +50,7 @@ def identification_out(
         touches=result.touches,
         foretold=result.foretold,
         moved_before=result.moved_before,
+        unnoticed_shift=result.unnoticed_mm if math.isfinite(result.unnoticed_mm) else None,
         emulated=emulated,
         rig_seconds=rig_seconds,
         wall_seconds=wall_seconds,

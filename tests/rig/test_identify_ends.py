@@ -1,0 +1,100 @@
+"""How `identify` ends on emulated devices: moved parts, unknown parts, the other strategies."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import pytest
+from emulated_session import EmulatedSession, emulated_session
+
+from palpate.config import ObjectsFile, load_objects, shipped_objects
+from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
+from palpate.rig.bench import connect
+from palpate.rig.closing import Stage, Touch
+from palpate.rig.convert import models_of
+from palpate.rig.identify import Identification, Observer, Outcome, identify
+from palpate.rig.scene import Placement, outline_at
+from palpate.rig.truth import compare
+
+OBJECTS = load_objects(shipped_objects())
+PLACE = (6.0, -8.0, 1.1)
+
+
+@dataclass
+class Pusher:
+    """Pushes the part by 5 mm once a grip is over."""
+
+    session: EmulatedSession
+    placement: Placement
+    after: int
+
+    def stage(self, grip: int, stage: Stage) -> None:
+        """Not looked at."""
+
+    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
+        del touches
+        if grip != self.after:
+            return
+        self.placement = replace(
+            self.placement, x_mm=self.placement.x_mm + 4.0, y_mm=self.placement.y_mm - 3.0
+        )
+        for finger in self.session.bench.fingers:
+            finger.put(outline_at(self.placement, finger.truth.height_mm))
+
+    def recognised(self, grip: int, recognition: Recognition) -> None:
+        """Not looked at."""
+
+    def planned(self, grip: int, plan: Grip) -> None:
+        """Not looked at."""
+
+    def moved(self, grip: int) -> None:
+        """Not looked at."""
+
+
+def placement_of(name: str) -> Placement:
+    (model,) = [item for item in OBJECTS.objects if item.name == name]
+    return Placement(model, model.states[0], *PLACE)
+
+
+def ended(
+    session: EmulatedSession,
+    catalogue: ObjectsFile = OBJECTS,
+    observers: Sequence[Observer] = (),
+    strategy: Strategy = Strategy.PLANNED,
+) -> Identification:
+    with connect(session.bench_rig) as hand:
+        hand.prepare()
+        result = identify(hand, Catalogue(models_of(catalogue)), observers, strategy=strategy, seed=1)
+    assert not any(session.torque().values())
+    return result
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hand", "gator"])
+def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
+    session = emulated_session(seed=21, placement=placement_of(name))
+    pusher = Pusher(session, placement_of(name), 1)
+    result = ended(session, observers=[pusher])
+    assert result.moved_before == (2,)
+    assert result.outcome is Outcome.IDENTIFIED
+    assert result.recognition is not None
+    assert compare(pusher.placement, result.recognition.hypotheses).inside_bounds
+    assert not compare(placement_of(name), result.recognition.hypotheses).inside_bounds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["tr-2", "grip"])
+def test_a_part_outside_the_catalogue_is_unknown(name: str) -> None:
+    others = ObjectsFile(tuple(item for item in OBJECTS.objects if item.name != name))
+    result = ended(emulated_session(seed=22, placement=placement_of(name)), others)
+    assert result.outcome is Outcome.UNKNOWN
+    assert result.recognition is not None
+    assert not result.recognition.hypotheses
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", [Strategy.RANDOM, Strategy.ROTATE])
+def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
+    result = ended(emulated_session(seed=23, placement=placement_of("hand")), strategy=strategy)
+    assert result.outcome in (Outcome.IDENTIFIED, Outcome.UNRESOLVED)
+    assert result.recognition is not None
+    assert compare(placement_of("hand"), result.recognition.hypotheses).inside_bounds

@@ -1,0 +1,255 @@
+"""The loop over many searches, with touches simulated by shapely: how it ends, and that it always does."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS, Placed, flat, holding_truth, outlines
+from simulated_touches import SimulatedTouches
+
+from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.recognizer import Catalogue, Grip, ObjectModel, Recognition, Strategy
+from palpate.rig.closing import Stage, Touch
+from palpate.rig.identify import Identification, Outcome, search
+from palpate.rig.reach import reach_of
+
+RIG = load_rig(shipped_rig())
+REACH = reach_of(RIG)
+SIX = outlines(SHIPPED_OBJECTS)
+ANSWERS = (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
+shared = pytest.mark.skipif(not SHARED_OUTLINES.exists(), reason="needs the shared outlines")
+
+
+@dataclass
+class Told:
+    """What observers were told."""
+
+    events: list[str] = field(default_factory=list)
+    plans: list[Grip] = field(default_factory=list)
+
+    def stage(self, grip: int, stage: Stage) -> None:
+        self.events.append(f"stage {grip} {stage.value}")
+
+    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
+        self.events.append(f"touches {grip}: {len(touches)}")
+
+    def recognised(self, grip: int, recognition: Recognition) -> None:
+        self.events.append(f"recognised {grip}: {len(recognition.hypotheses)}")
+
+    def planned(self, grip: int, plan: Grip) -> None:
+        self.events.append(f"planned {grip}")
+        self.plans.append(plan)
+
+    def moved(self, grip: int) -> None:
+        self.events.append(f"moved {grip}")
+
+
+def placed_by(seed: int, models: Sequence[ObjectModel]) -> Placed:
+    rng = np.random.default_rng([seed, 0])
+    turned = Placed(models[int(rng.integers(len(models)))], 0.0, 0.0, float(rng.uniform(-math.pi, math.pi)))
+    away, bearing = 20 * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    centre = turned.shape.centroid
+    x, y = away * math.cos(bearing) - centre.x, away * math.sin(bearing) - centre.y
+    return Placed(turned.model, float(x), float(y), turned.theta)
+
+
+def pushed(placed: Placed, seed: int, distance: float = 5.0) -> Placed:
+    bearing = np.random.default_rng([seed, 7]).uniform(0, 2 * math.pi)
+    return Placed(
+        placed.model,
+        placed.x + distance * math.cos(bearing),
+        placed.y + distance * math.sin(bearing),
+        placed.theta,
+    )
+
+
+@dataclass
+class Table:
+    """Carries out grips on what lies there; after grip number `push_after` something else does."""
+
+    placed: Placed
+    then: Placed | None = None
+    push_after: int = 0
+    seed: int = 0
+    grips: int = 0
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng([self.seed, 5])
+
+    def __call__(self, grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> Sequence[Touch]:
+        tell(Stage.CLOSING)
+        touches = SimulatedTouches(REACH, self.placed, self._rng)(grip)
+        self.grips += 1
+        if self.then is not None and self.grips == self.push_after:
+            self.placed = self.then
+        return touches
+
+
+def with_search(**changes: object) -> RigFile:
+    return RIG.model_copy(update={"search": RIG.search.model_copy(update=changes)})
+
+
+def held(result: Identification, placed: Placed) -> bool:
+    return result.recognition is not None and holding_truth(result.recognition, placed) is not None
+
+
+@pytest.mark.parametrize("strategy", Strategy)
+def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy) -> None:
+    catalogue = Catalogue(SIX)
+    ends: Counter[Outcome] = Counter()
+    for seed in range(40):
+        table = Table(placed_by(seed, SIX), seed=seed)
+        result = search(RIG, REACH, table, catalogue, strategy=strategy, seed=seed)
+        ends[result.outcome] += 1
+        assert held(result, table.placed), seed
+        assert result.outcome in (*ANSWERS, Outcome.UNRESOLVED)
+        assert len(result.grips) <= RIG.search.max_grips
+        if result.outcome is Outcome.IDENTIFIED:
+            assert result.recognition is not None
+            assert len(result.recognition.hypotheses) == 1
+            assert result.foretold >= 2
+    assert ends[Outcome.IDENTIFIED] >= (38 if strategy is Strategy.PLANNED else 25)
+    if strategy is Strategy.PLANNED:
+        assert not ends[Outcome.UNRESOLVED]
+
+
+@shared
+def test_planned_touches_are_fewer_than_random_ones() -> None:
+    models = outlines(SHARED_OUTLINES)
+    catalogue = Catalogue(models)
+    beyond = {}
+    for strategy in (Strategy.PLANNED, Strategy.RANDOM):
+        counts = []
+        for seed in range(40):
+            table = Table(placed_by(seed, models), seed=seed)
+            result = search(RIG, REACH, table, catalogue, strategy=strategy, seed=seed)
+            assert held(result, table.placed)
+            counts.append(result.touches - len(result.grips[0]))
+        beyond[strategy] = float(np.mean(counts))
+    assert beyond[Strategy.PLANNED] <= 0.6 * beyond[Strategy.RANDOM], beyond
+
+
+@pytest.mark.parametrize("push_after", [1, 2])
+def test_a_part_that_was_pushed_is_noticed(push_after: int) -> None:
+    catalogue = Catalogue(SIX)
+    noticed = runs = 0
+    for seed in range(30):
+        first = placed_by(seed, SIX)
+        table = Table(first, pushed(first, seed), push_after, seed)
+        told = Told()
+        result = search(RIG, REACH, table, catalogue, [told], seed=seed)
+        if table.grips <= push_after:
+            continue  # it was over before the push
+        runs += 1
+        noticed += bool(result.moved_before)
+        if result.outcome in ANSWERS:
+            assert held(result, table.placed), seed
+        if result.moved_before:
+            (number,) = result.moved_before
+            assert number > push_after
+            assert f"moved {number}" in told.events
+    assert runs >= 20
+    assert noticed >= 0.9 * runs
+
+
+def test_after_a_move_only_later_touches_count() -> None:
+    catalogue = Catalogue(SIX)
+    seen = 0
+    for seed in range(10):
+        first = placed_by(seed, SIX)
+        result = search(RIG, REACH, Table(first, pushed(first, seed), 1, seed), catalogue, seed=seed)
+        if result.moved_before and result.recognition is not None and result.outcome in ANSWERS:
+            counted = [touch.contact for grip in result.grips[result.moved_before[0] - 1 :] for touch in grip]
+            assert list(result.recognition.contacts) == counted
+            seen += 1
+    assert seen >= 5
+
+
+def test_what_is_not_in_the_catalogue_is_unknown() -> None:
+    """A foreign part is refused; a part that is moved again and again is too."""
+    strangers = [
+        flat("slab", [(0, 0), (64, 0), (64, 18), (0, 18)]),
+        flat("kite", [(0, 0), (30, -16), (70, 0), (30, 16)]),
+        flat("cross", [(20, 0), (34, 0), (34, 16), (56, 16), (56, 30), (34, 30), (34, 52), (20, 52), (20, 30),
+                       (0, 30), (0, 16), (20, 16)]),
+        flat("wedge", [(0, 0), (58, 0), (0, 26)]),
+    ]  # fmt: skip
+    catalogue = Catalogue(SIX)
+    ends: Counter[Outcome] = Counter()
+    for seed in range(40):
+        result = search(RIG, REACH, Table(placed_by(seed, strangers), seed=seed), catalogue, seed=seed)
+        ends[result.outcome] += 1
+    assert ends[Outcome.UNKNOWN] >= 38, ends
+
+
+@shared
+def test_real_parts_are_unknown_to_a_catalogue_of_others() -> None:
+    catalogue = Catalogue(SIX)
+    parts = outlines(SHARED_OUTLINES)
+    ends = Counter(
+        search(RIG, REACH, Table(placed_by(seed, parts), seed=seed), catalogue, seed=seed).outcome
+        for seed in range(60)
+    )
+    assert ends[Outcome.UNKNOWN] >= 57, ends
+
+
+def test_nothing_on_the_table_stays_unresolved() -> None:
+    far = Placed(SIX[0], 900.0, 900.0, 0.0)
+    result = search(RIG, REACH, Table(far), Catalogue(SIX))
+    assert result.outcome is Outcome.UNRESOLVED
+    assert result.recognition is None
+    assert 1 <= len(result.grips) <= RIG.search.max_grips
+
+
+def test_too_few_grips_leave_it_unresolved_with_what_is_possible() -> None:
+    models = [*SIX, flat("other tr-2", SIX[1].states[0].sections[0].polygons[0].outer)]
+    for seed in range(6):
+        table = Table(placed_by(seed, SIX), seed=seed)
+        result = search(with_search(max_grips=1), REACH, table, Catalogue(models), seed=seed)
+        assert result.outcome is Outcome.UNRESOLVED
+        assert len(result.grips) == 1
+
+
+def test_exact_twins_end_indistinguishable() -> None:
+    twin = flat("twin", SIX[5].states[0].sections[0].polygons[0].outer)
+    catalogue = Catalogue([*SIX, twin])
+    for seed in range(4):
+        rng = np.random.default_rng([seed, 0])
+        table = Table(Placed(SIX[5], 0.0, 0.0, float(rng.uniform(-3, 3))), seed=seed)
+        result = search(RIG, REACH, table, catalogue, seed=seed)
+        assert result.outcome is Outcome.INDISTINGUISHABLE
+        assert result.recognition is not None
+        assert {item.state.object_name for item in result.recognition.hypotheses} == {SIX[5].name, "twin"}
+        assert held(result, table.placed)
+
+
+def test_random_is_repeatable_and_differs_by_seed() -> None:
+    catalogue = Catalogue(SIX)
+
+    def ways(seed: int) -> list[tuple[int, ...]]:
+        told = Told()
+        table = Table(placed_by(3, SIX), seed=3)
+        search(RIG, REACH, table, catalogue, [told], strategy=Strategy.RANDOM, seed=seed)
+        return [plan.indices for plan in told.plans]
+
+    assert ways(1) == ways(1)
+    assert ways(1) != ways(2)
+
+
+def test_touches_come_out_as_some_hypothesis_foretold() -> None:
+    catalogue = Catalogue(SIX)
+    checked = 0
+    for seed in range(20):
+        table, told = Table(placed_by(seed, SIX), seed=seed), Told()
+        result = search(RIG, REACH, table, catalogue, [told], seed=seed)
+        for plan, touches in zip(told.plans, result.grips[-len(told.plans) :], strict=True):
+            for row, touch in enumerate(touches):
+                travel = touch.contact.travel_mm if touch.contact.touched else math.inf
+                assert any(
+                    item.earliest_mm <= travel <= item.latest_mm for item in plan.predictions.of_approach(row)
+                )
+                checked += 1
+    assert checked > 40
