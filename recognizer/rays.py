@@ -108,7 +108,7 @@ def near_edges(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Ints, I
     large = strips.root[rays.state] >= 0
     # One look at an edge's circle is half of the work of two at its ends, and settles most.
     rows = np.flatnonzero(~large)
-    grid = edges.grid(1 << int(edges.count[rays.state[rows]].max(initial=0)).bit_length())
+    grid = edges.grid(_columns(int(edges.count[rays.state[rows]].max(initial=0))))
     state, (u, v) = rays.state[rows], rays.heading[rows].T
     offset = rays.start[rows, 1] * u - rays.start[rows, 0] * v
     away = grid.centre_y[state] * u[:, None]
@@ -127,6 +127,12 @@ def near_edges(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Ints, I
     ray, edge = np.concatenate([ray, rows[query]]), np.concatenate([edge, found])
     order = np.argsort(ray, kind="stable")
     return ray[order], edge[order]
+
+
+def _columns(count: int) -> int:
+    """At least `count`: a power of two or one and a half of one, so that few grids are made."""
+    whole = 1 << max(count - 1, 1).bit_length()
+    return whole * 3 // 4 if count <= whole * 3 // 4 else whole
 
 
 def side(rays: Rays, ray: Ints, point: Floats) -> Floats:

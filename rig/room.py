@@ -121,21 +121,29 @@ def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[Pieces], Boo
     np.minimum.at(longest, still.owner[blocked], swept.since[~swept.grows][blocked])
 
     only = swept.of(swept.grows)
-    every = np.arange(len(travel_mm))
 
-    def clear(travel: Floats) -> Bools:
-        result = np.ones(len(travel_mm), dtype=bool)
-        moving = only.at(every, travel)
+    def clear(rows: Ints, travel: Floats) -> Bools:
+        result = np.ones(len(rows), dtype=bool)
+        moving = only.at(rows, travel)
         np.logical_and.at(result, moving.owner, free(moving))
         return result
 
-    lo, hi = np.zeros_like(longest), np.maximum(longest, 0.0)
-    lo = np.where(clear(hi), hi, lo)
+    hi = np.maximum(longest, 0.0)
+    short = np.flatnonzero(~clear(np.arange(len(hi)), hi))
+    if len(short):
+        longest[short] = np.minimum(longest[short], _bisected(short, hi[short], clear))
+    return np.where(longest < 0, -1.0, longest)
+
+
+def _bisected(rows: Ints, hi: Floats, clear: Callable[[Ints, Floats], Bools]) -> Floats:
+    """The longest clear travel (m,) of each of `rows` (m,), less than `hi` (m,); −1 if not even 0 is."""
+    lo = np.zeros_like(hi)
+    nowhere = ~clear(rows, lo)
     for _ in range(_BISECTIONS):
         middle = (lo + hi) / 2
-        good = clear(middle)
+        good = clear(rows, middle)
         lo, hi = np.where(good, middle, lo), np.where(good, hi, middle)
-    return np.where((longest < 0) | ~clear(np.zeros_like(lo)), -1.0, lo)
+    return np.where(nowhere, -1.0, lo)
 
 
 def _steps(points: Floats) -> Floats:

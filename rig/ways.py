@@ -69,7 +69,8 @@ def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count
         ways = [_arm_way(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
     else:
         aims = np.unique(np.linspace(lo_rad, hi_rad, count))
-        ways = [_slide_way(spec, finger_index, float(aim), radius) for aim in aims]
+        wait = wait_distance_mm(spec, radius)
+        ways = [_slide_way(spec, finger_index, float(aim), wait, radius) for aim in aims]
     return [way for way in ways if way is not None and way.travel_mm > _MARGIN_MM]
 
 
@@ -80,12 +81,13 @@ def crossing_mm(line: Line, radius_mm: float) -> float:
     return 0.0 if miss >= radius_mm else middle + math.sqrt(radius_mm**2 - miss**2)
 
 
-def _slide_way(spec: Finger, finger_index: int, aim_rad: float, workspace_radius_mm: float) -> Way:
+def _slide_way(
+    spec: Finger, finger_index: int, aim_rad: float, wait_mm: float, workspace_radius_mm: float
+) -> Way:
     """Until the tip has left the workspace on the far side, or the slide ends."""
     kinematics = slide_kinematics(spec)
-    wait = wait_distance_mm(spec, workspace_radius_mm)
-    line = kinematics.line(aim_rad, wait)
-    room = spec.slide.range_mm[1] - _MARGIN_MM - wait
+    line = kinematics.line(aim_rad, wait_mm)
+    room = spec.slide.range_mm[1] - _MARGIN_MM - wait_mm
     travel = min(crossing_mm(line, workspace_radius_mm), room)
     # The bounds are largest at the far end; there they hold for all of the way.
     far = body_of(kinematics, kinematics.servos_rad(line, max(travel, 0.0)), spec.tip.radius_mm)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,12 +24,14 @@ from palpate.recognizer import (
     Recognition,
     Resolution,
     Strategy,
+    chance_of_agreeing,
     checking_grip,
     next_grip,
     plan_grip,
     predict,
     recognise,
     twins,
+    unnoticed_shift_mm,
     used_by,
 )
 from palpate.recognizer.arrays import Bools, Floats, Ints
@@ -375,15 +378,70 @@ def test_a_check_meets_the_answer_where_nothing_was_touched() -> None:
         models = outlines(SHIPPED_OBJECTS)
         placed = place(models[seed], rng)
         found = recognise(Catalogue(models), grip(placed, rng, fingers=7, half_range=math.radians(8)))
-        chosen = checking_grip(found, ring(), RESOLUTION, 2)
-        assert chosen is not None
-        assert 1 <= len(chosen.indices) <= 2
         known = np.array([contact.end_mm for contact in found.contacts if contact.touched])
-        for row, candidate in enumerate(chosen.candidates):
-            assert math.isfinite(chosen.predictions.of(row, 0).latest_mm)
-            travel = travel_of(placed, candidate.approach)
-            end = contact_along(candidate, travel).end_mm
-            assert np.linalg.norm(known - end, axis=1).min() > 3.0
+        counts = []
+        for shift_mm in (50.0, 0.1):
+            chosen = checking_grip(found, ring(), RESOLUTION, shift_mm)
+            assert chosen is not None
+            counts.append(len(chosen.indices))
+            for row, candidate in enumerate(chosen.candidates):
+                assert math.isfinite(chosen.predictions.of(row, 0).latest_mm)
+                travel = travel_of(placed, candidate.approach)
+                end = contact_along(candidate, travel).end_mm
+                assert np.linalg.norm(known - end, axis=1).min() > 3.0
+        assert counts == [2, 3]  # a smaller shift takes more touches to notice
+
+
+def test_a_shift_goes_unnoticed_within_what_is_foretold_and_no_further() -> None:
+    """A part with straight sides, shifted in every direction before two touches: brute force."""
+    models = [flat("slab", [(0, 0), (60, 0), (60, 24), (0, 24)])]
+    placed = Placed(models[0], -30.0, -12.0, 0.3)
+    found = recognise(
+        Catalogue(models), grip(placed, np.random.default_rng(2), fingers=7, half_range=math.radians(8))
+    )
+    chosen = checking_grip(found, ring(), RESOLUTION, 50.0)
+    assert chosen is not None
+    approaches = [item.approach for item in chosen.candidates]
+    normals = np.array([normal_at(placed, item, travel_of(placed, item)) for item in approaches])
+    limit = unnoticed_shift_mm(
+        chosen.predictions, normals, np.array([item.direction_rad for item in approaches])
+    )
+    assert 1.0 < limit < 30.0
+    hidden = 0
+    for bearing in np.arange(0, 2 * math.pi, 0.1):
+        for size in (0.2 * limit, limit * 1.001):
+            moved = replace(
+                placed,
+                x=placed.x + size * math.cos(bearing),
+                y=placed.y + size * math.sin(bearing),
+            )
+            agrees = all(
+                chosen.predictions.of(row, 0).earliest_mm
+                <= travel_of(moved, item)
+                <= chosen.predictions.of(row, 0).latest_mm
+                for row, item in enumerate(approaches)
+            )
+            assert not (agrees and size > limit)
+            hidden += agrees
+    assert hidden
+
+
+def test_strangers_agree_by_chance_the_less_the_more_is_foretold() -> None:
+    _, found = some_recognition(2, half_deg=10.0)
+    candidates = [item for item in ring().candidates if item.finger_index == 0][:12]
+    predictions = predict(
+        found.catalogue, found.hypotheses, found.anchor_mm, [item.approach for item in candidates]
+    )
+    sure = [k for k in range(len(candidates)) if np.isfinite(predictions.latest[k]).all()]
+    assert len(sure) >= 2
+    touched = [contact_along(candidates[k], 90.0) for k in sure]
+    chances = [
+        chance_of_agreeing(predictions.select(sure[:n]), touched[:n], RESOLUTION.normal_half_rad)
+        for n in range(1, len(sure) + 1)
+    ]
+    assert all(0 < after < before <= 1 for before, after in pairwise(chances))
+    missed = [replace(contact, touched=False) for contact in touched]
+    assert chance_of_agreeing(predictions.select(sure), missed, RESOLUTION.normal_half_rad) == 1.0
 
 
 def test_a_candidate_fits_only_beside_other_fingers() -> None:
