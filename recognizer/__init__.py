@@ -6,6 +6,7 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.evidence import chance_of_agreeing, unnoticed_shift_mm
+from palpate.recognizer.explain import fits_something
 from palpate.recognizer.felt import Resolution
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
@@ -42,6 +43,7 @@ __all__ = [
     "Verdict",
     "chance_of_agreeing",
     "checking_grip",
+    "fits_something",
     "next_grip",
     "plan_grip",
     "predict",

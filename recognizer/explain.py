@@ -22,7 +22,7 @@ from palpate.recognizer.region import Cells, build_cells
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.tree import Interpretations, by_angle, by_chord, by_distance, by_triple, first_level
 
-__all__ = ["Reason", "Step", "Why", "moved", "suspects", "why"]
+__all__ = ["Reason", "Step", "Why", "fits_something", "moved", "suspects", "why"]
 
 
 _LEAST_TO_SUSPECT = 2
@@ -93,14 +93,14 @@ def moved(catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious
     That is so if every grip that touched something fits an object on its own, but all together fit none. None
     otherwise.
     """
-    if _fits(catalogue, _together(grips), max_spurious):
+    if fits_something(catalogue, _together(grips), max_spurious):
         return None
-    if not all(_fits(catalogue, grip, max_spurious) for grip in grips):
+    if not all(fits_something(catalogue, grip, max_spurious) for grip in grips):
         return None
     return next(
         count - 1
         for count in range(1, len(grips) + 1)
-        if not _fits(catalogue, _together(grips[:count]), max_spurious)
+        if not fits_something(catalogue, _together(grips[:count]), max_spurious)
     )
 
 
@@ -119,7 +119,7 @@ def suspects(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: in
     return tuple(contact for contact in contacts if id(contact) in named)
 
 
-def _fits(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int) -> bool:
+def fits_something(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> bool:
     """Whether something explains the contacts; without a touch, or if they say too little, anything does."""
     touched = sum(contact.touched for contact in contacts)
     if not touched:

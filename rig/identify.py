@@ -27,6 +27,7 @@ from palpate.recognizer import (
     Verdict,
     chance_of_agreeing,
     checking_grip,
+    fits_something,
     next_grip,
     recognise,
     twins,
@@ -198,8 +199,8 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
         _begin_again(state)
     recognition = state.recognition
     if recognition is None:
-        contacts = state.contacts
-        return None, exploring_grip(state.reach, contacts)
+        grip = exploring_grip(state.reach, state.contacts)
+        return None if grip else Outcome.UNRESOLVED, grip
     answer = _answer(state, recognition)
     settled = answer is not None and _is_settled(state, recognition)
     if settled and _is_confirmed(state):
@@ -275,7 +276,7 @@ def _at_the_end(state: _Search) -> Outcome:
     if recognition is None:
         return Outcome.UNRESOLVED
     if recognition.verdict is Verdict.NONE:
-        return Outcome.UNKNOWN
+        return Outcome.UNRESOLVED if _may_have_moved(state) else Outcome.UNKNOWN
     answer = _answer(state, recognition)
     return answer if answer is not None and _is_confirmed(state) else Outcome.UNRESOLVED
 
@@ -291,10 +292,7 @@ def _may_have_moved(state: _Search) -> bool:
     """Whether the last grip contradicts the earlier ones, but nothing speaks against it by itself."""
     if len(state.moved_before) >= _MOST_MOVES or len(state.grips) - state.since < 2:
         return False
-    last = [touch.contact for touch in state.grips[-1]]
-    if not any(contact.touched for contact in last):
-        return True
-    return recognise(state.catalogue, last).verdict is not Verdict.NONE
+    return fits_something(state.catalogue, [touch.contact for touch in state.grips[-1]])
 
 
 def _begin_again(state: _Search) -> None:
