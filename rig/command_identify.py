@@ -133,10 +133,8 @@ class Progress:
 
     def moved(self, grip: int) -> None:
         """The part seems to have been moved."""
-        self._console.print(
-            f"        grip {grip} contradicts the earlier ones: the part may have been moved; "
-            "earlier grips are dropped"
-        )
+        del grip
+        self._console.print("        contradicts earlier grips: the part may have moved, they are dropped")
 
     def planned(self, grip: int, plan: Grip) -> None:
         """The next grip was chosen."""

@@ -74,7 +74,7 @@ def _facts(planned: Planned) -> list[tuple[str, str]]:
                 rows.append(("for touches within", rests_on(planned, grip)))
     share = left_over(planned)
     if share is not None:
-        rows.append(("expected to stay confused", share))
+        rows.append(("will stay confused", share))
     rows += [("indistinguishable", named(group)) for group in planned.alike[:_SETS_SHOWN]]
     if len(planned.alike) > _SETS_SHOWN:
         rows.append(("more such sets", str(len(planned.alike) - _SETS_SHOWN)))
