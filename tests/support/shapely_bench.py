@@ -2,9 +2,10 @@
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ParamSpec
 
 import numpy as np
 import shapely
@@ -17,6 +18,10 @@ from palpate.recognizer.recognise import Recognition
 
 SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
 SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
+
+MOST_DRAWS = 200
+
+How = ParamSpec("How")
 
 
 def flat(name: str, outline: object, height_mm: float = 20.0) -> ObjectModel:
@@ -51,8 +56,12 @@ class Placed:
             if section.z_lo_mm <= height <= section.z_hi_mm
             for polygon in section.polygons
         ]
-        turned = affinity.rotate(shapely.union_all(parts), self.theta, origin=(0, 0), use_radians=True)
-        return affinity.translate(turned, self.x, self.y)
+        rotated = affinity.rotate(shapely.union_all(parts), self.theta, origin=(0, 0), use_radians=True)
+        return affinity.translate(rotated, self.x, self.y)
+
+    def on_table(self, point: np.ndarray) -> np.ndarray:
+        """Where a point (2,) of the object is on the table."""
+        return turned(point, self.theta) + np.array([self.x, self.y])
 
 
 def stop(shape: shapely.Polygon, start: np.ndarray, direction: float, radius: float, reach: float) -> float:
@@ -107,10 +116,10 @@ def equivalent_configurations(
     placed: Placed, order: int, centre: np.ndarray
 ) -> Iterator[tuple[float, float, float]]:
     """(x, y, θ) of the object turned about `centre` (object's frame) by every multiple of 2π/order."""
-    at = _turned(centre, placed.theta) + np.array([placed.x, placed.y])
+    at = turned(centre, placed.theta) + np.array([placed.x, placed.y])
     for step in range(-2 * order, 2 * order + 1):
         theta = placed.theta + 2 * math.pi * step / order
-        x, y = at - _turned(centre, theta)
+        x, y = at - turned(centre, theta)
         yield float(x), float(y), theta
 
 
@@ -127,7 +136,8 @@ def holding_truth(recognition: Recognition, placed: Placed) -> Hypothesis | None
     return None
 
 
-def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
+def turned(vector: np.ndarray, angle: float) -> np.ndarray:
+    """A vector (2,) turned counter-clockwise."""
     cos, sin = math.cos(angle), math.sin(angle)
     return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
 
@@ -171,3 +181,12 @@ def grip(
             )
         )
     return contacts
+
+
+def until_touched(draw: Callable[How, list[Contact]], *args: How.args, **kwargs: How.kwargs) -> list[Contact]:
+    """The first of a few drawn grips in which a finger touched; a grip that only misses asks nothing."""
+    for _ in range(MOST_DRAWS):
+        contacts = draw(*args, **kwargs)
+        if any(contact.touched for contact in contacts):
+            return contacts
+    raise AssertionError(f"{MOST_DRAWS} grips in a row touched nothing")
