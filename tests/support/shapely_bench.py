@@ -19,7 +19,7 @@ from palpate.recognizer.recognise import Recognition
 SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
 SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
 
-MOST_DRAWS = 200
+MOST_DRAWS = 50
 
 How = ParamSpec("How")
 
