@@ -1,6 +1,6 @@
 """Is the truth ever lost? Many seeded grips, simulated by shapely: run with `python benchmarks/campaign.py`.
 
-Objects, errors and approaches are drawn in tests/support/shapely_campaign.py. A grip depends on the seed and
+Objects, errors and approaches are drawn by tests/support/campaign_trials.py. A grip depends on the seed and
 its index only. One that is lost is printed with what repeats it, `--only INDEX`. The tables count grips,
 those whose true configuration is in no cell, and those where it is outside of all bounds; and say what the
 answers were like. Ends with status 1 if anything was lost.
@@ -19,8 +19,10 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from campaign_checks import Outcome, asked, outcome
+from campaign_objects import FAMILIES
+from campaign_trials import NORMALS_DEG, Setting, drawn
 from shapely_bench import SHARED_OUTLINES
-from shapely_campaign import FAMILIES, NORMALS_DEG, Outcome, Setting, asked, drawn, outcome
 
 _CHUNK = 50
 

@@ -5,18 +5,11 @@ import math
 import numpy as np
 import pytest
 import shapely
+from campaign_checks import asked, holding_cell, outcome
+from campaign_objects import FAMILIES, catalogue_of, objects_of
+from campaign_trials import Trial, drawn
 from shapely_bench import SHARED_OUTLINES, Placed
-from shapely_campaign import (
-    FAMILIES,
-    Trial,
-    asked,
-    catalogue_of,
-    drawn,
-    edges_of,
-    holding_cell,
-    objects_of,
-    outcome,
-)
+from shapely_contacts import edges_of
 
 from palpate.recognizer import Contact
 

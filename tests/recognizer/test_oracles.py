@@ -18,8 +18,8 @@ import networkx
 import numpy as np
 import pytest
 import shapely
+from campaign_checks import in_polygons
 from shapely_bench import flat
-from shapely_campaign import in_polygons
 
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 from palpate.recognizer.arrays import Bools, Floats
@@ -28,11 +28,21 @@ from palpate.recognizer.statistics import memo_counts
 LIBM = ctypes.CDLL(ctypes.util.find_library("m"))
 NEAREST = LIBM.fegetround()
 
-# Importing codac makes the processor round upward from then on, in whatever else this process computes too.
-import codac  # noqa: E402
 
-UPWARD = LIBM.fegetround()
-LIBM.fesetround(NEAREST)
+@contextmanager
+def rounding_put_back() -> Iterator[None]:
+    """However the processor rounds meanwhile, afterwards it is to nearest again."""
+    try:
+        yield
+    finally:
+        LIBM.fesetround(NEAREST)
+
+
+# Importing codac makes the processor round upward from then on, in whatever else this process computes too.
+with rounding_put_back():
+    import codac
+
+    UPWARD = LIBM.fegetround()
 
 POINT = Finger(0.0, 10.0)
 LEVER_MM = 20.0  # codac's third unknown is θ times this, so that all three are lengths
@@ -144,11 +154,9 @@ Separator = codac.SepBase
 @contextmanager
 def codacs_rounding() -> Iterator[None]:
     """Rounding upward, without which codac's intervals guarantee nothing; and back again."""
-    LIBM.fesetround(UPWARD)
-    try:
+    with rounding_put_back():
+        LIBM.fesetround(UPWARD)
         yield
-    finally:
-        LIBM.fesetround(NEAREST)
 
 
 def test_rounding_is_to_nearest() -> None:

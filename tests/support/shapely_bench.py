@@ -66,7 +66,7 @@ class Placed:
 
 def stop(shape: shapely.Polygon, start: np.ndarray, direction: float, radius: float, reach: float) -> float:
     """Travel after which a disc on a straight path first touches the shape; infinite if it passes by."""
-    heading = np.array([math.cos(direction), math.sin(direction)])
+    heading = unit(direction)
     travel = 0.0
     while travel < reach:
         gap = shapely.distance(shape, shapely.Point(start + travel * heading)) - radius
@@ -91,11 +91,10 @@ def touch(
     height: float = 10.0,
 ) -> Contact:
     """One approach with its position and normal mismeasured by no more than their bounds."""
-    heading = np.array([math.cos(direction), math.sin(direction)])
+    heading = unit(direction)
     travel = stop(shape, start, direction, radius, reach)
     angle = rng.uniform(0, 2 * math.pi)
-    size = bound if at_bound else bound * math.sqrt(rng.uniform())
-    error = size * np.array([math.cos(angle), math.sin(angle)])
+    error = unit(angle) * (bound if at_bound else bound * math.sqrt(rng.uniform()))
     finger = Finger(radius, height)
     given = tuple(float(v) for v in start + error)
     if not math.isfinite(travel):
@@ -136,6 +135,11 @@ def holding_truth(recognition: Recognition, placed: Placed) -> Hypothesis | None
     return None
 
 
+def unit(angle: float) -> np.ndarray:
+    """The direction (2,) at an angle."""
+    return np.array([math.cos(angle), math.sin(angle)])
+
+
 def turned(vector: np.ndarray, angle: float) -> np.ndarray:
     """A vector (2,) turned counter-clockwise."""
     cos, sin = math.cos(angle), math.sin(angle)
@@ -174,7 +178,7 @@ def grip(
                 bound=bound,
                 half_range=half_range,
                 direction=at + math.pi + rng.uniform(-aim, aim),
-                start=ring * np.array([math.cos(at), math.sin(at)]),
+                start=ring * unit(at),
                 reach=2 * ring,
                 at_bound=at_bound,
                 name=f"f{k + 1}",
