@@ -2,157 +2,22 @@
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 import pytest
+from half_plane_contacts import CELL_STEPS, HalfPlane, contact, draw, entry
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tactile_tip import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 
-from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.tactile.array import TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag, TipCalibration
-from palpate.drivers.tactile.messages import Description, Frame, Message, Shape, Start
-from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.messages import Shape
 from palpate.errors import InputError
 
-ROWS, COLS, RADIUS = 8, 20, 5.0
-PITCH = math.radians(13.5)
-CELL_STEPS = 27  # half a degree
-DESCRIPTION = Description(
-    unique_id=b"test array no. 2",
-    firmware="emulated 0.1",
-    emulated=True,
-    shape=Shape.CYLINDER,
-    rows=ROWS,
-    cols=COLS,
-    bit_depth=12,
-    max_rate_hz=500.0,
-    full_scale_n=1.0,
-    counts_per_n=4095.0,
-    tip_radius_mm=RADIUS,
-    columns=tuple(float(np.float32((j - 9.5) * PITCH)) for j in range(COLS)),
-    row_heights_mm=tuple(1.0 + 2.0 * i for i in range(ROWS)),
-)
-# Ray directions: the middles of CELL_STEPS slices of each column, then on around the back of the tip.
-SLICE = PITCH / CELL_STEPS
-RAYS = -10 * PITCH + (np.arange(round(2 * math.pi / SLICE)) + 0.5) * SLICE
-
-
-@dataclass(frozen=True)
-class HalfPlane:
-    """The points x with x . (cos angle, sin angle) >= distance: an edge met in direction `angle`."""
-
-    angle: float
-    distance: float
-
-
-def entry(planes: list[HalfPlane]) -> np.ndarray:
-    """Distance along RAYS at which the intersection of half-planes is entered; inf where it is missed."""
-    near, far = np.zeros(RAYS.size), np.full(RAYS.size, np.inf)
-    for plane in planes:
-        c = np.cos(RAYS - plane.angle)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            hit = plane.distance / c
-        near = np.where(c > 1e-9, np.maximum(near, hit), near)
-        far = np.where(c < -1e-9, np.minimum(far, hit), far)
-        if plane.distance > 0:
-            far = np.where(c <= 1e-9, -1.0, far)
-    return np.where(near < far, near, np.inf)
-
-
-def tipped(angle: float, at: float, distance: float, turn: float) -> HalfPlane:
-    """Face through the surface point in direction `at` at `distance`, its inward normal turned by `turn`."""
-    return HalfPlane(angle + turn, distance * math.cos(at - angle - turn))
-
-
-@dataclass(frozen=True)
-class Truth:
-    kind: str
-    normals: tuple[float, ...]
-    depth_mm: float
-    force_n: float
-    top_mm: float
-    taxels_n: np.ndarray
-
-
-def contact(rng: np.random.Generator, kind: str, middle: float, depth: float, force: float | None) -> Truth:
-    """A contact at direction `middle` with penetration `depth` of the deepest edge."""
-    c = RADIUS - depth
-    normals = [middle]
-    if kind == "flat":
-        rho = entry([HalfPlane(middle, c)])
-    elif kind == "vertex":
-        turn = math.pi - math.radians(rng.uniform(30, 150))
-        right = rng.uniform(0, turn)
-        rho = entry([tipped(middle, middle, c, -(turn - right)), tipped(middle, middle, c, right)])
-        # A face met in direction middle + right recedes on the side below, and the other way round.
-    elif kind == "end":
-        planes = [HalfPlane(middle, c)]
-        for side in (1, -1)[: rng.integers(1, 3)]:
-            at = rng.uniform(0, math.radians(30))
-            drop = math.pi - math.radians(rng.uniform(30, 150))
-            planes.append(tipped(middle, middle + side * at, c / math.cos(at), -side * drop))
-        rho = entry(planes)
-    else:
-        # A "dell" is a notch so shallow that both its edges may dent the tip in one stretch.
-        between = rng.uniform(60, 150) if kind == "notch" else rng.uniform(150, 178)
-        other = middle + math.pi - math.radians(between)
-        second = RADIUS - depth * rng.uniform(0.02, 1.0)
-        normals.append(other)
-        rho = np.minimum(entry([HalfPlane(middle, c)]), entry([HalfPlane(other, second)]))
-    pressure = np.maximum(0.0, RADIUS - rho)
-    cells = pressure[: COLS * CELL_STEPS].reshape(COLS, CELL_STEPS).sum(axis=1)
-    if force is None:  # a foundation of constant modulus, as stiff as the linear one at half a millimetre
-        flat = np.maximum(0.0, RADIUS - entry([HalfPlane(0.0, RADIUS - 0.5)])).sum()
-        force = 1.5 * rng.uniform(0.8, 1.2) * float(pressure.sum()) / float(flat)
-    top = rng.uniform(6.0, 12.0)
-    bottom = np.arange(ROWS) * 2.0
-    rows = np.clip(top - bottom, 0.0, 2.0)
-    taxels = force * np.outer(rows / rows.sum(), cells / pressure.sum())
-    return Truth(kind, tuple(normals), depth, force, top, taxels)
-
-
-class Bench:
-    """An emulated array and an extractor that only gets its decoded frames."""
-
-    def __init__(
-        self, seed: int, *, gain_spread: float = 0.2, noise: float = 2.0, crosstalk: float = 0.075, **faults
-    ):
-        self.array = EmulatedArray(
-            DESCRIPTION,
-            seed=seed,
-            noise_counts=noise,
-            gain_spread=gain_spread,
-            offset_counts=20,
-            crosstalk=crosstalk,
-            **faults,
-        )
-        self.decoder = Decoder()
-        self.now = 0.0
-        self.decoder.feed(
-            b"".join(d for _, d in self.array.feed(encode(Message(0, 0, Start(1, 200_000))), 0.0))
-        )
-        self.extractor = ContactExtractor(
-            DESCRIPTION,
-            TipCalibration(gain=np.ones((ROWS, COLS)), gain_spread=gain_spread, noise_counts=noise),
-        )
-        self.extractor.tare(self.frames(np.zeros((ROWS, COLS)), 16))
-
-    def frames(self, taxels_n: np.ndarray, count: int) -> list[TactileFrame]:
-        out = []
-        for _ in range(count):
-            self.now += 0.005
-            self.array.sample(self.now, taxels_n)
-            (item,) = self.decoder.feed(b"".join(d for _, d in self.array.poll(self.now)))
-            assert isinstance(item, Message)
-            assert isinstance(item.body, Frame)
-            out.append(TactileFrame(item.sequence, item.time_us * 1e-6, self.now, item.body.counts))
-        return out
-
-    def touch(self, taxels_n: np.ndarray, count: int = 1) -> ContactPatch | None:
-        return self.extractor.extract(self.frames(taxels_n, count))
+MIX = {"flat": 0.45, "end": 0.15, "vertex": 0.15, "notch": 0.1, "dell": 0.15}
 
 
 def miss_rad(patch: ContactPatch, normals: tuple[float, ...]) -> float:
@@ -160,33 +25,17 @@ def miss_rad(patch: ContactPatch, normals: tuple[float, ...]) -> float:
     return min(abs(patch.angle_rad - n) for n in normals) - patch.angle_half_range_rad
 
 
-def draw(rng: np.random.Generator, kind: str) -> Truth:
-    middle = rng.uniform(-math.radians(100), math.radians(100))
-    if kind in ("notch", "dell"):
-        middle = rng.uniform(-math.radians(110), math.radians(0))
-    if rng.random() < 0.5:
-        force = math.exp(rng.uniform(math.log(0.3), math.log(3.0)))
-        return contact(rng, kind, middle, force / (3.0 * rng.uniform(0.8, 1.2)), force)
-    while True:
-        truth = contact(rng, kind, middle, rng.uniform(0.08, 1.2), None)
-        if 0.3 <= truth.force_n <= 3.0:
-            return truth
-
-
-MIX = {"flat": 0.45, "end": 0.15, "vertex": 0.15, "notch": 0.1, "dell": 0.15}
-
-
 def test_three_thousand_contacts_stay_inside_their_bounds(capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(1983)
     halves: dict[str, list[float]] = {kind: [] for kind in MIX}
     outside = []
-    bench = Bench(0)
+    tip = TactileTip(0)
     for i in range(3000):
         if i % 100 == 0:
-            bench = Bench(i, crosstalk=rng.uniform(0.05, 0.10))
+            tip = TactileTip(i, crosstalk=rng.uniform(0.05, 0.10))
         kind = str(rng.choice(list(MIX), p=list(MIX.values())))
         truth = draw(rng, kind)
-        patch = bench.touch(truth.taxels_n)
+        patch = tip.touch(truth.taxels_n)
         assert patch is not None
         halves[kind].append(math.degrees(patch.angle_half_range_rad))
         wrong = miss_rad(patch, truth.normals) > 0
@@ -218,10 +67,10 @@ def test_dead_and_hot_taxels_widen_and_are_named(spoiled: str) -> None:
     for seed in range(8):
         # Low rows carry load; a few of them are spoiled over the whole width.
         places = [(int(rng.integers(0, 4)), int(c)) for c in rng.choice(COLS, 6, replace=False)]
-        bench = Bench(seed, **{spoiled: places})
+        tip = TactileTip(seed, **{spoiled: places})
         for _ in range(25):
             truth = draw(rng, str(rng.choice(list(MIX))))
-            patch = bench.touch(truth.taxels_n)
+            patch = tip.touch(truth.taxels_n)
             assert patch is not None
             assert miss_rad(patch, truth.normals) <= 0, (truth.kind, truth.normals, patch)
             flagged += PatchFlag.DEAD_NEIGHBOUR in patch.flags
@@ -230,21 +79,21 @@ def test_dead_and_hot_taxels_widen_and_are_named(spoiled: str) -> None:
 
 def test_a_dead_column_is_bridged() -> None:
     rng = np.random.default_rng(8)
-    bench = Bench(3, dead=[(row, 10) for row in range(ROWS)])
+    tip = TactileTip(3, dead=[(row, 10) for row in range(ROWS)])
     for _ in range(60):
         truth = contact(rng, "flat", rng.uniform(-0.3, 0.5), 0.5, 1.5)
-        patch = bench.touch(truth.taxels_n)
+        patch = tip.touch(truth.taxels_n)
         assert patch is not None
         assert miss_rad(patch, truth.normals) <= 0, (truth.normals, patch)
 
 
 def test_saturated_taxels_widen_and_are_named() -> None:
     rng = np.random.default_rng(9)
-    bench = Bench(4)
+    tip = TactileTip(4)
     seen = 0
     for _ in range(120):
         truth = draw(rng, str(rng.choice(["flat", "end"])))
-        patch = bench.touch(truth.taxels_n * 12.0)
+        patch = tip.touch(truth.taxels_n * 12.0)
         assert patch is not None
         if PatchFlag.SATURATED in patch.flags:
             seen += 1
@@ -255,14 +104,14 @@ def test_saturated_taxels_widen_and_are_named() -> None:
 
 def test_patches_cut_by_the_edge_are_named_and_still_bounded() -> None:
     rng = np.random.default_rng(10)
-    bench = Bench(5)
+    tip = TactileTip(5)
     edge = 10 * PITCH
     for _ in range(200):
         side = 1 if rng.random() < 0.5 else -1
         truth = contact(
             rng, str(rng.choice(["flat", "vertex", "end"])), side * (edge - rng.uniform(0, 0.3)), 0.5, 1.5
         )
-        patch = bench.touch(truth.taxels_n)
+        patch = tip.touch(truth.taxels_n)
         assert patch is not None
         assert PatchFlag.TRUNCATED in patch.flags or abs(truth.normals[0]) < edge - 0.1
         assert miss_rad(patch, truth.normals) <= 0, (truth.kind, truth.normals, patch)
@@ -270,7 +119,7 @@ def test_patches_cut_by_the_edge_are_named_and_still_bounded() -> None:
 
 def test_a_blunt_notch_is_called_wide() -> None:
     rng = np.random.default_rng(11)
-    bench = Bench(6)
+    tip = TactileTip(6)
     wide = 0
     for _ in range(100):
         middle = rng.uniform(-1.0, 0.5)
@@ -279,7 +128,7 @@ def test_a_blunt_notch_is_called_wide() -> None:
             rho = entry([HalfPlane(normal, RADIUS - 0.5)])
             cells = np.maximum(cells, np.maximum(0.0, RADIUS - rho)[: cells.size])
         columns = cells.reshape(COLS, CELL_STEPS).sum(axis=1)
-        patch = bench.touch(2.0 * np.outer([0.2] * 5 + [0.0] * 3, columns / columns.sum()))
+        patch = tip.touch(2.0 * np.outer([0.2] * 5 + [0.0] * 3, columns / columns.sum()))
         assert patch is not None
         assert miss_rad(patch, (middle, middle + math.radians(50))) <= 0
         wide += PatchFlag.WIDE in patch.flags
@@ -288,9 +137,9 @@ def test_a_blunt_notch_is_called_wide() -> None:
 
 def test_two_touches_take_the_stronger_and_say_so() -> None:
     rng = np.random.default_rng(12)
-    bench = Bench(7)
+    tip = TactileTip(7)
     strong, weak = contact(rng, "flat", -1.2, 0.5, 1.5), contact(rng, "flat", 1.2, 0.2, 0.6)
-    patch = bench.touch(strong.taxels_n + weak.taxels_n)
+    patch = tip.touch(strong.taxels_n + weak.taxels_n)
     assert patch is not None
     assert PatchFlag.SEVERAL_PATCHES in patch.flags
     assert abs(patch.angle_rad + 1.2) <= patch.angle_half_range_rad
@@ -298,14 +147,14 @@ def test_two_touches_take_the_stronger_and_say_so() -> None:
 
 def test_known_gains_narrow_the_range() -> None:
     rng = np.random.default_rng(13)
-    bench = Bench(8)
-    known = ContactExtractor(DESCRIPTION, TipCalibration(gain=bench.array.gain, gain_spread=0.02))
-    known.tare(bench.frames(np.zeros((ROWS, COLS)), 16))
+    tip = TactileTip(8)
+    known = ContactExtractor(DESCRIPTION, TipCalibration(gain=tip.array.gain, gain_spread=0.02))
+    known.tare(tip.frames(np.zeros((ROWS, COLS)), 16))
     before, after = [], []
     for _ in range(60):
         truth = draw(rng, "flat")
-        frames = bench.frames(truth.taxels_n, 4)
-        for extractor, out in ((bench.extractor, before), (known, after)):
+        frames = tip.frames(truth.taxels_n, 4)
+        for extractor, out in ((tip.extractor, before), (known, after)):
             patch = extractor.extract(frames)
             assert patch is not None
             assert miss_rad(patch, truth.normals) <= 0
@@ -314,35 +163,29 @@ def test_known_gains_narrow_the_range() -> None:
 
 
 def test_nothing_touched_gives_nothing_and_the_guard_follows_the_force() -> None:
-    bench = Bench(9)
-    quiet = bench.frames(np.zeros((ROWS, COLS)), 20)
-    assert all(bench.extractor.extract(frame) is None for frame in quiet)
-    assert max(bench.extractor.force_n(frame) for frame in quiet) < 0.02
+    tip = TactileTip(9)
+    quiet = tip.frames(np.zeros((ROWS, COLS)), 20)
+    assert all(tip.extractor.extract(frame) is None for frame in quiet)
+    assert max(tip.extractor.force_n(frame) for frame in quiet) < 0.02
     for force in (0.1, 0.5, 2.0):
         truth = contact(np.random.default_rng(1), "flat", 0.1, force / 3, force)
-        (frame,) = bench.frames(truth.taxels_n, 1)
-        assert 0.75 * force < bench.extractor.force_n(frame) < 1.25 * force
+        (frame,) = tip.frames(truth.taxels_n, 1)
+        assert 0.75 * force < tip.extractor.force_n(frame) < 1.25 * force
 
 
 def test_tare_measures_offset_and_noise() -> None:
-    bench = Bench(10, noise=3.0, dead=[(2, 2)], hot=[(4, 4)])
-    baseline = bench.extractor.tare(bench.frames(np.zeros((ROWS, COLS)), 200))
+    tip = TactileTip(10, noise=3.0, dead=[(2, 2)], hot=[(4, 4)])
+    baseline = tip.extractor.tare(tip.frames(np.zeros((ROWS, COLS)), 200))
     assert abs(float(baseline.mean[baseline.usable].mean()) - 20) < 0.2
     assert 2.8 < baseline.noise_counts < 3.2
     assert {tuple(map(int, p)) for p in np.argwhere(~baseline.usable)} == {(2, 2), (4, 4)}
     with pytest.raises(InputError, match="no frames"):
-        bench.extractor.tare([])
+        tip.extractor.tare([])
 
 
 def test_a_flat_pad_says_that_it_does_not_know_the_normal() -> None:
-    pad = Description(
-        **{
-            **DESCRIPTION.__dict__,
-            "shape": Shape.FLAT,
-            "tip_radius_mm": 0.0,
-            "columns": tuple(2.0 * j for j in range(COLS)),
-        }
-    )
+    columns = tuple(2.0 * j for j in range(COLS))
+    pad = replace(DESCRIPTION, shape=Shape.FLAT, tip_radius_mm=0.0, columns=columns)
     extractor = ContactExtractor(pad, TipCalibration(gain=np.ones((ROWS, COLS))))
     counts = np.zeros((ROWS, COLS), np.uint16)
     counts[2:4, 5:8] = 800
@@ -354,7 +197,7 @@ def test_a_flat_pad_says_that_it_does_not_know_the_normal() -> None:
 def test_calibrations_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="gain of shape"):
         ContactExtractor(DESCRIPTION, TipCalibration(gain=np.ones((2, 2))))
-    uneven = Description(**{**DESCRIPTION.__dict__, "columns": (*DESCRIPTION.columns[:-1], 2.5)})
+    uneven = replace(DESCRIPTION, columns=(*DESCRIPTION.columns[:-1], 2.5))
     with pytest.raises(InputError, match="not evenly spaced"):
         ContactExtractor(uneven, TipCalibration(gain=np.ones((ROWS, COLS))))
 
