@@ -39,8 +39,8 @@ check: lint types layers
 
 test: check
 	$(BIN)/pytest -n auto -m "not realtime"
-# Two processes share the computer in real time here. Where it stalls, the host rightly calls servos silent: a test
-# that fails has one more chance.
+# Two processes share the computer in real time here. Where the emulator is not run for 90 ms, as beside three busy
+# programs on two cores, the host rightly calls servos silent: a test that fails has one more chance.
 	$(BIN)/pytest -m realtime || $(BIN)/pytest -m realtime --last-failed
 
 campaign: $(DEV)

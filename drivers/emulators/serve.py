@@ -4,6 +4,10 @@ One pty per device. A single thread owns the devices while the service runs, wok
 an answer whose time has come, or by a device that speaks of its own accord. Physics shared between devices
 may also be touched by others under `lock`.
 
+If the computer is too slow for the devices, their time runs slower than the clock's: a turn of the service
+lets them live for a few milliseconds at most, and then answers. Real servos are never late with an answer
+because their motors are hard to compute.
+
 As on a real wire, a client that opens the port at another baud rate than the device's is not understood. The
 service holds the slave side open itself, so that clients may come and go.
 """
@@ -25,6 +29,7 @@ from palpate.errors import DeviceError
 __all__ = ["PtyService", "serve_pty"]
 
 _IDLE_S = 0.02  # longest sleep: how late a stop request or the physics may be noticed
+_TURN_S = 0.025  # the devices live for this long in one turn, at most
 _CHUNK = 4096
 
 
@@ -85,6 +90,26 @@ class _Line:
         return wanted is None or termios.tcgetattr(self.master)[5] == wanted
 
 
+class _Lifetime:
+    """The devices' time: as the clock's, but it never jumps by more than `_TURN_S`."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._seen = clock.now()
+        self._now = self._seen
+
+    def advanced(self) -> float:
+        """Begin a turn: the devices' time (s) in it."""
+        seen = self._clock.now()
+        self._now += min(seen - self._seen, _TURN_S)
+        self._seen = seen
+        return self._now
+
+    def until(self, instant: float) -> float:
+        """How long to wait (s) for an instant of the devices' time."""
+        return max(0.0, instant - self._now - (self._clock.now() - self._seen))
+
+
 class PtyService:
     """Devices being served; ends with `stop`, at the end of a `with` block, or by the event given to it."""
 
@@ -92,7 +117,7 @@ class PtyService:
         self, devices: Mapping[str, tuple[Device, int]], clock: Clock, stop: threading.Event
     ) -> None:
         self.lock = threading.Lock()
-        self._clock = clock
+        self._clock = _Lifetime(clock)
         self._stop = stop
         self._lines: dict[str, _Line] = {}
         self.failure: BaseException | None = None
@@ -134,7 +159,7 @@ class PtyService:
             while not self._stop.is_set():
                 readable, _, _ = select.select(list(by_master), [], [], self._patience_s())
                 with self.lock:
-                    now = self._clock.now()
+                    now = self._clock.advanced()
                     for master in readable:
                         by_master[master].take(now)
                     for line in self._lines.values():
@@ -149,7 +174,7 @@ class PtyService:
         with self.lock:
             events = [line.next_event_s() for line in self._lines.values()]
         wait = min((event for event in events if event is not None), default=None)
-        return _IDLE_S if wait is None else min(_IDLE_S, max(0.0, wait - self._clock.now()))
+        return _IDLE_S if wait is None else min(_IDLE_S, self._clock.until(wait))
 
     def _close(self) -> None:
         for line in self._lines.values():

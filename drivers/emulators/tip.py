@@ -8,6 +8,7 @@ touched pushes back with stiffness times its deepest dent, spread over the stret
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,13 @@ from numpy.typing import NDArray
 __all__ = ["Outline", "Press", "press", "separation_mm"]
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
+_STEP_RAD = 2 * math.pi / _RAYS
+_ANGLES: Floats = np.arange(_RAYS, dtype=np.float64) * _STEP_RAD
+_HEADINGS: Floats = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +32,18 @@ class Outline:
     start: Floats
     end: Floats
     top_mm: float
+
+    @cached_property
+    def along(self) -> Floats:
+        """From each edge's start to its end, (n, 2) mm."""
+        result: Floats = self.end - self.start
+        return result
+
+    @cached_property
+    def square(self) -> Floats:
+        """Squared lengths (n,) mm²."""
+        result: Floats = np.einsum("ij,ij->i", self.along, self.along)
+        return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,47 +63,54 @@ def separation_mm(outline: Outline, centre_mm: Floats) -> float:
 
 def _to_edges(outline: Outline, centre_mm: Floats) -> Floats:
     """Shortest way (n, 2) in mm from each edge to a point."""
-    along = outline.end - outline.start
     rel = centre_mm - outline.start
-    square = np.einsum("ij,ij->i", along, along)
-    share = np.clip(np.einsum("ij,ij->i", rel, along) / square, 0.0, 1.0)
-    result: Floats = rel - share[:, None] * along
+    share = np.clip(np.einsum("ij,ij->i", rel, outline.along) / outline.square, 0.0, 1.0)
+    result: Floats = rel - share[:, None] * outline.along
     return result
 
 
 def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float) -> Press | None:
     """What the outline does to a tip with its axis at `centre_mm` in W; None if it does not touch it."""
-    # Served on real ports, this runs for every finger in every millisecond: far edges are left out first.
+    # Served on real ports, this runs for every finger in every millisecond: far edges are left out first,
+    # and then rays that cannot meet near ones.
     away = _to_edges(outline, centre_mm)
     square = np.einsum("ij,ij->i", away, away)
-    near = square <= radius_mm**2
-    if not near.any():
+    near = np.flatnonzero(square <= radius_mm**2)
+    if not len(near):
         return None
-    outline = Outline(outline.start[near], outline.end[near], outline.top_mm)
-    angle = np.arange(_RAYS) * (2 * math.pi / _RAYS)
-    heading = np.column_stack([np.cos(angle), np.sin(angle)])
-    # An edge at distance d from the axis is inside the circle for at most acos(d / r) either way of its
-    # nearest point; all other rays reach the circle.
-    towards = np.arctan2(-away[near, 1], -away[near, 0])
-    width = np.arccos(np.minimum(np.sqrt(square[near]) / radius_mm, 1.0)) + 4 * math.pi / _RAYS
-    apart = np.abs((angle[:, None] - towards + math.pi) % (2 * math.pi) - math.pi)
-    looked = np.flatnonzero(np.any(apart <= width, axis=1))
-    dent: Floats = np.zeros(_RAYS)
-    dent[looked] = radius_mm - _reach(outline, centre_mm, heading[looked])
+    looked = _rays_towards(away[near], square[near], radius_mm)
+    some = Outline(outline.start[near], outline.end[near], outline.top_mm)
+    dent: Floats = radius_mm - _reach(some, centre_mm, _HEADINGS[looked])
     touched = dent > 0
     if not touched.any():
         return None
-    by_ray: Floats = np.zeros(_RAYS)
-    for stretch in _stretches(touched):
-        depth = dent[stretch]
-        by_ray[stretch] = stiffness_n_per_mm * depth.max() * depth / depth.sum()
-    force = np.asarray(-(by_ray @ heading), dtype=np.float64)
-    return Press(force, np.asarray(angle, dtype=np.float64), by_ray)
+    looked, dent = looked[touched], dent[touched]
+    share = stiffness_n_per_mm * _shares(looked, dent)
+    by_ray = np.zeros(_RAYS)
+    by_ray[looked] = share
+    force: Floats = -(share @ _HEADINGS[looked])
+    return Press(force, _ANGLES, by_ray)
+
+
+def _rays_towards(away: Floats, square: Floats, radius_mm: float) -> Ints:
+    """Rays, in order, that may meet edges: `away` (n, 2) from their nearest points, and that squared (n,).
+
+    An edge at distance d from the axis is inside of the circle for at most acos(d / r) either way of its
+    nearest point; all other rays reach the circle.
+    """
+    towards = np.arctan2(-away[:, 1], -away[:, 0]) / _STEP_RAD
+    width = np.arccos(np.minimum(np.sqrt(square) / radius_mm, 1.0)) / _STEP_RAD + 2
+    marked = np.zeros(_RAYS, dtype=bool)
+    for middle, half in zip(towards.tolist(), width.tolist(), strict=True):
+        first, last = math.ceil(middle - half), math.floor(middle + half)
+        marked[np.arange(first, min(last, first + _RAYS - 1) + 1) % _RAYS] = True
+    result: Ints = np.flatnonzero(marked)
+    return result
 
 
 def _reach(outline: Outline, centre_mm: Floats, heading: Floats) -> Floats:
     """Distance (m,) from the centre to the first edge in each direction; infinite where there is none."""
-    along = outline.end - outline.start
+    along = outline.along
     rel = outline.start - centre_mm
     turn = heading[:, None, 0] * along[None, :, 1] - heading[:, None, 1] * along[None, :, 0]
     parallel = np.abs(turn) < 1e-12
@@ -97,12 +122,17 @@ def _reach(outline: Outline, centre_mm: Floats, heading: Floats) -> Floats:
     return result
 
 
-def _stretches(touched: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Runs of touched rays round the circle."""
-    if touched.all():
-        return [np.arange(len(touched))]
-    first_free = int(np.argmin(touched))
-    order = (np.arange(len(touched)) + first_free) % len(touched)
-    flags = touched[order]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [order[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+def _shares(ray: Ints, dent: Floats) -> Floats:
+    """What part of a stretch's deepest dent (mm) each touched ray bears; `ray` (m,) in order, `dent` (m,).
+
+    A stretch is a run of neighbouring rays; the last ray and the first are neighbours too.
+    """
+    begins = np.diff(ray, prepend=ray[0] - 2) != 1
+    stretch = np.cumsum(begins) - 1
+    if ray[0] == 0 and ray[-1] == _RAYS - 1:
+        stretch[stretch == stretch[-1]] = 0
+    total = np.bincount(stretch, dent)
+    deepest = np.zeros(len(total))
+    np.maximum.at(deepest, stretch, dent)
+    result: Floats = (deepest[stretch] * dent) / total[stretch]
+    return result

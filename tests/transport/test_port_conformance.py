@@ -177,3 +177,44 @@ def test_a_real_port_in_use_says_so() -> None:
         path = service.paths["echo"]
         with open_port(path, BAUD), pytest.raises(DeviceError, match=f"{path} .* another program"):
             open_port(path, BAUD)
+
+
+class Ponderous:
+    """An echo whose every second of life takes two seconds to compute."""
+
+    def __init__(self) -> None:
+        self._lived = MonotonicClock().now()
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        self._live(now)
+        return [(now, data)]
+
+    def poll(self, now: float) -> list[Emission]:
+        self._live(now)
+        return []
+
+    def next_due(self) -> float | None:
+        return None
+
+    def _live(self, now: float) -> None:
+        MonotonicClock().sleep(2 * max(0.0, now - self._lived))
+        self._lived = now
+
+
+@pytest.mark.realtime
+def test_a_device_that_is_slow_to_compute_still_answers_in_time() -> None:
+    """Its time runs slower then; before, it fell behind ever further."""
+    clock = MonotonicClock()
+    with (
+        serve_pty({"slow": (Ponderous(), BAUD)}, clock, threading.Event()) as service,
+        open_port(service.paths["slow"], BAUD) as port,
+    ):
+        port.timeout = 2.0
+        late = []
+        for _ in range(12):
+            begin = clock.now()
+            port.write(b"?")
+            assert port.read(1) == b"?"
+            late.append(clock.now() - begin)
+            clock.sleep(0.05)
+    assert max(late) < 0.3, late
