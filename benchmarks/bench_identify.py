@@ -24,10 +24,13 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from shapely import affinity, ops
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from shapely_bench import outward_normal, placed_as, stop, unit
+from simulated_touches import as_foretold
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.recognizer import Approach, Catalogue, Grip, Hypothesis, Recognition, Strategy, used_by
+from palpate.recognizer import Approach, Catalogue, Grip, Recognition, Strategy, used_by
 from palpate.rig.bench import BenchRig, connect, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of, resolution_of
@@ -120,7 +123,10 @@ class Watch:
     def touches(self, grip: int, touches: Sequence[Touch]) -> None:
         """Compare with what was foretold; push the part after the first grip."""
         if self._plan is not None and not self._job.push_mm:
-            self.unforeseen += sum(not _foreseen(self._plan, row, touch) for row, touch in enumerate(touches))
+            self.unforeseen += sum(
+                not any(as_foretold(touch.contact, item) for item in self._plan.predictions.of_approach(row))
+                for row, touch in enumerate(touches)
+            )
         self._plan = None
         if grip == 1 and self._job.push_mm:
             self._push()
@@ -141,18 +147,6 @@ class Watch:
         assert self._bench.mock is not None, "the shipped rig is emulated"
         for finger in self._bench.mock.rig.bench.fingers:
             finger.put(outline_at(self.placement, finger.truth.height_mm))
-
-
-def _foreseen(plan: Grip, row: int, touch: Touch) -> bool:
-    """Whether some hypothesis foretold the touch; a miss fits whatever may miss."""
-    contact = touch.contact
-    for foretold in plan.predictions.of_approach(row):
-        if not contact.touched:
-            if math.isinf(foretold.latest_mm):
-                return True
-        elif foretold.earliest_mm <= contact.travel_mm <= foretold.latest_mm:
-            return True
-    return False
 
 
 def run(job: Job) -> Run:
@@ -222,10 +216,13 @@ def _separable(result: Identification) -> bool:
     rig = load_rig(shipped_rig())
     candidates = reach_of(rig).candidates
     used = used_by(result.recognition.contacts, candidates)
-    shapes = [_shape(item) for item in result.recognition.hypotheses]
+    placed = [placed_as(item) for item in result.recognition.hypotheses]
+    heights = {item.approach.finger.height_mm for item in candidates}
+    shapes = {height: [item.shape_at(height) for item in placed] for height in heights}
     limit = resolution_of(rig).distance_mm
     for k in np.flatnonzero(~used):
-        felt = [_felt(shape, candidates[k].approach) for shape in shapes]
+        approach = candidates[k].approach
+        felt = [_felt(shape, approach) for shape in shapes[approach.finger.height_mm]]
         hits = [item for item in felt if item is not None]
         if len(hits) == len(felt):
             travel, facing = zip(*hits, strict=True)
@@ -234,31 +231,14 @@ def _separable(result: Identification) -> bool:
     return False
 
 
-def _shape(item: Hypothesis) -> shapely.Geometry:
-    parts = [
-        shapely.Polygon(polygon.outer, polygon.holes)
-        for section in item.state.state.sections
-        for polygon in section.polygons
-    ]
-    at = item.configuration
-    turned = affinity.rotate(shapely.union_all(parts), at.theta_rad, origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, at.x_mm, at.y_mm)
-
-
 def _felt(shape: shapely.Geometry, approach: Approach) -> tuple[float, float] | None:
     """Travel to the stop, and how squarely the surface is met; None for a miss."""
-    start = np.asarray(approach.start_mm)
-    heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
-    travel = 0.0
-    while travel < approach.travel_mm:
-        at = shapely.Point(start + travel * heading)
-        gap = shapely.distance(shape, at) - approach.finger.tip_radius_mm
-        if gap < 1e-6:
-            nearest = ops.nearest_points(shape, at)[0]
-            inward = np.array([nearest.x - at.x, nearest.y - at.y])
-            return travel, float(abs(inward @ heading) / np.linalg.norm(inward))
-        travel += gap
-    return None
+    start, direction = np.asarray(approach.start_mm), approach.direction_rad
+    travel = stop(shape, start, direction, approach.finger.tip_radius_mm, approach.travel_mm)
+    if math.isinf(travel):
+        return None
+    normal = outward_normal(shape, start + travel * unit(direction))
+    return travel, abs(math.cos(normal - direction))
 
 
 _HEAD = (

@@ -21,14 +21,12 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from decisive_grips import Finding, catalogue_of, checked, drawn, models_of
+from decisive_grips import Finding, catalogue_of, checked, drawn, first_contacts, models_of
 from shapely_bench import SHIPPED_OBJECTS, place
-from simulated_touches import SimulatedTouches
 
 from palpate.config import load_rig, shipped_rig
 from palpate.recognizer import Recognition, plan_grip, recognise, used_by
 from palpate.rig.convert import goals_of, resolution_of
-from palpate.rig.explore import exploring_grip
 from palpate.rig.reach import reach_of
 
 _CHUNK = 40
@@ -73,15 +71,13 @@ def check(path: Path, grips: int, seed: int, samples: int, workers: int) -> int:
 
 def recognitions(path: Path, hypotheses: int) -> Iterator[Recognition]:
     """Some after first grips of blunt fingers, with about so many hypotheses."""
-    reach = reach_of(load_rig(shipped_rig()))
     models = list(models_of(path).values())
     found = 0
     for seed in range(4000):
         rng = np.random.default_rng(seed)
         placed = place(models[int(rng.integers(len(models)))], rng)
         half = math.radians(float(rng.choice(_HALF_RANGES_DEG)))
-        touches = SimulatedTouches(reach, placed, rng, half)(exploring_grip(reach, []))
-        contacts = [touch.contact for touch in touches if touch.contact.touched]
+        contacts = [contact for contact in first_contacts(placed, rng, half) if contact.touched]
         if len(contacts) < 2:
             continue
         answer = recognise(catalogue_of(path), contacts[: 2 + seed % 2])

@@ -10,21 +10,29 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from command import Ended, run_here
 from json_schema import violations
-from shapely import ops
-from shapely_bench import SHIPPED_OBJECTS, Placed, equivalent_configurations, outlines, place, stop
+from shapely_bench import (
+    SHIPPED_OBJECTS,
+    Placed,
+    equivalent_configurations,
+    outlines,
+    outward_normal,
+    place,
+    stop,
+    unit,
+)
+from simulated_touches import felt_along
 
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
-from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
+from palpate.recognizer import Approach, Catalogue, Contact, Finger
 from palpate.rig.next_grip import sets_alike
 from palpate.rig.reach import reach_of
 from palpate.rig.report import contacts_json
 
 Ask = Callable[..., Ended]
-Approach = Mapping[str, Any]
+Planned = Mapping[str, Any]
 
 RIG = load_rig(shipped_rig())
 MODELS = {model.name: model for model in outlines(SHIPPED_OBJECTS)}
@@ -43,60 +51,33 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
     return asked
 
 
-def carried_out(approaches: Sequence[Approach], placed: Placed, rng: np.random.Generator) -> list[Contact]:
+def carried_out(approaches: Sequence[Planned], placed: Placed, rng: np.random.Generator) -> list[Contact]:
     """What fingers of the shipped rig feel, off by no more than each approach allows."""
     return [_touch(item, placed, rng) for item in approaches]
 
 
-def _touch(item: Approach, placed: Placed, rng: np.random.Generator) -> Contact:
+def _touch(item: Planned, placed: Placed, rng: np.random.Generator) -> Contact:
     (spec,) = [finger for finger in RIG.fingers if finger.name == item["finger"]]
-    shape, radius = placed.shape_at(spec.height_mm), spec.tip.radius_mm
-    heading = np.array([math.cos(item["direction"]), math.sin(item["direction"])])
-    start, bound = np.array(item["start"]), 0.6 * item["position_bound"]
-    angle, size = rng.uniform(0, 2 * math.pi), bound * math.sqrt(rng.uniform())
-    error = size * np.array([math.cos(angle), math.sin(angle)])
-    at = stop(shape, start + error, item["direction"], radius, item["travel"])
-    touched = math.isfinite(at)
-    end = start + (at if touched else item["travel"]) * heading
-    normal = None
-    if touched:
-        half = math.radians(8)
-        middle = _normal(shape, end + error) + rng.uniform(-half, half)
-        normal = NormalRange(middle - half, middle + half)
-    return Contact(
-        item["finger"],
-        Finger(radius, spec.height_mm),
-        touched,
-        tuple(start.tolist()),
-        tuple(end.tolist()),
-        bound,
-        normal,
-        path_bound_mm=item["position_bound"],
+    finger = Finger(spec.tip.radius_mm, spec.height_mm)
+    start, bound = tuple(item["start"]), item["position_bound"]
+    return _felt(Approach(finger, start, item["direction"], item["travel"], bound), spec.name, placed, rng)
+
+
+def _felt(approach: Approach, name: str, placed: Placed, rng: np.random.Generator) -> Contact:
+    bound = approach.position_bound_mm
+    return felt_along(
+        approach, name, placed, rng, bound=0.6 * bound, path_bound=bound, half_range=math.radians(8)
     )
-
-
-def _normal(shape: shapely.Geometry, centre: np.ndarray) -> float:
-    nearest = ops.nearest_points(shape, shapely.Point(centre))[0]
-    return math.atan2(centre[1] - nearest.y, centre[0] - nearest.x)
 
 
 def first_grip(placed: Placed, rng: np.random.Generator, fingers: int = 3) -> list[Contact]:
     """Fingers go straight to the table's middle."""
     reach = reach_of(RIG)
-    approaches = []
+    contacts = []
     for index, spec in enumerate(RIG.fingers[:fingers]):
         own = reach.of_finger(index)
-        approach = reach.candidates[own[len(own) // 2]].approach
-        approaches.append(
-            {
-                "finger": spec.name,
-                "start": approach.start_mm,
-                "direction": approach.direction_rad,
-                "travel": approach.travel_mm,
-                "position_bound": approach.position_bound_mm,
-            }
-        )
-    return carried_out(approaches, placed, rng)
+        contacts.append(_felt(reach.candidates[own[len(own) // 2]].approach, spec.name, placed, rng))
+    return contacts
 
 
 def told(ended: Ended) -> dict[str, Any]:
@@ -134,20 +115,20 @@ def test_predictions_agree_with_brute_force(ask: Ask, strategy: str, name: str, 
     compared = 0
     for approach in found["approaches"]:
         assert [item["hypothesis"] for item in approach["predictions"]] == [*range(len(found["hypotheses"]))]
-        heading = np.array([math.cos(approach["direction"]), math.sin(approach["direction"])])
+        heading = unit(approach["direction"])
         for index, placed in at_hypotheses(found):
             item = approach["predictions"][index]
             start = np.array(approach["start"])
             if index % 2:
                 angle = rng.uniform(0, 2 * math.pi)
-                start += approach["position_bound"] * np.array([math.cos(angle), math.sin(angle)])
+                start += approach["position_bound"] * unit(angle)
             at = stop(placed.shape, start, approach["direction"], 5.0, approach["travel"])
             if not math.isfinite(at):
                 assert item["may_miss"]
                 continue
             compared += 1
             assert item["stop"][0] <= at <= item["stop"][1]
-            assert outside(item["normal"], _normal(placed.shape, start + at * heading)) <= 1e-6
+            assert outside(item["normal"], outward_normal(placed.shape, start + at * heading)) <= 1e-6
     assert compared
 
 

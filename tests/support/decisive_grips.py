@@ -6,17 +6,18 @@ recogniser's answer. A grip that is called decisive must leave one class, whatev
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
-from shapely_bench import Placed, outlines
-from simulated_touches import SimulatedTouches
+from shapely_bench import Placed, outlines, place_within, placed_as, turned
+from simulated_touches import SimulatedTouches, as_foretold
 
 from palpate.config import load_rig, shipped_rig
 from palpate.recognizer import (
     Catalogue,
+    Contact,
     Grip,
     Hypothesis,
     ObjectModel,
@@ -30,7 +31,6 @@ from palpate.rig.convert import goals_of, resolution_of
 from palpate.rig.explore import exploring_grip
 from palpate.rig.reach import Reach, reach_of
 
-_SPREAD_MM = 20.0
 _MOST_HYPOTHESES = 40
 
 
@@ -77,14 +77,21 @@ def catalogue_of(path: Path) -> Catalogue:
     return Catalogue(list(models_of(path).values()))
 
 
+def first_contacts(
+    placed: Placed, rng: np.random.Generator, half_range: float = math.radians(10.0)
+) -> list[Contact]:
+    """What the first grip of a search feels: every finger goes to the table's middle."""
+    touches = SimulatedTouches(reach(), placed, rng, half_range)(exploring_grip(reach(), []))
+    return [touch.contact for touch in touches]
+
+
 def drawn(path: Path, seed: int, index: int) -> Trial | None:
     """Trial `index`; None if its first grip leaves one hypothesis, none or many, or no plan is decisive."""
     rng = np.random.default_rng((seed, index))
     models = list(models_of(path).values())
-    placed = _placed(models[int(rng.integers(len(models)))], rng)
+    placed = place_within(models[int(rng.integers(len(models)))], rng)
     rig = load_rig(shipped_rig())
-    touches = SimulatedTouches(reach(), placed, rng)
-    contacts = [touch.contact for touch in touches(exploring_grip(reach(), []))]
+    contacts = first_contacts(placed, rng)
     if not any(contact.touched for contact in contacts):
         return None
     found = recognise(catalogue_of(path), contacts)
@@ -112,33 +119,20 @@ def checked(path: Path, trial: Trial, seed: int, samples: int) -> Finding:
             outcomes += 1
             undecided += not all(same[number, k] for k in classes)
             for row, touch in enumerate(touches):
-                foretold = grip.predictions.of(row, number)
-                contact = touch.contact
-                travel = contact.travel_mm if contact.touched else math.inf
-                unforeseen += not foretold.earliest_mm - 1e-6 <= travel <= foretold.latest_mm + 1e-6
+                unforeseen += not as_foretold(touch.contact, grip.predictions.of(row, number), 1e-6)
     return Finding(trial.index, len(found.hypotheses), outcomes, undecided, unforeseen)
-
-
-def _placed(model: ObjectModel, rng: np.random.Generator) -> Placed:
-    turned = Placed(model, 0.0, 0.0, float(rng.uniform(-math.pi, math.pi)))
-    away, bearing = _SPREAD_MM * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
-    centre = turned.shape.centroid
-    x, y = away * math.cos(bearing) - centre.x, away * math.sin(bearing) - centre.y
-    return Placed(model, float(x), float(y), turned.theta)
 
 
 def poses_in(
     recognition: Recognition, item: Hypothesis, model: ObjectModel, rng: np.random.Generator, count: int
 ) -> list[Placed]:
     """The hypothesis's configuration, and others in its cells: corners and mixtures of corners."""
-    own = item.configuration
-    poses = [Placed(model, own.x_mm, own.y_mm, own.theta_rad)]
+    poses = [replace(placed_as(item), model=model)]
     for row in rng.integers(0, len(item.cells), count):
         corners = item.cells.polygon[row]
         position = rng.dirichlet(np.full(len(corners), 0.3)) @ corners
         theta = rng.choice([item.cells.lo[row], item.cells.hi[row], item.cells.middle[row]])
-        turn = np.array([[math.cos(theta), -math.sin(theta)], [math.sin(theta), math.cos(theta)]])
-        x, y = recognition.anchor_mm + turn @ (position - item.state.origin_mm)
+        x, y = recognition.anchor_mm + turned(position - item.state.origin_mm, theta)
         poses.append(Placed(model, float(x), float(y), float(theta)))
     return poses
 

@@ -76,6 +76,12 @@ def stop(shape: shapely.Polygon, start: np.ndarray, direction: float, radius: fl
     return math.inf
 
 
+def outward_normal(shape: shapely.Geometry, centre: np.ndarray) -> float:
+    """Direction from the nearest point of the shape to the centre of a tip that touches it from outside."""
+    nearest = ops.nearest_points(shape, shapely.Point(centre))[0]
+    return math.atan2(centre[1] - nearest.y, centre[0] - nearest.x)
+
+
 def touch(
     shape: shapely.Polygon,
     rng: np.random.Generator,
@@ -103,8 +109,7 @@ def touch(
     centre = start + travel * heading
     normal = None
     if half_range is not None and radius > 0:
-        nearest = ops.nearest_points(shape, shapely.Point(centre))[0]
-        true = math.atan2(centre[1] - nearest.y, centre[0] - nearest.x)
+        true = outward_normal(shape, centre)
         shift = rng.choice([-1, 1]) * half_range if at_bound else rng.uniform(-half_range, half_range)
         normal = NormalRange(true + shift - half_range, true + shift + half_range)
     end = tuple(float(v) for v in centre + error)
@@ -150,6 +155,21 @@ def place(model: ObjectModel, rng: np.random.Generator, spread: float = 15.0) ->
     """The object with its origin within a square about the centre, turned anyhow."""
     x, y = rng.uniform(-spread, spread, 2)
     return Placed(model, float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+
+
+def place_within(model: ObjectModel, rng: np.random.Generator, radius: float = 20.0) -> Placed:
+    """The object turned anyhow, with its centre of area anywhere in a circle about the table's."""
+    theta = float(rng.uniform(-math.pi, math.pi))
+    away, bearing = radius * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    x, y = away * unit(bearing) - shapely.get_coordinates(Placed(model, 0.0, 0.0, theta).shape.centroid)[0]
+    return Placed(model, float(x), float(y), theta)
+
+
+def placed_as(item: Hypothesis) -> Placed:
+    """The object in the state and the configuration of a hypothesis."""
+    at = item.configuration
+    model = ObjectModel(item.state.object_name, (item.state.state,))
+    return Placed(model, at.x_mm, at.y_mm, at.theta_rad)
 
 
 def grip(

@@ -6,21 +6,18 @@ which approaches there are, and how well they are carried out.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
-from shapely import ops
-from shapely_bench import Placed, stop
+from shapely_bench import Placed, outward_normal, stop, unit
 
-from palpate.recognizer import Contact, NormalRange
+from palpate.recognizer import Approach, Contact, NormalRange
+from palpate.recognizer.prediction import Prediction
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.reach import Reach
 
-ORDINARY_SHARE, ORDINARY_PATH = (
-    0.33,
-    0.55,
-)  # of an approach's bound: what touches on the emulated bench declare
+# Of an approach's bound: what touches on the emulated bench declare.
+ORDINARY_SHARE, ORDINARY_PATH = 0.33, 0.55
 
 
 @dataclass
@@ -47,32 +44,49 @@ class SimulatedTouches:
 
     def _touch(self, index: int, travel_mm: float) -> Touch:
         candidate = self.reach.candidates[index]
-        approach, name = candidate.approach, f"f{candidate.finger_index + 1}"
-        shape = self.placed.shape_at(approach.finger.height_mm)
-        bound = self.share * approach.position_bound_mm
-        angle = self.rng.uniform(0, 2 * math.pi)
-        size = bound * (1.0 if self.at_bound else math.sqrt(self.rng.uniform()))
-        error = size * np.array([math.cos(angle), math.sin(angle)])
-        start = np.array(approach.start_mm)
-        heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
-        at = stop(shape, start + error, approach.direction_rad, approach.finger.tip_radius_mm, travel_mm)
-        missed = not math.isfinite(at)
-        end = start + (travel_mm if missed else at) * heading
-        contact = Contact(
-            name,
-            approach.finger,
-            not missed,
-            approach.start_mm,
-            (float(end[0]), float(end[1])),
-            bound,
-            None if missed else self._normal(shape, end + error),
-            path_bound_mm=max(self.share, ORDINARY_PATH) * approach.position_bound_mm,
+        bound = candidate.approach.position_bound_mm
+        contact = felt_along(
+            replace(candidate.approach, travel_mm=travel_mm),
+            f"f{candidate.finger_index + 1}",
+            self.placed,
+            self.rng,
+            bound=self.share * bound,
+            path_bound=max(self.share, ORDINARY_PATH) * bound,
+            half_range=self.normal_half_rad,
+            at_bound=self.at_bound,
         )
         return Touch(candidate.finger_index, contact, None)
 
-    def _normal(self, shape: shapely.Geometry, centre: np.ndarray) -> NormalRange:
-        nearest = ops.nearest_points(shape, shapely.Point(centre))[0]
-        true = math.atan2(centre[1] - nearest.y, centre[0] - nearest.x)
-        off = self.rng.choice([-1.0, 1.0]) if self.at_bound else self.rng.uniform(-1, 1)
-        middle = true + off * self.normal_half_rad
-        return NormalRange(middle - self.normal_half_rad, middle + self.normal_half_rad)
+
+def felt_along(
+    approach: Approach,
+    name: str,
+    placed: Placed,
+    rng: np.random.Generator,
+    *,
+    bound: float,
+    path_bound: float,
+    half_range: float,
+    at_bound: bool = False,
+) -> Contact:
+    """What a finger feels that really travels up to `bound` mm beside the approach, or just as much."""
+    finger, direction = approach.finger, approach.direction_rad
+    shape = placed.shape_at(finger.height_mm)
+    angle = rng.uniform(0, 2 * math.pi)
+    error = unit(angle) * bound * (1.0 if at_bound else math.sqrt(rng.uniform()))
+    start = np.array(approach.start_mm)
+    travel = stop(shape, start + error, direction, finger.tip_radius_mm, approach.travel_mm)
+    touched, normal = math.isfinite(travel), None
+    end = start + (travel if touched else approach.travel_mm) * unit(direction)
+    if touched:
+        off = rng.choice([-1.0, 1.0]) if at_bound else rng.uniform(-1, 1)
+        middle = outward_normal(shape, end + error) + off * half_range
+        normal = NormalRange(middle - half_range, middle + half_range)
+    at = (float(end[0]), float(end[1]))
+    return Contact(name, finger, touched, approach.start_mm, at, bound, normal, path_bound_mm=path_bound)
+
+
+def as_foretold(contact: Contact, foretold: Prediction, slack_mm: float = 0.0) -> bool:
+    """Whether the finger stopped where it was to, or missed where it might."""
+    travel = contact.travel_mm if contact.touched else math.inf
+    return foretold.earliest_mm - slack_mm <= travel <= foretold.latest_mm + slack_mm
