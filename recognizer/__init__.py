@@ -8,9 +8,10 @@ from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.evidence import chance_of_agreeing, unnoticed_shift_mm
 from palpate.recognizer.explain import fits_something
 from palpate.recognizer.felt import Resolution
+from palpate.recognizer.grips import Candidate, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
-from palpate.recognizer.planner import Candidate, Grip, Reachable, plan_grip, twins
+from palpate.recognizer.planner import plan_grip
 from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
 from palpate.recognizer.rays import Approach

@@ -4,100 +4,29 @@ From a recognition and the approaches that the rig can reach to a grip. Every hy
 some configurations of its region. Two of them need telling apart if they are of different hypotheses, or
 further apart than is fine enough; what they would feel (`felt`) says how likely each approach is to do it.
 Fingers are added one by one, as long as each takes away a good share of what would still be confused. What
-the grip then promises is not taken from these samples, but from enclosures over whole regions (`prediction`).
+the grip then promises is not taken from these samples, but from enclosures over whole regions (`grips`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
 from palpate.recognizer.felt import Felt, Resolution, felt, likeness
-from palpate.recognizer.poses import Goals, pairs_to_tell_apart, sampled_poses, witness_poses
-from palpate.recognizer.prediction import Predictions, joined_predictions, predict
-from palpate.recognizer.rays import Approach
+from palpate.recognizer.grips import Foreseen, Grip, Reachable, fits, foreseen, grip_of
+from palpate.recognizer.poses import Goals, Pairs, Poses, pairs_to_tell_apart, sampled_poses
 from palpate.recognizer.recognise import Recognition
 
-__all__ = [
-    "Candidate",
-    "Foreseen",
-    "Grip",
-    "Reachable",
-    "fits",
-    "foreseen",
-    "grip_of",
-    "other_side",
-    "plan_grip",
-    "twins",
-]
+__all__ = ["other_side", "plan_grip"]
 
 _HOPELESS = 1e-3  # the first finger must take at least this share of confusion away
 _WORTH = 0.08  # and every further one this
 _ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
-_CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
-_AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
-_FEW = 8
-_PERCEPTIBLE = np.exp(-1.0)  # likeness of what the rig can just tell apart
 _TWO_SIDES_RAD = np.radians(30.0)
 _MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """An approach that the rig can reach with one of its fingers."""
-
-    finger_index: int
-    approach: Approach
-
-
-class Reachable(Protocol):
-    """All approaches of a rig, and which of them go together."""
-
-    @property
-    def candidates(self) -> Sequence[Candidate]:
-        """The approaches (n), of all fingers."""
-        ...
-
-    def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
-        """Whether candidate `one` can be carried out with each of `others` (m,), going this far at most."""
-        ...
-
-    def seconds(self, travels_mm: Floats) -> Floats:
-        """How long each candidate (n,) takes, going this far (n,)."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Grip:
-    """Approaches to carry out together, and what each of the hypotheses says will happen.
-
-    `indices` into the reachable candidates; `travels_mm`: how far each finger has to go, if it meets nothing.
-    `predictions` are (approaches, hypotheses). `decisive`: whatever happens, hypotheses of one class survive,
-    the class being what no reachable approach tells apart; a certificate as long as no touch is blunter than
-    its approach's position bound and the resolution's normal range. `remaining`: expected share of what needs
-    telling apart that will still feel alike, 0 to 1. `seconds`: estimated time of the motion.
-    """
-
-    indices: tuple[int, ...]
-    candidates: tuple[Candidate, ...]
-    travels_mm: tuple[float, ...]
-    predictions: Predictions
-    decisive: bool
-    remaining: float
-    seconds: float
-
-
-@dataclass(frozen=True, eq=False)
-class Foreseen:
-    """Candidate `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
-
-    index: int
-    predictions: Predictions
-    travel_mm: float
 
 
 def plan_grip(
@@ -113,57 +42,104 @@ def plan_grip(
     As many as `fingers`, where that many go together, and more if they are worth it. `used` (n,): candidates
     not to choose, because they were carried out before: what they can tell they have told.
     """
-    approaches = [item.approach for item in reachable.candidates]
-    poses = sampled_poses(recognition.hypotheses)
-    pairs = pairs_to_tell_apart(poses, recognition.hypotheses, goals)
-    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
-    open_to: Bools = np.any(outcome.hit, axis=1)
+    choice = _Choice.begun(recognition, reachable, resolution, goals)
     if used is not None:
-        open_to = open_to & ~used
-    furthest = np.where(outcome.hit, outcome.travel, 0.0).max(axis=1, initial=0.0) + _MARGIN_MM
-    seconds = reachable.seconds(furthest)
-    confused, remaining = pairs.weight.copy(), 1.0
-    chosen: list[Foreseen] = []
-    while open_to.any() and len(pairs.first):
-        wanted = len(chosen) < fingers
-        if remaining <= _ENOUGH and not wanted:
+        choice.open_to &= ~used
+    while choice.wants_more(fingers):
+        best = choice.best(fingers)
+        if best is None:
             break
-        taken = [item.index for item in chosen]
-        rows = _shortlist(np.flatnonzero(open_to), outcome, poses.weight, taken, resolution, len(pairs.first))
-        sides = other_side(outcome.normal[:, 0], rows, taken)
+        choice.take(*best)
+    if not choice.chosen:
+        return None
+    return grip_of(recognition, reachable, choice.chosen, resolution, choice.remaining)
+
+
+@dataclass
+class _Choice:
+    """A grip in the making.
+
+    `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `confused`
+    (pairs,): the weight of pairs of poses that still feel alike, `remaining` together.
+    """
+
+    recognition: Recognition
+    reachable: Reachable
+    resolution: Resolution
+    poses: Poses
+    pairs: Pairs
+    outcome: Felt
+    open_to: Bools
+    furthest: Floats
+    seconds: Floats
+    confused: Floats
+    remaining: float = 1.0
+    chosen: list[Foreseen] = field(default_factory=list)
+
+    @classmethod
+    def begun(
+        cls, recognition: Recognition, reachable: Reachable, resolution: Resolution, goals: Goals
+    ) -> "_Choice":
+        """Nothing is chosen yet; what is missed by all poses is of no use."""
+        poses = sampled_poses(recognition.hypotheses)
+        pairs = pairs_to_tell_apart(poses, recognition.hypotheses, goals)
+        approaches = [item.approach for item in reachable.candidates]
+        outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+        furthest = np.where(outcome.hit, outcome.travel, 0.0).max(axis=1, initial=0.0) + _MARGIN_MM
+        return cls(
+            recognition,
+            reachable,
+            resolution,
+            poses,
+            pairs,
+            outcome,
+            np.asarray(np.any(outcome.hit, axis=1)),
+            furthest,
+            reachable.seconds(furthest),
+            pairs.weight.copy(),
+        )
+
+    def wants_more(self, fingers: int) -> bool:
+        """Whether a further approach could be of use."""
+        enough = self.remaining <= _ENOUGH and len(self.chosen) >= fingers
+        return bool(self.open_to.any()) and len(self.pairs.first) > 0 and not enough
+
+    def best(self, fingers: int) -> tuple[int, Floats, float] | None:
+        """The candidate to add, how alike pairs (n,) feel to it, and what would remain; None if none pays."""
+        taken = [item.index for item in self.chosen]
+        rows = _shortlist(
+            np.flatnonzero(self.open_to),
+            self.outcome,
+            self.poses.weight,
+            taken,
+            self.resolution,
+            len(self.pairs.first),
+        )
+        wanted = len(self.chosen) < fingers
+        sides = other_side(self.outcome.normal[:, 0], rows, taken)
         if wanted and sides.any():
             rows = rows[sides]
-        alike = likeness(outcome, pairs.first, pairs.second, resolution, rows)
-        scores = alike @ confused
+        alike = likeness(self.outcome, self.pairs.first, self.pairs.second, self.resolution, rows)
+        scores = alike @ self.confused
         least = float(scores.min())
-        worth = (0.0 if wanted else _WORTH) if chosen else _HOPELESS
-        if least > remaining - worth:
-            break
-        good = np.flatnonzero(scores <= least + _ALIKE * remaining)
-        best = good[np.argmin(seconds[rows[good]])]
-        one = foreseen(recognition, reachable, int(rows[best]))
-        open_to[one.index] = False
-        if not fits(reachable, one, chosen):
-            continue
-        furthest[one.index] = one.travel_mm
-        confused, remaining = confused * alike[best], float(scores[best])
-        chosen.append(one)
-        open_to &= reachable.together(one.index, one.travel_mm, np.arange(len(open_to)), furthest)
-    return grip_of(recognition, reachable, chosen, resolution, remaining) if chosen else None
+        worth = (0.0 if wanted else _WORTH) if self.chosen else _HOPELESS
+        if least > self.remaining - worth:
+            return None
+        good = np.flatnonzero(scores <= least + _ALIKE * self.remaining)
+        row = good[np.argmin(self.seconds[rows[good]])]
+        return int(rows[row]), alike[row], float(scores[row])
 
-
-def foreseen(recognition: Recognition, reachable: Reachable, index: int) -> Foreseen:
-    """What candidate `index` will meet, and how far it has to go for it."""
-    approaches = [reachable.candidates[index].approach]
-    found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
-    return Foreseen(index, found, float(found.needed_mm(approaches)[0]))
-
-
-def fits(reachable: Reachable, one: Foreseen, chosen: Sequence[Foreseen]) -> bool:
-    """Whether a candidate can be carried out together with all that are chosen."""
-    others = np.array([item.index for item in chosen], dtype=np.int64)
-    travels = np.array([item.travel_mm for item in chosen])
-    return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
+    def take(self, index: int, alike: Floats, remaining: float) -> None:
+        """Add a candidate, if it goes together with those that were chosen before."""
+        one = foreseen(self.recognition, self.reachable, index)
+        self.open_to[index] = False
+        if not fits(self.reachable, one, self.chosen):
+            return
+        self.furthest[index] = one.travel_mm
+        self.confused, self.remaining = self.confused * alike, remaining
+        self.chosen.append(one)
+        every = np.arange(len(self.open_to))
+        self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)
 
 
 def other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
@@ -175,96 +151,6 @@ def other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
     turned = np.abs(wrap_angle(2 * (normal_rad[rows][:, None] - normal_rad[list(chosen)]))) / 2
     result: Bools = np.all(turned > _TWO_SIDES_RAD, axis=1)
     return result
-
-
-def grip_of(
-    recognition: Recognition,
-    reachable: Reachable,
-    chosen: Sequence[Foreseen],
-    resolution: Resolution,
-    remaining: float,
-) -> Grip:
-    """The grip of certain candidates, with what it promises."""
-    indices = [item.index for item in chosen]
-    predictions = joined_predictions([item.predictions for item in chosen])
-    travels = np.zeros(len(reachable.candidates))
-    travels[indices] = [item.travel_mm for item in chosen]
-    return Grip(
-        tuple(indices),
-        tuple(reachable.candidates[k] for k in indices),
-        tuple(item.travel_mm for item in chosen),
-        predictions,
-        _decisive(recognition, reachable, predictions, resolution),
-        remaining,
-        float(reachable.seconds(travels)[indices].max()),
-    )
-
-
-def twins(
-    recognition: Recognition, reachable: Reachable, resolution: Resolution, used: Bools | None = None
-) -> Bools:
-    """Which two hypotheses (h, h) no candidate that is left may tell apart, at their own configurations.
-
-    Their stops and normals agree to within the rig's resolution, or both are missed. `used` (n,): candidates
-    that have been carried out.
-    """
-    count = len(recognition.hypotheses)
-    alike = np.ones((count, count), dtype=bool)
-    left = np.ones(len(reachable.candidates), dtype=bool) if used is None else ~used
-    first, second = np.triu_indices(count, 1)
-    if left.any() and len(first):
-        same = _alike(recognition, reachable, resolution, np.flatnonzero(left), first, second)
-        alike[first, second] = alike[second, first] = same
-    return alike
-
-
-def _alike(
-    recognition: Recognition,
-    reachable: Reachable,
-    resolution: Resolution,
-    rows: Ints,
-    first: Ints,
-    second: Ints,
-) -> Bools:
-    """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
-    approaches = [reachable.candidates[k].approach for k in rows.tolist()]
-    poses = witness_poses(recognition.hypotheses)
-    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
-    # Most pairs feel different to one of the first few that touch much: few are left for the others.
-    order = np.argsort(-outcome.hit.sum(axis=1), kind="stable")
-    left = np.arange(len(first))
-    for begin in range(0, len(rows), _FEW):
-        some = order[begin : begin + _FEW]
-        kept = [
-            piece[
-                likeness(outcome, first[piece], second[piece], resolution, some).min(axis=0) >= _PERCEPTIBLE
-            ]
-            for piece in np.array_split(left, 1 + len(left) * _FEW // _AT_ONCE)
-        ]
-        left = np.concatenate(kept)
-    result: Bools = np.zeros(len(first), dtype=bool)
-    result[left] = True
-    return result
-
-
-def _decisive(
-    recognition: Recognition, reachable: Reachable, predictions: Predictions, resolution: Resolution
-) -> bool:
-    """Whether every two hypotheses that something reachable tells apart are told apart by this.
-
-    Where touches may be spurious nothing is certain.
-    """
-    if recognition.max_spurious:
-        return False
-    apart = predictions.apart(resolution.normal_half_rad)
-    first, second = np.nonzero(np.triu(~apart, 1))
-    if not len(first):
-        return True
-    if len(first) > _CLASSED:
-        return False
-    # Survivors of an outcome are confused two by two; if these are twins two by two, they are one class.
-    every = np.arange(len(reachable.candidates))
-    return bool(_alike(recognition, reachable, resolution, every, first, second).all())
 
 
 def _shortlist(

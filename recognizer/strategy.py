@@ -13,17 +13,8 @@ from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.evidence import unnoticed_shift_mm
 from palpate.recognizer.felt import Felt, Resolution, felt
-from palpate.recognizer.planner import (
-    Candidate,
-    Foreseen,
-    Grip,
-    Reachable,
-    fits,
-    foreseen,
-    grip_of,
-    other_side,
-    plan_grip,
-)
+from palpate.recognizer.grips import Candidate, Foreseen, Grip, Reachable, fits, foreseen, grip_of
+from palpate.recognizer.planner import other_side, plan_grip
 from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
 from palpate.recognizer.prediction import joined_predictions
 from palpate.recognizer.recognise import Recognition

@@ -16,6 +16,7 @@ from palpate.rig.waiting import body_of, is_steady, on_circle, wait_distance_mm,
 
 __all__ = ["Way", "joined", "ways_of"]
 
+_INNER_RAD = 1e-5
 _MARGIN_MM = 1.0
 _SAMPLE_MM = 8.0  # of an arm's way, between two postures
 _MOST_TURN_DEG = 42.0  # of an arm's way, from straight inward
@@ -68,7 +69,9 @@ def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count
         turns = np.radians(np.linspace(-_MOST_TURN_DEG, _MOST_TURN_DEG, 2 * (count // 6) + 1))
         ways = [_arm_way(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
     else:
-        aims = np.unique(np.linspace(lo_rad, hi_rad, count))
+        # An aim at the very end of its servo's range may be beyond it once it has been a line in between.
+        inner = min(_INNER_RAD, (hi_rad - lo_rad) / 2)
+        aims = np.unique(np.linspace(lo_rad + inner, hi_rad - inner, count))
         wait = wait_distance_mm(spec, radius)
         ways = [_slide_way(spec, finger_index, float(aim), wait, radius) for aim in aims]
     return [way for way in ways if way is not None and way.travel_mm > _MARGIN_MM]

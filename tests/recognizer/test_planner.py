@@ -36,7 +36,7 @@ from palpate.recognizer import (
 )
 from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.recognizer.felt import felt, likeness
-from palpate.recognizer.planner import fits, foreseen
+from palpate.recognizer.grips import fits, foreseen
 from palpate.recognizer.pockets import exact_pockets
 from palpate.recognizer.poses import witness_poses
 

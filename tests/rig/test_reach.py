@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import shapely
 
+from palpate.config import Finger as FingerFile
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.errors import InputError
 from palpate.rig.closing import Close
-from palpate.rig.convert import kinematics_of
+from palpate.rig.convert import kinematics_of, slide_kinematics
 from palpate.rig.reach import Reach, reach_of
 
 POST = [[30.0, 95.0], [42.0, 95.0], [42.0, 107.0], [30.0, 107.0]]
@@ -179,3 +180,19 @@ def test_time_grows_with_the_way_and_the_aim() -> None:
     assert far - near == pytest.approx(2 * 100.0 / 20.0)
     assert near[own[0]] > near[own[20]]
     assert near[own[0]] == pytest.approx(near[own[-1]])
+
+
+def test_every_approach_is_within_its_servos_ranges_from_end_to_end() -> None:
+    """Also at the ends of the aim's range, where rounding once put a goal just beyond it."""
+    rig = load_rig(shipped_rig())
+    reach = reach_of(rig)
+    for index, candidate in enumerate(reach.candidates):
+        spec = rig.fingers[candidate.finger_index]
+        assert isinstance(spec, FingerFile)
+        kinematics = slide_kinematics(spec)
+        ends = sorted(kinematics.aim_servo_rad(math.radians(value)) for value in spec.aim.range_deg)
+        close = reach.close(index, candidate.approach.travel_mm)
+        for travel in (0.0, close.travel_mm):
+            aim, slide = kinematics.servos_rad(close.line, travel)
+            assert ends[0] < aim < ends[1]
+            assert spec.slide.range_mm[0] < kinematics.distance_mm(slide) < spec.slide.range_mm[1]

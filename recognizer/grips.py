@@ -1,0 +1,183 @@
+"""Grips: approaches to carry out together, what hypotheses foretell of them, and what that promises.
+
+From reachable approaches and enclosures (`prediction`) to grips with their certificate; whoever chooses them
+(`planner`, `strategy`) ends here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.felt import Resolution, felt, likeness
+from palpate.recognizer.poses import witness_poses
+from palpate.recognizer.prediction import Predictions, joined_predictions, predict
+from palpate.recognizer.rays import Approach
+from palpate.recognizer.recognise import Recognition
+
+__all__ = ["Candidate", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "twins"]
+
+_CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
+_AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
+_FEW = 8
+_PERCEPTIBLE = np.exp(-1.0)  # likeness of what the rig can just tell apart
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An approach that the rig can reach with one of its fingers."""
+
+    finger_index: int
+    approach: Approach
+
+
+class Reachable(Protocol):
+    """All approaches of a rig, and which of them go together."""
+
+    @property
+    def candidates(self) -> Sequence[Candidate]:
+        """The approaches (n), of all fingers."""
+        ...
+
+    def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
+        """Whether candidate `one` can be carried out with each of `others` (m,), going this far at most."""
+        ...
+
+    def seconds(self, travels_mm: Floats) -> Floats:
+        """How long each candidate (n,) takes, going this far (n,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Approaches to carry out together, and what each of the hypotheses says will happen.
+
+    `indices` into the reachable candidates; `travels_mm`: how far each finger has to go, if it meets nothing.
+    `predictions` are (approaches, hypotheses). `decisive`: whatever happens, hypotheses of one class survive,
+    the class being what no reachable approach tells apart; a certificate as long as no touch is blunter than
+    its approach's position bound and the resolution's normal range. `remaining`: expected share of what needs
+    telling apart that will still feel alike, 0 to 1. `seconds`: estimated time of the motion.
+    """
+
+    indices: tuple[int, ...]
+    candidates: tuple[Candidate, ...]
+    travels_mm: tuple[float, ...]
+    predictions: Predictions
+    decisive: bool
+    remaining: float
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class Foreseen:
+    """Candidate `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
+
+    index: int
+    predictions: Predictions
+    travel_mm: float
+
+
+def foreseen(recognition: Recognition, reachable: Reachable, index: int) -> Foreseen:
+    """What candidate `index` will meet, and how far it has to go for it."""
+    approaches = [reachable.candidates[index].approach]
+    found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
+    return Foreseen(index, found, float(found.needed_mm(approaches)[0]))
+
+
+def fits(reachable: Reachable, one: Foreseen, chosen: Sequence[Foreseen]) -> bool:
+    """Whether a candidate can be carried out together with all that are chosen."""
+    others = np.array([item.index for item in chosen], dtype=np.int64)
+    travels = np.array([item.travel_mm for item in chosen])
+    return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
+
+
+def grip_of(
+    recognition: Recognition,
+    reachable: Reachable,
+    chosen: Sequence[Foreseen],
+    resolution: Resolution,
+    remaining: float,
+) -> Grip:
+    """The grip of certain candidates, with what it promises."""
+    indices = [item.index for item in chosen]
+    predictions = joined_predictions([item.predictions for item in chosen])
+    travels = np.zeros(len(reachable.candidates))
+    travels[indices] = [item.travel_mm for item in chosen]
+    return Grip(
+        tuple(indices),
+        tuple(reachable.candidates[k] for k in indices),
+        tuple(item.travel_mm for item in chosen),
+        predictions,
+        _decisive(recognition, reachable, predictions, resolution),
+        remaining,
+        float(reachable.seconds(travels)[indices].max()),
+    )
+
+
+def twins(
+    recognition: Recognition, reachable: Reachable, resolution: Resolution, used: Bools | None = None
+) -> Bools:
+    """Which two hypotheses (h, h) no candidate that is left may tell apart, at their own configurations.
+
+    Their stops and normals agree to within the rig's resolution, or both are missed. `used` (n,): candidates
+    that have been carried out.
+    """
+    count = len(recognition.hypotheses)
+    alike = np.ones((count, count), dtype=bool)
+    left = np.ones(len(reachable.candidates), dtype=bool) if used is None else ~used
+    first, second = np.triu_indices(count, 1)
+    if left.any() and len(first):
+        same = _alike(recognition, reachable, resolution, np.flatnonzero(left), first, second)
+        alike[first, second] = alike[second, first] = same
+    return alike
+
+
+def _alike(
+    recognition: Recognition,
+    reachable: Reachable,
+    resolution: Resolution,
+    rows: Ints,
+    first: Ints,
+    second: Ints,
+) -> Bools:
+    """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
+    approaches = [reachable.candidates[k].approach for k in rows.tolist()]
+    poses = witness_poses(recognition.hypotheses)
+    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    # Most pairs feel different to one of the first few that touch much: few are left for the others.
+    order = np.argsort(-outcome.hit.sum(axis=1), kind="stable")
+    left = np.arange(len(first))
+    for begin in range(0, len(rows), _FEW):
+        some = order[begin : begin + _FEW]
+        kept = [
+            piece[
+                likeness(outcome, first[piece], second[piece], resolution, some).min(axis=0) >= _PERCEPTIBLE
+            ]
+            for piece in np.array_split(left, 1 + len(left) * _FEW // _AT_ONCE)
+        ]
+        left = np.concatenate(kept)
+    result: Bools = np.zeros(len(first), dtype=bool)
+    result[left] = True
+    return result
+
+
+def _decisive(
+    recognition: Recognition, reachable: Reachable, predictions: Predictions, resolution: Resolution
+) -> bool:
+    """Whether every two hypotheses that something reachable tells apart are told apart by this.
+
+    Where touches may be spurious nothing is certain.
+    """
+    if recognition.max_spurious:
+        return False
+    apart = predictions.apart(resolution.normal_half_rad)
+    first, second = np.nonzero(np.triu(~apart, 1))
+    if not len(first):
+        return True
+    if len(first) > _CLASSED:
+        return False
+    # Survivors of an outcome are confused two by two; if these are twins two by two, they are one class.
+    every = np.arange(len(reachable.candidates))
+    return bool(_alike(recognition, reachable, resolution, every, first, second).all())
