@@ -16,7 +16,7 @@ from palpate.rig.waiting import body_of, is_steady, on_circle, wait_distance_mm,
 
 __all__ = ["Way", "joined", "ways_of"]
 
-_INNER_RAD = 1e-5
+_INNER_RAD = 1e-7
 _MARGIN_MM = 1.0
 _SAMPLE_MM = 8.0  # of an arm's way, between two postures
 _MOST_TURN_DEG = 42.0  # of an arm's way, from straight inward
