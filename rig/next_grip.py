@@ -82,7 +82,9 @@ def plan_for(
         return Planned(rig, strategy, recognition, None, resolution, (), False)
     reach = reach_of(rig)
     rng = np.random.default_rng([seed, 2])
-    grip = next_grip(strategy, recognition, reach, resolution, goals, rng)
+    # As `identify` does: a grip that may be the last one meets the part from two sides.
+    fingers = 2 if recognition.verdict is Verdict.UNIQUE else 1
+    grip = next_grip(strategy, recognition, reach, resolution, goals, rng, fingers)
     used = used_by(recognition.contacts, reach.candidates)
     fine = all(
         item.bounds.position_half_mm <= goals.position_mm
