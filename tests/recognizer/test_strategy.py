@@ -1,0 +1,158 @@
+"""The memo's strategies, checks of an answer, and what speaks for it."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from reach_ring import GOALS, RESOLUTION, contact_along, normal_at, ring, some_recognition, travel_of
+from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
+
+from palpate.recognizer import (
+    Catalogue,
+    Finger,
+    Strategy,
+    chance_of_agreeing,
+    checking_grip,
+    next_grip,
+    predict,
+    recognise,
+    unnoticed_shift_mm,
+    used_by,
+)
+from palpate.recognizer.grips import fits, foreseen
+
+
+def test_used_candidates_are_those_along_a_path_and_no_others() -> None:
+    candidates = ring().candidates
+    for k in (0, 7, 40):
+        used = used_by([contact_along(candidates[k], 90.0)], candidates)
+        assert np.flatnonzero(used).tolist() == [k]
+    other = replace(contact_along(candidates[7], 90.0), finger=Finger(4.0, 10.0))
+    assert not used_by([other], candidates).any()
+    assert not used_by([], candidates).any()
+
+
+def test_the_strategies_choose_what_their_names_say() -> None:
+    _, found = some_recognition(4, half_deg=20.0)
+    reachable = ring(96)
+    grips = {
+        strategy: [
+            next_grip(strategy, found, reachable, RESOLUTION, GOALS, np.random.default_rng(seed))
+            for seed in range(3)
+        ]
+        for strategy in Strategy
+    }
+    for several in grips.values():
+        for chosen in several:
+            assert chosen is not None
+            fingers = [item.finger_index for item in chosen.candidates]
+            assert len(set(fingers)) == len(fingers)
+    planned = grips[Strategy.PLANNED]
+    assert planned[0] is not None
+    assert all(item is not None and item.indices == planned[0].indices for item in planned)
+    drawn = {item.indices for item in grips[Strategy.RANDOM] if item is not None}
+    assert len(drawn) > 1
+
+
+def test_rotate_stays_beside_the_last_touch_of_each_finger() -> None:
+    models = outlines(SHIPPED_OBJECTS)
+    placed = place(models[3], np.random.default_rng(8))
+    reachable = ring(72)
+    first = [24, 75, 117]
+    contacts = []
+    for k in first:
+        travel = travel_of(placed, reachable.candidates[k].approach)
+        assert math.isfinite(travel)
+        contacts.append(contact_along(reachable.candidates[k], travel))
+    found = recognise(Catalogue(models), contacts)
+    chosen = next_grip(Strategy.ROTATE, found, reachable, RESOLUTION, GOALS, np.random.default_rng(0))
+    assert chosen is not None
+    assert len(chosen.candidates) == 3
+    for candidate in chosen.candidates:
+        angle, start = candidate.approach.direction_rad, np.asarray(candidate.approach.start_mm)
+        asides = [
+            abs(math.cos(angle) * (c.end_mm[1] - start[1]) - math.sin(angle) * (c.end_mm[0] - start[0]))
+            for c in contacts
+        ]
+        assert 3.0 <= min(asides) < 12.0
+
+
+def test_a_check_meets_the_answer_where_nothing_was_touched() -> None:
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        models = outlines(SHIPPED_OBJECTS)
+        placed = place(models[seed], rng)
+        found = recognise(Catalogue(models), grip(placed, rng, fingers=7, half_range=math.radians(8)))
+        known = np.array([contact.end_mm for contact in found.contacts if contact.touched])
+        counts = []
+        for shift_mm in (50.0, 0.1):
+            chosen = checking_grip(found, ring(), RESOLUTION, shift_mm)
+            assert chosen is not None
+            counts.append(len(chosen.indices))
+            for row, candidate in enumerate(chosen.candidates):
+                assert math.isfinite(chosen.predictions.of(row, 0).latest_mm)
+                travel = travel_of(placed, candidate.approach)
+                end = contact_along(candidate, travel).end_mm
+                assert np.linalg.norm(known - end, axis=1).min() > 3.0
+        assert counts == [2, 3]  # a smaller shift takes more touches to notice
+
+
+def test_a_shift_goes_unnoticed_within_what_is_foretold_and_no_further() -> None:
+    """A part with straight sides, shifted in every direction before two touches: brute force."""
+    models = [flat("slab", [(0, 0), (60, 0), (60, 24), (0, 24)])]
+    placed = Placed(models[0], -30.0, -12.0, 0.3)
+    found = recognise(
+        Catalogue(models), grip(placed, np.random.default_rng(2), fingers=7, half_range=math.radians(8))
+    )
+    chosen = checking_grip(found, ring(), RESOLUTION, 50.0)
+    assert chosen is not None
+    approaches = [item.approach for item in chosen.candidates]
+    normals = np.array([normal_at(placed, item, travel_of(placed, item)) for item in approaches])
+    limit = unnoticed_shift_mm(
+        chosen.predictions, normals, np.array([item.direction_rad for item in approaches])
+    )
+    assert 1.0 < limit < 30.0
+    hidden = 0
+    for bearing in np.arange(0, 2 * math.pi, 0.1):
+        for size in (0.2 * limit, limit * 1.001):
+            moved = replace(
+                placed,
+                x=placed.x + size * math.cos(bearing),
+                y=placed.y + size * math.sin(bearing),
+            )
+            agrees = all(
+                chosen.predictions.of(row, 0).earliest_mm
+                <= travel_of(moved, item)
+                <= chosen.predictions.of(row, 0).latest_mm
+                for row, item in enumerate(approaches)
+            )
+            assert not (agrees and size > limit)
+            hidden += agrees
+    assert hidden
+
+
+def test_strangers_agree_by_chance_the_less_the_more_is_foretold() -> None:
+    _, found = some_recognition(2, half_deg=10.0)
+    candidates = [item for item in ring().candidates if item.finger_index == 0][:12]
+    predictions = predict(
+        found.catalogue, found.hypotheses, found.anchor_mm, [item.approach for item in candidates]
+    )
+    sure = [k for k in range(len(candidates)) if np.isfinite(predictions.latest[k]).all()]
+    assert len(sure) >= 2
+    touched = [contact_along(candidates[k], 90.0) for k in sure]
+    chances = [
+        chance_of_agreeing(predictions.select(sure[:n]), touched[:n], RESOLUTION.normal_half_rad)
+        for n in range(1, len(sure) + 1)
+    ]
+    assert all(0 < after < before <= 1 for before, after in pairwise(chances))
+    missed = [replace(contact, touched=False) for contact in touched]
+    assert chance_of_agreeing(predictions.select(sure), missed, RESOLUTION.normal_half_rad) == 1.0
+
+
+def test_a_candidate_fits_only_beside_other_fingers() -> None:
+    _, found = some_recognition(0)
+    one, same, other = (foreseen(found, ring(), k) for k in (0, 1, 3))
+    assert fits(ring(), one, [])
+    assert not fits(ring(), one, [same])
+    assert fits(ring(), one, [other])
