@@ -91,7 +91,11 @@ def likeness(outcome: Felt, first: Ints, second: Ints, resolution: Resolution, r
     one, two = outcome.select(rows, first), outcome.select(rows, second)
     along = np.minimum(one.facing, two.facing) * np.abs(one.travel - two.travel) / resolution.distance_mm
     # Normals are off by a chord: nearly the angle where that is small, and it grows with it.
-    turned = np.abs(np.sin((one.normal - two.normal) / 2)) / np.sin(resolution.normal_half_rad)
+    half = outcome.normal[rows] / 2
+    sin, cos = np.sin(half), np.cos(half)
+    chord = sin.take(first, axis=1) * cos.take(second, axis=1)
+    chord -= cos.take(first, axis=1) * sin.take(second, axis=1)
+    turned = np.abs(chord) / np.sin(resolution.normal_half_rad)
     aside = np.abs(one.margin - two.margin) / (2 * resolution.distance_mm)
     off = np.where(one.hit & two.hit, np.maximum(along, turned), 0.0)
     off = np.where(one.hit != two.hit, aside, off)

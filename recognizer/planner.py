@@ -25,6 +25,7 @@ _WORTH = 0.08  # and every further one this
 _ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
+_SETTLED = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
 _MARGIN_MM = 10.0  # beyond the furthest stop of the sampled poses, until more is known
 
@@ -60,7 +61,8 @@ class _Choice:
     """A grip in the making.
 
     `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `confused`
-    (pairs,): the weight of pairs of poses that still feel alike, `remaining` together.
+    (pairs,): the weight of pairs of poses that still feel alike, `remaining` together; `compared`: how many
+    pairs there were at first.
     """
 
     recognition: Recognition
@@ -73,6 +75,7 @@ class _Choice:
     furthest: Floats
     seconds: Floats
     confused: Floats
+    compared: int
     remaining: float = 1.0
     chosen: list[Foreseen] = field(default_factory=list)
 
@@ -96,7 +99,8 @@ class _Choice:
             np.asarray(np.any(outcome.hit, axis=1)),
             furthest,
             reachable.seconds(furthest),
-            pairs.weight.copy(),
+            pairs.weight,
+            len(pairs.first),
         )
 
     def wants_more(self, fingers: int) -> bool:
@@ -113,7 +117,7 @@ class _Choice:
             self.poses.weight,
             taken,
             self.resolution,
-            len(self.pairs.first),
+            self.compared,
         )
         wanted = len(self.chosen) < fingers
         sides = other_side(self.outcome.normal[:, 0], rows, taken)
@@ -137,6 +141,9 @@ class _Choice:
             return
         self.furthest[index] = one.travel_mm
         self.confused, self.remaining = self.confused * alike, remaining
+        left = np.flatnonzero(self.confused > _SETTLED)
+        if len(left):
+            self.pairs, self.confused = self.pairs.select(left), self.confused[left]
         self.chosen.append(one)
         every = np.arange(len(self.open_to))
         self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)

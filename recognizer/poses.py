@@ -42,6 +42,10 @@ class Pairs:
     second: Ints
     weight: Floats
 
+    def select(self, rows: Ints) -> "Pairs":
+        """Those at `rows` (indices)."""
+        return Pairs(self.first[rows], self.second[rows], self.weight[rows])
+
 
 def sampled_poses(hypotheses: Hypotheses) -> Poses:
     """Some configurations of every hypothesis.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.config import Closing, RigFile
-from palpate.drivers.finger import Line
+from palpate.drivers.finger import FingerKinematics, Line
 from palpate.recognizer import Approach, Candidate
 from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.rig.convert import dent_allowance_mm, finger_of, kinematics_of
@@ -123,8 +123,12 @@ def reach_of(rig: RigFile, *, aims: int = 41) -> Reach:
     """
     found = free_ways(rig, aims)
     ways = [way for _, way in found]
+    kinds = [kinematics_of(spec) for spec in rig.fingers]
     return Reach(
-        tuple(Candidate(way.finger_index, _approach(rig, way, angle)) for angle, way in found),
+        tuple(
+            Candidate(way.finger_index, _approach(rig, kinds[way.finger_index], way, angle))
+            for angle, way in found
+        ),
         np.array([way.finger_index for way in ways], dtype=np.int64),
         np.array([angle for angle, _ in found]),
         np.array([way.aiming_s + _turning_s(rig, angle) for angle, way in found]),
@@ -138,10 +142,9 @@ def _turning_s(rig: RigFile, angle_rad: float) -> float:
     return 0.0 if rig.stage is None else abs(rig.stage.gear_ratio * angle_rad) / STAGE_SPEED_RAD_S
 
 
-def _approach(rig: RigFile, way: Way, stage_rad: float) -> Approach:
+def _approach(rig: RigFile, kinematics: FingerKinematics, way: Way, stage_rad: float) -> Approach:
     """The way in W for the planner, with a bound that holds for it as it will be carried out and measured."""
     spec = rig.fingers[way.finger_index]
-    kinematics = kinematics_of(spec)
     turn = planned_turn(rig.stage, stage_rad)
     off = STREAM_TOLERANCE_RAD if spec.type == "two-link" else AIM_TOLERANCE_RAD
     bound = 0.0

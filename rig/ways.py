@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.config import ArmFinger, Finger, RigFile
 from palpate.drivers.finger import Body, Line
+from palpate.drivers.slide_finger import SlideKinematics
 from palpate.recognizer.arrays import Floats
 from palpate.rig.convert import arm_kinematics, slide_kinematics
 from palpate.rig.drives import AIM_SPEED_RAD_S, ARM_AIM_SPEED_MM_S
@@ -73,7 +74,8 @@ def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count
         inner = min(_INNER_RAD, (hi_rad - lo_rad) / 2)
         aims = np.unique(np.linspace(lo_rad + inner, hi_rad - inner, count))
         wait = wait_distance_mm(spec, radius)
-        ways = [_slide_way(spec, finger_index, float(aim), wait, radius) for aim in aims]
+        kinematics = slide_kinematics(spec)
+        ways = [_slide_way(spec, kinematics, finger_index, float(aim), wait, radius) for aim in aims]
     return [way for way in ways if way is not None and way.travel_mm > _MARGIN_MM]
 
 
@@ -85,10 +87,14 @@ def crossing_mm(line: Line, radius_mm: float) -> float:
 
 
 def _slide_way(
-    spec: Finger, finger_index: int, aim_rad: float, wait_mm: float, workspace_radius_mm: float
+    spec: Finger,
+    kinematics: SlideKinematics,
+    finger_index: int,
+    aim_rad: float,
+    wait_mm: float,
+    workspace_radius_mm: float,
 ) -> Way:
     """Until the tip has left the workspace on the far side, or the slide ends."""
-    kinematics = slide_kinematics(spec)
     line = kinematics.line(aim_rad, wait_mm)
     room = spec.slide.range_mm[1] - _MARGIN_MM - wait_mm
     travel = min(crossing_mm(line, workspace_radius_mm), room)
