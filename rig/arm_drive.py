@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import Closing
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
@@ -89,7 +88,7 @@ class ArmDrive:
         """Both."""
         return self._servos
 
-    def prepare(self, closing: Closing) -> None:  # noqa: ARG002 - the force is known already
+    def prepare(self) -> None:
         """Write modes and limits; until a way begins, currents are those for where the arm must start."""
         k = self._kinematics
         levers = k.upper_mm + k.fore_mm, k.fore_mm

@@ -130,7 +130,7 @@ class Hand:
             if wrong is not None:
                 raise DeviceError(wrong)
         for finger in self.fingers:
-            finger.drive.prepare(self.rig.closing)
+            finger.drive.prepare()
             self._check_start(finger)
         for servo in self._servos:
             servo.torque(on=True)
