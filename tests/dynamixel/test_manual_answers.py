@@ -34,7 +34,7 @@ FLUSH = bytes(1100)  # longer than any packet that a servo may be waiting for
 def emulated(
     dxl_id: int, position: int = 2048, firmware: int = 38, model: int = 1030, **items: int
 ) -> EmulatedServo:
-    """A servo at a Present Position (ticks), with further items by their e-Manual names, that stands still."""
+    """A servo standing still at a Present Position (ticks), with further items by their e-Manual names."""
     servo = EmulatedServo(dxl_id, firmware=firmware, start_rad=(position - 2048) / 4096 * 2 * math.pi)
     servo._table.set("Model Number", model)
     servo.answer_block(132, 4)  # brings the items that report the shaft up to date, once and for all
