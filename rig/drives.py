@@ -135,7 +135,7 @@ class SlideDrive:
     def prepare(self) -> None:
         """Write modes and limits: the slide's current allows the largest force at the tip."""
         lever_m = abs(self._kinematics.mm_per_rad) / 1000
-        current = self._force_n * lever_m / self._slide.model.torque_per_current_nm_a
+        current = self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
         self._aim.prepare(OperatingMode.POSITION, AIM_CURRENT_A)
         self._slide.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
         self._slide.set_goal_current_a(current)
