@@ -7,7 +7,9 @@ import termios
 __all__ = ["baud_rate"]
 
 # struct termios2 of <asm-generic/termbits.h>: four words of flags, c_line and c_cc, both speeds as numbers
-numbers _TCGETS2 = 0x802C542A _TERMIOS2 = struct.Struct("4I20s2I") _NAMED = {
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("4I20s2I")
+_NAMED = {
     getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
 }
 
