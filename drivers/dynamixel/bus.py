@@ -263,9 +263,11 @@ class Bus:
     ) -> StatusPacket:
         """The servo's answer, asked for again where it was lost. Raises NotAnswering or DamagedAnswer."""
         lost = Lost.SILENT
-        for attempt in range(1 + (self._retries if retries is None else retries)):
+        last = self._retries if retries is None else retries
+        for attempt in range(1 + last):
             self.counts.retries += attempt > 0
-            answer = self._exchange.ask(dxl_id, instruction, params, size)
+            patient = attempt == last > 0
+            answer = self._exchange.ask(dxl_id, instruction, params, size, patient=patient)
             if isinstance(answer, StatusPacket):
                 self._silent.discard(dxl_id)
                 return answer

@@ -76,12 +76,17 @@ class Exchange:
         # what a late answer says may be out of date now
         self._late = {late: (None, until) for late, (_, until) in self._late.items()}
 
-    def ask(self, dxl_id: int, instruction: int, params: bytes = b"", size: int = 0) -> StatusPacket | Lost:
-        """Send an instruction and wait for the servo's answer with `size` bytes of parameters."""
+    def ask(
+        self, dxl_id: int, instruction: int, params: bytes = b"", size: int = 0, *, patient: bool = False
+    ) -> StatusPacket | Lost:
+        """Send an instruction and wait for the servo's answer with `size` bytes of parameters.
+
+        `patient`: wait for a late answer, too, that of an earlier try at the same question included.
+        """
         question = (instruction, params)
         self._let_late_answers_pass({dxl_id: question})
         self._send(dxl_id, instruction, params)
-        self._expect(_STATUS_SIZE + size, self._delay_s([dxl_id]))
+        self._expect(_STATUS_SIZE + size, self._delay_s([dxl_id]) + self._patience_s(patient))
         while True:
             answer = self._receive()
             if isinstance(answer, Lost):
@@ -92,7 +97,9 @@ class Exchange:
                 fits = answer.error_number != 0 or len(answer.params) == size
                 return answer if fits else Lost.DAMAGED
 
-    def ask_group(self, blocks: Mapping[int, Block]) -> dict[int, StatusPacket | Lost]:
+    def ask_group(
+        self, blocks: Mapping[int, Block], *, patient: bool = False
+    ) -> dict[int, StatusPacket | Lost]:
         """Read a block of each servo with one sync read, or one bulk read if the blocks differ.
 
         The result is in the order in which they were asked. After the first that stays silent nobody is
@@ -104,7 +111,8 @@ class Exchange:
         waiting = dict(blocks)
         while waiting:
             nearest = next(iter(waiting))
-            self._expect(_STATUS_SIZE + blocks[nearest][1], self._delay_s([nearest]))
+            delay = self._delay_s([nearest]) + self._patience_s(patient)
+            self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
             answer = self._receive()
             if answer is Lost.DAMAGED:
                 found[nearest] = (
@@ -207,6 +215,9 @@ class Exchange:
     def _expect(self, size: int, return_delay_s: float) -> None:
         self._handler.return_delay_s = return_delay_s
         self._handler.setPacketTimeout(size)
+
+    def _patience_s(self, patient: bool) -> float:
+        return self._timing.quiet_s if patient else 0.0
 
     def _delay_s(self, dxl_ids: Sequence[int]) -> float:
         return max(self._delays_s.get(dxl_id, LONGEST_RETURN_DELAY_S) for dxl_id in dxl_ids)

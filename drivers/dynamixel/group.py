@@ -54,7 +54,8 @@ def _read_plain(
     tries = dict.fromkeys(blocks, 0)
     waiting = sorted(blocks, key=silent.__contains__)
     while waiting:
-        answers = exchange.ask_group({dxl_id: blocks[dxl_id] for dxl_id in waiting})
+        patient = 0 < retries == max(tries[dxl_id] for dxl_id in waiting)
+        answers = exchange.ask_group({dxl_id: blocks[dxl_id] for dxl_id in waiting}, patient=patient)
         hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] is Lost.SILENT), None)
         for dxl_id, answer in answers.items():
             if answer is Lost.SILENT and dxl_id != hiding:

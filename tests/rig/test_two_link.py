@@ -150,7 +150,7 @@ def test_an_arm_that_starts_in_the_workspace_is_refused() -> None:
     spec, k = arm()
     inside = k.servos_at((0.0, 60.0))
     for servo, angle in zip(finger.servos, inside, strict=True):
-        servo._motion.shaft_rad = angle
+        servo._unit.motion.shaft_rad = angle
     wanted = r"finger a1: its tip \(servos 11 and 12\) stands at \(\S+, \S+\) mm; with torque off, push it"
     with pytest.raises(DeviceError, match=wanted), connect(session.bench_rig) as hand:
         hand.prepare()
