@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.config import AnyFinger, RigFile
+from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.emulators.chain import ServoChain
@@ -29,7 +30,6 @@ __all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
 _BIT_DEPTH = 12
-_EMULATED_MODEL = "XM430-W350"
 _COUNTS_PER_N = 2000.0
 
 
@@ -64,13 +64,6 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             f'rig "{rig.name}" describes real devices; '
             "add an [emulation] table and mock:// ports to emulate it"
         )
-    owned = [(f'finger "{f.name}"', servo) for f in rig.fingers for servo in f.servos.values()]
-    for owner, servo in [*owned, *([("the stage", rig.stage)] if rig.stage else [])]:
-        if servo.model != _EMULATED_MODEL:
-            raise InputError(
-                f'rig "{rig.name}", {owner}: only {_EMULATED_MODEL} is emulated so far, '
-                f"not {servo.model} (servo {servo.dxl_id})"
-            )
     # The catalogue's draw and the devices' draws must not depend on each other's number.
     rng = np.random.default_rng([seed, 1])
     fingers: list[EmulatedFinger] = []
@@ -84,7 +77,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         truth = truth_of(finger, rig.emulation, rng)
         starts = start_angles_rad(finger, rig, truth)
         near, far = (
-            EmulatedServo(servo.dxl_id, start_rad=start)
+            _servo(rig, servo.dxl_id, servo.model, start)
             for servo, start in zip(finger.servos.values(), starts, strict=True)
         )
         array = EmulatedArray(
@@ -129,7 +122,13 @@ def _stage(rig: RigFile, seed: int) -> EmulatedStage | None:
     start = joint.zero_rad
     off = math.radians(rig.emulation.stage_error_deg) * rng.uniform(-1, 1)
     joint = replace(joint, zero_rad=joint.zero_rad - spec.gear_ratio * off)
-    return EmulatedStage(spec.centre_mm, joint, EmulatedServo(spec.dxl_id, start_rad=start))
+    return EmulatedStage(spec.centre_mm, joint, _servo(rig, spec.dxl_id, spec.model, start))
+
+
+def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedServo:
+    """A servo that is set to the bus's baud rate."""
+    code = BAUD_RATES.index(rig.bus.baudrate_bps)
+    return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
 
 
 def _description(finger: AnyFinger) -> Description:

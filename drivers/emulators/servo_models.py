@@ -49,9 +49,9 @@ class ServoModel:
         return MODEL_NAMES[self.number]
 
 
-# the rotors' inertia is guessed so that all motors gather speed in the XM430's 12 ms
-_XL330_MOTOR = MotorConstants(0.52, 1.47, 103 * _RPM, 6e-4, 0.01)
-_XC330_MOTOR = MotorConstants(0.93, 1.80, 81 * _RPM, 1.2e-3, 0.012)
+# guessed so that all motors gather speed in the XM430's 12 ms and lose its part of their torque to friction
+_XL330_MOTOR = MotorConstants(0.52, 1.47, 103 * _RPM, 6e-4, 0.006)
+_XC330_MOTOR = MotorConstants(0.93, 1.80, 81 * _RPM, 1.2e-3, 0.011)
 
 # on an X330 the other types are radio control, which falls back to Protocol 2.0 where it hears none at boot;
 # an XM430 with type 1 would speak Protocol 1.0, which is not emulated

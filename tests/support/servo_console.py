@@ -5,14 +5,15 @@ from palpate.drivers.emulators.servo import EmulatedServo
 
 
 class Console:
-    """Talks to a servo in addresses and numbers."""
+    """Talks to a servo in addresses and numbers; `dxl_id` is the ID that it calls."""
 
     def __init__(self, **options: object) -> None:
         self.servo = EmulatedServo(1, **options)  # type: ignore[arg-type]
+        self.dxl_id = 1
 
     def send(self, instruction: int, params: bytes = b"") -> StatusPacket | None:
         self.servo.heard()
-        return self.servo.handle(InstructionPacket(1, instruction, params))
+        return self.servo.handle(InstructionPacket(self.dxl_id, instruction, params))
 
     def write(self, address: int, value: int, size: int) -> int:
         raw = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")

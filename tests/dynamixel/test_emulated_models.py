@@ -1,0 +1,121 @@
+"""The three emulated models against the e-Manual's specifications and control tables."""
+
+import math
+
+import pytest
+from servo_console import Console
+
+from palpate.drivers.dynamixel.manual import MODEL_NAMES, Access, table_of
+from palpate.drivers.dynamixel.packet import Instruction, StatusErrorCode
+from palpate.drivers.emulators.servo import EmulatedServo
+
+RPM = 2 * math.pi / 60
+MODELS = list(MODEL_NAMES.values())
+# at the recommended voltage: no-load speed (rpm), stall torque (Nm), stall current (A), supply (0.1 V)
+SPECIFICATIONS = {
+    "XM430-W350": (46, 4.1, 2.3, 120),
+    "XL330-M288": (103, 0.52, 1.47, 50),
+    "XC330-M288": (81, 0.93, 1.80, 50),
+}
+MEASURED = {"Realtime Tick", "Moving Status", "Present Input Voltage", "Present Temperature"}
+# RAM whose start follows from elsewhere: EEPROM or the shaft
+FOLLOWING = {"Goal Position", "Present Position", "Position Trajectory"}
+
+
+@pytest.mark.parametrize("number", MODEL_NAMES)
+def test_a_new_servo_reads_the_manuals_defaults(number: int) -> None:
+    console = Console(model=MODEL_NAMES[number], firmware=52, baud_rate_code=1)
+    items = table_of(number, 52)
+    assert items is not None
+    for item in items:
+        if item.name not in MEASURED | FOLLOWING:
+            answer = console.send(
+                Instruction.READ, bytes([*divmod(item.address, 256)][::-1]) + bytes([item.size, 0])
+            )
+            assert answer is not None
+            value = int.from_bytes(answer.params, "little", signed=item.signed)
+            assert value == item.default, item.name
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_ping_and_supply(model: str) -> None:
+    console = Console(model=model)
+    answer = console.send(Instruction.PING)
+    assert answer is not None
+    assert MODEL_NAMES[int.from_bytes(answer.params[:2], "little")] == model
+    assert console.read(144, 2) == SPECIFICATIONS[model][3]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_no_load_speed(model: str) -> None:
+    console = Console(model=model)
+    console.start(16)
+    console.write(100, 885, 2)
+    console.run(2)
+    assert console.servo.shaft_rad_s == pytest.approx(SPECIFICATIONS[model][0] * RPM, rel=0.02)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_stall_torque_and_current(model: str) -> None:
+    _, torque, current, _ = SPECIFICATIONS[model]
+    console = Console(model=model)
+    console.start(16)
+    console.write(100, 885, 2)
+    console.run(0.2, load_nm=-torque)  # friction holds the rest
+    assert abs(console.servo.shaft_rad) < 1e-6
+    unit = 2.69e-3 if model == "XM430-W350" else 1e-3
+    assert console.read(126, 2) * unit == pytest.approx(current, abs=unit)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_moves_in_every_position_mode(model: str) -> None:
+    for mode in (3, 4, 5):
+        console = Console(model=model)
+        console.start(mode, velocity=100, acceleration=50)
+        console.write(116, 3000, 4)
+        console.run(3)
+        assert console.read(132, 4) == pytest.approx(3000, abs=5)
+
+
+def test_the_x330s_take_radio_control_types_and_stay_on_the_bus() -> None:
+    console = Console(model="XL330-M288")
+    for value, error in ((20, 0), (22, 0), (19, StatusErrorCode.DATA_RANGE_ERROR), (2, 0)):
+        assert console.write(13, value, 1) == error
+    assert Console().write(13, 1, 1) == StatusErrorCode.DATA_RANGE_ERROR  # Protocol 1.0 is not emulated
+
+
+def test_pwm_slope_is_stored() -> None:
+    console = Console(model="XC330-M288")
+    assert console.write(62, 255, 1) == 0
+    assert console.write(62, 0, 1) == StatusErrorCode.DATA_RANGE_ERROR
+    assert console.read(62, 1) == -1  # 255, read as a signed byte
+    assert Console().write(62, 140, 1) == StatusErrorCode.ACCESS_ERROR  # an XM430 has none
+
+
+def test_an_unknown_model_is_refused() -> None:
+    with pytest.raises(ValueError, match="XM540"):
+        EmulatedServo(1, model="XM540-W270")
+
+
+@pytest.mark.parametrize("number", MODEL_NAMES)
+def test_every_writable_item_takes_the_ends_of_its_range_and_nothing_beyond(number: int) -> None:
+    items = table_of(number, 52)
+    assert items is not None
+    for item in items:
+        if item.access is Access.R or item.name in (
+            "ID",
+            "Protocol Type",
+            "Drive Mode",
+            "Status Return Level",
+        ):
+            continue
+        console = Console(model=MODEL_NAMES[number], firmware=52)
+        limits = {"Bus Watchdog": (0, 127), "Goal Position": (0, 4095), "Goal Velocity": None}
+        ends = limits.get(item.name, (item.low, item.high))
+        for value in ends or ():
+            assert console.write(item.address, value, item.size) == 0, (item.name, value)
+            console.write(64, 0, 1)
+        beyond = item.high + 1
+        if beyond < 1 << (8 * item.size - (1 if item.signed else 0)):
+            answer = console.write(item.address, beyond, item.size)
+            assert answer == StatusErrorCode.DATA_RANGE_ERROR, item.name
