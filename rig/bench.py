@@ -12,13 +12,13 @@ from serial.serialutil import SerialBase
 from palpate.config import ArmFinger, ObjectsFile, RigFile, Scene
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.tap import BytesObserver, TappedPort
+from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.emulated import MockRig, emulate, on_mock_wires
-from palpate.rig.hand import Hand
+from palpate.rig.hand import Hand, OpenPort
 from palpate.rig.scene import Placement, draw_placement, placement_of
 
-__all__ = ["BenchRig", "connect", "place", "set_up"]
+__all__ = ["BenchRig", "connect", "outside", "place", "set_up"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,22 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
     return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
 
 
-def connect(bench: BenchRig, tap: Callable[[str], BytesObserver] | None = None) -> Hand:
-    """Open the ports and connect the hand; `tap(port)` gives an observer of a port's bytes."""
+def outside(bench: BenchRig, sink: Sink | None = None) -> tuple[Clock, OpenPort]:
+    """The rig's clock, and what opens its ports; with a sink, everything that comes from them is recorded."""
 
-    def open_tapped(port: str, baudrate: int) -> SerialBase:
-        opened = open_port(bench.urls(port), baudrate)
-        return opened if tap is None else TappedPort(opened, bench.clock, tap(port))
+    def open_raw(port: str, baudrate: int) -> SerialBase:
+        return open_port(bench.urls(port), baudrate)
 
-    return Hand(bench.rig, bench.clock, open_tapped)
+    if sink is None:
+        return bench.clock, open_raw
+    recorder = Recorder(bench.clock, sink)
+
+    def open_recorded(port: str, baudrate: int) -> SerialBase:
+        return recorder.open(port, lambda: open_raw(port, baudrate))
+
+    return recorder.clock, open_recorded
+
+
+def connect(bench: BenchRig, sink: Sink | None = None) -> Hand:
+    """Open the ports and connect the hand, recorded as `outside` says."""
+    return Hand(bench.rig, *outside(bench, sink))

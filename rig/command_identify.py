@@ -19,14 +19,16 @@ from palpate.config.identification_result import IdentificationOut
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.answer_words import answer_lines, counted
-from palpate.rig.bench import connect, place, set_up
+from palpate.rig.bench import outside, place, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text
-from palpate.rig.identify import Outcome, identify
+from palpate.rig.identify import Outcome
 from palpate.rig.report import contacts_json
-from palpate.rig.report_run import identification_out, identification_picture
+from palpate.rig.report_run import identification_picture
 from palpate.rig.session import SessionLog, session_folder
+from palpate.rig.session_inputs import keep_inputs
+from palpate.rig.whole_run import Job, carry_out
 
 __all__ = ["run_identify"]
 
@@ -55,28 +57,19 @@ def run_identify(
     placement = place(rig_file, objects_file, given_scene, seed)
     if picture is not None:
         check_place(picture)
-    catalogue = Catalogue(models_of(objects_file))
+    job = Job(rig_file, Catalogue(models_of(objects_file)), placement, Strategy(strategy), seed)
     bench = set_up(rig_file, placement, seed)
     name = _session_name(sources, scene, seed, strategy, emulated=rig_file.emulated)
     folder = session_folder(sessions, name)
     header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed}
-    header |= {"strategy": strategy, "started": _now()}
+    header |= {"strategy": strategy, "scene": scene is not None, "started": _now()}
     console = Console(stderr=True, highlight=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
-        with connect(bench, log.tap) as hand:
-            hand.prepare()
-            result = identify(hand, catalogue, [log, progress], strategy=Strategy(strategy), seed=seed)
-            emulated = hand.emulated
-        out = identification_out(
-            result,
-            placement,
-            emulated=emulated,
-            rig_seconds=bench.clock.now(),
-            wall_seconds=time.perf_counter() - begin,
-            session=str(folder),
-            strategy=Strategy(strategy),
-        )
+        keep_inputs(folder, sources[0], sources[1], scene)
+        run = carry_out(job, *outside(bench, log), [log, progress])
+        out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
         log.event("result", result=out.model_dump(mode="json"))
+    result = run.result
     drawn = identification_picture(result, placement, rig_file, _facts(out))
     write_text(folder / "picture.svg", drawn)
     write_text(folder / "result.json", to_json(out, indent=2) + "\n")
