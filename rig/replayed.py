@@ -79,7 +79,7 @@ class _Compared(SessionEvents):
     def __init__(self, replayer: Replayer) -> None:
         self._replayer = replayer
 
-    def event(self, kind: str, **values: object) -> None:
+    def event(self, kind: str, /, **values: object) -> None:
         """Raise ReplayDiffers if the recording has another event now, or other values in it."""
         recorded = self._replayer.told(kind)
         found = first_difference(plain(values), recorded, "")

@@ -82,7 +82,7 @@ class SessionLog(SessionEvents):
         self.event("end", how=how, message=None if error is None else str(error))
         self._file.close()
 
-    def event(self, kind: str, **values: object) -> None:
+    def event(self, kind: str, /, **values: object) -> None:
         """Append one event at the rig's present time."""
         line = {"t_s": round(self._clock.now(), 9), "event": kind} | {k: plain(v) for k, v in values.items()}
         self._write(json.dumps(line, separators=(",", ":"), allow_nan=False))

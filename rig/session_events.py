@@ -23,7 +23,7 @@ class SessionEvents(ABC):
     """An observer of `identify` for which everything is an event with values."""
 
     @abstractmethod
-    def event(self, kind: str, **values: object) -> None:
+    def event(self, kind: str, /, **values: object) -> None:
         """Take one event."""
 
     def stage(self, grip: int, stage: Stage) -> None:

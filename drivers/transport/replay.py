@@ -112,7 +112,7 @@ class Replayer:
         return len(data)
 
     def told(self, kind: str) -> Mapping[str, Any]:
-        """What the session said of this kind, which it says again now; raises an interrupt that came before."""
+        """What the session said of this kind and says again now; raises an interrupt before it."""
         self._raise_if_due(None)
         what = self._next(f'comes to "{kind}"')
         if not isinstance(what, Told) or what.kind != kind:
@@ -181,7 +181,7 @@ class Replayer:
 
     def _differ(self, doing: str) -> NoReturn:
         recorded = self._recorded_in_words(self._next(doing))
-        self._fail(self._entries[self._at], f"the host {doing}; when this was recorded it {recorded}")
+        self._fail(self._entries[self._at], f"the host {doing}; in the recording it {recorded}")
 
     def _differ_in_bytes(self, port: str, sent: bytes, recorded: bytes) -> NoReturn:
         pairs = enumerate(zip(sent, recorded, strict=False))
@@ -200,16 +200,16 @@ class Replayer:
         match what:
             case Call():
                 name = self._names.get(what.number, "") if what.key not in ("t", "z") else ""
-                return in_words(what.key, name).replace("reads from", "read in vain from")
+                return in_words(what.key, name)
             case Opened(port=port):
-                return f"opened port {port}"
+                return f"opens port {port}"
             case Passed(direction=Direction.SENT):
-                return f"sent {self._shown(what.port, what.data)} to port {what.port}"
+                return f"sends {self._shown(what.port, what.data)} to port {what.port}"
             case Passed():
-                return f"received {len(what.data)} bytes from port {what.port}"
+                return f"receives {len(what.data)} bytes from port {what.port}"
             case Raised():
-                return f"met an error ({what.error})"
-        return f'came to "{what.kind}"'
+                return f"meets an error ({what.error})"
+        return f'comes to "{what.kind}"'
 
     def _shown(self, port: str, data: bytes) -> str:
         """Bytes in hexadecimal, and what they mean."""
