@@ -188,8 +188,8 @@ class Replayer:
         first = next((k for k, (a, b) in pairs if a != b), min(len(sent), len(recorded)))
         self._fail(
             self._entries[self._at],
-            f"port {port}: byte {first} of what is sent differs: sent {self._shown(port, sent)}, "
-            f"recorded {self._shown(port, recorded)}",
+            f"port {port}: byte {first} of what is sent differs: sent {self._shown(port, sent, first)}, "
+            f"recorded {self._shown(port, recorded, first)}",
         )
 
     def _fail(self, entry: Entry, problem: str) -> NoReturn:
@@ -211,9 +211,11 @@ class Replayer:
                 return f"meets an error ({what.error})"
         return f'comes to "{what.kind}"'
 
-    def _shown(self, port: str, data: bytes) -> str:
-        """Bytes in hexadecimal, and what they mean."""
-        text = data[:_BYTES_SHOWN].hex(" ") + (" …" if len(data) > _BYTES_SHOWN else "")
+    def _shown(self, port: str, data: bytes, around: int = 0) -> str:
+        """Bytes in hexadecimal, those near byte `around` if they are many, and what they mean."""
+        start = max(0, around - _BYTES_SHOWN // 2) if around >= _BYTES_SHOWN else 0
+        end = start + _BYTES_SHOWN
+        text = ("… " if start else "") + data[start:end].hex(" ") + (" …" if len(data) > end else "")
         meaning = self._describe(port, data)
         return f"{text} ({meaning})" if meaning else text
 
