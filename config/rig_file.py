@@ -69,6 +69,11 @@ class Bus(FileModel):
     baudrate_bps: Annotated[int, Field(strict=True)] = Field(
         description="Baud rate set in every servo.", json_schema_extra={"enum": list(BUS_BAUDRATES)}
     )
+    latency_ms: Annotated[Positive, Field(le=1000)] | None = Field(
+        default=None,
+        description="What adapter and system may add to the time of an answer. Without it: from the "
+        "adapter's latency timer where the system tells it, else 34.",
+    )
 
     @model_validator(mode="after")
     def _baudrate_is_known(self) -> Self:

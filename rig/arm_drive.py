@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import Closing
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
@@ -89,14 +88,14 @@ class ArmDrive:
         """Both."""
         return self._servos
 
-    def prepare(self, closing: Closing) -> None:  # noqa: ARG002 - the force is known already
+    def prepare(self) -> None:
         """Write modes and limits; until a way begins, currents are those for where the arm must start."""
         k = self._kinematics
         levers = k.upper_mm + k.fore_mm, k.fore_mm
         joints = k.shoulder, k.elbow
         for servo, joint, lever in zip(self._servos, joints, levers, strict=True):
             torque = self._force_n * lever / 1000 / abs(joint.gear_ratio)
-            current = min(torque / servo.model.torque_per_current_nm_a, servo.model.largest_current_a)
+            current = min(torque / servo.model.known_torque.nm_per_a, servo.model.largest_current_a)
             servo.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
             servo.no_profile()
         angle = math.atan2(k.base_mm[1], k.base_mm[0])
@@ -174,7 +173,7 @@ class ArmDrive:
         joints = k.shoulder, k.elbow
         for index, (servo, joint) in enumerate(zip(self._servos, joints, strict=True)):
             torque = min(pair[index] for pair in torques) / abs(joint.gear_ratio)
-            current = min(torque / servo.model.torque_per_current_nm_a, servo.model.largest_current_a)
+            current = min(torque / servo.model.known_torque.nm_per_a, servo.model.largest_current_a)
             servo.set_goal_current_a(current)
 
     def _angles(self, place: Place) -> Goals:

@@ -10,15 +10,18 @@ import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.config import ArmFinger, ObjectsFile, RigFile, Scene
+from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, latency_with_timer_s
+from palpate.drivers.transport.adapter import EMULATED_LATENCY_S, latency_timer_s
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.emulated import MockRig, emulate, on_mock_wires
-from palpate.rig.hand import Hand, OpenPort
+from palpate.rig.hand import Hand
+from palpate.rig.outside import Outside
 from palpate.rig.scene import Placement, draw_placement, placement_of
 
-__all__ = ["BenchRig", "connect", "outside", "place", "set_up"]
+__all__ = ["BenchRig", "bus_latency_s", "connect", "outside", "place", "set_up"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,22 +75,41 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
     return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
 
 
-def outside(bench: BenchRig, sink: Sink | None = None) -> tuple[Clock, OpenPort]:
-    """The rig's clock, and what opens its ports; with a sink, everything that comes from them is recorded."""
+def outside(bench: BenchRig, sink: Sink | None = None, latency_s: float | None = None) -> Outside:
+    """What a run gets from a bench; with a sink, all that comes from clock and ports is recorded.
+
+    `latency_s`: as `bus_latency_s` gave it, None to ask now.
+    """
+    latency_s = bus_latency_s(bench.rig) if latency_s is None else latency_s
 
     def open_raw(port: str, baudrate: int) -> SerialBase:
         return open_port(bench.urls(port), baudrate)
 
     if sink is None:
-        return bench.clock, open_raw
+        return Outside(bench.clock, open_raw, latency_s)
     recorder = Recorder(bench.clock, sink)
 
     def open_recorded(port: str, baudrate: int) -> SerialBase:
         return recorder.open(port, lambda: open_raw(port, baudrate))
 
-    return recorder.clock, open_recorded
+    return Outside(recorder.clock, open_recorded, latency_s)
 
 
-def connect(bench: BenchRig, sink: Sink | None = None) -> Hand:
-    """Open the ports and connect the hand, recorded as `outside` says."""
-    return Hand(bench.rig, *outside(bench, sink))
+def connect(
+    bench: BenchRig, sink: Sink | None = None, notice: Callable[[str], None] = lambda _: None
+) -> Hand:
+    """Open the ports and connect the hand, recorded as `outside` says.
+
+    `notice` is told what the operator should do now.
+    """
+    return outside(bench, sink).hand(bench.rig, notice)
+
+
+def bus_latency_s(rig: RigFile) -> float:
+    """What the bus's adapter may add to an answer: as the rig file says, else as the system tells."""
+    if rig.bus.latency_ms is not None:
+        return rig.bus.latency_ms / 1e3
+    if rig.emulated:
+        return EMULATED_LATENCY_S
+    timer = latency_timer_s(rig.bus.port)
+    return UNKNOWN_LATENCY_S if timer is None else latency_with_timer_s(timer)

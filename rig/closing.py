@@ -9,6 +9,7 @@ free way so far is still evidence.
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from enum import Enum
 
+from palpate.drivers.dynamixel.failures import WatchdogTripped
 from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
@@ -44,15 +45,33 @@ class Stage(Enum):
 def close_fingers(hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], None]) -> list[Touch]:
     """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
 
-    Raises DeviceError for a device that fails and SafetyStop for a finger that is held by something it does
-    not feel; the hand's `close` then ends all motion.
+    A grip in which a servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that
+    fails and SafetyStop for a finger that is held by something it does not feel; the hand's `close` then
+    ends all motion.
     """
+    under_way: list[Run] = []
+    try:
+        return _carry_out(hand, grip, tell, under_way)
+    except WatchdogTripped as tripped:
+        hand.notice(f"{tripped}; the grip is begun again")
+    hand.arm()
+    if under_way:
+        _look(hand, under_way)
+        _go_to(hand, dict.fromkeys(under_way, 0.0))
+    return _carry_out(hand, grip, tell, [])
+
+
+def _carry_out(
+    hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], None], under_way: list[Run]
+) -> list[Touch]:
+    """Carry out a grip; `under_way` is filled with the fingers that have left where they wait."""
     tell(Stage.AIMING)
     hand.arm()
     _retract_all(hand)
     turn = _turn(hand, {item.stage_rad for item in grip})
     runs = [Run.of(hand.fingers[item.finger_index], item, turn) for item in grip]
     _aim(hand, runs)
+    under_way += runs
     hand.tare()
     tell(Stage.CLOSING)
     for run in runs:
@@ -77,7 +96,7 @@ def _retract_all(hand: Hand) -> None:
     """Let every finger go back to where it waits, also those that take no part."""
     goals = {servo: goal for finger in hand.fingers for servo, goal in finger.drive.retract().items()}
     if goals:
-        write_goals(hand.bus, goals)
+        write_goals(hand.bus, goals, confirm=True)
         _wait(hand, goals, {servo: finger.drive for finger in hand.fingers for servo in finger.drive.servos})
 
 
@@ -96,7 +115,7 @@ def _turn(hand: Hand, wanted_rad: Collection[float]) -> Turn:
     now_at = hand.states([stage.servo])[stage.servo.dxl_id].position_rad
     if abs(now_at - goal[stage.servo]) > AIM_TOLERANCE_RAD:
         _to_lines(hand, {finger: finger.home for finger in hand.fingers})
-        write_goals(hand.bus, goal)
+        write_goals(hand.bus, goal, confirm=True)
         hand.wait_still(goal, lambda _: AIM_TOLERANCE_RAD)
     return planned_turn(stage.spec, angle)
 
@@ -107,7 +126,7 @@ def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
     present = hand.servos_of(fingers)
     now = hand.clock.now()
     goals = _every(finger.drive.aim(lines[finger], present[finger], now) for finger in fingers)
-    write_goals(hand.bus, goals)
+    _begin(hand, goals, fingers)
     _stream(hand, fingers)
     hand.wait_still(_every(finger.drive.targets() for finger in fingers), lambda _: AIM_TOLERANCE_RAD)
 
@@ -124,8 +143,9 @@ def _go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
     now = hand.clock.now()
     speed = hand.rig.closing.approach_speed_mm_s
     goals = [run.finger.drive.go(run.line, run.travel_mm, to, speed, now) for run, to in travels_mm.items()]
-    write_goals(hand.bus, _every(goals))
-    _stream(hand, [run.finger for run in travels_mm])
+    fingers = [run.finger for run in travels_mm]
+    _begin(hand, _every(goals), fingers)
+    _stream(hand, fingers)
     _wait(
         hand,
         _every(run.finger.drive.targets() for run in travels_mm),
@@ -138,12 +158,21 @@ def _wait(hand: Hand, goals: Goals, drive_of: Mapping[Servo, Drive]) -> None:
     hand.wait_still(goals, lambda servo: drive_of[servo].reached_rad(servo, _ARRIVED_MM))
 
 
+def _begin(hand: Hand, goals: Goals, fingers: Sequence[HostFinger]) -> None:
+    """Write the first goals of a move. One that is followed by others need not be confirmed."""
+    streamed = {servo for finger in fingers if finger.drive.streams for servo in finger.drive.servos}
+    write_goals(hand.bus, {s: goal for s, goal in goals.items() if s in streamed})
+    write_goals(hand.bus, {s: goal for s, goal in goals.items() if s not in streamed}, confirm=True)
+
+
 def _stream(hand: Hand, fingers: Sequence[HostFinger]) -> None:
-    """Write goals every sample until the last ones are written."""
+    """Write goals every sample until the last ones are written, and see to it that those arrived."""
     period = 1 / hand.rig.closing.sample_rate_hz
-    while any(finger.drive.under_way(hand.clock.now()) for finger in fingers):
+    streaming = [finger for finger in fingers if finger.drive.under_way(hand.clock.now())]
+    while any(finger.drive.under_way(hand.clock.now()) for finger in streaming):
         hand.pause(period)
-        _write(hand, fingers)
+        _write(hand, streaming)
+    write_goals(hand.bus, _every(finger.drive.targets() for finger in streaming), confirm=True)
 
 
 def _write(hand: Hand, fingers: Sequence[HostFinger]) -> None:
@@ -163,7 +192,7 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
         run.touched = run.done = False
         run.moved_s = run.heard_s = now
     goals = [run.finger.drive.go(run.line, run.travel_mm, run.limit_mm, speed_mm_s, now) for run in runs]
-    write_goals(hand.bus, _every(goals))
+    _begin(hand, _every(goals), [run.finger for run in runs])
     _look(hand, runs)
     count = 0
     period = 1 / hand.rig.closing.sample_rate_hz
@@ -211,11 +240,7 @@ def _stop(hand: Hand, runs: Sequence[Run]) -> None:
     """Hold fingers where they are now."""
     servos = [servo for run in runs for servo in run.finger.drive.closing_servos]
     states = hand.states(servos)
-    goals: dict[Servo, float] = {}
-    for servo in servos:
-        lo, hi = servo.range_rad
-        goals[servo] = min(max(states[servo.dxl_id].position_rad, lo), hi)
-    stop_at(hand.bus, goals)
+    stop_at(hand.bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in servos})
 
 
 def _look(hand: Hand, runs: Sequence[Run]) -> None:

@@ -19,7 +19,7 @@ from palpate.config.identification_result import IdentificationOut
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.answer_words import answer_lines, counted
-from palpate.rig.bench import outside, place, set_up
+from palpate.rig.bench import bus_latency_s, outside, place, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text
@@ -63,10 +63,12 @@ def run_identify(
     folder = session_folder(sessions, name)
     header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed}
     header |= {"strategy": strategy, "scene": scene is not None, "started": _now()}
+    latency_s = bus_latency_s(rig_file)
+    header |= {"bus_latency_s": latency_s}
     console = Console(stderr=True, highlight=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
         keep_inputs(folder, sources[0], sources[1], scene)
-        run = carry_out(job, *outside(bench, log), [log, progress])
+        run = carry_out(job, outside(bench, log, latency_s), [log, progress], progress.notice)
         out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
         log.event("result", result=out.model_dump(mode="json"))
     result = run.result
@@ -101,6 +103,10 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         if self._status is not None:
             self._status.stop()
+
+    def notice(self, text: str) -> None:
+        """The operator should know or do something now."""
+        self._console.print(text)
 
     def stage(self, grip: int, stage: Stage) -> None:
         """Fingers began something."""

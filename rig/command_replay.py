@@ -1,5 +1,6 @@
 """`palpate replay`: a recorded session run again, without devices, and compared byte by byte."""
 
+import math
 import re
 from importlib.metadata import version
 from pathlib import Path
@@ -32,7 +33,7 @@ def run_replay(session: Path, *, json: bool) -> int:
     folder = session.parent if session.name == LOG_NAME and session.is_file() else session
     file = read_session(folder)
     job = _job(file, folder)
-    replayed = replay(file, job)
+    replayed = replay(file, job, _latency_s(file))
     if file.changed_line is not None:
         changed = f"{file.path}: line {file.changed_line}: is not as it was written: its check sum is wrong"
         if replayed.difference is None:
@@ -59,6 +60,13 @@ def _job(file: SessionFile, folder: Path) -> Job:
     rig, objects, given = kept_inputs(folder, scene=scene)
     placement = place(rig, objects, given, seed)
     return Job(rig, Catalogue(models_of(objects)), placement, Strategy(strategy), seed)
+
+
+def _latency_s(file: SessionFile) -> float:
+    value = file.header.get("bus_latency_s")
+    if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < math.inf:
+        raise InputError(f'{file.path}: line 1: "bus_latency_s" must be a time in s, from 0')
+    return float(value)
 
 
 def _out(file: SessionFile, replayed: Replayed, by: str, folder: str) -> ReplayOut:

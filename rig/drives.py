@@ -8,7 +8,6 @@ speed profile. Limits are written before torque goes on.
 from collections.abc import Mapping
 from typing import Protocol
 
-from palpate.config import Closing
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import TICK_RAD, Line, Servos
@@ -44,7 +43,10 @@ ACCELERATION_RAD_S2 = 6.0
 
 
 class Drive(Protocol):
-    """What moves one finger."""
+    """What moves one finger.
+
+    Parameters are given by position, so that a kind of drive may name those that it does not use `_…`.
+    """
 
     @property
     def servos(self) -> tuple[Servo, Servo]:
@@ -61,7 +63,7 @@ class Drive(Protocol):
         """Whether goals change with time, so that `goals` must be asked every sample."""
         ...
 
-    def prepare(self, closing: Closing) -> None:
+    def prepare(self) -> None:
         """Write modes and limits; torque is off."""
         ...
 
@@ -69,19 +71,19 @@ class Drive(Protocol):
         """Begin to go back to where the finger waits, if it may be elsewhere; what to write at once."""
         ...
 
-    def aim(self, line: Line, present: Servos, now: float) -> Goals:
+    def aim(self, line: Line, present: Servos, now: float, /) -> Goals:
         """Begin to go to where a line starts, from where the finger is; what to write at once."""
         ...
 
-    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> Goals:
+    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float, /) -> Goals:
         """Begin to go along a line, on which the finger is at `from_mm`; what to write at once."""
         ...
 
-    def goals(self, now: float) -> Goals:
+    def goals(self, now: float, /) -> Goals:
         """What to write now; empty if the servos know enough."""
         ...
 
-    def under_way(self, now: float) -> bool:
+    def under_way(self, now: float, /) -> bool:
         """Whether further goals will come."""
         ...
 
@@ -89,7 +91,7 @@ class Drive(Protocol):
         """Where the servos that move should stand at the end."""
         ...
 
-    def reached_rad(self, servo: Servo, gap_mm: float) -> float:
+    def reached_rad(self, servo: Servo, gap_mm: float, /) -> float:
         """By how much a servo may be off its target for the tip to be off by about `gap_mm`."""
         ...
 
@@ -100,14 +102,24 @@ class SlideDrive:
     streams = False
 
     def __init__(
-        self, aim: Servo, slide: Servo, kinematics: SlideKinematics, wait_mm: float, speed_mm_s: float
+        self,
+        aim: Servo,
+        slide: Servo,
+        kinematics: SlideKinematics,
+        wait_mm: float,
+        speed_mm_s: float,
+        force_n: float,
     ) -> None:
-        """`wait_mm`: distance from the base at which the tip waits; it goes back there at `speed_mm_s`."""
+        """`wait_mm`: distance from the base at which the tip waits; it goes back there at `speed_mm_s`.
+
+        `force_n`: the tip never presses harder.
+        """
         self._aim = aim
         self._slide = slide
         self._kinematics = kinematics
         self._wait_mm = wait_mm
         self._speed_mm_s = speed_mm_s
+        self._force_n = force_n
         self._targets: Goals = {}
 
     @property
@@ -120,15 +132,15 @@ class SlideDrive:
         """The slide alone."""
         return (self._slide,)
 
-    def prepare(self, closing: Closing) -> None:
-        """Write modes and limits: the slide's current allows max_force_n at the tip."""
+    def prepare(self) -> None:
+        """Write modes and limits: the slide's current allows the largest force at the tip."""
         lever_m = abs(self._kinematics.mm_per_rad) / 1000
-        current = closing.max_force_n * lever_m / self._slide.model.torque_per_current_nm_a
+        current = self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
         self._aim.prepare(OperatingMode.POSITION, AIM_CURRENT_A)
         self._slide.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
         self._slide.set_goal_current_a(current)
         self._aim.set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
-        self._set_speed(closing.approach_speed_mm_s)
+        self._set_speed(self._speed_mm_s)
 
     def retract(self) -> Goals:
         """Slide back; the aim stays."""
@@ -136,29 +148,22 @@ class SlideDrive:
         self._targets = {self._slide: self._kinematics.slide_servo_rad(self._wait_mm)}
         return self._targets
 
-    def aim(self, line: Line, present: Servos, now: float) -> Goals:  # noqa: ARG002 - one goal is enough
+    def aim(self, line: Line, _present: Servos, _now: float) -> Goals:
         """Turn; the slide stays where it waits."""
         self._targets = {self._aim: self._kinematics.servos_rad(line, 0.0)[0]}
         return self._targets
 
-    def go(
-        self,
-        line: Line,
-        from_mm: float,  # noqa: ARG002
-        to_mm: float,
-        speed_mm_s: float,
-        now: float,  # noqa: ARG002
-    ) -> Goals:
+    def go(self, line: Line, _from_mm: float, to_mm: float, speed_mm_s: float, _now: float) -> Goals:
         """Slide at a speed, from the next goal on."""
         self._set_speed(speed_mm_s)
         self._targets = {self._slide: self._kinematics.servos_rad(line, to_mm)[1]}
         return self._targets
 
-    def goals(self, now: float) -> Goals:  # noqa: ARG002
+    def goals(self, _now: float) -> Goals:
         """Nothing: one goal is enough."""
         return {}
 
-    def under_way(self, now: float) -> bool:  # noqa: ARG002
+    def under_way(self, _now: float) -> bool:
         """Never: one goal is enough."""
         return False
 
@@ -166,7 +171,7 @@ class SlideDrive:
         """The last goal."""
         return self._targets
 
-    def reached_rad(self, servo: Servo, gap_mm: float) -> float:  # noqa: ARG002
+    def reached_rad(self, _servo: Servo, gap_mm: float) -> float:
         """Only the slide's is asked for: the aim has a tolerance of its own."""
         return gap_mm / abs(self._kinematics.mm_per_rad)
 

@@ -5,7 +5,6 @@ Watchdog is armed while anything moves; leaving the `with` block, by whatever wa
 torque off, each by itself.
 """
 
-import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,8 +16,10 @@ from serial.serialutil import SerialBase
 
 from palpate.config import AnyFinger, RigFile
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.failures import DamagedAnswer
-from palpate.drivers.dynamixel.servo import Servo, ServoState, read_states, torque_off_all
+from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.guarded import End, Guard, wait_still
+from palpate.drivers.dynamixel.servo import Servo, torque_off_all
+from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
@@ -35,13 +36,12 @@ __all__ = ["Hand", "HostFinger", "OpenPort"]
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
 
-_WATCHDOG_S = 0.5
+WATCHDOG_S = 0.5
 _TARE_FRAMES = 16
-_SETTLED_RAD_S = 0.03
-_MOVE_TIMEOUT_S = 20.0
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
-_READS = 3
+_REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
+_REPLUG_POLL_S = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +67,25 @@ class HostFinger:
 class Hand:
     """All fingers, on their bus and their arrays' ports. Use as a context manager."""
 
-    def __init__(self, rig: RigFile, clock: Clock, open_port: OpenPort) -> None:
+    def __init__(
+        self,
+        rig: RigFile,
+        clock: Clock,
+        open_port: OpenPort,
+        *,
+        latency_s: float,
+        notice: Callable[[str], None] = lambda _: None,
+    ) -> None:
         """Open every port and ask every device who it is.
 
-        Raises DeviceError naming the port or the servo that is missing; what was opened is closed again, and
-        torque is off on every servo that answers.
+        `latency_s`: what the bus's adapter may add to an answer. `notice` is told what the operator should
+        do. Raises DeviceError naming the port or the servo that is missing; what was opened is closed
+        again, and torque is off on every servo that answers.
         """
         self.rig = rig
         self.clock = clock
+        self._latency_s = latency_s
+        self.notice = notice
         self._ports: list[SerialBase] = []
         self._arrays: list[TactileArray] = []
         self._servos: list[Servo] = []
@@ -110,10 +121,14 @@ class Hand:
         finally:
             for port in self._ports:
                 port.close()
+            if self._servos:
+                self.bus.close()  # on a port of its own, if the adapter was plugged in again
             self._servos, self._arrays, self._ports = [], [], []
 
     def _switch_off(self) -> list[DeviceError]:
         failed = torque_off_all(self.bus, self._servos) if self._servos else []
+        if any(isinstance(error, PortFailed) for error in failed):
+            failed = self._off_once_plugged_in(failed)
         for array in self._arrays:
             try:
                 array.stop()
@@ -121,8 +136,28 @@ class Hand:
                 continue  # an array that is gone moves nothing
         return failed
 
+    def _off_once_plugged_in(self, failed: list[DeviceError]) -> list[DeviceError]:
+        """Wait for the bus's adapter and switch torque off then; returns what could not be switched off."""
+        self.notice(
+            f"{self.bus.port_name} is gone and torque may be on: plug it in again within {_REPLUG_S:g} s, "
+            "or cut the servos' power"
+        )
+        deadline = self.clock.now() + _REPLUG_S
+        while self.clock.now() < deadline:
+            self.clock.sleep(_REPLUG_POLL_S)
+            try:
+                self.bus.reconnect()
+            except DeviceError:
+                continue
+            failed = torque_off_all(self.bus, self._servos)
+            if not any(isinstance(error, PortFailed) for error in failed):
+                break
+        return failed
+
     def prepare(self) -> None:
         """Write and check limits, switch torque on where everything stands."""
+        self.disarm()  # one that has tripped in an earlier run refuses goals
+        self._reader.arrange()
         if self.stage is not None:
             self.stage.prepare()
             at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
@@ -130,7 +165,7 @@ class Hand:
             if wrong is not None:
                 raise DeviceError(wrong)
         for finger in self.fingers:
-            finger.drive.prepare(self.rig.closing)
+            finger.drive.prepare()
             self._check_start(finger)
         for servo in self._servos:
             servo.torque(on=True)
@@ -156,7 +191,7 @@ class Hand:
         """Arm Bus Watchdog on every servo: if the host falls silent, everything stops by itself."""
         for servo in self._servos:
             servo.disarm_watchdog()  # clears one that has tripped
-            servo.arm_watchdog(_WATCHDOG_S)
+            servo.arm_watchdog(WATCHDOG_S)
 
     def disarm(self) -> None:
         """Let the host be silent while nothing moves."""
@@ -164,39 +199,30 @@ class Hand:
             servo.disarm_watchdog()
 
     def states(self, servos: Sequence[Servo]) -> dict[int, ServoState]:
-        """What the servos measure now, by id.
+        """What the servos measure now, by id, read at one instant.
 
-        Where answers were late or damaged but every servo is there, asks again: reading changes nothing, and
-        one stall of the computer must not end a run.
+        Raises NotAnswering for silent ones, HardwareAlert for one with a hardware error, Restarted for one
+        that has lost its power meanwhile, WatchdogTripped for one that heard nothing for too long.
         """
-        for _ in range(_READS - 1):
-            with contextlib.suppress(DamagedAnswer):
-                return read_states(self.bus, servos)
-        return read_states(self.bus, servos)
+        states = self._reader.read(servos).all()
+        for dxl_id, state in states.items():
+            if state.watchdog_tripped:
+                raise WatchdogTripped(dxl_id, self.bus.port_name, WATCHDOG_S)
+        return states
 
     def wait_still(self, goals_rad: Mapping[Servo, float], tolerance_rad: Callable[[Servo], float]) -> None:
-        """Wait until servos stand within a tolerance of their goals; DeviceError names one that is late."""
-        servos = list(goals_rad)
-        deadline = self.clock.now() + _MOVE_TIMEOUT_S
-        while True:
-            self.pause(_POLL_S)
-            states = self.states(servos)
-            late = [
-                servo
-                for servo in servos
-                if abs(states[servo.dxl_id].velocity_rad_s) > _SETTLED_RAD_S
-                or abs(states[servo.dxl_id].position_rad - goals_rad[servo]) > tolerance_rad(servo)
-            ]
-            if not late:
-                return
-            if self.clock.now() > deadline:
-                servo = late[0]
-                raise DeviceError(
-                    f"servo {servo.dxl_id} on {self.bus.port_name} did not reach "
-                    f"{goals_rad[servo]:.3f} rad within {_MOVE_TIMEOUT_S:g} s (it is at "
-                    f"{states[servo.dxl_id].position_rad:.3f}); check what holds it; "
-                    "if nothing does, raise max_force_n"
-                )
+        """Wait until servos stand within a tolerance of their goals; DeviceError names one that is held."""
+        ends = wait_still(
+            self.bus, self.states, self.clock.now, self.pause, goals_rad, tolerance_rad, Guard(poll_s=_POLL_S)
+        )
+        held = [servo for servo, end in ends.items() if end is End.STALL]
+        if held:
+            at = self.states(held)[held[0].dxl_id].position_rad
+            raise DeviceError(
+                f"servo {held[0].dxl_id} on {self.bus.port_name} did not reach "
+                f"{goals_rad[held[0]]:.3f} rad: it has stopped at {at:.3f}; check what holds it; "
+                "if nothing does, raise max_force_n"
+            )
 
     def tare(self) -> None:
         """Start every array and take its baseline; nothing may touch the tips."""
@@ -234,7 +260,13 @@ class Hand:
         rig = self.rig
         port = open_port(rig.bus.port, rig.bus.baudrate_bps)
         self._ports.append(port)
-        self.bus = Bus(port, self.clock, rig.bus.baudrate_bps)
+        self.bus = Bus(
+            port,
+            self.clock,
+            rig.bus.baudrate_bps,
+            latency_s=self._latency_s,
+            reopen=lambda: open_port(rig.bus.port, rig.bus.baudrate_bps),
+        )
         self.stage = HostStage.of(rig, self.bus)
         if self.stage is not None:
             self._servos.append(self.stage.servo)
@@ -245,6 +277,7 @@ class Hand:
             drives.append(drive)
         for servo in self._servos:
             servo.check()
+        self._reader = StateReader(self.bus, self._servos)
         self.fingers = tuple(
             self._finger(spec, drive, open_port) for spec, drive in zip(rig.fingers, drives, strict=True)
         )

@@ -12,6 +12,7 @@ from typing import Any
 from palpate.drivers.dynamixel.packet import Instruction
 from palpate.drivers.transport.replay import RecordEnded, Replayer
 from palpate.errors import PalpateError
+from palpate.rig.outside import Outside
 from palpate.rig.session_events import SessionEvents, plain
 from palpate.rig.session_file import SessionFile
 from palpate.rig.whole_run import Job, WholeRun, carry_out
@@ -35,11 +36,14 @@ class Replayed:
     run: WholeRun | None
 
 
-def replay(file: SessionFile, job: Job) -> Replayed:
-    """Run an `identify` again. Only what comes from outside of the recording is raised: a new interrupt."""
+def replay(file: SessionFile, job: Job, latency_s: float) -> Replayed:
+    """Run an `identify` again; `latency_s` is what the bus's adapter was allowed then.
+
+    Raises only what comes from outside of the recording: a new interrupt.
+    """
 
     def again(replayer: Replayer, events: SessionEvents) -> WholeRun:
-        run = carry_out(job, replayer.clock, replayer.open, [events])
+        run = carry_out(job, Outside(replayer.clock, replayer.open, latency_s), [events])
         out = run.out(wall_seconds=0.0, session=None)
         events.event("result", result=out.model_dump(mode="json"))
         return run

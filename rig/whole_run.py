@@ -1,14 +1,13 @@
 """A run from the first port to the answer: what `identify` does on devices and `replay` on a recording."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from palpate.config import RigFile
 from palpate.config.identification_result import IdentificationOut
-from palpate.drivers.transport.clock import Clock
 from palpate.recognizer import Catalogue, Strategy
-from palpate.rig.hand import Hand, OpenPort
 from palpate.rig.identify import Identification, Observer, identify
+from palpate.rig.outside import Outside
 from palpate.rig.report_run import identification_out
 from palpate.rig.scene import Placement
 
@@ -48,13 +47,18 @@ class WholeRun:
         )
 
 
-def carry_out(job: Job, clock: Clock, open_port: OpenPort, observers: Sequence[Observer]) -> WholeRun:
-    """Connect, identify, disconnect. Everything from outside comes through `clock` and `open_port`.
+def carry_out(
+    job: Job,
+    outside: Outside,
+    observers: Sequence[Observer],
+    notice: Callable[[str], None] = lambda _: None,
+) -> WholeRun:
+    """Connect, identify, disconnect. `notice` is told what the operator should do now.
 
     Raises what `identify` raises; torque is off then, too.
     """
-    with Hand(job.rig, clock, open_port) as hand:
+    with outside.hand(job.rig, notice) as hand:
         hand.prepare()
         result = identify(hand, job.catalogue, observers, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated
-    return WholeRun(job, result, emulated, clock.now())
+    return WholeRun(job, result, emulated, outside.clock.now())

@@ -28,7 +28,8 @@ def drive_of(spec: AnyFinger, rig: RigFile, bus: Bus) -> Drive:
         wait = wait_radius_mm(spec, radius)
         return ArmDrive(near, far, arm_kinematics(spec), wait, closing.max_force_n)
     wait = wait_distance_mm(spec, radius)
-    return SlideDrive(near, far, slide_kinematics(spec), wait, closing.approach_speed_mm_s)
+    speed, force = closing.approach_speed_mm_s, closing.max_force_n
+    return SlideDrive(near, far, slide_kinematics(spec), wait, speed, force)
 
 
 def start_problem(

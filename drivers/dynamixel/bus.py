@@ -1,23 +1,28 @@
 """A bus of Dynamixel servos: control table items by servo id, and errors that say which servo.
 
-Above: `servo`, in physical units. Below: the vendor's SDK (`sdk`) and a port. A servo that
-gives no answer is always an error, never a default value.
+Above: `servo` and `state`, in physical units. Below: `exchange`, the vendor's SDK and a port. A servo that
+gives no answer is always an error, never a default value. What was lost or damaged is asked again, and
+counted. One exchange is finished before another thread's begins.
 """
 
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
-from dynamixel_sdk import (
-    COMM_RX_CORRUPT,
-    COMM_RX_TIMEOUT,
-    COMM_SUCCESS,
-    INST_PING,
-)
 from serial.serialutil import SerialBase
 
-from palpate.drivers.dynamixel.control_table import HARDWARE_ERROR_STATUS, ITEMS, HardwareError, Item
+from palpate.drivers.dynamixel.control_table import (
+    HARDWARE_ERROR_STATUS,
+    ITEMS,
+    RETURN_DELAY_TIME,
+    RETURN_DELAY_UNIT_S,
+    TORQUE_ENABLE,
+    HardwareError,
+    Item,
+)
+from palpate.drivers.dynamixel.counts import BusCounts
+from palpate.drivers.dynamixel.exchange import Block, Exchange, Lost
 from palpate.drivers.dynamixel.failures import (
     DamagedAnswer,
     HardwareAlert,
@@ -25,15 +30,14 @@ from palpate.drivers.dynamixel.failures import (
     PortFailed,
     StatusError,
 )
-from palpate.drivers.dynamixel.packet import ALERT_BIT, MAX_ID
-from palpate.drivers.dynamixel.sdk import READ_WAIT_S, ClockedPortHandler, StuffingPacketHandler
+from palpate.drivers.dynamixel.group import read_group
+from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
+from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, Timing
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS
+from palpate.errors import DeviceError
 
-__all__ = ["Bus", "Ping"]
-
-_QUIET_S = 0.01  # a wire with nothing on it for so long will carry no late answer any more
-_ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
+__all__ = ["Bus", "GroupRead", "Ping"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,176 +48,246 @@ class Ping:
     firmware: int
 
 
-class Bus:
-    """One wire with servos. Not for use from two threads at once."""
+@dataclass(frozen=True, slots=True)
+class GroupRead:
+    """What several servos answered: for each id its values, or an error.
 
-    def __init__(self, port: SerialBase, clock: Clock, baudrate: int) -> None:
+    A servo that reports a hardware error is in both: what it measured holds, and its error is a
+    HardwareAlert.
+    """
+
+    values: Mapping[int, Mapping[Item, int]]
+    errors: Mapping[int, DeviceError]
+
+    def all(self) -> dict[int, dict[Item, int]]:
+        """Every servo's values. Raises NotAnswering for all that are silent, or the first other error."""
+        silent = [error for error in self.errors.values() if isinstance(error, NotAnswering)]
+        if silent:
+            raise NotAnswering([dxl_id for error in silent for dxl_id in error.dxl_ids], silent[0].port)
+        for error in self.errors.values():
+            raise error
+        return {dxl_id: dict(values) for dxl_id, values in self.values.items()}
+
+
+class Bus:
+    """One wire with servos."""
+
+    def __init__(
+        self,
+        port: SerialBase,
+        clock: Clock,
+        baudrate: int,
+        *,
+        latency_s: float = UNKNOWN_LATENCY_S,
+        retries: int = 2,
+        reopen: Callable[[], SerialBase] | None = None,
+    ) -> None:
         """Take over an open port; `clock` is the one on which answers time out.
 
+        `latency_s`: what adapter and system may add to an answer's wire time and return delay. `retries`: how
+        often a lost or damaged answer is asked for again. `reopen`: opens the port anew after an unplug.
         Raises PortFailed if the port cannot be set up.
         """
         self.port_name = port.port or "(unnamed port)"
-        self._port = port
-        self._handler = ClockedPortHandler(port, clock, baudrate)
-        self._packets = StuffingPacketHandler()
-        with self._port_errors():
-            self._handler.openPort()
+        self.timing = Timing(baudrate, latency_s)
+        self.counts = BusCounts()
+        self._clock = clock
+        self._retries = retries
+        self._reopen = reopen
+        self._lock = threading.RLock()
+        self._silent: set[int] = set()
+        self._use(port)
 
     def close(self) -> None:
         """Close the port; closing twice is harmless."""
         self._port.close()
 
-    def ping(self, dxl_id: int) -> Ping:
+    def reconnect(self) -> None:
+        """Close the port and open it again, as after an unplug.
+
+        Raises PortFailed or DeviceError if it is not there, PortFailed if nobody said how to open it.
+        """
+        if self._reopen is None:
+            raise PortFailed(self.port_name, "it cannot be opened again")
+        with self._lock:
+            self._port.close()
+            self._use(self._reopen())
+            self.counts.reconnects += 1
+
+    def ping(self, dxl_id: int, *, retries: int | None = None) -> Ping:
         """Ask a servo for model number and firmware; answered at every Status Return Level."""
         _check_id(dxl_id)
-        packet = [0, 0, 0, 0, dxl_id, 3, 0, INST_PING, 0, 0]
-        with self._port_errors():
-            answer, result, error = self._packets.txRxPacket(self._handler, packet)
-        self._check(dxl_id, result, error, "a ping")
-        params = bytes(answer[_PARAMS:-2])
-        if len(params) != 3:
-            raise DamagedAnswer([dxl_id], self.port_name)
-        return Ping(int.from_bytes(params[:2], "little"), params[2])
+        with self._exchanging():
+            answer = self._asked(dxl_id, Instruction.PING, b"", 3, retries)
+            self._check(answer, "a ping", alert=False)
+        return _told(answer)
+
+    def ping_all(self, wanted: Sequence[int] = range(MAX_ID + 1)) -> dict[int, Ping]:
+        """Ping everybody at once. Ends when all `wanted` have answered, or the highest of them is overdue.
+
+        Servos with one id between them damage each other's answers, so that neither may be found.
+        """
+        with self._exchanging():
+            found = self._exchange.ping_all(wanted)
+        return {answer.dxl_id: _told(answer) for answer in found if len(answer.params) == 3}
 
     def read(self, dxl_id: int, item: Item) -> int:
-        """Read one item; a servo that keeps silent is asked once more."""
-        _check_id(dxl_id)
-        with self._port_errors():
-            raw, result, error = self._asked_twice(
-                lambda: self._packets.readTxRx(self._handler, dxl_id, item.address, item.size)
-            )
-        self._check(dxl_id, result, error, f"to read {item.name}")
-        if len(raw) != item.size:
-            raise DamagedAnswer([dxl_id], self.port_name)
-        return item.decode(bytes(raw))
+        """Read one item."""
+        return self.read_alerting(dxl_id, item, alert=True)
 
-    def write(self, dxl_id: int, item: Item, value: int) -> None:
+    def read_alerting(self, dxl_id: int, item: Item, *, alert: bool = False) -> int:
+        """Read one item even of a servo that reports a hardware error; with `alert`, raise HardwareAlert."""
+        _check_id(dxl_id)
+        with self._exchanging():
+            params = _words(item.address, item.size)
+            answer = self._asked(dxl_id, Instruction.READ, params, item.size)
+            self._check(answer, f"to read {item.name}", alert=alert)
+            value = item.decode(answer.params)
+            self._learn(dxl_id, item, value)
+        return value
+
+    def write(self, dxl_id: int, item: Item, value: int, *, retries: int | None = None) -> None:
         """Write one item and wait for the servo to confirm. ValueError if the value does not fit the item.
 
-        A servo that keeps silent is told once more: writing the same value twice does no harm.
+        Where no confirmation comes it is written again: writing the same value twice does no harm.
         """
         _check_id(dxl_id)
-        data = list(item.encode(value))
-        with self._port_errors():
-            result, error = self._asked_twice(
-                lambda: self._packets.writeTxRx(self._handler, dxl_id, item.address, item.size, list(data))
-            )
-        self._check(dxl_id, result, error, f"{value} for {item.name}")
+        with self._exchanging():
+            params = _words(item.address) + item.encode(value)
+            answer = self._asked(dxl_id, Instruction.WRITE, params, 0, retries)
+            self._check(answer, f"{value} for {item.name}")
+            self._learn(dxl_id, item, value)
+
+    def write_unconfirmed(self, dxl_id: int, item: Item, value: int) -> None:
+        """Write one item of a servo that may be set not to answer."""
+        _check_id(dxl_id)
+        with self._exchanging():
+            self._exchange.tell(dxl_id, Instruction.WRITE, _words(item.address) + item.encode(value))
 
     def reboot(self, dxl_id: int) -> None:
-        """Restart a servo: the only way back from a hardware error. It is deaf for a moment afterwards."""
+        """Restart a servo: the only way back from a hardware error. It is deaf for a moment afterwards.
+
+        Not repeated: a servo that did not hear it is reported as not answering.
+        """
         _check_id(dxl_id)
-        with self._port_errors():
-            result, error = self._packets.reboot(self._handler, dxl_id)
-        self._check(dxl_id, result, error & ~ALERT_BIT, "a reboot")
+        with self._exchanging():
+            answer = self._asked(dxl_id, Instruction.REBOOT, b"", 0, retries=0)
+            self._check(answer, "a reboot", alert=False)
 
     def hardware_error(self, dxl_id: int) -> HardwareError:
         """Read Hardware Error Status, which works while the servo is alerting."""
-        _check_id(dxl_id)
-        item = HARDWARE_ERROR_STATUS
-        with self._port_errors():
-            raw, result, error = self._packets.readTxRx(self._handler, dxl_id, item.address, item.size)
-        self._check(dxl_id, result, error & ~ALERT_BIT, f"to read {item.name}")
-        return HardwareError(raw[0])
+        return HardwareError(self.read_alerting(dxl_id, HARDWARE_ERROR_STATUS))
 
-    def sync_read(self, dxl_ids: Sequence[int], first: Item, last: Item) -> dict[int, dict[Item, int]]:
+    def sync_read(self, dxl_ids: Sequence[int], first: Item, last: Item, *, fast: bool = False) -> GroupRead:
         """Read all items from `first` to `last` of several servos in one instruction, at one instant.
 
-        Raises NotAnswering with exactly the servos that do not answer a ping either, DamagedAnswer if all do,
-        HardwareAlert or StatusError for the first servo that reports one.
+        `fast`: with Fast Sync Read, which all of them must know (`Model.answers_fast`). Raises PortFailed
+        only: each servo has a value or an error.
         """
-        for dxl_id in dxl_ids:
+        block = (first.address, last.address + last.size - first.address)
+        answers = self.read_blocks(dict.fromkeys(dxl_ids, block), fast=fast)
+        items = [item for item in ITEMS if first.address <= item.address <= last.address]
+        return self.sorted_out(
+            answers,
+            lambda _, raw: {
+                item: item.decode(raw[item.address - first.address :][: item.size]) for item in items
+            },
+            f"to read {first.name} to {last.name}",
+        )
+
+    def bulk_read(self, items: Mapping[int, Item], *, fast: bool = False) -> GroupRead:
+        """Read an item of its own of each servo in one instruction; otherwise as `sync_read`."""
+        blocks = {dxl_id: (item.address, item.size) for dxl_id, item in items.items()}
+        answers = self.read_blocks(blocks, fast=fast)
+        return self.sorted_out(answers, lambda i, raw: {items[i]: items[i].decode(raw)}, "a bulk read")
+
+    def read_blocks(
+        self, blocks: Mapping[int, Block], *, fast: bool = False
+    ) -> dict[int, StatusPacket | DeviceError]:
+        """Read a block of bytes of each servo in one instruction; an answer or an error for each id.
+
+        One silent servo costs its own time-out, and hides nobody: where others wait for it, they are asked
+        again without it. One that stayed silent however often it was asked is asked once, and last, from
+        then on.
+        """
+        for dxl_id in blocks:
             _check_id(dxl_id)
-        size = last.address + last.size - first.address
-        with self._port_errors():
-            answers = self._exchange_sync_read(dxl_ids, first.address, size)
-        lost = [dxl_id for dxl_id in dxl_ids if dxl_id not in answers]
-        if lost:
-            self._raise_lost(lost)
-        block = [item for item in ITEMS if first.address <= item.address <= last.address]
-        values: dict[int, dict[Item, int]] = {}
-        for dxl_id in dxl_ids:
-            error, raw = answers[dxl_id]
-            self._check(dxl_id, COMM_SUCCESS, error, f"to read {first.name} to {last.name}")
-            if len(raw) != size:
-                raise DamagedAnswer([dxl_id], self.port_name)
-            values[dxl_id] = {
-                item: item.decode(raw[item.address - first.address :][: item.size]) for item in block
-            }
-        return values
+        with self._exchanging():
+            found = read_group(self._exchange, blocks, self._silent, self._retries, self.counts, fast=fast)
+        return {dxl_id: self._or_error(dxl_id, found[dxl_id]) for dxl_id in blocks}
+
+    def sorted_out(
+        self,
+        answers: Mapping[int, StatusPacket | DeviceError],
+        decode: Callable[[int, bytes], Mapping[Item, int]],
+        doing: str,
+    ) -> GroupRead:
+        """Answers as values and errors; the cause of an alert is read."""
+        values: dict[int, Mapping[Item, int]] = {}
+        errors: dict[int, DeviceError] = {}
+        for dxl_id, answer in answers.items():
+            if isinstance(answer, DeviceError):
+                errors[dxl_id] = answer
+                continue
+            if answer.error_number == 0:
+                values[dxl_id] = decode(dxl_id, answer.params)
+            try:
+                with self._exchanging():
+                    self._check(answer, doing)
+            except (HardwareAlert, StatusError) as error:
+                errors[dxl_id] = error
+        return GroupRead(values, errors)
 
     def sync_write(self, item: Item, values: Mapping[int, int]) -> None:
         """Write one item of several servos in one instruction. Servos do not confirm it."""
-        params: list[int] = []
+        params = _words(item.address, item.size)
         for dxl_id, value in values.items():
             _check_id(dxl_id)
-            params += [dxl_id, *item.encode(value)]
+            params += bytes([dxl_id]) + item.encode(value)
+        with self._exchanging():
+            self._exchange.tell(BROADCAST_ID, Instruction.SYNC_WRITE, params)
+
+    def torque_off_everywhere(self) -> None:
+        """Tell every servo on the wire, known or not, to switch torque off. Servos do not confirm it."""
+        with self._exchanging():
+            params = _words(TORQUE_ENABLE.address) + TORQUE_ENABLE.encode(0)
+            self._exchange.tell(BROADCAST_ID, Instruction.WRITE, params)
+
+    def _use(self, port: SerialBase) -> None:
+        self._port = port
         with self._port_errors():
-            result = self._packets.syncWriteTxOnly(
-                self._handler, item.address, item.size, params, len(params)
-            )
-        if result != COMM_SUCCESS:
-            raise PortFailed(self.port_name, self._packets.getTxRxResult(result))
+            self._exchange = Exchange(port, self._clock, self.timing, self.counts)
 
-    def _exchange_sync_read(
-        self, dxl_ids: Sequence[int], address: int, size: int
-    ) -> dict[int, tuple[int, bytes]]:
-        """Error byte and data of all that answered; the SDK's own group read gives up at the first gap."""
-        result = self._packets.syncReadTx(self._handler, address, size, list(dxl_ids), len(dxl_ids), False)
-        if result != COMM_SUCCESS:
-            raise PortFailed(self.port_name, self._packets.getTxRxResult(result))
-        answers: dict[int, tuple[int, bytes]] = {}
-        while any(dxl_id not in answers for dxl_id in dxl_ids):
-            packet, result = self._packets.rxPacket(self._handler, False)
-            if result == COMM_SUCCESS:
-                answers[packet[_ID]] = packet[_ERROR], bytes(packet[_PARAMS:-2])
-            elif result != COMM_RX_CORRUPT:
-                break
-        return answers
+    def _asked(
+        self, dxl_id: int, instruction: Instruction, params: bytes, size: int, retries: int | None = None
+    ) -> StatusPacket:
+        """The servo's answer, asked for again where it was lost. Raises NotAnswering or DamagedAnswer."""
+        lost = Lost.SILENT
+        for attempt in range(1 + (self._retries if retries is None else retries)):
+            self.counts.retries += attempt > 0
+            answer = self._exchange.ask(dxl_id, instruction, params, size)
+            if isinstance(answer, StatusPacket):
+                self._silent.discard(dxl_id)
+                return answer
+            lost = answer
+            self.counts.lost(silent=lost is Lost.SILENT)
+        raise self._loss(dxl_id, lost)
 
-    def _asked_twice(self, exchange: Callable[[], tuple[Any, ...]]) -> tuple[Any, ...]:
-        """Repeat an exchange that nobody answered: a busy computer may take longer than the time-out."""
-        answer = exchange()
-        if answer[-2] == COMM_RX_TIMEOUT:
-            answer = exchange()
-            self._drop_late_answers()
-        return answer
+    def _or_error(self, dxl_id: int, answer: StatusPacket | Lost) -> StatusPacket | DeviceError:
+        return answer if isinstance(answer, StatusPacket) else self._loss(dxl_id, answer)
 
-    def _drop_late_answers(self) -> None:
-        # believed to answer the next instruction, a late answer to the last one would be a wrong value
-        self._port.timeout = _QUIET_S
-        try:
-            while self._port.read(256):
-                pass
-        finally:
-            self._port.timeout = READ_WAIT_S
+    def _loss(self, dxl_id: int, lost: Lost) -> NotAnswering | DamagedAnswer:
+        kind = NotAnswering if lost is Lost.SILENT else DamagedAnswer
+        return kind([dxl_id], self.port_name)
 
-    def _raise_lost(self, lost: Sequence[int]) -> None:
-        with self._port_errors():
-            self._drop_late_answers()
-        # a servo behind a missing one may stay silent in a sync read; asked by itself it answers
-        absent = []
-        for dxl_id in lost:
-            try:
-                self.ping(dxl_id)
-            except NotAnswering:
-                absent.append(dxl_id)
-        if absent:
-            raise NotAnswering(absent, self.port_name)
-        raise DamagedAnswer(lost, self.port_name)
-
-    def _check(self, dxl_id: int, result: int, error: int, doing: str) -> None:
-        if result == COMM_RX_TIMEOUT:
-            raise NotAnswering([dxl_id], self.port_name)
-        if result == COMM_RX_CORRUPT:
-            raise DamagedAnswer([dxl_id], self.port_name)
-        if result != COMM_SUCCESS:
-            raise PortFailed(self.port_name, self._packets.getTxRxResult(result))
-        number = error & ~ALERT_BIT
-        if error & ALERT_BIT:
-            raise HardwareAlert(dxl_id, self.port_name, self._cause(dxl_id), carried_out=number == 0)
-        if number:
-            raise StatusError(dxl_id, self.port_name, number, doing)
+    def _check(self, answer: StatusPacket, doing: str, *, alert: bool = True) -> None:
+        self.counts.alerts += answer.alert
+        if answer.alert and alert:
+            cause = self._cause(answer.dxl_id)
+            carried_out = answer.error_number == 0
+            raise HardwareAlert(answer.dxl_id, self.port_name, cause, carried_out=carried_out)
+        if answer.error_number:
+            raise StatusError(answer.dxl_id, self.port_name, answer.error_number, doing)
 
     def _cause(self, dxl_id: int) -> HardwareError | None:
         try:
@@ -221,17 +295,36 @@ class Bus:
         except (NotAnswering, DamagedAnswer, StatusError):
             return None
 
+    def _learn(self, dxl_id: int, item: Item, value: int) -> None:
+        if item.name == RETURN_DELAY_TIME.name:
+            self._exchange.set_return_delay(dxl_id, value * RETURN_DELAY_UNIT_S)
+
+    @contextmanager
+    def _exchanging(self) -> Iterator[None]:
+        """One whole exchange, alone on the wire."""
+        with self._lock, self._port_errors():
+            try:
+                yield
+            finally:
+                # an interrupt may hit between the SDK's own lines; torque must still go off after it
+                self._exchange.release()
+
     @contextmanager
     def _port_errors(self) -> Iterator[None]:
         try:
             yield
         except PORT_ERRORS as error:
             raise PortFailed(self.port_name, error) from error
-        finally:
-            # an interrupt may hit between the SDK's own lines; torque must still go off after it
-            self._handler.is_using = False
 
 
 def _check_id(dxl_id: int) -> None:
     if not 0 <= dxl_id <= MAX_ID:
         raise ValueError(f"servo id {dxl_id} is outside 0 … {MAX_ID}")
+
+
+def _told(answer: StatusPacket) -> Ping:
+    return Ping(int.from_bytes(answer.params[:2], "little"), answer.params[2])
+
+
+def _words(*values: int) -> bytes:
+    return b"".join(value.to_bytes(2, "little") for value in values)

@@ -1,35 +1,38 @@
-"""The control table as the host uses it: items, modes and error bits of the X series, and its models' units.
+"""The control table as the host uses it: items, units, modes and error bits that the whole X series shares.
 
-Names are the e-Manual's. Only items that the stack uses are here. Source: ROBOTIS e-Manual, control tables of
-XM430-W350, XL330-M288 and XC330-M288 (these addresses agree in all three).
+Names are the e-Manual's. Only items that the stack uses are here; `models` knows where other series have
+them. Source: ROBOTIS e-Manual, control tables of XM430-W350, XL330-M288 and XC330-M288 (these addresses
+agree).
 """
 
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from palpate.errors import InputError
-
 __all__ = [
     "ACCELERATION_UNIT_RAD_S2",
+    "ANSWERS_ALL",
+    "FULL_PWM",
     "ITEMS",
-    "MODELS",
     "RAD_PER_TICK",
+    "RETURN_DELAY_UNIT_S",
     "VELOCITY_UNIT_RAD_S",
     "WATCHDOG_UNIT_S",
     "ZERO_TICK",
     "HardwareError",
     "Item",
-    "Model",
     "OperatingMode",
-    "model_named",
 ]
 
 RAD_PER_TICK = 2 * math.pi / 4096
 ZERO_TICK = 2048
+FULL_PWM = 885
+ANSWERS_ALL = 2
+"""Status Return Level at which a servo answers every instruction."""
 VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60
 ACCELERATION_UNIT_RAD_S2 = 214.577 * 2 * math.pi / 3600
 WATCHDOG_UNIT_S = 0.020
+RETURN_DELAY_UNIT_S = 2e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,39 +124,3 @@ class HardwareError(IntFlag):
     MOTOR_ENCODER = 0x08
     ELECTRICAL_SHOCK = 0x10
     OVERLOAD = 0x20
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """What differs between models: number, unit of current (A) and largest Current Limit (units).
-
-    `torque_per_current_nm_a`: stall torque over stall current of the e-Manual's specifications, at the
-    recommended voltage; friction makes what reaches the shaft less.
-    """
-
-    name: str
-    number: int
-    current_unit_a: float
-    largest_current: int
-    torque_per_current_nm_a: float
-
-    @property
-    def largest_current_a(self) -> float:
-        """Largest Current Limit in A."""
-        return self.largest_current * self.current_unit_a
-
-
-MODELS: tuple[Model, ...] = (
-    Model("XM430-W350", 1020, 2.69e-3, 1193, 4.1 / 2.3),
-    Model("XL330-M288", 1200, 1.0e-3, 1750, 0.52 / 1.47),
-    Model("XC330-M288", 1240, 1.0e-3, 2352, 0.93 / 1.8),
-)
-
-
-def model_named(name: str) -> Model:
-    """Find a model by its name; raises InputError listing the known ones."""
-    for model in MODELS:
-        if model.name == name:
-            return model
-    known = ", ".join(model.name for model in MODELS)
-    raise InputError(f"servo model {name!r} is not known; use one of {known}")

@@ -4,9 +4,18 @@ from collections.abc import Sequence
 
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.packet import StatusErrorCode
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, SafetyStop
 
-__all__ = ["DamagedAnswer", "HardwareAlert", "NotAnswering", "PortFailed", "StatusError"]
+__all__ = [
+    "DamagedAnswer",
+    "HardwareAlert",
+    "NotAnswering",
+    "NotConfirmed",
+    "PortFailed",
+    "Restarted",
+    "StatusError",
+    "WatchdogTripped",
+]
 
 
 class PortFailed(DeviceError):
@@ -37,6 +46,42 @@ class DamagedAnswer(DeviceError):
             "check cable, termination and that no two servos share an id"
         )
         self.dxl_ids = tuple(dxl_ids)
+        self.port = port
+
+
+class NotConfirmed(DeviceError):
+    """Servos do not hold what was written to them, however often it was sent."""
+
+    def __init__(self, dxl_ids: Sequence[int], port: str, items: Sequence[str]) -> None:
+        super().__init__(
+            f"{_servos(dxl_ids)} on {port} did not take {' and '.join(items)}; "
+            "check cable and termination, and whether another program uses the bus"
+        )
+        self.dxl_ids = tuple(dxl_ids)
+        self.port = port
+
+
+class Restarted(DeviceError):
+    """A servo has forgotten what it was told: it was without power for a moment, or was rebooted."""
+
+    def __init__(self, dxl_id: int, port: str) -> None:
+        super().__init__(
+            f"servo {dxl_id} on {port} has restarted, with torque off and its turns forgotten; "
+            "check its supply and plug, then start again"
+        )
+        self.dxl_id = dxl_id
+        self.port = port
+
+
+class WatchdogTripped(SafetyStop):
+    """A servo has stopped by itself, because it heard nothing for as long as its Bus Watchdog allows."""
+
+    def __init__(self, dxl_id: int, port: str, watchdog_s: float) -> None:
+        super().__init__(
+            f"servo {dxl_id} on {port} heard nothing for {watchdog_s:g} s and stopped by itself; "
+            "check what keeps the computer or the cable busy"
+        )
+        self.dxl_id = dxl_id
         self.port = port
 
 

@@ -2,15 +2,22 @@
 
     FF FF FD 00 | ID | LEN_L LEN_H | INST | params … | CRC_L CRC_H          instruction packet
     FF FF FD 00 | ID | LEN_L LEN_H | 55 | error | params … | CRC_L CRC_H    status packet
+    FF FF FD 00 | FE | LEN_L LEN_H | 55 | block | block | …                 answer to a fast read
+                                          block: error | ID | params … | CRC_L CRC_H
 
 LEN counts everything after itself. Inside INST…params the sequence FF FF FD is followed by one stuffed FD
 that is not part of the data; LEN and CRC are taken over the stuffed bytes. Before, between and after packets
 there may be any garbage: the parser looks for the next header and counts what it skipped.
 
+The answer to a fast sync or bulk read is one frame to which each servo adds its block. Nothing in it is
+stuffed, and each CRC is taken over the whole frame so far, earlier CRCs included. A `Parser` is not for it:
+it would take stuffing out that was never put in.
+
 The emulated servos speak through this module; the host speaks through the vendor's SDK and borrows only
 `stuff` and `unstuff` from here. Source: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" and "CRC calculation".
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -18,14 +25,17 @@ __all__ = [
     "ALERT_BIT",
     "BROADCAST_ID",
     "MAX_ID",
+    "FastBlock",
     "Instruction",
     "InstructionPacket",
     "Parser",
     "StatusErrorCode",
     "StatusPacket",
     "crc16",
+    "encode_fast_status",
     "encode_instruction",
     "encode_status",
+    "parse_fast_status",
     "stuff",
     "unstuff",
 ]
@@ -39,6 +49,7 @@ _STUFFABLE = b"\xff\xff\xfd"
 _STUFFED = b"\xff\xff\xfd\xfd"
 _PREFIX = 7  # header, ID and length
 _STATUS = 0x55
+_BLOCK_FRAME = 4  # error, ID and CRC around a block's params
 _LONGEST = 1024  # LEN beyond this is noise: no servo has a buffer for it
 
 
@@ -103,6 +114,15 @@ class StatusPacket:
         return self.error & ~ALERT_BIT
 
 
+@dataclass(frozen=True, slots=True)
+class FastBlock:
+    """One servo's part of the answer to a fast read. `error` is the error byte as in a `StatusPacket`."""
+
+    dxl_id: int
+    error: int = 0
+    params: bytes = b""
+
+
 def _crc_table() -> tuple[int, ...]:
     table = []
     for byte in range(256):
@@ -116,9 +136,11 @@ def _crc_table() -> tuple[int, ...]:
 _CRC_TABLE = _crc_table()
 
 
-def crc16(data: bytes) -> int:
-    """CRC-16 with polynomial 0x8005, initial value 0, not reflected (catalogue name CRC-16/UMTS)."""
-    crc = 0
+def crc16(data: bytes, crc: int = 0) -> int:
+    """CRC-16 with polynomial 0x8005, initial value 0, not reflected (catalogue name CRC-16/UMTS).
+
+    `crc` is that of what came before `data`.
+    """
     for byte in data:
         crc = ((crc << 8) & 0xFF00) ^ _CRC_TABLE[(crc >> 8) ^ byte]
     return crc
@@ -144,13 +166,68 @@ def encode_status(packet: StatusPacket) -> bytes:
     return _frame(packet.dxl_id, bytes((_STATUS, packet.error)) + packet.params)
 
 
+def encode_fast_status(blocks: Sequence[FastBlock]) -> list[bytes]:
+    """Bytes that each servo sends in answer to a fast read; the first one's begin with the header.
+
+    Raises ValueError without blocks, or if the frame would be longer than a servo takes.
+    """
+    if not blocks:
+        raise ValueError("the answer to a fast read has at least one block")
+    head = _fast_head([len(block.params) for block in blocks])
+    pieces = []
+    crc = 0
+    for block in blocks:
+        piece = head + bytes((block.error, block.dxl_id)) + block.params
+        head = b""
+        crc = crc16(piece, crc)
+        tail = crc.to_bytes(2, "little")
+        crc = crc16(tail, crc)
+        pieces.append(piece + tail)
+    return pieces
+
+
+def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[FastBlock | None]:
+    """Blocks of the answer to a fast read of `lengths` bytes from each servo, in the order of the request.
+
+    `frame` begins with the header and may be cut short; what follows the last block is ignored. From the
+    first block on that is not whole, or whose CRC is wrong, all are None: later CRCs cover the damage too.
+    All are None if the frame's head is not that of the answer to such a request. Which ID a block should have
+    is the caller's to check. Raises ValueError if the answer would be longer than a servo takes.
+    """
+    blocks: list[FastBlock | None] = [None] * len(lengths)
+    end = _PREFIX + 1
+    head = frame[:end]
+    if not lengths or head != _fast_head(lengths):
+        return blocks
+    crc = crc16(head)
+    for index, length in enumerate(lengths):
+        start, end = end, end + length + _BLOCK_FRAME
+        block = frame[start:end]
+        crc = crc16(block[:-2], crc)
+        if len(block) < end - start or block[-2:] != crc.to_bytes(2, "little"):
+            break
+        crc = crc16(block[-2:], crc)
+        blocks[index] = FastBlock(block[1], block[0], block[2:-2])
+    return blocks
+
+
+def _fast_head(lengths: Sequence[int]) -> bytes:
+    length = 1 + sum(lengths) + _BLOCK_FRAME * len(lengths)
+    _check_length(length)
+    return _HEADER + bytes((BROADCAST_ID,)) + length.to_bytes(2, "little") + bytes((_STATUS,))
+
+
 def _frame(dxl_id: int, body: bytes) -> bytes:
     stuffed = stuff(body)
     length = len(stuffed) + 2
-    if length > _LONGEST:
-        raise ValueError(f"a packet of {length} bytes after LEN is longer than the {_LONGEST} a servo takes")
+    _check_length(length)
     head = _HEADER + bytes((dxl_id,)) + length.to_bytes(2, "little") + stuffed
     return head + crc16(head).to_bytes(2, "little")
+
+
+def _check_length(length: int) -> None:
+    if length > _LONGEST:
+        raise ValueError(f"a packet of {length} bytes after LEN is longer than the {_LONGEST} a servo takes")
 
 
 class Parser:

@@ -5,7 +5,10 @@ plain SDK 4.1:
 
 - it opens only `serial.Serial` by device name, and knows no baud rate above 4 Mbps: ours takes any open
   pyserial port and any rate;
-- it times out and busy-waits on the wall clock: ours takes the clock, and lets the port wait;
+- it times out after a fixed 34 ms and busy-waits on the wall clock: ours takes the clock, lets the port
+wait, is
+  told how long an answer may take, and looks once more when the time is up, because the computer may have
+  slept;
 - an exception from the port leaves the handler marked busy for ever: ours releases it;
 - `txPacket` computes the byte stuffing and sends the packet without it;
 - `removeStuffing` reads bytes that it has already overwritten, and loses data.
@@ -18,6 +21,7 @@ from dynamixel_sdk import PortHandler, Protocol2PacketHandler
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.packet import stuff, unstuff
+from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
@@ -26,21 +30,23 @@ __all__ = ["ClockedPortHandler", "StuffingPacketHandler"]
 READ_WAIT_S = 1e-3
 """How long a read may wait in the port before the SDK looks at its packet timeout again."""
 
+_LATE_LOOKS = 8  # a wire full of noise must not be listened to for ever
 _BODY = 7  # index of INST: behind header, ID and length
-
-
-_STALL_MS = 50.0
 
 
 class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
     """The SDK's port handler on any open pyserial port and any clock."""
 
-    def __init__(self, port: SerialBase, clock: Clock, baudrate: int) -> None:
+    def __init__(self, port: SerialBase, clock: Clock, timing: Timing) -> None:
         """Use `port`, which is open; closing the handler closes it."""
         super().__init__(port.port)
         self._port = port
         self._clock = clock
-        self.baudrate = baudrate
+        self._timing = timing
+        self._sent = 0
+        self._late_looks = 0
+        self.baudrate = timing.baudrate
+        self.return_delay_s = LONGEST_RETURN_DELAY_S
 
     def setupPort(self, cflag_baud: int) -> bool:
         """Set the port up instead of opening one."""
@@ -61,13 +67,18 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         return self._clock.now() * 1e3
 
     def setPacketTimeout(self, packet_length: int) -> None:
-        """Wait as long as the SDK does, and a little more.
+        """Wait as long as an answer of `packet_length` bytes may take after what was sent last."""
+        seconds = self._timing.timeout_s(self._sent, packet_length, self.return_delay_s)
+        self._sent = 0  # a further answer to the same packet does not wait for it again
+        self._late_looks = _LATE_LOOKS
+        self.setPacketTimeoutMillis(seconds * 1e3)
 
-        The SDK allows wire time and 34 ms. A computer that is busy for longer would take a servo that has
-        answered for a silent one.
-        """
-        super().setPacketTimeout(packet_length)
-        self.packet_timeout += _STALL_MS
+    def isPacketTimeout(self) -> bool:
+        """Whether the time is up and nothing has arrived meanwhile: this process may have slept."""
+        if self.getTimeSinceStart() <= self.packet_timeout:
+            return False
+        self._late_looks -= 1
+        return self._late_looks < 0 or not self.getBytesAvailable()
 
     def clearPort(self) -> None:
         """Drop received bytes."""
@@ -81,6 +92,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
 
     def writePort(self, packet: list[int]) -> int:
         """Write a packet, given as the SDK's list of bytes."""
+        self._sent = len(packet)
         with self._released_on_error():
             return int(super().writePort(bytes(packet)))
 

@@ -1,31 +1,26 @@
 """A servo in rad, rad/s and A. Above the bus, below finger kinematics and the rig.
 
-Zero is tick 2048, in extended modes of the turn in which the servo was powered up: after power-up, a reboot
-or a change of mode, a servo knows its angle within one turn only. Positive is the servo's own direction,
-counter-clockwise seen from the horn. Angles are rounded to the nearest tick and never clamped.
+Zero is the model's middle tick (2048 of the X series), in extended modes of the turn in which the servo was
+powered up: after power-up, a reboot or a change of mode, a servo knows its angle within one turn only.
+Positive is the servo's own direction, counter-clockwise seen from the horn. Angles are rounded to the
+nearest tick and never clamped.
 """
 
 import contextlib
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
-from palpate.drivers.dynamixel.control_table import Item, OperatingMode, model_named
-from palpate.drivers.dynamixel.failures import HardwareAlert
-from palpate.errors import DeviceError, SafetyStop
+from palpate.drivers.dynamixel.control_table import Item, OperatingMode
+from palpate.drivers.dynamixel.failures import HardwareAlert, NotAnswering, NotConfirmed
+from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
+from palpate.errors import DeviceError, InputError, SafetyStop
 
-__all__ = ["Servo", "ServoState", "read_states", "stop_at", "torque_off_all", "write_goals"]
+__all__ = ["Servo", "stop_at", "torque_off_all", "write_goals"]
 
-
-@dataclass(frozen=True, slots=True)
-class ServoState:
-    """What a servo measured at one instant."""
-
-    position_rad: float
-    velocity_rad_s: float
-    current_a: float
+_CONFIRMATIONS = 5  # how often goals are written before they count as refused by the wire
+_OFF_ROUNDS = 4
 
 
 class Servo:
@@ -44,84 +39,141 @@ class Servo:
         The default is the turn of Position Control Mode. Raises InputError for an unknown model.
         """
         self.dxl_id = dxl_id
-        self.model = model_named(model)
+        self.model: Model = model_named(model)
         self.range_rad = range_rad
         self._bus = bus
 
     def check(self) -> Ping:
-        """Ping; raises NotAnswering, or DeviceError if the servo is of another model."""
+        """Ping, and take note of the firmware; see to it that the servo answers.
+
+        Raises NotAnswering, or DeviceError if the servo is of another model.
+        """
         answer = self._bus.ping(self.dxl_id)
         if answer.model_number != self.model.number:
-            names = {model.number: model.name for model in ct.MODELS}
-            found = names.get(answer.model_number, "unknown model")
             raise DeviceError(
-                f"servo {self.dxl_id} on {self._bus.port_name} answers as {found} (model number "
-                f"{answer.model_number}), not {self.model.name}; check ids and `model` in the rig file"
+                f"servo {self.dxl_id} on {self._bus.port_name} answers as {_name(answer.model_number)} "
+                f"(model number {answer.model_number}), not {self.model.name}; "
+                "check ids and `model` in the rig file"
             )
+        self.model = model_numbered(answer.model_number, answer.firmware)
+        level = self.item("Status Return Level")
+        try:
+            quiet = self._bus.read_alerting(self.dxl_id, level) < ct.ANSWERS_ALL
+        except NotAnswering:
+            quiet = True  # it answers pings alone
+        if quiet:
+            self._bus.write_unconfirmed(self.dxl_id, level, ct.ANSWERS_ALL)
+            self._bus.read_alerting(self.dxl_id, level)
         return answer
+
+    def item(self, name: str) -> Item:
+        """Where this model has an item. Raises InputError if it has none of that name."""
+        return self.model.item(name)
+
+    def read(self, name: str) -> int:
+        """Read an item by its e-Manual name."""
+        return self._bus.read(self.dxl_id, self.item(name))
+
+    def write(self, name: str, value: int) -> None:
+        """Write an item by its e-Manual name. Raises ValueError for a value that the model does not take."""
+        self.model.check(name, value)
+        self._bus.write(self.dxl_id, self.item(name), value)
+
+    def keep(self, name: str, value: int) -> bool:
+        """See to it that an item has a value, and read it back; True if it had to be written.
+
+        Writes EEPROM only if it differs: it wears out. Raises DeviceError if the item does not stay written.
+        """
+        if self.read(name) == value:
+            return False
+        self.write(name, value)
+        found = self.read(name)
+        if found != value:
+            raise DeviceError(
+                f"servo {self.dxl_id} on {self._bus.port_name} keeps {name} at {found} instead of {value}; "
+                "check its firmware"
+            )
+        return True
 
     def prepare(
         self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None
     ) -> None:
         """Torque off, then EEPROM as this stack needs it, read back; items that are right are not written.
 
-        Sets Operating Mode, Current Limit and Velocity Limit (rounded down; None leaves it), Drive Mode 0
-        (normal direction, velocity-based profile) and Return Delay Time 0.
-        Raises ValueError for limits that the model cannot keep, DeviceError if an item does not stay written.
+        Sets Operating Mode, Current Limit, Velocity Limit (rounded down; None leaves it), Position Limits
+        in Position Control Mode (to `range_rad`), Drive Mode 0 (normal direction, velocity-based profile)
+        and Return Delay Time 0. Raises ValueError for limits that the model cannot keep, DeviceError if an
+        item does not stay written.
         """
-        wanted: dict[Item, int] = {
-            ct.RETURN_DELAY_TIME: 0,
-            ct.DRIVE_MODE: 0,
-            ct.OPERATING_MODE: int(mode),
-            ct.CURRENT_LIMIT: self._current_units(current_limit_a, self.model.largest_current),
+        wanted: dict[str, int] = {
+            "Return Delay Time": 0,
+            "Drive Mode": 0,
+            "Operating Mode": int(mode),
+            "Current Limit": self.current_units(current_limit_a),
         }
+        if mode is OperatingMode.POSITION:
+            # a goal inside range_rad is at most half a tick outside of it once it is rounded
+            low, high = (
+                round(angle / self.model.rad_per_tick) + self.model.zero_tick for angle in self.range_rad
+            )
+            wanted |= {"Min Position Limit": low, "Max Position Limit": high}
         if velocity_limit_rad_s is not None:
-            wanted[ct.VELOCITY_LIMIT] = _units_down(
-                velocity_limit_rad_s, ct.VELOCITY_UNIT_RAD_S, "velocity limit"
+            wanted["Velocity Limit"] = _units_down(
+                velocity_limit_rad_s, self.model.velocity_unit_rad_s, "velocity limit"
             )
         self.torque(on=False)
-        for item, value in wanted.items():
-            if self._bus.read(self.dxl_id, item) == value:
-                continue
-            self._bus.write(self.dxl_id, item, value)
-            found = self._bus.read(self.dxl_id, item)
-            if found != value:
-                raise DeviceError(
-                    f"servo {self.dxl_id} on {self._bus.port_name} keeps {item.name} at {found} instead of "
-                    f"{value}; check its firmware"
-                )
+        for name, value in wanted.items():
+            self.keep(name, value)
 
     def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
         """Set the trapezoid of the next moves, rounded down to the servo's units (0.024 rad/s, 0.37 rad/s²).
 
         Raises ValueError for values that would round to 0, which the servo takes for "unlimited".
         """
-        velocity = _units_down(velocity_rad_s, ct.VELOCITY_UNIT_RAD_S, "profile velocity")
+        velocity = _units_down(velocity_rad_s, self.model.velocity_unit_rad_s, "profile velocity")
         acceleration = _units_down(acceleration_rad_s2, ct.ACCELERATION_UNIT_RAD_S2, "profile acceleration")
-        self._bus.write(self.dxl_id, ct.PROFILE_ACCELERATION, acceleration)
-        self._bus.write(self.dxl_id, ct.PROFILE_VELOCITY, velocity)
+        self.write("Profile Acceleration", acceleration)
+        self.write("Profile Velocity", velocity)
 
     def no_profile(self) -> None:
         """Follow every goal at once, as streamed goals need it."""
-        self._bus.write(self.dxl_id, ct.PROFILE_ACCELERATION, 0)
-        self._bus.write(self.dxl_id, ct.PROFILE_VELOCITY, 0)
+        self.write("Profile Acceleration", 0)
+        self.write("Profile Velocity", 0)
 
     def torque(self, *, on: bool) -> None:
         """Switch torque on or off."""
-        self._bus.write(self.dxl_id, ct.TORQUE_ENABLE, int(on))
+        self.write("Torque Enable", int(on))
 
     def set_goal_current_a(self, current_a: float) -> None:
-        """Set the largest current of Current-based Position Control Mode, rounded down to the servo's unit.
+        """Set the current of Current Control Mode, or the largest of Current-based Position Control Mode.
 
-        Raises ValueError if negative or above the model's largest; the servo refuses more than Current Limit.
+        Rounded towards 0. Raises ValueError above the model's largest; the servo refuses more than Current
+        Limit.
         """
-        self._bus.write(
-            self.dxl_id, ct.GOAL_CURRENT, self._current_units(current_a, self.model.largest_current)
-        )
+        units = self.current_units(abs(current_a))
+        self.write("Goal Current", int(math.copysign(units, current_a)))
+
+    def set_goal_velocity_rad_s(self, velocity_rad_s: float) -> None:
+        """Set the speed of Velocity Control Mode, rounded towards 0; Velocity Limit is its bound."""
+        self.write("Goal Velocity", int(velocity_rad_s / self.model.velocity_unit_rad_s))
+
+    def set_goal_pwm(self, share: float) -> None:
+        """Set the voltage of PWM Control Mode, or the largest of the others: −1 … 1 of the full one.
+
+        Rounded towards 0. Raises ValueError beyond; the servo refuses more than PWM Limit.
+        """
+        if not -1 <= share <= 1:
+            raise ValueError(f"a PWM of {share} is outside -1 … 1 (servo {self.dxl_id})")
+        self.write("Goal PWM", int(share * ct.FULL_PWM))
 
     def set_goal_rad(self, goal_rad: float) -> None:
         """Move to an angle. Raises SafetyStop outside `range_rad`, and sends nothing then."""
-        self._bus.write(self.dxl_id, ct.GOAL_POSITION, self.goal_ticks(goal_rad))
+        self.write("Goal Position", self.goal_ticks(goal_rad))
+
+    def nearest_rad(self, angle_rad: float) -> float:
+        """The angle in `range_rad` that is nearest: where to hold a servo that stands a little beyond."""
+        low, high = self.range_rad
+        return min(max(angle_rad, low), high)
 
     def goal_ticks(self, goal_rad: float) -> int:
         """Goal Position for an angle in `range_rad`; SafetyStop outside it."""
@@ -132,7 +184,7 @@ class Servo:
                 f"its range {low:.4f} … {high:.4f} rad; nothing was sent: "
                 "check the plan or the range in the rig file"
             )
-        return round(goal_rad / ct.RAD_PER_TICK) + ct.ZERO_TICK
+        return round(goal_rad / self.model.rad_per_tick) + self.model.zero_tick
 
     def arm_watchdog(self, timeout_s: float) -> None:
         """Let the servo stop by itself if it hears nothing for `timeout_s`.
@@ -144,81 +196,99 @@ class Servo:
         units = math.ceil(timeout_s / ct.WATCHDOG_UNIT_S - 1e-9)
         if not 1 <= units <= 127:
             raise ValueError(f"Bus Watchdog takes 0.02 … 2.54 s, not {timeout_s} s")
-        self._bus.write(self.dxl_id, ct.BUS_WATCHDOG, units)
+        self._bus.write(self.dxl_id, self.item("Bus Watchdog"), units)
 
     def disarm_watchdog(self) -> None:
         """Switch Bus Watchdog off, and clear it if it has tripped."""
-        self._bus.write(self.dxl_id, ct.BUS_WATCHDOG, 0)
+        self._bus.write(self.dxl_id, self.item("Bus Watchdog"), 0)
 
-    def watchdog_tripped(self) -> bool:
-        """True if the servo has stopped because it heard nothing for too long."""
-        return self._bus.read(self.dxl_id, ct.BUS_WATCHDOG) < 0
-
-    def state_of(self, items: Mapping[Item, int]) -> ServoState:
-        """Convert the items Present Current, Velocity and Position."""
-        return ServoState(
-            (items[ct.PRESENT_POSITION] - ct.ZERO_TICK) * ct.RAD_PER_TICK,
-            items[ct.PRESENT_VELOCITY] * ct.VELOCITY_UNIT_RAD_S,
-            items[ct.PRESENT_CURRENT] * self.model.current_unit_a,
-        )
-
-    def _current_units(self, current_a: float, largest: int) -> int:
-        if not 0 <= current_a <= largest * self.model.current_unit_a * (1 + 1e-9):
+    def current_units(self, current_a: float) -> int:
+        """A current in the model's units, rounded down. ValueError if negative or above the largest."""
+        torque = self.model.known_torque
+        if not 0 <= current_a <= self.model.largest_current_a * (1 + 1e-9):
             raise ValueError(
-                f"a current of {current_a} A is outside 0 … {largest * self.model.current_unit_a:.3f} A "
+                f"a current of {current_a} A is outside 0 … {self.model.largest_current_a:.3f} A "
                 f"of a {self.model.name} (servo {self.dxl_id})"
             )
-        return min(largest, int(current_a / self.model.current_unit_a + 1e-6))
+        return min(torque.largest_current, int(current_a / torque.current_unit_a + 1e-6))
 
 
-def read_states(bus: Bus, servos: Sequence[Servo]) -> dict[int, ServoState]:
-    """State of several servos by id, from one sync read. Raises what `Bus.sync_read` raises."""
-    block = bus.sync_read([servo.dxl_id for servo in servos], ct.PRESENT_CURRENT, ct.PRESENT_POSITION)
-    return {servo.dxl_id: servo.state_of(block[servo.dxl_id]) for servo in servos}
+def write_goals(bus: Bus, goals_rad: Mapping[Servo, float], *, confirm: bool = False) -> None:
+    """Move several servos in one sync write, which servos do not confirm by themselves.
 
-
-def write_goals(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
-    """Move several servos in one sync write, which servos do not confirm.
-
-    Raises SafetyStop if any goal is outside its servo's range; nothing is sent then.
+    `confirm`: read the goals back, and write those again that did not arrive. Raises SafetyStop if any goal
+    is outside its servo's range, and sends nothing then; NotConfirmed if one does not arrive however often
+    it is sent.
     """
-    bus.sync_write(
-        ct.GOAL_POSITION, {servo.dxl_id: servo.goal_ticks(rad) for servo, rad in goals_rad.items()}
+    _set_all(
+        bus, {servo: {"Goal Position": servo.goal_ticks(rad)} for servo, rad in goals_rad.items()}, confirm
     )
 
 
 def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
     """Stop several servos at once at the given angles, without a profile, so that none slows down first.
 
-    The profile must be set again before the next move. Raises SafetyStop as `write_goals` does.
+    Confirmed: a stop that gets lost on the wire must not be lost. The profile must be set again before the
+    next move. Raises as `write_goals` does.
     """
-    bus.sync_write(ct.PROFILE_VELOCITY, {servo.dxl_id: 0 for servo in goals_rad})
-    write_goals(bus, goals_rad)
+    wanted = {
+        servo: {"Profile Velocity": 0, "Goal Position": servo.goal_ticks(rad)}
+        for servo, rad in goals_rad.items()
+    }
+    _set_all(bus, wanted, confirm=True)
 
 
 def torque_off_all(bus: Bus, servos: Iterable[Servo]) -> list[DeviceError]:
     """Switch torque off on every servo, each by itself whatever happens to the others.
 
-    All are told at once first; then each is asked to confirm, and one that does not is told again. Returns
-    one error for every servo whose torque may still be on. A servo that confirms while it reports a hardware
-    error is off, and is not listed.
+    Everybody on the wire is told at once first; then each is asked to confirm, and one that does not is
+    told again, with the others in between. Returns one error for every servo whose torque may still be on.
+    A servo that confirms while it reports a hardware error is off, and is not listed.
     """
-    servos = list(servos)
     with contextlib.suppress(DeviceError):  # a port that fails here is reported by what follows
-        bus.sync_write(ct.TORQUE_ENABLE, {servo.dxl_id: 0 for servo in servos})
-    doubtful = [servo for servo in servos if _torque_off(bus, servo) is not None]
-    return [error for servo in doubtful if (error := _torque_off(bus, servo)) is not None]
+        bus.torque_off_everywhere()
+    failed = {servo: error for servo in servos if (error := _torque_off(bus, servo)) is not None}
+    for _ in range(_OFF_ROUNDS - 1):
+        failed = {servo: error for servo in failed if (error := _torque_off(bus, servo)) is not None}
+    return list(failed.values())
 
 
 def _torque_off(bus: Bus, servo: Servo) -> DeviceError | None:
     """What went wrong if torque may still be on."""
     try:
-        bus.write(servo.dxl_id, ct.TORQUE_ENABLE, 0)
+        bus.write(servo.dxl_id, servo.item("Torque Enable"), 0)
     except HardwareAlert as alert:
         return None if alert.carried_out else alert
     except DeviceError as error:
         return error
     return None
+
+
+def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool) -> None:
+    left = dict(wanted)
+    if not left:
+        return
+    for _ in range(_CONFIRMATIONS):
+        for item in dict.fromkeys(servo.item(name) for servo, values in left.items() for name in values):
+            values = {s.dxl_id: v[item.name] for s, v in left.items() if s.item(item.name) == item}
+            bus.sync_write(item, values)
+        if not confirm:
+            return
+        left = {servo: values for servo, values in left.items() if not _has(bus, servo, values)}
+        if not left:
+            return
+    raise NotConfirmed([servo.dxl_id for servo in left], bus.port_name, list(next(iter(wanted.values()))))
+
+
+def _has(bus: Bus, servo: Servo, values: Mapping[str, int]) -> bool:
+    return all(bus.read(servo.dxl_id, servo.item(name)) == value for name, value in values.items())
+
+
+def _name(model_number: int) -> str:
+    try:
+        return model_numbered(model_number).name
+    except InputError:
+        return "unknown model"
 
 
 def _units_down(value: float, unit: float, what: str) -> int:

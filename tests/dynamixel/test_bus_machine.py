@@ -100,11 +100,11 @@ class BusMachine(RuleBasedStateMachine):
     def a_sync_read_tells_all_or_names_the_dead(self) -> None:
         if self.dead:
             with pytest.raises(NotAnswering) as caught:
-                self.bus.sync_read(IDS, ct.GOAL_POSITION, ct.GOAL_POSITION)
+                self.bus.sync_read(IDS, ct.GOAL_POSITION, ct.GOAL_POSITION).all()
             assert set(caught.value.dxl_ids) == self.dead
         alive = [dxl_id for dxl_id in IDS if dxl_id not in self.dead]
         if alive:
-            block = self.bus.sync_read(alive, ct.GOAL_POSITION, ct.GOAL_POSITION)
+            block = self.bus.sync_read(alive, ct.GOAL_POSITION, ct.GOAL_POSITION).all()
             assert {dxl_id: block[dxl_id][ct.GOAL_POSITION] for dxl_id in alive} == {
                 dxl_id: self.goal[dxl_id] for dxl_id in alive
             }

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from manual_examples import EXAMPLES, FAST_EXAMPLES, MISPRINTED_CRC, Example
 
 from palpate.drivers.dynamixel.packet import (
     Instruction,
@@ -18,64 +19,103 @@ from palpate.drivers.dynamixel.packet import (
 
 Packet = InstructionPacket | StatusPacket
 
-# The examples that the e-Manual prints in full, page "DYNAMIXEL Protocol 2.0", in its order.
-MANUAL: list[tuple[str, Packet]] = [
-    ("FF FF FD 00 01 03 00 01 19 4E", InstructionPacket(1, Instruction.PING)),
-    ("FF FF FD 00 01 07 00 55 00 06 04 26 65 5D", StatusPacket(1, 0, bytes([0x06, 0x04, 0x26]))),
-    ("FF FF FD 00 FE 03 00 01 31 42", InstructionPacket(0xFE, Instruction.PING)),
-    ("FF FF FD 00 02 07 00 55 00 06 04 26 6F 6D", StatusPacket(2, 0, bytes([0x06, 0x04, 0x26]))),
-    ("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15", InstructionPacket(1, Instruction.READ, b"\x84\0\4\0")),
-    ("FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0", StatusPacket(1, 0, b"\xa6\0\0\0")),
-    (
-        "FF FF FD 00 01 09 00 03 74 00 00 02 00 00 CA 89",
-        InstructionPacket(1, Instruction.WRITE, b"\x74\0\0\2\0\0"),
-    ),
-    ("FF FF FD 00 01 04 00 55 00 A1 0C", StatusPacket(1)),
-    (
-        "FF FF FD 00 01 09 00 04 68 00 C8 00 00 00 AE 8E",
-        InstructionPacket(1, Instruction.REG_WRITE, b"\x68\0\xc8\0\0\0"),
-    ),
-    ("FF FF FD 00 01 03 00 05 02 CE", InstructionPacket(1, Instruction.ACTION)),
-    ("FF FF FD 00 01 04 00 06 01 A1 E6", InstructionPacket(1, Instruction.FACTORY_RESET, b"\1")),
-    ("FF FF FD 00 01 03 00 08 2F 4E", InstructionPacket(1, Instruction.REBOOT)),
-    (
-        "FF FF FD 00 01 08 00 10 01 44 58 4C 22 B1 DC",
-        InstructionPacket(1, Instruction.CLEAR, b"\x01DXL\x22"),
-    ),
-    (
-        "FF FF FD 00 FE 09 00 82 84 00 04 00 01 02 CE FA",
-        InstructionPacket(0xFE, Instruction.SYNC_READ, b"\x84\0\4\0\1\2"),
-    ),
-    ("FF FF FD 00 02 08 00 55 00 1F 08 00 00 BA BE", StatusPacket(2, 0, b"\x1f\x08\0\0")),
-    (
-        "FF FF FD 00 FE 11 00 83 74 00 04 00 01 96 00 00 00 02 AA 00 00 00 82 87",
-        InstructionPacket(0xFE, Instruction.SYNC_WRITE, b"\x74\0\4\0\1\x96\0\0\0\2\xaa\0\0\0"),
-    ),
-    (
-        "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05",
-        InstructionPacket(0xFE, Instruction.BULK_READ, b"\1\x90\0\2\0\2\x92\0\1\0"),
-    ),
-    ("FF FF FD 00 01 06 00 55 00 77 00 C3 69", StatusPacket(1, 0, b"\x77\0")),
-    ("FF FF FD 00 02 05 00 55 00 24 8B A9", StatusPacket(2, 0, b"\x24")),
-]
+RIGHT = [example for example in EXAMPLES if example.printed not in MISPRINTED_CRC]
+WRONG = [example for example in EXAMPLES if example.printed in MISPRINTED_CRC]
+FLUSH = bytes(1100)  # longer than any packet that a parser may be waiting for
 
 
 def encode(packet: Packet) -> bytes:
     return encode_status(packet) if isinstance(packet, StatusPacket) else encode_instruction(packet)
 
 
-@pytest.mark.parametrize(("printed", "packet"), MANUAL)
-def test_manual_example(printed: str, packet: Packet) -> None:
-    wire = bytes.fromhex(printed)
-    assert encode(packet) == wire
-    assert Parser().feed(wire) == [packet]
+def crc_by_long_division(data: bytes) -> int:
+    """The catalogue's definition: the remainder of data·x¹⁶ divided by x¹⁶ + x¹⁵ + x² + 1 over GF(2)."""
+    rest = int.from_bytes(data, "big") << 16
+    while (excess := rest.bit_length() - 17) >= 0:
+        rest ^= 0x18005 << excess
+    return rest
+
+
+def test_the_page_has_an_example_of_every_instruction() -> None:
+    sent = {e.meaning.instruction for e in EXAMPLES if isinstance(e.meaning, InstructionPacket)}
+    assert sent == {int(instruction) for instruction in Instruction}
+    assert len(EXAMPLES) == 17 + 16  # instructions and answers
+    assert len(FAST_EXAMPLES) == 2
+
+
+@pytest.mark.parametrize("example", RIGHT, ids=lambda e: f"{e.section}: {e.printed}")
+def test_manual_example(example: Example) -> None:
+    wire = example.wire
+    assert encode(example.meaning) == wire
+    assert int.from_bytes(wire[-2:], "little") == crc_by_long_division(wire[:-2])
+    assert Parser().feed(wire) == [example.meaning]
     one_by_one = Parser()
-    assert [p for byte in wire for p in one_by_one.feed(bytes([byte]))] == [packet]
-    assert Parser().feed(wire + wire[:5]) == [packet]
+    assert [p for byte in wire for p in one_by_one.feed(bytes([byte]))] == [example.meaning]
+    assert Parser().feed(wire + wire[:5]) == [example.meaning]
+
+
+@pytest.mark.parametrize("example", WRONG, ids=lambda e: e.section)
+def test_misprinted_example(example: Example) -> None:
+    wire, right = example.wire, bytes.fromhex(MISPRINTED_CRC[example.printed])
+    assert wire[-2:] != right == crc_by_long_division(wire[:-2]).to_bytes(2, "little")
+    assert encode(example.meaning) == wire[:-2] + right
+    parser = Parser()
+    assert parser.feed(wire + FLUSH) == []
+    assert parser.crc_failures == 1
+    assert parser.feed(wire[:-2] + right) == [example.meaning]
+
+
+def test_one_misprint_is_the_crc_of_another_example() -> None:
+    (bulk,) = [example for example in WRONG if example.section == "Fast Bulk Read"]
+    (sync,) = [example for example in RIGHT if example.section == "Fast Sync Read"]
+    assert bulk.wire[-2:] == sync.wire[-2:]
+    assert len(WRONG) == len(MISPRINTED_CRC) == 2
+
+
+# what a line may carry besides packets: noise, bytes that look like a header, packets cut short
+garbage = st.one_of(
+    st.binary(max_size=30),
+    st.lists(st.sampled_from([0xFF, 0xFF, 0xFD, 0x00, 0x55]), max_size=12).map(bytes),
+    st.tuples(st.sampled_from(EXAMPLES), st.integers(1, 9)).map(lambda cut: cut[0].wire[: cut[1]]),
+    st.sampled_from(WRONG).map(lambda example: example.wire),
+)
+
+
+@given(st.data())
+@settings(max_examples=150)
+def test_manual_examples_among_garbage_and_in_pieces(data: st.DataObject) -> None:
+    """All of them in a row, garbage before, between and after; every one is found, in order."""
+    stream = bytearray(data.draw(garbage))
+    for example in RIGHT:
+        stream += example.wire + data.draw(garbage)
+    stream += FLUSH
+    cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=40)))
+    parser = Parser()
+    found: list[Packet] = []
+    for start, end in zip([0, *cuts], [*cuts, len(stream)], strict=True):
+        found += parser.feed(bytes(stream[start:end]))
+    rest = iter(found)
+    assert [example.meaning in rest for example in RIGHT] == [True] * len(RIGHT)
+    parser.reset()
+    assert parser.dropped_bytes == len(stream) - sum(len(encode(packet)) for packet in found)
+
+
+@pytest.mark.parametrize("example", RIGHT, ids=lambda e: f"{e.section}: {e.printed}")
+def test_a_flipped_bit_anywhere_in_a_manual_example_is_noticed(example: Example) -> None:
+    for bit in range(8 * len(example.wire)):
+        wire = bytearray(example.wire)
+        wire[bit // 8] ^= 1 << bit % 8
+        parser = Parser()
+        assert parser.feed(bytes(wire) + FLUSH) == []
 
 
 def test_crc_check_value_of_the_catalogue() -> None:
-    assert crc16(b"123456789") == 0xFEE8  # CRC-16/UMTS
+    assert crc16(b"123456789") == crc_by_long_division(b"123456789") == 0xFEE8  # CRC-16/UMTS
+
+
+@given(st.binary(max_size=60), st.binary(max_size=60))
+def test_crc_is_the_remainder_and_may_be_taken_in_parts(first: bytes, second: bytes) -> None:
+    assert crc16(second, crc16(first)) == crc16(first + second) == crc_by_long_division(first + second)
 
 
 def test_stuffing_as_the_manual_words_it() -> None:

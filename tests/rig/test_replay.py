@@ -18,8 +18,9 @@ from palpate.config import shipped_objects, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
+from palpate.rig.bench import bus_latency_s
 from palpate.rig.closing import Stage, close_fingers
-from palpate.rig.hand import Hand
+from palpate.rig.outside import Outside
 from palpate.rig.replayed import first_difference, replay_with
 from palpate.rig.session_events import SessionEvents
 from palpate.rig.session_file import read_session
@@ -356,7 +357,7 @@ def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, aft
 
     def again(replayer: Replayer, events: SessionEvents) -> None:
         try:
-            with Hand(session.rig, replayer.clock, replayer.open) as hand:
+            with Outside(replayer.clock, replayer.open, bus_latency_s(session.rig)).hand(session.rig) as hand:
                 hand.prepare()
                 ended.append(close_fingers(hand, closes, lambda _: None))
         except BaseException as error:

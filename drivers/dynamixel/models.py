@@ -1,0 +1,200 @@
+"""Models of servos: where each has its items, and what its units are. Between vendor's tables and `servo`.
+
+Addresses and sizes are those of the tables that ship with the vendor's SDK, for every model in them. What
+these leave out is added from the e-Manual for the models that rigs are built of (`manual`): access,
+defaults, ranges, the layout of older and newer firmware; and, from the specifications, what a current
+means.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+
+from palpate.drivers.dynamixel import control_table as ct
+from palpate.drivers.dynamixel.control_table import Item
+from palpate.drivers.dynamixel.manual import Access, Area, TableItem, table_of
+from palpate.errors import InputError
+
+__all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
+
+_NEW_LAYOUT = 52  # firmware from which the X330s have the vendor's "_fw52" table
+_SIGNED = {
+    *("Homing Offset", "Bus Watchdog", "Goal PWM", "Goal Current", "Goal Velocity", "Goal Position"),
+    *("Present PWM", "Present Current", "Present Velocity", "Present Position"),
+    *("Velocity Trajectory", "Position Trajectory"),
+}
+_EEPROM_END = 64  # of the X series; elsewhere nobody asks
+
+
+@dataclass(frozen=True, slots=True)
+class Indirect:
+    """Indirect addresses that lie in a row: the first one's address, the first one's data, how many."""
+
+    address: int
+    data: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Torque:
+    """What a current means: its unit (A), the largest Current Limit (units), N·m per A at the shaft.
+
+    The last is stall torque over stall current of the e-Manual's specifications at the recommended voltage;
+    friction makes what reaches the shaft less.
+    """
+
+    current_unit_a: float
+    largest_current: int
+    nm_per_a: float
+
+
+_TORQUES = {
+    1020: Torque(2.69e-3, 1193, 4.1 / 2.3),  # XM430-W350 at 12 V
+    1200: Torque(1.0e-3, 1750, 0.52 / 1.47),  # XL330-M288 at 5 V
+    1240: Torque(1.0e-3, 2352, 0.93 / 1.8),  # XC330-M288 at 5 V
+}
+# e-Manual: firmware from which a series answers fast reads; two-axis models never do
+_FAST_FROM = {"430": 45, "540": 45, "330": 46}
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A model with a firmware.
+
+    `zero_tick`: Present Position at 0 rad. `table`: the e-Manual's items with access, default and range;
+    None for models of which only the vendor's tables are known.
+    """
+
+    name: str
+    number: int
+    firmware: int
+    zero_tick: int
+    rad_per_tick: float
+    velocity_unit_rad_s: float
+    addresses: dict[str, tuple[int, int]]
+    table: dict[str, TableItem] | None
+    torque: Torque | None
+
+    def item(self, name: str) -> Item:
+        """Where this model has an item. Raises InputError if it has none of that name."""
+        if name not in self.addresses:
+            raise InputError(f"a {self.name} has no {name} in its control table")
+        address, size = self.addresses[name]
+        known = None if self.table is None else self.table.get(name)
+        eeprom = address < _EEPROM_END if known is None else known.area is Area.EEPROM
+        return Item(name, address, size, name in _SIGNED, eeprom)
+
+    def check(self, name: str, value: int) -> None:
+        """Refuse (ValueError) to write what the e-Manual says this model does not take."""
+        known = None if self.table is None else self.table.get(name)
+        if known is None:
+            return
+        if known.access is not Access.RW:
+            raise ValueError(f"{name} of a {self.name} is read only")
+        if not known.low <= value <= known.high:
+            raise ValueError(
+                f"{value} is outside {known.low} … {known.high}, what {name} of a {self.name} takes"
+            )
+
+    @property
+    def indirect(self) -> Indirect | None:
+        """The first row of indirect addresses, None if there is none."""
+        if "Indirect Address 1" not in self.addresses or "Indirect Data 1" not in self.addresses:
+            return None
+        first, data = self.addresses["Indirect Address 1"][0], self.addresses["Indirect Data 1"][0]
+        return Indirect(first, data, min(20, (data - first) // 2))
+
+    @property
+    def answers_fast(self) -> bool:
+        """Whether Fast Sync Read and Fast Bulk Read are known to this firmware (e-Manual, Protocol 2.0)."""
+        series = self.name[2:5]
+        return self.name[0] == "X" and self.firmware >= _FAST_FROM.get(series, math.inf)
+
+    @property
+    def known_torque(self) -> Torque:
+        """Units of current. Raises InputError for a model of which they are not known."""
+        if self.torque is None:
+            raise InputError(
+                f"what a current of a {self.name} means is not known; known are "
+                + ", ".join(_named(number) for number in _TORQUES)
+            )
+        return self.torque
+
+    @property
+    def largest_current_a(self) -> float:
+        """Largest Current Limit in A."""
+        return self.known_torque.largest_current * self.known_torque.current_unit_a
+
+
+def model_named(name: str, firmware: int = 255) -> Model:
+    """Find a model by its name; raises InputError listing known ones."""
+    for number, found in _numbers().items():
+        if _name_of(found) == name:
+            return model_numbered(number, firmware)
+    raise InputError(f"servo model {name!r} is not known; known are {', '.join(models_known())}")
+
+
+@cache
+def model_numbered(number: int, firmware: int = 255) -> Model:
+    """Find a model by what a ping answers; raises InputError if the vendor's tables do not have it."""
+    file = _numbers().get(number)
+    if file is None:
+        raise InputError(f"model number {number} is not in the vendor's tables")
+    newer = file.replace(".model", "_fw52.model")
+    if firmware >= _NEW_LAYOUT and _vendor(newer).is_file():
+        file = newer
+    sections = _sections(_vendor(file).read_text(encoding="utf-8"))
+    kind = {row[0]: float(row[1]) for row in sections["type info"]}
+    units = {row[0]: float(row[1]) for row in sections["unit info"]}
+    full_turn = kind["value_of_max_radian_position"] - kind["value_of_min_radian_position"]
+    radians = kind["max_radian"] - kind["min_radian"]
+    table = table_of(number, firmware)
+    return Model(
+        name=_named(number),
+        number=number,
+        firmware=firmware,
+        zero_tick=round(kind["value_of_zero_radian_position"]),
+        # the X series' tables give ±3.14159265 for 4095 steps; a turn has 4096 (e-Manual)
+        rad_per_tick=ct.RAD_PER_TICK if full_turn == 4095 else radians / full_turn,
+        velocity_unit_rad_s=units.get("Present Velocity", ct.VELOCITY_UNIT_RAD_S),
+        addresses={row[2]: (int(row[0]), int(row[1])) for row in sections["control table"]},
+        table=None if table is None else {item.name: item for item in table},
+        torque=_TORQUES.get(number),
+    )
+
+
+def models_known() -> list[str]:
+    """Names of all models in the vendor's tables."""
+    return sorted(_named(number) for number in _numbers())
+
+
+def _named(number: int) -> str:
+    return _name_of(_numbers()[number])
+
+
+def _name_of(file: str) -> str:
+    return file.removesuffix(".model").upper().replace("_", "-")
+
+
+@cache
+def _numbers() -> dict[int, str]:
+    """Files of the vendor's tables by model number."""
+    rows = _vendor("dynamixel.model").read_text(encoding="utf-8").splitlines()[1:]
+    return {int(number): file for number, file in (row.split("\t")[:2] for row in rows if row.strip())}
+
+
+def _vendor(file: str) -> Traversable:
+    return files("dynamixel_easy_sdk").joinpath("control_table", file)
+
+
+def _sections(text: str) -> dict[str, list[list[str]]]:
+    """Rows of each section of a vendor's table, without the sections' headings of columns."""
+    sections: dict[str, list[list[str]]] = {}
+    for line in text.splitlines():
+        if line.startswith("["):
+            rows = sections.setdefault(line.strip("[] \t"), [])
+        elif line.strip():
+            rows.append([cell.strip() for cell in line.split("\t")])
+    return {name: rows[1:] for name, rows in sections.items()}
