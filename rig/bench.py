@@ -75,10 +75,15 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
     return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
 
 
-def outside(bench: BenchRig, sink: Sink | None = None, latency_s: float | None = None) -> Outside:
+def outside(
+    bench: BenchRig,
+    sink: Sink | None = None,
+    latency_s: float | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> Outside:
     """What a run gets from a bench; with a sink, all that comes from clock and ports is recorded.
 
-    `latency_s`: as `bus_latency_s` gave it, None to ask now.
+    `latency_s`: as `bus_latency_s` gave it, None to ask now. `check`: called in recorded calls, may raise.
     """
     latency_s = bus_latency_s(bench.rig) if latency_s is None else latency_s
 
@@ -87,7 +92,7 @@ def outside(bench: BenchRig, sink: Sink | None = None, latency_s: float | None =
 
     if sink is None:
         return Outside(bench.clock, open_raw, latency_s)
-    recorder = Recorder(bench.clock, sink)
+    recorder = Recorder(bench.clock, sink, check)
 
     def open_recorded(port: str, baudrate: int) -> SerialBase:
         return recorder.open(port, lambda: open_raw(port, baudrate))

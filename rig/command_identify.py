@@ -24,6 +24,7 @@ from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text
 from palpate.rig.identify import Outcome
+from palpate.rig.interrupts import HeldInterrupts
 from palpate.rig.report import contacts_json
 from palpate.rig.report_run import identification_picture
 from palpate.rig.session import SessionLog, session_folder
@@ -68,7 +69,9 @@ def run_identify(
     console = Console(stderr=True, highlight=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
         keep_inputs(folder, sources[0], sources[1], scene)
-        run = carry_out(job, outside(bench, log, latency_s), [log, progress], progress.notice)
+        with HeldInterrupts() as held:
+            recorded = outside(bench, log, latency_s, held.check)
+            run = carry_out(job, recorded, [log, progress], progress.notice)
         out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
         log.event("result", result=out.model_dump(mode="json"))
     result = run.result

@@ -45,9 +45,13 @@ class Sink(Protocol):
 class Recorder:
     """Makes a clock and ports that are recorded. For one thread."""
 
-    def __init__(self, clock: Clock, sink: Sink) -> None:
-        """Record calls on `clock`, and on the ports that `open` opens, to `sink`."""
+    def __init__(self, clock: Clock, sink: Sink, check: Callable[[], None] = lambda: None) -> None:
+        """Record calls on `clock`, and on the ports that `open` opens, to `sink`.
+
+        `check` is called in each of them, and may raise an interrupt that has come since.
+        """
         self._raw = clock
+        self._check = check
         self.sink = sink
         self._noted = _interrupt_under_way()
         self._opened = 0
@@ -62,8 +66,17 @@ class Recorder:
         return RecordingPort(found, self, port, number)
 
     def ask(self, call: str, action: Callable[[], _T]) -> _T:
-        """What `action` gives; what it raises is recorded as the end of `call`."""
+        """What `action` gives; what it raises, or an interrupt that has come, is recorded as the end of `call`."""
+        self.let_interrupt(call)
+        return self.follow(call, action)
+
+    def let_interrupt(self, call: str) -> None:
+        """Let an interrupt come now, in `call`, before anything of it is done."""
         self.note_interrupt()
+        self.follow(call, self._check)
+
+    def follow(self, call: str, action: Callable[[], _T]) -> _T:
+        """What `action`, which is part of `call`, gives; what it raises is recorded."""
         try:
             return action()
         except BaseException as error:
@@ -166,9 +179,10 @@ class RecordingPort(SerialBase):
         data = bytes(b)
         if not data:
             return self._inner.write(data)
-        self._recorder.note_interrupt()
+        call = port_call("x", self._number)
+        self._recorder.let_interrupt(call)
         self._recorder.passed(Direction.SENT, self._recorded_as, data)
-        written = self._recorder.ask(port_call("x", self._number), lambda: self._inner.write(data))
+        written = self._recorder.follow(call, lambda: self._inner.write(data))
         if written is not None and written != len(data):
             self._recorder.sink.call(f"{port_call('n', self._number)}:{written}")
         return written

@@ -98,7 +98,8 @@ class Replayer:
 
     def write(self, port: Opened, data: bytes) -> int:
         """Compare what is sent with what was sent; returns how much of it was taken."""
-        self._raise_if_due(None)
+        key = port_call("x", port.number)
+        self._raise_if_due(key)
         what = self._next("")
         if not isinstance(what, Passed) or what.port != port.port or what.direction is not Direction.SENT:
             self._differ(f"sends {self._shown(port.port, data)} to port {port.port}")
@@ -106,7 +107,7 @@ class Replayer:
             self._differ_in_bytes(port.port, data, what.data)
         self._advance()
         self.sent_bytes += len(data)
-        self._raise_if_due(port_call("x", port.number))
+        self._raise_if_due(key)
         if self._calls and self._calls[0].key == port_call("n", port.number):
             return self._calls.popleft().value
         return len(data)
