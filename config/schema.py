@@ -16,6 +16,7 @@ from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.objects_file import ObjectsFileText
 from palpate.config.recognition_result import RecognitionOut
+from palpate.config.replay_result import ReplayOut
 from palpate.config.results import Out
 from palpate.config.rig_file import RigFile
 from palpate.config.scene_file import SceneFile
@@ -28,6 +29,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "identification": IdentificationOut,
     "objects": ObjectsFileText,
     "recognition": RecognitionOut,
+    "replay": ReplayOut,
     "rig": RigFile,
     "scene": SceneFile,
 }

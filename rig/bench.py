@@ -14,13 +14,14 @@ from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, latency_with_tim
 from palpate.drivers.transport.adapter import EMULATED_LATENCY_S, latency_timer_s
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.tap import BytesObserver, TappedPort
+from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.emulated import MockRig, emulate, on_mock_wires
 from palpate.rig.hand import Hand
+from palpate.rig.outside import Outside
 from palpate.rig.scene import Placement, draw_placement, placement_of
 
-__all__ = ["BenchRig", "bus_latency_s", "connect", "place", "set_up"]
+__all__ = ["BenchRig", "bus_latency_s", "connect", "outside", "place", "set_up"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,21 +75,39 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
     return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
 
 
-def connect(
+def outside(
     bench: BenchRig,
-    tap: Callable[[str], BytesObserver] | None = None,
-    notice: Callable[[str], None] = lambda _: None,
-) -> Hand:
-    """Open the ports and connect the hand.
+    sink: Sink | None = None,
+    latency_s: float | None = None,
+    check: Callable[[], None] = lambda: None,
+) -> Outside:
+    """What a run gets from a bench; with a sink, all that comes from clock and ports is recorded.
 
-    `tap(port)` gives an observer of a port's bytes; `notice` is told what the operator should do now.
+    `latency_s`: as `bus_latency_s` gave it, None to ask now. `check`: called in recorded calls, may raise.
     """
+    latency_s = bus_latency_s(bench.rig) if latency_s is None else latency_s
 
-    def open_tapped(port: str, baudrate: int) -> SerialBase:
-        opened = open_port(bench.urls(port), baudrate)
-        return opened if tap is None else TappedPort(opened, bench.clock, tap(port))
+    def open_raw(port: str, baudrate: int) -> SerialBase:
+        return open_port(bench.urls(port), baudrate)
 
-    return Hand(bench.rig, bench.clock, open_tapped, latency_s=bus_latency_s(bench.rig), notice=notice)
+    if sink is None:
+        return Outside(bench.clock, open_raw, latency_s)
+    recorder = Recorder(bench.clock, sink, check)
+
+    def open_recorded(port: str, baudrate: int) -> SerialBase:
+        return recorder.open(port, lambda: open_raw(port, baudrate))
+
+    return Outside(recorder.clock, open_recorded, latency_s)
+
+
+def connect(
+    bench: BenchRig, sink: Sink | None = None, notice: Callable[[str], None] = lambda _: None
+) -> Hand:
+    """Open the ports and connect the hand, recorded as `outside` says.
+
+    `notice` is told what the operator should do now.
+    """
+    return outside(bench, sink).hand(bench.rig, notice)
 
 
 def bus_latency_s(rig: RigFile) -> float:

@@ -1,4 +1,4 @@
-"""The command line: `palpate identify`, `recognize`, `plan`, `emulate`.
+"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
@@ -8,7 +8,7 @@ people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or 
 import signal
 import sys
 from collections.abc import Sequence
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -17,6 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.rig.ending import ExitCode, Interrupted
 
 __all__ = ["ExitCode", "app", "main"]
 
@@ -60,18 +61,6 @@ StrategyOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also write a picture (SVG) here.")]
-
-
-class ExitCode(IntEnum):
-    """What a command's end tells its caller."""
-
-    DONE = 0
-    NOT_RESOLVED = 1
-    INPUT = 2
-    DEVICE = 3
-    SAFETY = 4
-    INTERRUPTED = 130
-    TERMINATED = 143
 
 
 _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
@@ -120,6 +109,20 @@ def identify(
             strategy=strategy.value,
         )
     )
+
+
+@app.command()
+def replay(
+    session: Annotated[Path, typer.Argument(help="A session's folder.", show_default=False)],
+    json: JsonOption = False,
+) -> None:
+    """Run a recorded session again, against what was recorded; no device is needed, nothing moves.
+
+    Exit code 0: every byte sent and the result are as recorded, 1: something differs, 2: not a whole session.
+    """
+    from palpate.rig.command_replay import run_replay
+
+    raise typer.Exit(run_replay(session, json=json))
 
 
 @app.command()
@@ -228,17 +231,6 @@ def _guarded() -> int:
     except PalpateError as error:
         word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
         return _say(f"{word}: {error}", code, _notes(error))
-
-
-class Interrupted(BaseException):
-    """A signal asked the process to end; carries the exit code that says which.
-
-    Not a KeyboardInterrupt: typer makes one code of all of those.
-    """
-
-    def __init__(self, code: ExitCode) -> None:
-        super().__init__(code.name.lower())
-        self.code = code
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

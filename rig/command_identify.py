@@ -19,14 +19,17 @@ from palpate.config.identification_result import IdentificationOut
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.answer_words import answer_lines, counted
-from palpate.rig.bench import connect, place, set_up
+from palpate.rig.bench import bus_latency_s, outside, place, set_up
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text
-from palpate.rig.identify import Outcome, identify
+from palpate.rig.identify import Outcome
+from palpate.rig.interrupts import HeldInterrupts
 from palpate.rig.report import contacts_json
-from palpate.rig.report_run import identification_out, identification_picture
+from palpate.rig.report_run import identification_picture
 from palpate.rig.session import SessionLog, session_folder
+from palpate.rig.session_inputs import keep_inputs
+from palpate.rig.whole_run import Job, carry_out
 
 __all__ = ["run_identify"]
 
@@ -55,28 +58,23 @@ def run_identify(
     placement = place(rig_file, objects_file, given_scene, seed)
     if picture is not None:
         check_place(picture)
-    catalogue = Catalogue(models_of(objects_file))
+    job = Job(rig_file, Catalogue(models_of(objects_file)), placement, Strategy(strategy), seed)
     bench = set_up(rig_file, placement, seed)
     name = _session_name(sources, scene, seed, strategy, emulated=rig_file.emulated)
     folder = session_folder(sessions, name)
     header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed}
-    header |= {"strategy": strategy, "started": _now()}
+    header |= {"strategy": strategy, "scene": scene is not None, "started": _now()}
+    latency_s = bus_latency_s(rig_file)
+    header |= {"bus_latency_s": latency_s}
     console = Console(stderr=True, highlight=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
-        with connect(bench, log.tap) as hand:
-            hand.prepare()
-            result = identify(hand, catalogue, [log, progress], strategy=Strategy(strategy), seed=seed)
-            emulated = hand.emulated
-        out = identification_out(
-            result,
-            placement,
-            emulated=emulated,
-            rig_seconds=bench.clock.now(),
-            wall_seconds=time.perf_counter() - begin,
-            session=str(folder),
-            strategy=Strategy(strategy),
-        )
+        keep_inputs(folder, sources[0], sources[1], scene)
+        with HeldInterrupts() as held:
+            recorded = outside(bench, log, latency_s, held.check)
+            run = carry_out(job, recorded, [log, progress], progress.notice)
+        out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
         log.event("result", result=out.model_dump(mode="json"))
+    result = run.result
     drawn = identification_picture(result, placement, rig_file, _facts(out))
     write_text(folder / "picture.svg", drawn)
     write_text(folder / "result.json", to_json(out, indent=2) + "\n")
@@ -108,6 +106,10 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         if self._status is not None:
             self._status.stop()
+
+    def notice(self, text: str) -> None:
+        """The operator should know or do something now."""
+        self._console.print(text)
 
     def stage(self, grip: int, stage: Stage) -> None:
         """Fingers began something."""

@@ -1,32 +1,29 @@
 """The session log: everything that happened, in one append-only file that survives a crash.
 
 JSON Lines, one event a line, flushed line by line: whatever kills the process, every line but perhaps the
-last is whole. Raw bytes of every port stand beside the values that were made of them, on the rig's clock, so
-that a session can be replayed from any arrow of the data's way. `docs/session-log.md` lists the events.
+last is whole. Raw bytes of every port stand beside the values that were made of them, on the rig's clock. So
+does all else that decides what the host does, call by call: `session_file` reads it, and `palpate replay`
+runs the session again. `docs/session-log.md` lists the events.
 """
 
 import base64
-import dataclasses
 import fcntl
 import json
-import math
-from collections.abc import Mapping, Sequence
-from enum import Enum
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
-
-import numpy as np
+from typing import Self
 
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.tap import BytesObserver, Direction
+from palpate.drivers.transport.tap import Direction
 from palpate.errors import InputError
-from palpate.recognizer import Grip, Hypothesis, Recognition
-from palpate.rig.closing import Stage, Touch
+from palpate.rig.session_errors import values_of
+from palpate.rig.session_events import SessionEvents, plain
 
-__all__ = ["SessionLog", "session_folder"]
+__all__ = ["LOG_NAME", "SessionLog", "check_sum", "session_folder"]
 
-_LOG_NAME = "session.jsonl"
+LOG_NAME = "session.jsonl"
 
 
 def session_folder(root: Path, name: str) -> Path:
@@ -45,16 +42,26 @@ def session_folder(root: Path, name: str) -> Path:
     return folder
 
 
-class SessionLog:
-    """Writes one session's events; an observer of `identify`. Use as a context manager."""
+def check_sum(line: str, before: int) -> int:
+    """CRC-32 of a line without its check sum, going on from the sum of the line before (0 at first)."""
+    return zlib.crc32(line.encode(), before)
+
+
+class SessionLog(SessionEvents):
+    """Writes one session's events: an observer of `identify`, and where a `Recorder` records to.
+
+    Use as a context manager.
+    """
 
     def __init__(self, folder: Path, clock: Clock, header: Mapping[str, object]) -> None:
         """Start the log of a session in `folder` with a header line.
 
         Raises InputError if it cannot be written, or if another process is writing it now.
         """
-        self.path = folder / _LOG_NAME
+        self.path = folder / LOG_NAME
         self._clock = clock
+        self._calls: list[str] = []
+        self._sum = 0
         try:
             self._file = self.path.open("a", encoding="utf-8", buffering=1)
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -75,94 +82,35 @@ class SessionLog:
         self.event("end", how=how, message=None if error is None else str(error))
         self._file.close()
 
-    def event(self, kind: str, **values: object) -> None:
+    def event(self, kind: str, /, **values: object) -> None:
         """Append one event at the rig's present time."""
-        line = {"t_s": round(self._clock.now(), 9), "event": kind} | {k: _plain(v) for k, v in values.items()}
-        self._file.write(json.dumps(line, separators=(",", ":"), allow_nan=False) + "\n")
+        line = {"t_s": round(self._clock.now(), 9), "event": kind} | {k: plain(v) for k, v in values.items()}
+        self._write(json.dumps(line, separators=(",", ":"), allow_nan=False))
 
-    def tap(self, port: str) -> BytesObserver:
-        """An observer that logs a port's bytes."""
+    def call(self, text: str) -> None:
+        """Keep a call of the host for the next line: by itself it is not worth one."""
+        self._calls.append(text)
 
-        def on_bytes(direction: Direction, instant: float, data: bytes) -> None:
-            text = base64.b64encode(data).decode()
-            self._file.write(
-                f'{{"t_s":{instant:.9f},"event":"bytes","port":{json.dumps(port)},'
-                f'"direction":"{direction.value}","base64":"{text}"}}\n'
-            )
+    def opened(self, number: int, port: str, url: str | None) -> None:
+        """Log that a port was opened."""
+        self.event("opened", port=port, number=number, url=url)
 
-        return on_bytes
-
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Log that fingers began something."""
-        self.event("stage", grip=grip, stage=stage)
-
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """Log what a grip felt."""
-        self.event("touches", grip=grip, touches=touches)
-
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """Log what all contacts so far allow."""
-        self.event(
-            "recognised",
-            grip=grip,
-            verdict=recognition.verdict,
-            levels=recognition.levels,
-            hypotheses=[_hypothesis(item) for item in recognition.hypotheses],
+    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
+        """Log bytes."""
+        text = base64.b64encode(data).decode()
+        self._write(
+            f'{{"t_s":{instant:.9f},"event":"bytes","port":{json.dumps(port)},'
+            f'"direction":"{direction.value}","base64":"{text}"}}'
         )
 
-    def planned(self, grip: int, plan: Grip) -> None:
-        """Log the next grip and what it is expected to feel."""
-        approaches = [
-            {
-                "finger_index": item.finger_index,
-                "approach": item.approach,
-                "travel_mm": travel,
-                "predictions": plan.predictions.of_approach(row),
-            }
-            for row, (item, travel) in enumerate(zip(plan.candidates, plan.travels_mm, strict=True))
-        ]
-        self.event(
-            "planned", grip=grip, decisive=plan.decisive, remaining=plan.remaining, approaches=approaches
-        )
+    def raised(self, during: str | None, error: BaseException) -> None:
+        """Log that a call failed or the run was interrupted."""
+        self.event("raised", during=during, **values_of(error))
 
-    def moved(self, grip: int) -> None:
-        """Log that what was felt before this grip counts no more."""
-        self.event("moved", grip=grip)
-
-
-def _hypothesis(item: Hypothesis) -> dict[str, object]:
-    return {
-        "object": item.state.object_name,
-        "state": item.state.state.name,
-        "configuration": item.configuration,
-        "bounds": item.bounds,
-        "weight": item.weight,
-        "verified": item.verified,
-        "symmetry_order": item.state.symmetry_order,
-    }
-
-
-def _plain(value: Any) -> Any:  # noqa: PLR0911  # one kind of value, one return
-    """The value as JSON has it: dataclasses as objects, arrays as lists, infinities as null."""
-    match value:
-        case None | bool() | str() | int():
-            return value
-        case float() | np.floating():
-            return float(value) if math.isfinite(value) else None
-        case np.integer():
-            return int(value)
-        case Enum():
-            return value.value
-        case Path():
-            return str(value)
-        case np.ndarray():
-            return _plain(value.tolist())
-        case Mapping():
-            return {str(k): _plain(v) for k, v in value.items()}
-        case frozenset() | set():
-            return sorted(_plain(v) for v in value)
-        case list() | tuple():
-            return [_plain(v) for v in value]
-        case _ if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            return {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    raise TypeError(f"cannot log a {type(value).__name__}")
+    def _write(self, line: str) -> None:
+        """Add to a line the calls before it and the check sum, and write it."""
+        if self._calls:
+            line = f'{line[:-1]},"calls":"{"".join(self._calls)}"}}'
+            self._calls.clear()
+        self._sum = check_sum(line, self._sum)
+        self._file.write(f'{line[:-1]},"sum":"{self._sum:08x}"}}\n')

@@ -1,4 +1,4 @@
-"""Listening to a port without disturbing it: what the session log hangs on.
+"""Listening to a port without disturbing it. For the bytes alone; the session log needs more: see `record`.
 
 `TappedPort` wraps any pyserial port, real or emulated, and tells an observer of every byte that passes.
 """

@@ -71,8 +71,10 @@ def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
     assert not Path(told["session"]).is_absolute()
     assert {item.name for item in folder.iterdir()} == {
         "contacts.json",
+        "objects.json",
         "picture.svg",
         "result.json",
+        "rig.toml",
         "session.jsonl",
     }
     kept = {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -86,6 +88,8 @@ def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
     assert WALL.sub("", again.out) == WALL.sub("", first.out)
     assert WALL.sub("", apart.out) == WALL.sub("", first.out)
     assert len([*(tmp_path / "palpate-sessions").iterdir()]) == 1
+    assert kept["rig.toml"] == shipped_rig().read_bytes()
+    assert kept["objects.json"] == shipped_objects().read_bytes()
     for name in ("contacts.json", "picture.svg"):
         assert (folder / name).read_bytes() == kept[name]
         assert (fresh / told["session"] / name).read_bytes() == kept[name]
@@ -107,7 +111,7 @@ def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
 def check_log(folder: Path, told: dict[str, Any]) -> None:
     events = log_events(folder / "session.jsonl")
     assert events[0]["event"] == "session"
-    assert events[-1] == {"t_s": events[-1]["t_s"], "event": "end", "how": "done", "message": None}
+    assert (events[-1]["event"], events[-1]["how"], events[-1]["message"]) == ("end", "done", None)
     assert [event["result"] for event in events if event["event"] == "result"] == [told]
     assert sum(len(event["touches"]) for event in events if event["event"] == "touches") == told["touches"]
     ports = {event["port"] for event in events if event["event"] == "bytes"}

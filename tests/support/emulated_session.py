@@ -127,7 +127,7 @@ class EmulatedSession:
             self.stages.append(stage)
             on_stage(stage)
 
-        with SessionLog(folder, self.clock, {}) as log, connect(self.bench_rig, log.tap) as hand:
+        with SessionLog(folder, self.clock, {}) as log, connect(self.bench_rig, log) as hand:
             return self.grip(hand, closes, tell)
 
     def grip(

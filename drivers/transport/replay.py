@@ -1,0 +1,310 @@
+"""A clock and ports that give back what was recorded, and compare what the host does with it.
+
+The other end of `record`: a `Replayer` goes through the entries of a session log and lets the host's code run
+as then. Every call must be the recorded one, and every byte sent the recorded byte. The first difference is
+an error, and so is every call after it.
+"""
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from serial.serialutil import SerialBase
+
+from palpate.drivers.transport.calls import Call, Instants, calls_in, in_words, port_call
+from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.recording import Entry, Opened, Passed, Raised, Told, What
+from palpate.drivers.transport.tap import Direction
+from palpate.errors import PalpateError
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
+
+__all__ = ["RecordEnded", "ReplayDiffers", "Replayer"]
+
+_BYTES_SHOWN = 24
+
+
+class ReplayDiffers(PalpateError):
+    """The host does not do what it did when the session was recorded."""
+
+
+class RecordEnded(PalpateError):
+    """The recording goes no further; the host would."""
+
+
+class Replayer:
+    """Goes through a recording together with the host's code. For one thread."""
+
+    def __init__(self, entries: Sequence[Entry], describe: Callable[[str, bytes], str]) -> None:
+        """`entries` in order; `describe(port, data)` says what bytes on a port mean, "" if unknown."""
+        self._entries = entries
+        self._describe = describe
+        self._at = 0
+        self._calls: deque[Call] = deque()
+        self._names: dict[int, str] = {}
+        self._failed: PalpateError | None = None
+        self.interrupt: BaseException | None = None
+        self.sent_bytes = self.received_bytes = 0
+        self.clock: Clock = ReplayClock(self)
+        self._load()
+
+    @property
+    def failure(self) -> PalpateError | None:
+        """The difference that was met, or that the recording ended; None as long as all is as recorded."""
+        return self._failed
+
+    @property
+    def lines(self) -> int:
+        """Number of lines whose event has come about again."""
+        return self._at
+
+    def open(self, port: str, baudrate: int) -> SerialBase:
+        """Open a recorded port by its name in the rig file; raises what opening it raised then."""
+        self._raise_if_due("open")
+        what = self._next(f"opens port {port}")
+        if not isinstance(what, Opened) or what.port != port:
+            self._differ(f"opens port {port}")
+        self._advance()
+        self._names[what.number] = port
+        return ReplayPort(self, what, baudrate)
+
+    def call(self, letters: str, port: int = 0) -> Call:
+        """Let the host make a call, one of `letters`; raises what it raised then."""
+        key = letters[0] if letters[0] in "tz" else port_call(letters[0], port)
+        doing = in_words(key, self._names.get(port, ""))
+        self._raise_if_due(key)
+        what = self._next(doing)
+        if not isinstance(what, Call) or what.key != key:
+            self._differ(doing)
+        return self._calls.popleft()
+
+    def read(self, port: Opened, size: int) -> bytes:
+        """What a read gave."""
+        key = port_call("r", port.number)
+        doing = in_words(key, port.port)
+        self._raise_if_due(key)
+        what = self._next(doing)
+        if isinstance(what, Passed) and what.port == port.port and what.direction is Direction.RECEIVED:
+            if len(what.data) > size:
+                self._differ(f"reads {size} bytes at most from port {port.port}")
+            self._advance()
+            self.received_bytes += len(what.data)
+            return what.data
+        if not isinstance(what, Call) or what.key != key:
+            self._differ(doing)
+        self._calls.popleft()
+        return b""
+
+    def write(self, port: Opened, data: bytes) -> int:
+        """Compare what is sent with what was sent; returns how much of it was taken."""
+        key = port_call("x", port.number)
+        self._raise_if_due(key)
+        what = self._next("")
+        if not isinstance(what, Passed) or what.port != port.port or what.direction is not Direction.SENT:
+            self._differ(f"sends {self._shown(port.port, data)} to port {port.port}")
+        if what.data != data:
+            self._differ_in_bytes(port.port, data, what.data)
+        self._advance()
+        self.sent_bytes += len(data)
+        self._raise_if_due(key)
+        if self._calls and self._calls[0].key == port_call("n", port.number):
+            return self._calls.popleft().value
+        return len(data)
+
+    def told(self, kind: str) -> Mapping[str, Any]:
+        """What the session said of this kind and says again now; raises an interrupt before it."""
+        self._raise_if_due(None)
+        what = self._next(f'comes to "{kind}"')
+        if not isinstance(what, Told) or what.kind != kind:
+            self._differ(f'comes to "{kind}"')
+        self._advance()
+        return what.values
+
+    def ends(self) -> Mapping[str, Any]:
+        """What the recording's last line says; a difference if the host ends before it."""
+        what = self._next("ends")
+        if not isinstance(what, Told) or what.kind != "end":
+            self._differ("ends")
+        self._advance()
+        return what.values
+
+    def close(self, port: Opened) -> None:
+        """Close a port: the one call that may be left out, as garbage collection may make it."""
+        if self._failed is not None or self._at >= len(self._entries):
+            return
+        self._raise_if_due(port_call("c", port.number))
+        if self._calls and self._calls[0].key == port_call("c", port.number):
+            self._calls.popleft()
+
+    def differ(self, problem: str) -> NoReturn:
+        """Report a difference in the line that has just come about."""
+        self._fail(self._entries[max(self._at - 1, 0)], problem)
+
+    def damaged(self, problem: str) -> NoReturn:
+        """Report that the line under way makes no sense."""
+        self._fail(self._entries[min(self._at, len(self._entries) - 1)], problem)
+
+    def _raise_if_due(self, call: str | None) -> None:
+        """Raise what the recording says was raised in this call, or before it."""
+        if self._failed is not None:
+            raise self._failed
+        if self._calls or self._at >= len(self._entries):
+            return
+        what = self._entries[self._at].what
+        if isinstance(what, Told) and what.interrupt is not None:
+            self.interrupt = what.interrupt
+            raise what.interrupt
+        if isinstance(what, Raised) and (what.during is None or what.during == call):
+            self._advance()
+            if not isinstance(what.error, Exception):
+                self.interrupt = what.error
+            raise what.error
+
+    def _next(self, doing: str) -> Call | What:
+        if self._failed is not None:
+            raise self._failed
+        if self._calls:
+            return self._calls[0]
+        if self._at >= len(self._entries):
+            last = self._entries[-1].line if self._entries else 0
+            self._failed = RecordEnded(f"the log ends after line {last}; the host {doing or 'goes on'} there")
+            raise self._failed
+        return self._entries[self._at].what
+
+    def _advance(self) -> None:
+        self._at += 1
+        self._load()
+
+    def _load(self) -> None:
+        if self._at < len(self._entries):
+            self._calls.extend(calls_in(self._entries[self._at].calls))
+
+    def _differ(self, doing: str) -> NoReturn:
+        recorded = self._recorded_in_words(self._next(doing))
+        self._fail(self._entries[self._at], f"the host {doing}; in the recording it {recorded}")
+
+    def _differ_in_bytes(self, port: str, sent: bytes, recorded: bytes) -> NoReturn:
+        pairs = enumerate(zip(sent, recorded, strict=False))
+        first = next((k for k, (a, b) in pairs if a != b), min(len(sent), len(recorded)))
+        self._fail(
+            self._entries[self._at],
+            f"port {port}: byte {first} of what is sent differs: sent {self._shown(port, sent, first)}, "
+            f"recorded {self._shown(port, recorded, first)}",
+        )
+
+    def _fail(self, entry: Entry, problem: str) -> NoReturn:
+        self._failed = ReplayDiffers(f"line {entry.line}, {entry.t_s:.6f} s: {problem}")
+        raise self._failed
+
+    def _recorded_in_words(self, what: Call | What) -> str:
+        match what:
+            case Call():
+                name = self._names.get(what.number, "") if what.key not in ("t", "z") else ""
+                return in_words(what.key, name)
+            case Opened(port=port):
+                return f"opens port {port}"
+            case Passed(direction=Direction.SENT):
+                return f"sends {self._shown(what.port, what.data)} to port {what.port}"
+            case Passed():
+                return f"receives {len(what.data)} bytes from port {what.port}"
+            case Raised():
+                return f"meets an error ({what.error})"
+        return f'comes to "{what.kind}"'
+
+    def _shown(self, port: str, data: bytes, around: int = 0) -> str:
+        """Bytes in hexadecimal, those near byte `around` if they are many, and what they mean."""
+        start = max(0, around - _BYTES_SHOWN // 2) if around >= _BYTES_SHOWN else 0
+        end = start + _BYTES_SHOWN
+        text = ("… " if start else "") + data[start:end].hex(" ") + (" …" if len(data) > end else "")
+        meaning = self._describe(port, data)
+        return f"{text} ({meaning})" if meaning else text
+
+
+class ReplayClock:
+    """A clock that gives recorded readings."""
+
+    def __init__(self, replayer: Replayer) -> None:
+        self._replayer = replayer
+        self._instants = Instants()
+
+    def now(self) -> float:
+        """The recorded reading, s."""
+        call = self._replayer.call("t")
+        try:
+            return self._instants.instant(call)
+        except (ValueError, OverflowError):
+            self._replayer.damaged("holds a clock reading that no clock can have")
+
+    def sleep(self, seconds: float) -> None:
+        """Return at once: the readings say what time has passed."""
+        del seconds
+        self._replayer.call("z")
+
+
+class ReplayPort(SerialBase):
+    """A pyserial port with the recording behind it. Comes open from `Replayer.open`."""
+
+    def __init__(self, replayer: Replayer, opened: Opened, baudrate: int) -> None:
+        super().__init__()
+        self._replayer = replayer
+        self._opened = opened
+        self._port = opened.url
+        self.name = self.portstr = opened.url
+        self._baudrate = baudrate
+        self._timeout = 0.0
+        self.is_open = True
+
+    def open(self) -> None:
+        """Open again after it was closed."""
+        self._replayer.call("p", self._opened.number)
+        self.is_open = True
+
+    def close(self) -> None:
+        """Close; closing twice is harmless."""
+        if self.is_open:
+            self.is_open = False
+            self._replayer.close(self._opened)
+
+    @property
+    def in_waiting(self) -> int:
+        """Number of bytes that were ready."""
+        return self._replayer.call("w", self._opened.number).value
+
+    @property
+    def out_waiting(self) -> int:
+        """Number of bytes that were still to be sent."""
+        return self._replayer.call("q", self._opened.number).value
+
+    def read(self, size: int = 1, /) -> bytes:
+        """What a read gave."""
+        return self._replayer.read(self._opened, size)
+
+    def write(self, b: "ReadableBuffer", /) -> int:
+        """Compare with what was sent; ReplayDiffers at the first byte that is not the same."""
+        data = bytes(b)
+        return self._replayer.write(self._opened, data) if data else 0
+
+    def flush(self) -> None:
+        """As recorded."""
+        self._replayer.call("f", self._opened.number)
+
+    def reset_input_buffer(self) -> None:
+        """As recorded."""
+        self._replayer.call("d", self._opened.number)
+
+    def reset_output_buffer(self) -> None:
+        """As recorded."""
+        self._replayer.call("o", self._opened.number)
+
+    def _reconfigure_port(self) -> None:
+        self._replayer.call("s", self._opened.number)
+
+    def _update_break_state(self) -> None:
+        self._replayer.call("m", self._opened.number)
+
+    def _update_rts_state(self) -> None:
+        self._replayer.call("m", self._opened.number)
+
+    def _update_dtr_state(self) -> None:
+        self._replayer.call("m", self._opened.number)

@@ -1,0 +1,72 @@
+"""Signals held back until the host next asks something of the outside: a recording says where they hit.
+
+Between two calls on clock and ports the host takes note of what it got, a few lines at most; an interrupt
+there could not be brought about again. In a long computation, where no call comes, it hits after `_PATIENCE_S` at
+latest. A moving rig makes hundreds of calls a second.
+"""
+
+import os
+import signal
+import threading
+from types import FrameType, TracebackType
+from typing import Self
+
+__all__ = ["HeldInterrupts"]
+
+_PATIENCE_S = 0.25
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class HeldInterrupts:
+    """Holds SIGINT and SIGTERM back for `check`, which does what their handlers would have done.
+
+    Use as a context manager; outside of the main thread, which alone gets signals, it does nothing.
+    """
+
+    def __init__(self) -> None:
+        self._handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+        self._pending: int | None = None
+        self._overdue = False
+        self._timer: threading.Timer | None = None
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            for number, handler in self._handlers.items():
+                if callable(handler):
+                    signal.signal(number, self._hold)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for number, handler in self._handlers.items():
+            if signal.getsignal(number) == self._hold:
+                signal.signal(number, handler)
+        self.check()
+
+    def check(self) -> None:
+        """Let a signal that came through now: its own handler is called, which may raise."""
+        if self._pending is None:
+            return
+        number, self._pending = self._pending, None
+        if self._timer is not None:
+            self._timer.cancel()
+        handler = self._handlers[signal.Signals(number)]
+        if callable(handler):
+            handler(number, None)
+
+    def _hold(self, number: int, frame: FrameType | None) -> None:
+        del frame
+        if self._pending is None:
+            self._pending = number
+            self._timer = threading.Timer(_PATIENCE_S, self._remind, (number,))
+            self._timer.daemon = True
+            self._timer.start()
+        elif self._overdue:
+            self.check()
+
+    def _remind(self, number: int) -> None:
+        """Send the signal once more, from another thread: no call came."""
+        self._overdue = True
+        if self._pending is not None:
+            os.kill(os.getpid(), number)

@@ -1,0 +1,64 @@
+"""A run from the first port to the answer: what `identify` does on devices and `replay` on a recording."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from palpate.config import RigFile
+from palpate.config.identification_result import IdentificationOut
+from palpate.recognizer import Catalogue, Strategy
+from palpate.rig.identify import Identification, Observer, identify
+from palpate.rig.outside import Outside
+from palpate.rig.report_run import identification_out
+from palpate.rig.scene import Placement
+
+__all__ = ["Job", "WholeRun", "carry_out"]
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a run starts from; `placement` is only compared with the answer."""
+
+    rig: RigFile
+    catalogue: Catalogue
+    placement: Placement | None
+    strategy: Strategy
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class WholeRun:
+    """What came of a run, and the rig's own time (s) at its end."""
+
+    job: Job
+    result: Identification
+    emulated: bool
+    rig_seconds: float
+
+    def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
+        """The answer as `palpate/identification@1`."""
+        return identification_out(
+            self.result,
+            self.job.placement,
+            emulated=self.emulated,
+            rig_seconds=self.rig_seconds,
+            wall_seconds=wall_seconds,
+            session=session,
+            strategy=self.job.strategy,
+        )
+
+
+def carry_out(
+    job: Job,
+    outside: Outside,
+    observers: Sequence[Observer],
+    notice: Callable[[str], None] = lambda _: None,
+) -> WholeRun:
+    """Connect, identify, disconnect. `notice` is told what the operator should do now.
+
+    Raises what `identify` raises; torque is off then, too.
+    """
+    with outside.hand(job.rig, notice) as hand:
+        hand.prepare()
+        result = identify(hand, job.catalogue, observers, strategy=job.strategy, seed=job.seed)
+        emulated = hand.emulated
+    return WholeRun(job, result, emulated, outside.clock.now())

@@ -1,0 +1,388 @@
+"""`palpate replay`: sessions in virtual time, however they ended, come about again byte for byte."""
+
+import base64
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import PALPATE, Ended, log_events, run, run_here
+from emulated_session import emulated_session
+from json_schema import violations
+
+from palpate.config import shipped_objects, shipped_rig
+from palpate.config.schema import schema_text
+from palpate.drivers.emulators.servo import OVERLOAD_BIT
+from palpate.drivers.transport.replay import Replayer
+from palpate.rig.bench import bus_latency_s
+from palpate.rig.closing import Stage, close_fingers
+from palpate.rig.outside import Outside
+from palpate.rig.replayed import first_difference, replay_with
+from palpate.rig.session_events import SessionEvents
+from palpate.rig.session_file import read_session
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+Here = Callable[..., Ended]
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    return lambda *args: run_here(args, monkeypatch, capsys)
+
+
+@pytest.fixture(scope="module")
+def seed_7(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a session on the shipped rig."""
+    folder = tmp_path_factory.mktemp("shipped")
+    done = run("identify", "--seed", 7, "--json", cwd=folder)
+    assert done.code == 0, done.err
+    return folder / str(done.json["session"])
+
+
+def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]) -> Path:
+    """The session again, with the lines of its log changed."""
+    for path in session.iterdir():
+        if path.name != "session.jsonl":
+            (folder / path.name).write_bytes(path.read_bytes())
+    lines = (session / "session.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    (folder / "session.jsonl").write_text("".join(change(lines)), encoding="utf-8")
+    return folder
+
+
+def sent_bytes(session: Path) -> int:
+    return sum(
+        len(base64.b64decode(event["base64"]))
+        for event in log_events(session / "session.jsonl")
+        if event["event"] == "bytes" and event["direction"] == "sent"
+    )
+
+
+def test_the_shipped_rig_comes_about_again(seed_7: Path, here: Here) -> None:
+    done = here("replay", seed_7)
+    assert (done.code, done.err) == (0, "")
+    lines = len(log_events(seed_7 / "session.jsonl")) - 1
+    assert done.out == (
+        f"replayed {lines} events, {sent_bytes(seed_7)} bytes sent, all as recorded; identified: hand, flat\n"
+    )
+
+
+def test_a_program_gets_one_object_and_the_log_itself_may_be_named(seed_7: Path, here: Here) -> None:
+    done = here("replay", seed_7 / "session.jsonl", "--json")
+    assert (done.code, done.err) == (0, "")
+    assert violations(done.json, json.loads(schema_text("replay"))) == []
+    told = done.json
+    assert (told["same"], told["verdict"], told["object"], told["state"]) == (
+        True,
+        "identified",
+        "hand",
+        "flat",
+    )
+    assert told["end"] == {"how": "done", "message": None}
+    assert told["sent_bytes"] == sent_bytes(seed_7)
+
+
+def test_a_replay_writes_nothing(seed_7: Path, here: Here) -> None:
+    before = {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in seed_7.iterdir()}
+    assert here("replay", seed_7).code == 0
+    assert {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in seed_7.iterdir()} == before
+
+
+@pytest.mark.parametrize(("port", "number"), [("mock://bus", 300), ("mock://bus", 5), ("mock://f2", 2)])
+def test_one_changed_byte_that_was_sent_is_noticed_at_that_byte(
+    seed_7: Path, tmp_path: Path, here: Here, port: str, number: int
+) -> None:
+    changed_line = -1
+    byte = -1
+
+    def change(lines: list[str]) -> list[str]:
+        nonlocal changed_line, byte
+        sent = [k for k, line in enumerate(lines) if f'"port":"{port}","direction":"sent"' in line]
+        changed_line = sent[number]
+        event = json.loads(lines[changed_line])
+        data = bytearray(base64.b64decode(event["base64"]))
+        byte = len(data) // 2
+        data[byte] ^= 1
+        old, new = event["base64"], base64.b64encode(data).decode()
+        lines[changed_line] = lines[changed_line].replace(old, new)
+        return lines
+
+    folder = copied(seed_7, tmp_path, change)
+    done = here("replay", folder)
+    assert done.code == 1
+    assert f"line {changed_line + 1}, " in done.out
+    assert f"port {port}: byte {byte} of what is sent differs: sent " in done.out
+    assert (" to id " in done.out) == (port == "mock://bus")
+    assert f"line {changed_line + 1}: is not as it was written" in done.err
+    told = here("replay", folder, "--json")
+    assert (told.code, told.json["same"]) == (1, False)
+    assert told.json["difference"]["line"] == changed_line + 1
+    assert violations(told.json, json.loads(schema_text("replay"))) == []
+
+
+def test_a_changed_byte_that_was_received_does_not_pass_for_the_session(
+    seed_7: Path, tmp_path: Path, here: Here
+) -> None:
+    """One bit of a frame that nobody looks at changes no byte sent; the check sum still tells."""
+    changed_line = -1
+
+    def change(lines: list[str]) -> list[str]:
+        nonlocal changed_line
+        long = [k for k, line in enumerate(lines) if '"direction":"received"' in line and len(line) > 300]
+        changed_line = long[len(long) // 2]
+        line = lines[changed_line]
+        place = line.index('"base64":"') + 100
+        lines[changed_line] = line[:place] + ("A" if line[place] != "A" else "B") + line[place + 1 :]
+        return lines
+
+    done = here("replay", copied(seed_7, tmp_path, change))
+    assert done.code in (1, 2)
+    assert f"line {changed_line + 1}: is not as it was written: its check sum is wrong" in done.err
+
+
+def test_a_value_that_is_not_what_it_was_is_named(seed_7: Path, tmp_path: Path, here: Here) -> None:
+    def change(lines: list[str]) -> list[str]:
+        return [
+            line.replace('"object":"hand"', '"object":"grip"', 1) if '"result"' in line else line
+            for line in lines
+        ]
+
+    done = here("replay", copied(seed_7, tmp_path, change))
+    assert done.code == 1
+    assert "\"result\" differs: result.object is 'hand', recorded 'grip'" in done.out
+
+
+@pytest.mark.parametrize("share", [0.001, 0.4, 0.9999])
+def test_a_log_cut_off_anywhere_replays_up_to_there(
+    seed_7: Path, tmp_path: Path, here: Here, share: float
+) -> None:
+    for path in seed_7.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    raw = (seed_7 / "session.jsonl").read_bytes()
+    kept = raw[: int(share * len(raw))]
+    (tmp_path / "session.jsonl").write_bytes(kept)
+    done = here("replay", tmp_path)
+    assert (done.code, done.err) == (0, "")
+    last = kept.count(b"\n")
+    assert done.out.startswith(f"replayed {last - 1} events, ")
+    assert "all as recorded; no answer so far" in done.out
+    assert f"the log was cut off after line {last}: it has no end\n" in done.out
+
+
+def test_what_is_not_a_session_is_one_line(tmp_path: Path, here: Here) -> None:
+    done = here("replay", tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert "is not a session" in done.err
+    assert done.err.count("\n") == 1
+    (tmp_path / "session.jsonl").write_text('{"t_s":0,"event":"session","format":"palpate/session@2"}\n')
+    done = here("replay", tmp_path)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert 'line 1: must be the event "session" with format "palpate/session@1"' in done.err
+
+
+def test_a_log_from_before_there_were_replays_is_refused(seed_7: Path, tmp_path: Path, here: Here) -> None:
+    copied(seed_7, tmp_path, lambda lines: lines)
+    (tmp_path / "rig.toml").unlink()
+    done = here("replay", tmp_path)
+    assert (done.code, done.out) == (2, "")
+    assert "keeps no rig.toml" in done.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["planned", "random"])
+def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path, strategy: str) -> None:
+    rig = EXAMPLES / "two-link-rig.toml"
+    done = run(
+        "identify", "--rig", rig, "--seed", 3, "--strategy", strategy, "--json", cwd=tmp_path, timeout_s=250
+    )
+    assert done.code in (0, 1), done.err
+    again = run("replay", done.json["session"], "--json", cwd=tmp_path, timeout_s=250)
+    assert again.code == 0, again.out + again.err
+    assert again.json["same"]
+    assert (again.json["verdict"], again.json["object"]) == (done.json["verdict"], done.json["object"])
+
+
+def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path) -> None:
+    odd = {
+        "name": "odd-one",
+        "height": 20.0,
+        "outline": [[0, 0], [83, 6], [71, 31], [44, 22], [38, 67], [9, 52]],
+    }
+    (tmp_path / "odd.json").write_text(
+        json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": [odd]})
+    )
+    scene = {
+        "format": "palpate/scene@1",
+        "object": "odd-one",
+        "objects": "odd.json",
+        "configuration": {"x": -30.0, "y": -25.0, "theta": 0.4},
+    }
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    done = run("identify", "--scene", "scene.json", "--objects", shipped_objects(), "--json", cwd=tmp_path)
+    assert done.code == 1, done.err
+    (tmp_path / "odd.json").unlink()
+    (tmp_path / "scene.json").unlink()
+    again = run("replay", done.json["session"], cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+    assert again.out.rstrip().endswith("all as recorded; unknown")
+
+
+def slow_rig(folder: Path) -> str:
+    """Fingers creep, so that a signal is sure to come while they close."""
+    text = shipped_rig().read_text(encoding="utf-8")
+    text = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 2.0")
+    (folder / "slow.toml").write_text(text.replace("touch_speed_mm_s = 5.0", "touch_speed_mm_s = 2.0"))
+    return "slow.toml"
+
+
+def signalled(folder: Path, number: signal.Signals, when: bytes, after_s: float) -> Path:
+    """The session of an `identify` that got a signal some time after `when` was in its log."""
+    process = subprocess.Popen(
+        [PALPATE, "identify", "--rig", slow_rig(folder), "--json"],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        end = time.monotonic() + 60
+        while not any(when in log.read_bytes() for log in folder.glob("palpate-sessions/*/session.jsonl")):
+            assert time.monotonic() < end, f"{when!r} never came"
+            time.sleep(0.01)
+        time.sleep(after_s)
+        process.send_signal(number)
+        process.wait(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
+    (log,) = folder.glob("palpate-sessions/*/session.jsonl")
+    return log.parent
+
+
+@pytest.mark.parametrize(
+    ("number", "after_s"), [(signal.SIGINT, 0.05), (signal.SIGINT, 0.31), (signal.SIGTERM, 0.17)]
+)
+def test_a_run_that_was_interrupted(
+    tmp_path: Path, here: Here, number: signal.Signals, after_s: float
+) -> None:
+    session = signalled(tmp_path, number, b'"stage":"closing"', after_s)
+    end = log_events(session / "session.jsonl")[-1]
+    assert end["how"] == "Interrupted"
+    done = here("replay", session)
+    assert (done.code, done.err) == (0, ""), done.out
+    assert done.out.rstrip().endswith(f"all as recorded; ended by Interrupted: {end['message']}")
+
+
+def test_a_run_that_was_killed(tmp_path: Path, here: Here) -> None:
+    session = signalled(tmp_path, signal.SIGKILL, b'"stage":"closing"', 0.1)
+    done = here("replay", session)
+    assert (done.code, done.err) == (0, ""), done.out
+    assert "the log was cut off after line " in done.out
+
+
+def test_a_run_that_pressed_too_hard_or_was_held(tmp_path: Path, here: Here) -> None:
+    text = shipped_rig().read_text(encoding="utf-8")
+    for old, new in (
+        ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 70.0"),
+        ("max_force_n = 8.0", "max_force_n = 4.0"),
+        ("sample_rate_hz = 250.0", "sample_rate_hz = 40.0"),
+    ):
+        text = text.replace(old, new)
+    (tmp_path / "hasty.toml").write_text(text)
+    assert run("identify", "--rig", "hasty.toml", "--seed", 5, "--json", cwd=tmp_path).code in (3, 4)
+    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl")
+    done = here("replay", log.parent)
+    assert (done.code, done.err) == (0, ""), done.out
+    end = log_events(log)[-1]
+    assert end["how"] != "done"
+    assert f"all as recorded; ended by {end['how']}: {end['message']}" in done.out
+
+
+def test_a_run_whose_port_was_not_there(tmp_path: Path, here: Here) -> None:
+    text = shipped_rig().read_text(encoding="utf-8")
+    head, _, tail = text.partition("[emulation]\n")
+    rest = tail.partition("\n\n")[2]
+    (tmp_path / "real.toml").write_text((head + rest).replace("mock://", "/dev/serial/by-id/no-such-"))
+    assert run("identify", "--rig", "real.toml", cwd=tmp_path).code == 3
+    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl")
+    done = here("replay", log.parent)
+    assert (done.code, done.err) == (0, ""), done.out
+    assert "ended by DeviceError: port /dev/serial/by-id/no-such-bus does not exist" in done.out
+
+
+FAULTS: Mapping[str, Callable[[Any], Callable[[], None]]] = {
+    "nothing": lambda _: lambda: None,
+    "a servo dies": lambda session: session.servos[12].power_off,
+    "overload": lambda session: lambda: session.servos[22].report_hardware_error(OVERLOAD_BIT),
+    "an array is cut off": lambda session: lambda: setattr(session.cables["mock://f2"], "cut", True),
+    "the bus is cut off": lambda session: lambda: setattr(session.cables["mock://bus"], "cut", True),
+    "late answers": lambda session: lambda: setattr(session.cables["mock://bus"], "late_s", 0.04),
+    "the bus is unplugged": lambda session: lambda: unplug(session.cables["mock://bus"]),
+    "Ctrl-C": lambda _: interrupt,
+}
+
+
+def unplug(cable: Any) -> None:
+    def gone(*_: object) -> None:
+        raise OSError(5, "Input/output error")
+
+    cable.feed = cable.poll = gone
+
+
+def interrupt() -> None:
+    raise KeyboardInterrupt("Ctrl-C")
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    ("stage", "after_s"), [(Stage.AIMING, 0.013), (Stage.CLOSING, 1.0), (Stage.TOUCHING, 0.3)]
+)
+def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, after_s: float) -> None:
+    session = emulated_session()
+    closes = session.middle()
+    bring_about = FAULTS[fault](session)
+
+    def on_stage(now: Stage) -> None:
+        if now is stage:
+            session.clock.after(after_s, bring_about)
+
+    ended: list[object] = []
+    try:
+        ended.append(session.run_grip(tmp_path, closes, on_stage))
+    except BaseException as error:
+        ended.append((type(error), str(error), getattr(error, "__notes__", [])))
+    file = read_session(tmp_path)
+    assert file.changed_line is None
+
+    def again(replayer: Replayer, events: SessionEvents) -> None:
+        try:
+            with Outside(replayer.clock, replayer.open, bus_latency_s(session.rig)).hand(session.rig) as hand:
+                hand.prepare()
+                ended.append(close_fingers(hand, closes, lambda _: None))
+        except BaseException as error:
+            ended.append((type(error), str(error), getattr(error, "__notes__", [])))
+            raise
+
+    replayed = replay_with(file, session.rig.bus.port, again)
+    assert (replayed.difference, replayed.complete) == (None, True)
+    assert replayed.lines == len(file.entries)
+    assert str(ended[1]) == str(ended[0])
+
+
+@pytest.mark.parametrize(
+    ("found", "recorded", "told"),
+    [
+        ({"a": 1.0}, {"a": 1.000001}, None),
+        ({"a": 1.0}, {"a": 1.00001}, "a is 1.0, recorded 1.00001"),
+        ({"a": [1, {"b": 2}]}, {"a": [1, {"b": 3}]}, "a[1].b is 2, recorded 3"),
+        ({"a": [1]}, {"a": [1, 2]}, "a has 1 values, recorded 2"),
+        ({"a": 1}, {"a": True}, "a is 1, recorded True"),
+        ({"a": 1}, {"a": 1, "b": 2}, "b is None, recorded 2"),
+        ({"wall_seconds": 1.0}, {"wall_seconds": 2.0}, None),
+    ],
+)
+def test_values_are_compared_to_six_decimals(found: Any, recorded: Any, told: str | None) -> None:
+    assert first_difference(found, recorded, "") == told

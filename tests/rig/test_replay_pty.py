@@ -1,0 +1,95 @@
+"""A session in real time, over pseudo-terminals with another process behind them, comes about again."""
+
+import json
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from command import PALPATE, log_events, run
+
+from palpate.config import shipped_rig
+
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@contextmanager
+def served(folder: Path, rig: object) -> Iterator[subprocess.Popen[str]]:
+    """The emulator's process, with `real.toml` written; it is ended as Ctrl-C would."""
+    process = subprocess.Popen(
+        [PALPATE, "emulate", "--rig", str(rig), "--seed", "7", "--rig-out", "real.toml"],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline())["format"] == "palpate/ports@1"
+        yield process
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.communicate(timeout=10)
+        finally:
+            process.kill()
+
+
+def the_session(folder: Path) -> Path:
+    (log,) = folder.glob("palpate-sessions/*/session.jsonl")
+    return log.parent
+
+
+@pytest.mark.timeout(250)
+@pytest.mark.parametrize("rig", [shipped_rig(), EXAMPLES / "two-link-rig.toml"], ids=["slides", "arms"])
+def test_a_whole_run(tmp_path: Path, rig: object) -> None:
+    """However it ended: a busy machine may make a device error of it, which must come about again, too."""
+    with served(tmp_path, rig):
+        done = run("identify", "--rig", "real.toml", "--json", cwd=tmp_path, timeout_s=200)
+    again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+    told = again.json
+    assert told["same"]
+    end = log_events(the_session(tmp_path) / "session.jsonl")[-1]
+    assert told["end"] == {"how": end["how"], "message": end["message"]}
+    if done.code in (0, 1):
+        for key in ("verdict", "object", "state"):
+            assert told[key] == done.json[key]
+    assert told["sent_bytes"] > 5000
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("how", ["Ctrl-C", "unplugged"])
+def test_a_run_that_ends_early(tmp_path: Path, how: str) -> None:
+    with served(tmp_path, shipped_rig()) as emulator:
+        identify = subprocess.Popen(
+            [PALPATE, "identify", "--rig", "real.toml"],
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            end = time.monotonic() + 60
+            while not any(
+                b'"stage":"closing"' in log.read_bytes()
+                for log in tmp_path.glob("palpate-sessions/*/session.jsonl")
+            ):
+                assert time.monotonic() < end
+                time.sleep(0.05)
+            time.sleep(0.4)
+            if how == "Ctrl-C":
+                identify.send_signal(signal.SIGINT)
+            else:
+                emulator.kill()
+            code = identify.wait(timeout=30)
+        finally:
+            identify.kill()
+            identify.wait()
+    assert code == (130 if how == "Ctrl-C" else 3)
+    again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
+    assert again.code == 0, again.out + again.err
+    assert again.json["end"]["how"] == log_events(the_session(tmp_path) / "session.jsonl")[-1]["how"]

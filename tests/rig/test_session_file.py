@@ -1,0 +1,176 @@
+"""Reading a session log that is damaged: one line that says where and what is allowed, never a traceback."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from serial import SerialException
+
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.recording import Passed, Raised, Told
+from palpate.drivers.transport.tap import Direction
+from palpate.errors import InputError
+from palpate.rig.ending import ExitCode, Interrupted
+from palpate.rig.session import SessionLog
+from palpate.rig.session_errors import KINDS, error_of, values_of
+from palpate.rig.session_file import read_session
+
+
+def written(folder: Path) -> Path:
+    """A short log with every kind of line in it."""
+    with SessionLog(folder, VirtualClock(), {"palpate": "0", "seed": 7, "strategy": "planned"}) as log:
+        log.call("t0~1.z")
+        log.opened(0, "mock://bus", "mock://rig/bus")
+        log.call("s0w0:40r0")
+        log.passed(Direction.SENT, 0.25, "mock://bus", b"\xff\xff\xfd\x00")
+        log.passed(Direction.RECEIVED, 0.5, "mock://bus", b"answer")
+        log.raised("r0", SerialException(5, "gone"))
+        log.event("stage", grip=1, stage="aiming")
+        log.raised(None, Interrupted(ExitCode.TERMINATED))
+        log.event("result", result={"x": [1.5, None, "ø"]})
+    return log.path
+
+
+def test_a_whole_log_is_read_as_it_was_written(tmp_path: Path) -> None:
+    written(tmp_path)
+    file = read_session(tmp_path)
+    assert (file.header["seed"], file.changed_line) == (7, None)
+    assert file.end == {"how": "done", "message": None}
+    assert [entry.line for entry in file.entries] == list(range(2, 10))
+    assert [entry.calls for entry in file.entries[:3]] == ["t0~1.z", "s0w0:40r0", ""]
+    assert file.entries[1].what == Passed(Direction.SENT, "mock://bus", b"\xff\xff\xfd\x00")
+    raised = [entry.what for entry in file.entries if isinstance(entry.what, Raised)]
+    assert [item.during for item in raised] == ["r0", None]
+    assert str(raised[0].error) == "[Errno 5] gone"
+    assert isinstance(raised[1].error, Interrupted)
+    assert raised[1].error.code is ExitCode.TERMINATED
+    assert file.told("result") == [{"result": {"x": [1.5, None, "ø"]}}]
+    assert isinstance(file.entries[-1].what, Told)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_error_comes_back(kind: str) -> None:
+    args: list[str | int] = ["interrupted"] if kind == "Interrupted" else []
+    error = error_of(kind, args)
+    assert error is not None
+    again = values_of(error)
+    assert (again["kind"], str(error_of(again["kind"], again["args"]))) == (kind, str(error))
+
+
+def test_an_error_of_another_kind_comes_back_as_its_nearest_kin() -> None:
+    assert values_of(FileNotFoundError(2, "no such file"))["kind"] == "OSError"
+    assert isinstance(error_of("OSError", [2, "no such file"]), FileNotFoundError)
+    assert error_of("SystemError", []) is None
+
+
+@pytest.mark.parametrize(
+    ("event", "change", "problem"),
+    [
+        ("bytes", {"direction": "up"}, '"direction" is "up"; allowed: "sent", "received"'),
+        ("bytes", {"base64": "?"}, '"base64" is not base64'),
+        ("bytes", {"base64": ""}, '"base64" is empty'),
+        ("bytes", {"port": 3}, '"port" is 3; it must be a text'),
+        ("bytes", {"t_s": None}, '"t_s" is null; it must be a time in s'),
+        ("bytes", {"t_s": 10**400}, '"t_s" is 1'),
+        ("bytes", {"calls": "w"}, '"calls" is not a row of calls'),
+        ("opened", {"number": -1}, '"number" is -1; it must be a whole number from 0'),
+        ("raised", {"kind": "Oops"}, 'the error "Oops" cannot be raised again; allowed: DeviceError, '),
+        ("raised", {"args": {}}, '"args" is a table; it must be a list of texts and whole numbers'),
+        ("stage", {"event": []}, '"event" is a list; it must be a text'),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(
+    tmp_path: Path, event: str, change: dict[str, Any], problem: str
+) -> None:
+    path = written(tmp_path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    number = next(k for k, line in enumerate(lines) if json.loads(line)["event"] == event)
+    lines[number] = json.dumps(json.loads(lines[number]) | change)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        read_session(tmp_path)
+    assert str(refused.value).startswith(f"{path}: line {number + 1}: {problem}")
+
+
+def test_nothing_may_follow_the_end(tmp_path: Path) -> None:
+    path = written(tmp_path)
+    with path.open("a") as log:
+        log.write('{"t_s":1,"event":"stage"}\n')
+    with pytest.raises(InputError, match='line 10: comes after "end"'):
+        read_session(tmp_path)
+
+
+@pytest.mark.parametrize("number", range(9))
+def test_a_changed_a_lost_and_a_doubled_line_are_noticed_by_the_check_sum(
+    tmp_path: Path, number: int
+) -> None:
+    path = written(tmp_path)
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    changed = lines[number].replace('"t_s":0', '"t_s":1', 1)
+    path.write_text("".join([*lines[:number], changed, *lines[number + 1 :]]), encoding="utf-8")
+    assert read_session(tmp_path).changed_line == number + 1
+    if 0 < number < 8:
+        path.write_text("".join(lines[:number] + lines[number + 1 :]), encoding="utf-8")
+        assert read_session(tmp_path).changed_line == number + 1
+        path.write_text("".join(lines[: number + 1] + lines[number:]), encoding="utf-8")
+        assert read_session(tmp_path).changed_line == number + 2
+
+
+def read_or_refused(folder: Path) -> None:
+    """A damaged log is read up to where it is whole, or refused in one line with its file and line."""
+    try:
+        read_session(folder)
+    except InputError as error:
+        said = str(error)
+    else:
+        return
+    assert said.isprintable()
+    assert "session.jsonl: " in said
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=4,
+)
+FUZZ = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_damage_to_bytes_is_survived(tmp_path: Path, data: st.DataObject) -> None:
+    raw = bytearray(written(tmp_path).read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(raw) - 1))
+        length = data.draw(st.integers(0, 40))
+        raw[at : at + length] = data.draw(st.binary(max_size=10))
+        if not raw:
+            break
+    (tmp_path / "session.jsonl").write_bytes(raw)
+    read_or_refused(tmp_path)
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_value_in_any_place_is_survived(tmp_path: Path, data: st.DataObject) -> None:
+    path = written(tmp_path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    number = data.draw(st.integers(0, len(lines) - 1))
+    event = json.loads(lines[number])
+    event[data.draw(st.sampled_from(sorted(event)))] = data.draw(JSON)
+    lines[number] = json.dumps(event)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    read_or_refused(tmp_path)
+
+
+@FUZZ
+@given(line=st.text() | JSON.map(json.dumps) | st.sampled_from(["[" * 100_000, "1" * 5000, "NaN", "null"]))
+def test_any_line_is_survived(tmp_path: Path, line: str) -> None:
+    path = written(tmp_path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[4] = line
+    path.write_bytes("\n".join(lines).encode("utf-8", "surrogatepass") + b"\n")
+    read_or_refused(tmp_path)
