@@ -1,4 +1,4 @@
-"""The command line: `palpate identify`, `recognize`, `plan`, `emulate`.
+"""The command line: `palpate identify`, `recognize`, `plan`, `emulate`, and the `cli_devices` for setting up.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
@@ -17,6 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.rig import cli_devices
 
 __all__ = ["ExitCode", "app", "main"]
 
@@ -205,6 +206,9 @@ def emulate(
     raise typer.Exit(
         run_emulate(rig=rig, objects=objects, scene=scene, seed=seed, seconds=seconds, rig_out=rig_out)
     )
+
+
+cli_devices.add_to(app)
 
 
 def main() -> None:

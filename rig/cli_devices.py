@@ -1,0 +1,42 @@
+"""The commands for people who set a rig up: `find-port`, `scan`, `setup-motors`, `check`, `stop`.
+
+Registered on the command line's app by `add_to`.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["add_to"]
+
+_RigOption = Annotated[
+    Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
+]
+_PortOption = Annotated[str | None, typer.Option("--port", help="Port of the servos' bus.")]
+_JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.command("scan")(_scan)
+
+
+def _scan(
+    port: _PortOption = None,
+    rig: _RigOption = None,
+    baud: Annotated[
+        list[int] | None, typer.Option("--baud", help="Try this baud rate only; may be repeated.")
+    ] = None,
+    ids: Annotated[
+        str | None, typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5.")
+    ] = None,
+    json: _JsonOption = False,
+) -> None:
+    """Find servos at every baud rate and id. Moves nothing.
+
+    Exit code 3: nothing answers, two servos share an id, or the rig file says otherwise.
+    """
+    from palpate.rig.command_scan import run_scan
+
+    raise typer.Exit(run_scan(rig=rig, port=port, baudrates=baud or [], ids=ids, json=json))
