@@ -20,6 +20,7 @@ _JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on st
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the app."""
     app.command("scan")(_scan)
+    app.command("check")(_check)
 
 
 def _scan(
@@ -40,3 +41,13 @@ def _scan(
     from palpate.rig.command_scan import run_scan
 
     raise typer.Exit(run_scan(rig=rig, port=port, baudrates=baud or [], ids=ids, json=json))
+
+
+def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
+    """Look at every servo and array of a rig, and at the speed of the bus. Moves nothing.
+
+    Exit code 3: something is wrong. Warnings alone: 0.
+    """
+    from palpate.rig.command_check import run_check
+
+    raise typer.Exit(run_check(rig=rig, json=json))
