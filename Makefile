@@ -4,6 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
+OTHER  := $(VENV)/other
 
 .PHONY: help demo test lint types layers check campaign clean
 
@@ -20,6 +21,9 @@ $(STAMP): pyproject.toml
 
 $(DEV): $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+# the vendor's SDK as most programs still have it, a client in tests: it cannot be installed beside the one we use
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
+		--target $(OTHER)/dynamixel-sdk-3.8.4 dynamixel-sdk==3.8.4
 	@touch $@
 
 demo: $(STAMP)

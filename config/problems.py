@@ -167,17 +167,16 @@ def _reworded(
         place += ("type",)
     shown_place = tuple(step for step in place if not _is_tag(step))
     words = place_in_words(shown_place[:-1] if about_parent else shown_place, data, nouns)
+    if kind == "finger_type":
+        return Problem(words, _other_type(detail, model))
     return Problem(words, _sentence(detail, model))
 
 
-def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR0911, PLR0912 - a table with logic
+def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR0911 - a table with logic
     kind, place, value = detail["type"], detail["loc"], detail["input"]
     context = detail.get("ctx", {})
     if kind == _OWN_TYPE:
         return str(context["text"])
-    if kind == "finger_type":
-        given = value.get("type") if isinstance(value, Mapping) else value
-        return f"is {shown(given)}; allowed: {', '.join(map(shown, _tags_at(model, place)))}"
     if kind == "extra_forbidden":
         return _unknown_key(str(place[-1]), _keys_at(model, place[:-1]))
     if kind == "missing":
@@ -205,6 +204,13 @@ def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR
     if kind == "string_pattern_mismatch":
         return f"is {shown(value)}; a name is one line without blanks around it"
     return f"is {shown(value)}: {detail['msg'][:1].lower()}{detail['msg'][1:]}"
+
+
+def _other_type(detail: ErrorDetails, model: type[BaseModel]) -> str:
+    """About a key `type` that names none of the models that are told apart by it."""
+    value = detail["input"]
+    given = value.get("type") if isinstance(value, Mapping) else value
+    return f"is {shown(given)}; allowed: {', '.join(map(shown, _tags_at(model, detail['loc'])))}"
 
 
 def _unknown_key(key: str, allowed: Sequence[str]) -> str:

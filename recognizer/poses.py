@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
-from palpate.recognizer.hypotheses import Hypotheses
+from palpate.recognizer.hypotheses import Bounds, Hypotheses
 from palpate.recognizer.region import Cells, joined_cells
 
 __all__ = ["Goals", "Pairs", "Poses", "pairs_to_tell_apart", "sampled_poses", "witness_poses"]
@@ -23,6 +23,13 @@ class Goals:
 
     position_mm: float
     orientation_rad: float
+
+    def met_by(self, bounds: Bounds) -> bool:
+        """Whether bounds are fine enough."""
+        return (
+            bounds.position_half_mm <= self.position_mm
+            and bounds.orientation_half_rad <= self.orientation_rad
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,17 @@ from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.region import Cells
 from palpate.recognizer.strips import StripForest
 
-__all__ = ["Approach", "Rays", "in_object_frame", "in_pieces", "near_edges", "rays_of", "side"]
+__all__ = [
+    "Approach",
+    "Rays",
+    "aside",
+    "in_object_frame",
+    "in_pieces",
+    "lines_of",
+    "near_edges",
+    "rays_of",
+    "side",
+]
 
 _SOME_EDGES = 64
 _RAYS_TIMES_EDGES = 400_000  # in one piece: bounds the temporary arrays to tens of MB
@@ -31,6 +41,19 @@ class Approach:
     direction_rad: float
     travel_mm: float
     position_bound_mm: float
+
+
+def lines_of(approaches: Sequence[Approach]) -> tuple[Floats, Floats]:
+    """Starts (n, 2) mm and directions (n,) rad in W."""
+    start = np.array([approach.start_mm for approach in approaches]).reshape(-1, 2)
+    return start, np.array([approach.direction_rad for approach in approaches])
+
+
+def aside(start: Floats, angle: Floats, point: Floats) -> Floats:
+    """Signed distance (n,) mm of a point (2,) from the lines of `lines_of`, positive on their left."""
+    rel = point - start
+    result: Floats = np.cos(angle) * rel[:, 1] - np.sin(angle) * rel[:, 0]
+    return result
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from palpate.recognizer.grips import Candidate, Foreseen, Grip, Reachable, fits,
 from palpate.recognizer.planner import other_side, plan_grip
 from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
 from palpate.recognizer.prediction import joined_predictions
+from palpate.recognizer.rays import aside, lines_of
 from palpate.recognizer.recognise import Recognition
 
 __all__ = ["Strategy", "checking_grip", "next_grip", "used_by"]
@@ -102,32 +103,19 @@ def _hidden(outcome: Felt, reachable: Reachable, chosen: Sequence[Foreseen]) -> 
 
 def used_by(contacts: Sequence[Contact], candidates: Sequence[Candidate]) -> Bools:
     """Which candidates (n,) run along the path of a contact or a miss of the same kind of finger."""
-    start, angle = _lines(candidates)
+    start, angle = lines_of([item.approach for item in candidates])
     used = np.zeros(len(candidates), dtype=bool)
     for contact in contacts:
         same = np.array([item.approach.finger == contact.finger for item in candidates], dtype=bool)
-        off = np.abs(_aside(start, angle, np.array(contact.end_mm)))
+        off = np.abs(aside(start, angle, np.array(contact.end_mm)))
         turned = np.abs(wrap_angle(angle - contact.direction_rad))
         used |= same & (off < _SAME_LINE_MM) & (turned < _SAME_LINE_RAD)
     return used
 
 
-def _lines(candidates: Sequence[Candidate]) -> tuple[Floats, Floats]:
-    """Starts (n, 2) mm and directions (n,) rad in W."""
-    start = np.array([item.approach.start_mm for item in candidates]).reshape(-1, 2)
-    return start, np.array([item.approach.direction_rad for item in candidates])
-
-
-def _aside(start: Floats, angle: Floats, point: Floats) -> Floats:
-    """Signed distance (n,) of a point (2,) from lines."""
-    rel = point - start
-    result: Floats = np.cos(angle) * rel[:, 1] - np.sin(angle) * rel[:, 0]
-    return result
-
-
 def _ends(candidates: Sequence[Candidate], travel_mm: Floats) -> Floats:
     """Where tips (n, 2) are in W after a travel (n,) mm."""
-    start, angle = _lines(candidates)
+    start, angle = lines_of([item.approach for item in candidates])
     result: Floats = start + travel_mm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     return result
 
@@ -143,7 +131,7 @@ def _meeting(recognition: Recognition, reachable: Reachable, used: Bools) -> Int
 
 def _beside(recognition: Recognition, reachable: Reachable, rows: Ints) -> Ints:
     """Candidates by how near they pass to their finger's last contact, those that pass too near left out."""
-    start, angle = _lines(reachable.candidates)
+    start, angle = lines_of([item.approach for item in reachable.candidates])
     finger = np.array([item.finger_index for item in reachable.candidates])
     off = np.full(len(angle), np.inf)
     ends: dict[int, list[Floats]] = {}
@@ -151,11 +139,11 @@ def _beside(recognition: Recognition, reachable: Reachable, rows: Ints) -> Ints:
         if contact.touched:
             end = np.array(contact.end_mm)
             turned = np.abs(wrap_angle(angle - contact.direction_rad))
-            nearest = int(np.argmin(np.abs(_aside(start, angle, end)) + _LEVER_MM * turned))
+            nearest = int(np.argmin(np.abs(aside(start, angle, end)) + _LEVER_MM * turned))
             ends.setdefault(int(finger[nearest]), []).append(end)
     for index, touched in ends.items():
         own = np.flatnonzero(finger == index)
-        away = np.abs([_aside(start[own], angle[own], end) for end in touched])
+        away = np.abs([aside(start[own], angle[own], end) for end in touched])
         off[own] = np.where(away.min(axis=0) >= _ASIDE_MM, away[-1], np.inf)
     rows = rows[np.isfinite(off[rows])]
     result: Ints = rows[np.argsort(off[rows], kind="stable")]

@@ -240,11 +240,7 @@ def _stop(hand: Hand, runs: Sequence[Run]) -> None:
     """Hold fingers where they are now."""
     servos = [servo for run in runs for servo in run.finger.drive.closing_servos]
     states = hand.states(servos)
-    goals: dict[Servo, float] = {}
-    for servo in servos:
-        lo, hi = servo.range_rad
-        goals[servo] = min(max(states[servo.dxl_id].position_rad, lo), hi)
-    stop_at(hand.bus, goals)
+    stop_at(hand.bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in servos})
 
 
 def _look(hand: Hand, runs: Sequence[Run]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.recognizer import Contact, used_by
 from palpate.recognizer.arrays import Floats
+from palpate.recognizer.rays import aside, lines_of
 from palpate.rig.reach import Reach
 
 __all__ = ["exploring_grip"]
@@ -25,7 +26,8 @@ def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[tuple[int,
     grip = []
     for finger_index in sorted({item.finger_index for item in reach.candidates}):
         own = reach.of_finger(finger_index, reach.middle_rad)
-        offset = {k: _offset(reach, k, target) for k in own}
+        start, angle = lines_of([reach.candidates[k].approach for k in own])
+        offset = dict(zip(own, aside(start, angle, target).tolist(), strict=True))
         taken = [offset[k] for k in own if used[k]]
         free = [k for k in own if all(abs(offset[k] - other) >= _APART_MM for other in taken)]
         if free:
@@ -45,10 +47,3 @@ def _target(contacts: Sequence[Contact]) -> Floats:
             )
     result: Floats = np.mean(inward, axis=0) if inward else np.zeros(2)
     return result
-
-
-def _offset(reach: Reach, index: int, target: Floats) -> float:
-    """Signed distance (mm) of the target from an approach's line."""
-    approach = reach.candidates[index].approach
-    x, y = target - np.asarray(approach.start_mm)
-    return float(math.cos(approach.direction_rad) * y - math.sin(approach.direction_rad) * x)

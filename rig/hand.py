@@ -17,6 +17,7 @@ from serial.serialutil import SerialBase
 from palpate.config import AnyFinger, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.guarded import End, Guard, wait_still
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
@@ -37,8 +38,6 @@ OpenPort = Callable[[str, int], SerialBase]
 
 WATCHDOG_S = 0.5
 _TARE_FRAMES = 16
-_SETTLED_RAD_S = 0.03
-_MOVE_TIMEOUT_S = 20.0
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
 _REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
@@ -212,28 +211,18 @@ class Hand:
         return states
 
     def wait_still(self, goals_rad: Mapping[Servo, float], tolerance_rad: Callable[[Servo], float]) -> None:
-        """Wait until servos stand within a tolerance of their goals; DeviceError names one that is late."""
-        servos = list(goals_rad)
-        deadline = self.clock.now() + _MOVE_TIMEOUT_S
-        while True:
-            self.pause(_POLL_S)
-            states = self.states(servos)
-            late = [
-                servo
-                for servo in servos
-                if abs(states[servo.dxl_id].velocity_rad_s) > _SETTLED_RAD_S
-                or abs(states[servo.dxl_id].position_rad - goals_rad[servo]) > tolerance_rad(servo)
-            ]
-            if not late:
-                return
-            if self.clock.now() > deadline:
-                servo = late[0]
-                raise DeviceError(
-                    f"servo {servo.dxl_id} on {self.bus.port_name} did not reach "
-                    f"{goals_rad[servo]:.3f} rad within {_MOVE_TIMEOUT_S:g} s (it is at "
-                    f"{states[servo.dxl_id].position_rad:.3f}); check what holds it; "
-                    "if nothing does, raise max_force_n"
-                )
+        """Wait until servos stand within a tolerance of their goals; DeviceError names one that is held."""
+        ends = wait_still(
+            self.bus, self.states, self.clock.now, self.pause, goals_rad, tolerance_rad, Guard(poll_s=_POLL_S)
+        )
+        held = [servo for servo, end in ends.items() if end is End.STALL]
+        if held:
+            at = self.states(held)[held[0].dxl_id].position_rad
+            raise DeviceError(
+                f"servo {held[0].dxl_id} on {self.bus.port_name} did not reach "
+                f"{goals_rad[held[0]]:.3f} rad: it has stopped at {at:.3f}; check what holds it; "
+                "if nothing does, raise max_force_n"
+            )
 
     def tare(self) -> None:
         """Start every array and take its baseline; nothing may touch the tips."""

@@ -19,7 +19,6 @@ from palpate.config import RigFile
 from palpate.recognizer import (
     Catalogue,
     Contact,
-    Goals,
     Grip,
     Hypothesis,
     Recognition,
@@ -229,7 +228,8 @@ def _answer(state: _Search, recognition: Recognition) -> Outcome | None:
 
 def _is_settled(state: _Search, recognition: Recognition) -> bool:
     """Whether everything that is left is placed finely enough, or the last touches did nothing for it."""
-    fine = all(_is_fine(item, goals_of(state.rig)) for item in recognition.hypotheses)
+    goals = goals_of(state.rig)
+    fine = all(goals.met_by(item.bounds) for item in recognition.hypotheses)
     return fine or state.idle >= _IDLE_TOUCHES
 
 
@@ -279,13 +279,6 @@ def _at_the_end(state: _Search) -> Outcome:
         return Outcome.UNRESOLVED if _may_have_moved(state) else Outcome.UNKNOWN
     answer = _answer(state, recognition)
     return answer if answer is not None and _is_confirmed(state) else Outcome.UNRESOLVED
-
-
-def _is_fine(hypothesis: Hypothesis, goals: Goals) -> bool:
-    return (
-        hypothesis.bounds.position_half_mm <= goals.position_mm
-        and hypothesis.bounds.orientation_half_rad <= goals.orientation_rad
-    )
 
 
 def _may_have_moved(state: _Search) -> bool:

@@ -86,11 +86,7 @@ def plan_for(
     fingers = 2 if recognition.verdict is Verdict.UNIQUE else 1
     grip = next_grip(strategy, recognition, reach, resolution, goals, rng, fingers)
     used = used_by(recognition.contacts, reach.candidates)
-    fine = all(
-        item.bounds.position_half_mm <= goals.position_mm
-        and item.bounds.orientation_half_rad <= goals.orientation_rad
-        for item in recognition.hypotheses
-    )
+    fine = all(goals.met_by(item.bounds) for item in recognition.hypotheses)
     alike = sets_alike(twins(recognition, reach, resolution, used))
     return Planned(rig, strategy, recognition, grip, resolution, alike, fine)
 

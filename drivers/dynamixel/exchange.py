@@ -20,6 +20,7 @@ from palpate.drivers.dynamixel.packet import (
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
 from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing, fast_frame_size
 from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.wire import wire_time_s
 
 __all__ = ["Block", "Exchange", "Lost"]
 
@@ -30,6 +31,8 @@ _STATUS_SIZE = 11  # bytes of a status packet without parameters
 _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
 _PING_SLOT_S = 3e-3  # the SDK allows as much for each ID when all servos answer one ping
 _LARGEST_READ = 256
+_SILENT_BYTES = 3  # a wire with nothing on it for so many byte times is free
+_SILENCE_LOOKS = 500  # one that never is, is full of noise, and CRCs have to deal with it
 
 _Question = tuple[int, bytes]  # what a servo was asked: instruction and parameters; a read, whichever kind
 _PINGING: _Question = (Instruction.PING, b"")
@@ -53,6 +56,7 @@ class Exchange:
         self._packets = StuffingPacketHandler()
         self._handler = ClockedPortHandler(port, clock, timing)
         self._delays_s: dict[int, float] = {}
+        self._heard = False
         self._late: dict[int, tuple[_Question | None, float]] = {}
         self._handler.openPort()
 
@@ -124,6 +128,7 @@ class Exchange:
         sizes = [size for _, size in blocks.values()]
         self._expect(fast_frame_size(sizes), self._delay_s(list(blocks)))
         frame, _ = self._packets.rxPacket(self._handler, True)
+        self._heard = True
         parts = parse_fast_status(bytes(frame), sizes)
         found: dict[int, StatusPacket | Lost] = dict.fromkeys(
             blocks, Lost.SILENT if not frame else Lost.DAMAGED
@@ -155,6 +160,7 @@ class Exchange:
         return found
 
     def _send(self, dxl_id: int, instruction: int, params: bytes) -> None:
+        self._wait_for_silence()
         length = len(params) + 3
         head = [0, 0, 0, 0, dxl_id, length & 0xFF, length >> 8, int(instruction)]
         self._handler.is_using = False
@@ -163,6 +169,22 @@ class Exchange:
         if result != COMM_SUCCESS:
             raise OSError(self._packets.getTxRxResult(result))
         self._counts.instructions += 1
+
+    def _wait_for_silence(self) -> None:
+        """Let whoever speaks finish, and drop what is heard meanwhile.
+
+        The wire is half duplex, and an answer that comes twice must not be believed to answer the next
+        question.
+        """
+        if not self._heard:
+            return
+        self._heard = False
+        for _ in range(_SILENCE_LOOKS):
+            self._clock.sleep(wire_time_s(_SILENT_BYTES, self._timing.baudrate))
+            waiting = self._handler.getBytesAvailable()
+            if not waiting:
+                return
+            self._port.read(waiting)
 
     def _send_group(self, blocks: Mapping[int, Block], sync: Instruction, bulk: Instruction) -> None:
         if len(set(blocks.values())) == 1:
@@ -174,6 +196,7 @@ class Exchange:
 
     def _receive(self) -> StatusPacket | Lost:
         packet, result = self._packets.rxPacket(self._handler, False)
+        self._heard = True
         if result == COMM_SUCCESS:
             return StatusPacket(packet[_ID], packet[_ERROR], bytes(packet[_PARAMS:-2]))
         return Lost.SILENT if result == COMM_RX_TIMEOUT else Lost.DAMAGED

@@ -179,6 +179,11 @@ class Servo:
         """Move to an angle. Raises SafetyStop outside `range_rad`, and sends nothing then."""
         self.write("Goal Position", self.goal_ticks(goal_rad))
 
+    def nearest_rad(self, angle_rad: float) -> float:
+        """The angle in `range_rad` that is nearest: where to hold a servo that stands a little beyond."""
+        low, high = self.range_rad
+        return min(max(angle_rad, low), high)
+
     def goal_ticks(self, goal_rad: float) -> int:
         """Goal Position for an angle in `range_rad`; SafetyStop outside it."""
         low, high = self.range_rad

@@ -15,13 +15,13 @@ service holds the slave side open itself, so that clients may come and go.
 import contextlib
 import os
 import select
-import termios
 import threading
 import tty
 from collections import deque
 from collections.abc import Mapping
 from types import TracebackType
 
+from palpate.drivers.emulators.terminal import baud_rate
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import Device, wire_time_s
 from palpate.errors import DeviceError
@@ -85,9 +85,8 @@ class _Line:
             self._outgoing.append((self._free_s, data))
 
     def _understood(self) -> bool:
-        """True if the client's baud rate is the device's, or is one that termios has no name for."""
-        wanted = getattr(termios, f"B{self.baudrate}", None)
-        return wanted is None or termios.tcgetattr(self.master)[5] == wanted
+        """True if the client's baud rate is the device's, or the system cannot tell it."""
+        return baud_rate(self.master) in (self.baudrate, None)
 
 
 class _Lifetime:

@@ -1,86 +1,175 @@
-"""The vendor's SDK, unmodified and in a process of its own, moves an emulated servo on a pty."""
+"""Programs on other people's drivers, unmodified and in processes of their own, move emulated servos.
 
+The programs are in `tests/clients`. What they do: ping, read, write, sync read, sync write, move servos,
+and what else the driver offers. Then our own bus on such a port, when it goes away.
+"""
+
+import importlib.util
 import json
+import os
 import subprocess
 import sys
-import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import pytest
+from served_servos import BAUD, Served, served_servos
 
 from palpate.drivers.dynamixel import Bus, PortFailed, Servo, torque_off_all
-from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.serve import serve_pty
-from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 
 pytestmark = pytest.mark.realtime
 
-CLIENT = """
-import json, sys, time
-from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
-
-port, packets = PortHandler(sys.argv[1]), PacketHandler(2.0)
-assert port.openPort() and port.setBaudRate(1_000_000)
-model, result, error = packets.ping(port, 5)
-assert (result, error) == (COMM_SUCCESS, 0), (result, error)
-assert packets.ping(port, 6)[1] != COMM_SUCCESS
-start = packets.read4ByteTxRx(port, 5, 132)[0]
-assert packets.write4ByteTxRx(port, 5, 112, 150) == (COMM_SUCCESS, 0)
-assert packets.write1ByteTxRx(port, 5, 64, 1) == (COMM_SUCCESS, 0)
-assert packets.write4ByteTxRx(port, 5, 116, 2600) == (COMM_SUCCESS, 0)
-seen = []
-end = time.monotonic() + 10
-while time.monotonic() < end and (not seen or abs(seen[-1] - 2600) > 3):
-    position, result, error = packets.read4ByteTxRx(port, 5, 132)
-    assert (result, error) == (COMM_SUCCESS, 0), (result, error)
-    seen.append(position)
-packets.write1ByteTxRx(port, 5, 64, 0)
-port.closePort()
-json.dump({"model": model, "start": start, "seen": seen}, sys.stdout)
-"""
+CLIENTS = Path(__file__).parents[1] / "clients"
+OTHER = Path(sys.prefix) / "other"  # where `make` puts versions that cannot live beside the one we use
+IDS = ("5", "6", "7")
+GOALS = {5: 2600, 6: 1500, 7: 2300}
 
 
-@pytest.mark.timeout(60)
-def test_unmodified_sdk_in_another_process() -> None:
-    clock = MonotonicClock()
-    servo = EmulatedServo(5)
-    stepped = clock.now()
+@dataclass(frozen=True)
+class Foreign:
+    """A driver that others wrote: its distribution and version, our program for it, where it is installed."""
 
-    def advance(now: float) -> None:
-        nonlocal stepped
-        while stepped + 1e-3 <= now:
-            servo.step(1e-3, 0.0)
-            stepped += 1e-3
+    name: str
+    version: str
+    module: str
+    program: str
+    folder: Path | None = None
 
-    with serve_pty({"bus": (ServoChain([servo], advance), 1_000_000)}, clock, threading.Event()) as service:
-        for _ in range(2):  # a client may come, go, and come again
-            client = subprocess.run(
-                [sys.executable, "-c", CLIENT, service.paths["bus"]],
-                capture_output=True,
-                text=True,
-                timeout=50,
-                check=False,
-            )
-            assert client.returncode == 0, client.stderr
-            told = json.loads(client.stdout)
-            assert told["model"] == 1020
-            assert abs(told["seen"][-1] - 2600) <= 3
-        assert abs(servo.shaft_rad / 6.283185307 * 4096 + 2048 - 2600) < 4
+    def __str__(self) -> str:
+        return f"{self.name} {self.version}"
+
+    def run(self, path: str, task: str) -> dict[str, Any]:
+        """Run the program on a port; returns what it told."""
+        self.check_installed()
+        environment = dict(os.environ)
+        if self.folder is not None:
+            environment["PYTHONPATH"] = str(self.folder)
+        client = subprocess.run(
+            [sys.executable, str(CLIENTS / self.program), path, task],
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+            env=environment,
+        )
+        assert client.returncode == 0, client.stderr
+        told: dict[str, Any] = json.loads(client.stdout)
+        assert f"{told.pop('version')}.".startswith(f"{self.version}.")
+        return told
+
+    def check_installed(self) -> None:
+        if self.folder is None:
+            there = importlib.util.find_spec(self.module) is not None
+        else:
+            there = (self.folder / self.module).is_dir()
+        if not there:
+            pytest.fail(f"{self} is not installed; `make .venv/.installed-dev` installs it", pytrace=False)
+
+
+SDK_NOW = Foreign("dynamixel-sdk", "4", "dynamixel_sdk", "sdk_client.py")
+SDK_THEN = Foreign("dynamixel-sdk", "3.8.4", "dynamixel_sdk", "sdk_client.py", OTHER / "dynamixel-sdk-3.8.4")
+RUSTYPOT = Foreign("rustypot", "1", "rustypot", "rustypot_client.py")
+each_sdk = pytest.mark.parametrize("sdk", [SDK_NOW, SDK_THEN], ids=str)
+
+
+def check_at_goals(served: Served) -> None:
+    """The shafts themselves are where they were told to go."""
+    ticks = served.ticks()
+    assert {dxl_id: abs(ticks[dxl_id] - goal) <= 4 for dxl_id, goal in GOALS.items()} == dict.fromkeys(
+        GOALS, True
+    ), ticks
+
+
+@pytest.mark.timeout(240)
+@each_sdk
+def test_unmodified_sdk(sdk: Foreign) -> None:
+    with served_servos([5, 6, 7]) as served:
+        told = sdk.run(served.path, "basics")
+        assert told["ping"] == [[1020, 0, 0]] * 3
+        assert told["nobody"] is True
+        assert told["everybody"] == {dxl_id: [1020, 46] for dxl_id in IDS}
+        assert told["read"] == [2048, 0, 0]
+        assert told["write"] == [0, 0]
+        assert told["read back"] == [150, 0, 0]
+        assert told["read only"] == [0, 7], "Access Error"
+        assert told["sync write"] == dict.fromkeys(IDS, 200)
+        assert told["torque"] == dict.fromkeys(IDS, 1)
+        last = told["moved"][-1]
+        assert all(abs(last[str(dxl_id)] - goal) <= 3 for dxl_id, goal in GOALS.items())
+        assert told["bulk read"] == {"5": 120, "6": 30, "7": 200}
+        assert told["bulk write"] == {"5": 0, "6": 99}
+        assert told["registered"] == [0, 0]
+        assert told["before action"]["7"] > 2200
+        assert abs(told["moved by action"][-1]["7"] - 2048) <= 3
+        assert told["reboot"] == [0, 0]
+        ticks = served.ticks()
+        assert abs(ticks[6] - 1500) <= 4, ticks
+        assert abs(ticks[7] - 2048) <= 4, ticks
+
+
+@pytest.mark.timeout(120)
+def test_unmodified_rustypot() -> None:
+    with served_servos([5, 6, 7]) as served:
+        told = RUSTYPOT.run(served.path, "basics")
+        assert told["ping"] == [True] * 3
+        assert told["nobody"] is True
+        assert told["everybody"] == dict.fromkeys(IDS, 1020)
+        assert told["read"] == [2048, 0]
+        assert told["write"] == 0
+        assert told["read back"] == [150, 0]
+        assert told["read only"] == 7, "Access Error"
+        assert told["sync write"] == [200] * 3
+        assert told["torque"] == [[1, 0]] * 3
+        assert all(
+            abs(position - goal) <= 3
+            for position, goal in zip(told["moved"][-1], GOALS.values(), strict=True)
+        )
+        assert told["torque after"] == [[0]] * 3
+        assert told["reboot"] is True
+        check_at_goals(served)
+
+
+@pytest.mark.timeout(240)
+def test_clients_come_and_go() -> None:
+    """Different ones, one after the other on the same port, which each sets up in its own way."""
+    with served_servos([5]) as served:
+        for client in (RUSTYPOT, SDK_NOW, SDK_THEN, RUSTYPOT):
+            assert client.run(served.path, "model") == {"model": 1020}
+
+
+# The emulated servo does not know the fast reads yet: take this mark away once it does.
+no_fast_reads = pytest.mark.xfail(strict=True, reason="not emulated yet")
+
+
+@no_fast_reads
+@pytest.mark.timeout(120)
+@each_sdk
+def test_fast_reads_of_the_unmodified_sdk(sdk: Foreign) -> None:
+    with served_servos([5, 6, 7]) as served:
+        told = sdk.run(served.path, "fast")
+        assert told["sync"] == dict.fromkeys(IDS, 2048)
+        assert told["bulk"] == {"7": 120, "5": 30, "6": 2048}
+
+
+@no_fast_reads
+@pytest.mark.timeout(120)
+def test_fast_read_of_unmodified_rustypot() -> None:
+    with served_servos([5, 6, 7]) as served:
+        assert RUSTYPOT.run(served.path, "fast")["sync"] == dict.fromkeys(IDS, 2048)
 
 
 @pytest.mark.timeout(30)
 def test_a_port_that_goes_away_is_reported_by_name() -> None:
-    clock = MonotonicClock()
-    service = serve_pty(
-        {"bus": (ServoChain([EmulatedServo(5)], lambda _: None), 1_000_000)}, clock, threading.Event()
-    )
-    path = service.paths["bus"]
-    bus = Bus(open_port(path, 1_000_000), clock, 1_000_000)
-    assert bus.ping(5).model_number == 1020
-    service.stop()
-    for _ in range(2):
-        with pytest.raises(PortFailed, match=f"{path} failed"):
-            bus.ping(5)
-    assert [type(error) for error in torque_off_all(bus, [Servo(bus, 5)])] == [PortFailed]
-    bus.close()
+    with served_servos([5]) as served:
+        path = served.path
+        bus = Bus(open_port(path, BAUD), MonotonicClock(), BAUD)
+        assert bus.ping(5).model_number == 1020
+        served.service.stop()
+        for _ in range(2):
+            with pytest.raises(PortFailed, match=f"{path} failed"):
+                bus.ping(5)
+        assert [type(error) for error in torque_off_all(bus, [Servo(bus, 5)])] == [PortFailed]
+        bus.close()

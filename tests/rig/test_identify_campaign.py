@@ -1,18 +1,15 @@
 """Whole runs over objects, places and seeds: right every time, and the truth inside the bounds every time."""
 
-import json
 import math
 from pathlib import Path
 
 import pytest
-from emulated_session import EmulatedSession, emulated_session
+from emulated_session import emulated_session, identify_checked
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import connect
 from palpate.rig.convert import models_of
-from palpate.rig.identify import Identification, Outcome, identify
-from palpate.rig.report_run import identification_out
+from palpate.rig.identify import Outcome
 from palpate.rig.scene import Placement
 from palpate.rig.truth import compare
 
@@ -33,28 +30,6 @@ def real_parts() -> tuple[ObjectsFile, Catalogue]:
     return objects, Catalogue(models_of(objects))
 
 
-def identified(session: EmulatedSession, catalogue: Catalogue) -> Identification:
-    with connect(session.bench_rig) as hand:
-        hand.prepare()
-        result = identify(hand, catalogue)
-    assert not any(session.torque().values())
-    assert all(f.hardest_n <= session.rig.closing.max_force_n for f in session.bench.fingers)
-    return result
-
-
-def check_against_truth(session: EmulatedSession, result: Identification) -> None:
-    placement = session.placement
-    assert placement is not None
-    assert result.recognition is not None
-    out = identification_out(
-        result, placement, emulated=True, rig_seconds=1.0, wall_seconds=1.0, session=None
-    )
-    assert out.truth is not None
-    assert out.truth.named, json.dumps(out.model_dump(mode="json"))
-    assert out.truth.inside_bounds, json.dumps(out.model_dump(mode="json"))
-    assert compare(placement, result.recognition.hypotheses).inside_bounds
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", PLACES)
 @pytest.mark.parametrize("name", NAMES)
@@ -62,8 +37,7 @@ def test_shipped_objects(shipped: tuple[ObjectsFile, Catalogue], name: str, seed
     objects, catalogue = shipped
     (model,) = [item for item in objects.objects if item.name == name]
     session = emulated_session(seed=seed, placement=Placement(model, model.states[0], *PLACES[seed]))
-    result = identified(session, catalogue)
-    check_against_truth(session, result)
+    result = identify_checked(session, catalogue)
     assert result.outcome is Outcome.IDENTIFIED
     assert result.recognition is not None
     (only,) = result.recognition.hypotheses
@@ -85,6 +59,5 @@ def test_real_parts_among_all_of_them(real_parts: tuple[ObjectsFile, Catalogue],
     """129 outlines, some of them twins that no touch can tell apart."""
     objects, catalogue = real_parts
     session = emulated_session(seed=seed, objects=objects)
-    result = identified(session, catalogue)
-    check_against_truth(session, result)
+    result = identify_checked(session, catalogue)
     assert result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from emulated_session import EmulatedSession, emulated_session, shape_of
+from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
 from shapely import affinity
 from touch_check import check_touch
 
@@ -17,9 +17,8 @@ from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
 from palpate.rig.closing import Stage, close_fingers
 from palpate.rig.convert import models_of
-from palpate.rig.identify import Outcome, identify
+from palpate.rig.identify import Outcome
 from palpate.rig.reach import Close, Reach, reach_of
-from palpate.rig.truth import compare
 
 STAGE = {
     "centre_mm": [3.0, -2.0],
@@ -157,13 +156,5 @@ def test_a_dead_stage_ends_the_run_with_torque_off() -> None:
 def test_a_rig_with_a_stage_identifies() -> None:
     objects = load_objects(shipped_objects())
     session = emulated_session(seed=4, rig=RIG, objects=objects)
-    with connect(session.bench_rig) as hand:
-        hand.prepare()
-        result = identify(hand, Catalogue(models_of(objects)))
+    result = identify_checked(session, Catalogue(models_of(objects)))
     assert result.outcome is Outcome.IDENTIFIED
-    assert result.recognition is not None
-    assert session.placement is not None
-    found = compare(session.placement, result.recognition.hypotheses)
-    assert found.hypothesis is not None
-    assert found.inside_bounds
-    assert not any(session.torque().values())

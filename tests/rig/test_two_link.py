@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from emulated_session import EmulatedSession, emulated_session, shape_of
+from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
 from touch_check import check_touch
 
 from palpate.config import (
@@ -26,9 +26,8 @@ from palpate.recognizer.segments import distance_range
 from palpate.rig.bench import connect, place
 from palpate.rig.closing import Stage, Touch, close_fingers
 from palpate.rig.convert import arm_kinematics, models_of
-from palpate.rig.identify import Outcome, identify
+from palpate.rig.identify import Outcome
 from palpate.rig.reach import Close, reach_of
-from palpate.rig.truth import compare
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml"
 ARMS = load_rig(EXAMPLE)
@@ -129,16 +128,8 @@ def test_an_approach_is_carried_out_within_its_bound() -> None:
 def test_arms_identify(seed: int) -> None:
     objects = load_objects(shipped_objects())
     session = emulated_session(seed=seed, rig=ARMS, objects=objects)
-    with connect(session.bench_rig) as hand:
-        hand.prepare()
-        result = identify(hand, Catalogue(models_of(objects)))
+    result = identify_checked(session, Catalogue(models_of(objects)))
     assert result.outcome is Outcome.IDENTIFIED
-    assert result.recognition is not None
-    assert session.placement is not None
-    found = compare(session.placement, result.recognition.hypotheses)
-    assert found.hypothesis is not None
-    assert found.inside_bounds
-    assert not any(session.torque().values())
 
 
 def test_a_dead_elbow_ends_the_run_with_torque_off() -> None:

@@ -1,5 +1,6 @@
 """An emulated rig in this process, its hidden truth, and faults that come when the test says."""
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,11 +16,14 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
+from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.closing import Close, Stage, Touch, close_fingers
 from palpate.rig.emulated import EmulatedRig, MockRig, emulate
 from palpate.rig.hand import Hand
+from palpate.rig.identify import Identification, identify
 from palpate.rig.reach import reach_of
+from palpate.rig.report_run import identification_out
 from palpate.rig.scene import Placement, draw_placement
 from palpate.rig.session import SessionLog
 
@@ -169,6 +173,23 @@ def emulated_session(
     mock = MockRig(EmulatedRig(emulated.bench, emulated.devices), hub, clock, urls)
     bench_rig = BenchRig(rig, clock, urls.__getitem__, placement, mock)
     return EmulatedSession(rig, bench_rig, clock, emulated.bench, cables, placement, hub)
+
+
+def identify_checked(session: EmulatedSession, catalogue: Catalogue) -> Identification:
+    """A whole run: the answer holds the truth, torque ends off, and no finger pressed harder than it may."""
+    with connect(session.bench_rig) as hand:
+        hand.prepare()
+        result = identify(hand, catalogue)
+    assert not any(session.torque().values())
+    assert all(f.hardest_n <= session.rig.closing.max_force_n for f in session.bench.fingers)
+    assert result.recognition is not None
+    out = identification_out(
+        result, session.placement, emulated=True, rig_seconds=1.0, wall_seconds=1.0, session=None
+    )
+    assert out.truth is not None
+    assert out.truth.named, json.dumps(out.model_dump(mode="json"))
+    assert out.truth.inside_bounds, json.dumps(out.model_dump(mode="json"))
+    return result
 
 
 def shape_of(placement: Placement) -> shapely.Polygon:

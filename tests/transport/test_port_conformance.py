@@ -8,6 +8,7 @@ import pytest
 import serial
 from serial.serialutil import SerialBase
 
+from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.serve import serve_pty
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
@@ -50,9 +51,10 @@ class Bench:
     open: Callable[..., SerialBase]
 
 
-@pytest.fixture(params=["mock", "pty", "tapped mock", "tapped pty"])
+@pytest.fixture(params=["mock", "pty", "tapped mock", "tapped pty", "faulty mock", "faulty pty"])
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     tapped = request.param.startswith("tapped")
+    device = FaultyWire(EchoTicker(), 7) if request.param.startswith("faulty") else EchoTicker()
 
     def opener(url: str, clock: Clock) -> Callable[..., SerialBase]:
         def open_(baudrate: int = BAUD, timeout_s: float = 0.5) -> SerialBase:
@@ -64,10 +66,10 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     if request.param.endswith("mock"):
         virtual = VirtualClock()
         hub = MockHub(virtual, "conformance")
-        yield Bench(virtual, opener(hub.attach("echo", EchoTicker(), BAUD), virtual))
+        yield Bench(virtual, opener(hub.attach("echo", device, BAUD), virtual))
         return
     real = MonotonicClock()
-    with serve_pty({"echo": (EchoTicker(), BAUD)}, real, threading.Event()) as service:
+    with serve_pty({"echo": (device, BAUD)}, real, threading.Event()) as service:
         yield Bench(real, opener(service.paths["echo"], real))
 
 
