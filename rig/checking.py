@@ -25,7 +25,7 @@ from palpate.errors import DeviceError, InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace
 from palpate.rig.check_devices import check_array, check_loop, check_servo, timer_warnings
-from palpate.rig.wanted import WantedFinger, WantedServo, wanted_fingers, wanted_stage
+from palpate.rig.wanted import WantedFinger, WantedServo, wanted_fingers, wanted_servos
 from palpate.rig.wiring import start_problem
 
 __all__ = ["check_rig"]
@@ -38,8 +38,7 @@ def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda
     """
     port = place.open(rig.bus.baudrate_bps)
     with closing(Bus(port, place.clock, rig.bus.baudrate_bps, latency_s=place.latency_s)) as bus:
-        fingers, stage = wanted_fingers(rig, bus), wanted_stage(rig, bus)
-        servos = [*([] if stage is None else [stage]), *(servo for f in fingers for servo in f.servos)]
+        servos, fingers = wanted_servos(rig, bus), wanted_fingers(rig, bus)
         found: list[ServoCheckOut] = []
         for item in servos:
             now(f"servo {item.servo.dxl_id} ({item.owner})")

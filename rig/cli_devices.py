@@ -20,6 +20,7 @@ _JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on st
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the app."""
     app.command("scan")(_scan)
+    app.command("setup-motors")(_setup)
     app.command("check")(_check)
 
 
@@ -51,3 +52,20 @@ def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
     from palpate.rig.command_check import run_check
 
     raise typer.Exit(run_check(rig=rig, json=json))
+
+
+def _setup(
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file (TOML).")],
+    dxl_id: Annotated[
+        list[int] | None, typer.Option("--id", help="Only this servo of the rig file; may be repeated.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Write to EEPROM without asking.")] = False,
+    json: _JsonOption = False,
+) -> None:
+    """Give each servo its id, baud rate and limits; asks you to connect one at a time.
+
+    Exit code 1: a servo was skipped. 3: a servo is not done.
+    """
+    from palpate.rig.command_setup import run_setup
+
+    raise typer.Exit(run_setup(rig=rig, dxl_ids=dxl_id or [], yes=yes, json=json))

@@ -13,7 +13,7 @@ from palpate.rig.drives import Limits
 from palpate.rig.stage import HostStage
 from palpate.rig.wiring import drive_of
 
-__all__ = ["WantedFinger", "WantedServo", "wanted_fingers", "wanted_stage"]
+__all__ = ["WantedFinger", "WantedServo", "wanted_fingers", "wanted_servos", "wanted_stage"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,3 +59,10 @@ def wanted_stage(rig: RigFile, bus: Bus) -> WantedServo | None:
     """The stage's servo, None if there is none. Nothing is sent."""
     stage = HostStage.of(rig, bus)
     return None if stage is None else WantedServo("stage", stage.servo, stage.limits())
+
+
+def wanted_servos(rig: RigFile, bus: Bus) -> list[WantedServo]:
+    """All of them, the stage's first. Nothing is sent."""
+    stage = wanted_stage(rig, bus)
+    fingers = [servo for finger in wanted_fingers(rig, bus) for servo in finger.servos]
+    return fingers if stage is None else [stage, *fingers]
