@@ -8,8 +8,9 @@ If the computer is too slow for the devices, their time runs slower than the clo
 lets them live for a few milliseconds at most, and then answers. Real servos are never late with an answer
 because their motors are hard to compute.
 
-As on a real wire, a client that opens the port at another baud rate than the device's is not understood. The
-service holds the slave side open itself, so that clients may come and go.
+As on a real wire, a client that opens the port at another baud rate than the device's is not understood; a
+device that knows rates decides for itself. The service holds the slave side open itself, so that clients may
+come and go.
 """
 
 import contextlib
@@ -23,7 +24,7 @@ from types import TracebackType
 
 from palpate.drivers.emulators.terminal import baud_rate
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.wire import Device, wire_time_s
+from palpate.drivers.transport.wire import Device, Emission, RatedDevice, wire_time_s
 from palpate.errors import DeviceError
 
 __all__ = ["PtyService", "serve_pty"]
@@ -49,21 +50,24 @@ class _Line:
         os.set_blocking(self.master, False)
         self.path = os.ttyname(self.slave)
         self._free_s = 0.0
-        self._outgoing: deque[tuple[float, bytes]] = deque()
+        self._outgoing: deque[tuple[float, bytes, int]] = deque()  # arrival, bytes, their rate
 
     def take(self, now: float) -> None:
         """Feed the device what a client has written."""
         with contextlib.suppress(BlockingIOError):
             data = os.read(self.master, _CHUNK)
-            if self._understood():
-                self._schedule(self.device.feed(data, now))
+            rate = self._client_rate()
+            if isinstance(self.device, RatedDevice):
+                self._schedule(self.device.feed_at(data, now, rate), rate)
+            elif rate == self.baudrate:
+                self._schedule(self.device.feed(data, now), rate)
 
     def run(self, now: float) -> None:
         """Let the device speak, and deliver what has arrived at the client by now."""
-        self._schedule(self.device.poll(now))
+        self._schedule(self.device.poll(now), self.baudrate)
         while self._outgoing and self._outgoing[0][0] <= now:
-            _, data = self._outgoing.popleft()
-            if self._understood():
+            _, data, rate = self._outgoing.popleft()
+            if rate == self._client_rate():
                 # a client that does not read loses bytes, as at a full receive buffer
                 with contextlib.suppress(BlockingIOError):
                     os.write(self.master, data)
@@ -79,14 +83,15 @@ class _Line:
         os.close(self.master)
         os.close(self.slave)
 
-    def _schedule(self, emissions: list[tuple[float, bytes]]) -> None:
+    def _schedule(self, emissions: list[Emission], rate: int) -> None:
         for instant, data in emissions:
-            self._free_s = max(instant, self._free_s) + wire_time_s(len(data), self.baudrate)
-            self._outgoing.append((self._free_s, data))
+            self._free_s = max(instant, self._free_s) + wire_time_s(len(data), rate)
+            self._outgoing.append((self._free_s, data, rate))
 
-    def _understood(self) -> bool:
-        """True if the client's baud rate is the device's, or the system cannot tell it."""
-        return baud_rate(self.master) in (self.baudrate, None)
+    def _client_rate(self) -> int:
+        """The client's baud rate, or the device's where the system cannot tell."""
+        rate = baud_rate(self.master)
+        return self.baudrate if rate is None else rate
 
 
 class _Lifetime:

@@ -1,117 +1,285 @@
-"""The drive of an emulated servo: joins control table and shaft, units to rad, ticks to turns.
+"""The drive of an emulated servo: joins control table and shaft, units to rad, ticks to turns, modes to laws.
 
-Between `servo` (instructions, protection) and `servo_motion` (mechanics). Units and resets are those of the
-e-Manual, page XM430-W350.
+Between `servo_unit` (reads, writes, protection) and `servo_motion` (mechanics). Units and resets are those of
+the e-Manual. Reverse Mode turns everything round that has a direction: ticks count from 2048 the other way.
 """
 
 import math
 
+from palpate.drivers.emulators.servo_laws import (
+    LOOP_S,
+    CurrentLaw,
+    DutyLaw,
+    Law,
+    PositionExtras,
+    VelocityLaw,
+)
 from palpate.drivers.emulators.servo_motion import ShaftMotion
+from palpate.drivers.emulators.servo_profile import Profile, profile_shape, timed_profile
 from palpate.drivers.emulators.servo_table import ControlTable
 
-__all__ = ["CURRENT_BASED_MODE", "POSITION_MODE", "ServoDrive"]
+__all__ = ["GOAL_OF_MODE", "POSITION_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
 
+CURRENT_MODE = 0
+VELOCITY_MODE = 1
 POSITION_MODE = 3
+EXTENDED_MODE = 4
 CURRENT_BASED_MODE = 5
+PWM_MODE = 16
+POSITION_MODES = (POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE)
+
+GOAL_OF_MODE = {
+    CURRENT_MODE: "Goal Current",
+    VELOCITY_MODE: "Goal Velocity",
+    POSITION_MODE: "Goal Position",
+    EXTENDED_MODE: "Goal Position",
+    CURRENT_BASED_MODE: "Goal Position",
+    PWM_MODE: "Goal PWM",
+}
+"""By Operating Mode, the item whose update is a command; in other modes it may be a limit."""
+
+REVERSE, TIME_BASED, TORQUE_ON_BY_GOAL = 0x01, 0x04, 0x08  # bits of Drive Mode
 
 _TICKS = 4096
 _ZERO_TICK = 2048
 _RAD_PER_TICK = 2 * math.pi / _TICKS
 _VELOCITY_UNIT = 0.229 * 2 * math.pi / 60  # rad/s
 _ACCELERATION_UNIT = 214.577 * 2 * math.pi / 3600  # rad/s²
-_CURRENT_UNIT = 2.69e-3  # A
 _FULL_DUTY = 885
 _IN_POSITION_TICKS = 5  # the manual says "a predefined value"
+_SINGLE_TURN_OFFSET = 1024  # largest Homing Offset that counts in Position Control Mode
+
+_GAINS = (
+    "Velocity I Gain",
+    "Velocity P Gain",
+    "Position D Gain",
+    "Position I Gain",
+    "Position P Gain",
+    "Feedforward 2nd Gain",
+    "Feedforward 1st Gain",
+)
 
 
 class ServoDrive:
     """Settings from the table to the shaft, measurements from the shaft to the table."""
 
-    def __init__(self, table: ControlTable, motion: ShaftMotion) -> None:
+    def __init__(self, table: ControlTable, motion: ShaftMotion, current_unit_a: float) -> None:
         self._table = table
         self._motion = motion
+        self._current_unit_a = current_unit_a
         self._turn_ticks = 0
+        self._sign = 1
+        self._profile = Profile.NONE
+        self._velocity = VelocityLaw(0.0, 0.0)
+        self._extras = PositionExtras(0.0, 0.0)
 
-    def reset_for_mode(self) -> None:
-        """Do what the manual says a change of Operating Mode does."""
-        table = self._table
-        table.set("Position P Gain", 800)
-        table.set("Profile Velocity", 0)
-        table.set("Profile Acceleration", 0)
-        table.set("Goal PWM", table.get("PWM Limit"))
-        table.set("Goal Current", table.get("Current Limit"))
+    def power_up(self) -> None:
+        """Begin with the table as it is after a start: turns are lost, nothing moves."""
+        self._reset()
         self.forget_turns()
-        table.set("Goal Position", self.present_tick())
-        self.configure()
+        self._hold_here()
+
+    def change_mode(self) -> None:
+        """Do what the manual says a change of Operating Mode does."""
+        self._reset()
+        mode = self._mode()
+        if mode == CURRENT_BASED_MODE:
+            # the manual resets it "properly" for this mode and gives no value
+            self._table.reset("PWM Limit")
+            self._table.set("Goal PWM", self._table.get("PWM Limit"))
+        if mode == POSITION_MODE:
+            self.forget_turns()
+        self._hold_here()
+
+    def change_direction(self) -> None:
+        """Take over Reverse Mode; the angle is known within one turn again."""
+        self.forget_turns()
+        self._hold_here()
 
     def configure(self) -> None:
         """Hand the drive settings of the table to the motion."""
-        table = self._table
+        table, mode = self._table, self._mode()
         current = table.get("Current Limit")
-        if table.get("Operating Mode") == CURRENT_BASED_MODE:
+        if mode == CURRENT_BASED_MODE:
             current = min(current, abs(table.get("Goal Current")))
+        pwm = table.get("PWM Limit")
+        if mode != PWM_MODE:
+            pwm = min(pwm, abs(table.get("Goal PWM")))
         self._motion.configure(
             gain_per_rad=table.get("Position P Gain") / 128 / _FULL_DUTY / _RAD_PER_TICK,
-            duty_limit=min(table.get("PWM Limit"), abs(table.get("Goal PWM"))) / _FULL_DUTY,
-            current_limit_a=current * _CURRENT_UNIT,
+            duty_limit=pwm / _FULL_DUTY,
+            # voltage is all that PWM Control Mode controls
+            current_limit_a=math.inf if mode == PWM_MODE else current * self._current_unit_a,
+            extras=self._position_extras(),
         )
-        velocity = min(table.get("Profile Velocity"), table.get("Velocity Limit"))
-        acceleration = min(table.get("Profile Acceleration"), table.get("Acceleration Limit"))
-        self._motion.set_profile(velocity * _VELOCITY_UNIT, acceleration * _ACCELERATION_UNIT)
+        self._motion.law = self._law(mode)
+        if not self._drive_mode() & TIME_BASED:
+            self._motion.set_profile(*self._rates())
 
     def engage(self) -> None:
-        """Switch torque on where the shaft is."""
+        """Switch torque on where the shaft is.
+
+        Not in the manual: a goal from before does not move the shaft. Goal Position becomes the present one,
+        and what the mode commands otherwise becomes 0, so that switching on never jumps.
+        """
         if self._motion.driven:
             return
-        if self._table.get("Operating Mode") == POSITION_MODE:
+        mode = self._mode()
+        if mode == POSITION_MODE:
             self.forget_turns()
+        if mode not in POSITION_MODES:
+            self._table.set(GOAL_OF_MODE[mode], 0)
+        self._velocity = VelocityLaw(0.0, 0.0)
         self.configure()
         self._motion.engage()
-        # not in the manual: the goal starts where the shaft is, so that switching on does not jump
+        self._profile = Profile.NONE
         self._table.set("Goal Position", self.present_tick())
 
     def stop(self) -> None:
-        """Hold where the shaft is, as Bus Watchdog does when it trips: profile items go to 0."""
+        """Stop as Bus Watchdog does when it trips: goal and profile items go to 0, a position is held."""
+        table, mode = self._table, self._mode()
         self._motion.hold()
-        self._table.set("Profile Velocity", 0)
-        self._table.set("Profile Acceleration", 0)
-        self._table.set("Goal Position", self.present_tick())
-        self.configure()
+        table.set("Profile Velocity", 0)
+        table.set("Profile Acceleration", 0)
+        if mode not in POSITION_MODES:
+            table.set(GOAL_OF_MODE[mode], 0)
+        self._velocity.stop()
+        self._hold_here()
 
-    def move_to(self, tick: int) -> None:
-        """Go to a Goal Position, if torque is on."""
+    def command(self) -> None:
+        """Carry out the goal item of the present mode, if torque is on."""
         self.configure()
-        if self._motion.driven:
-            absolute = tick - self._table.get("Homing Offset") + self._turn_ticks
-            self._motion.move_to((absolute - _ZERO_TICK) * _RAD_PER_TICK)
+        if not self._motion.driven:
+            return
+        mode = self._mode()
+        if mode in POSITION_MODES:
+            self._move_to(self._table.get("Goal Position"))
+        elif mode == VELOCITY_MODE:
+            goal = self._table.get("Goal Velocity") * _VELOCITY_UNIT * self._sign
+            self._velocity.go(goal, self._ramp(goal))
+
+    def clear_turns(self) -> None:
+        """Do what Clear does to the turns; a shaft that is held stays where it is."""
+        self.forget_turns()
+        self._table.set("Goal Position", self.present_tick())
 
     def forget_turns(self) -> None:
         """Take the present angle for one within the turn 0…4095."""
+        self._sign = -1 if self._drive_mode() & REVERSE else 1
         self._turn_ticks = self._encoder() // _TICKS * _TICKS
 
     def present_tick(self) -> int:
         """Present Position."""
-        return self._encoder() - self._turn_ticks + self._table.get("Homing Offset")
+        return self._encoder() - self._turn_ticks + self._homing_offset()
+
+    @property
+    def moving(self) -> bool:
+        """True if item Moving reads 1."""
+        speed = abs(round(self._motion.velocity_rad_s / _VELOCITY_UNIT))
+        return speed > self._table.get("Moving Threshold") or self._motion.profile_ongoing
 
     def refresh(self) -> None:
         """Bring the items that report the shaft up to date."""
-        table, motion = self._table, self._motion
-        velocity = round(motion.velocity_rad_s / _VELOCITY_UNIT)
-        fast = abs(velocity) > table.get("Moving Threshold")
-        goal_error = abs(motion.goal_rad - motion.shaft_rad) / _RAD_PER_TICK
-        shape = 0 if not table.get("Profile Velocity") else 1 if not table.get("Profile Acceleration") else 3
-        table.set("Moving", int(fast or motion.profile_ongoing))
-        table.set(
-            "Moving Status",
-            int(goal_error <= _IN_POSITION_TICKS) | int(motion.profile_ongoing) << 1 | shape << 4,
-        )
-        table.set("Present PWM", round(motion.duty * _FULL_DUTY))
-        table.set("Present Current", round(motion.current_a / _CURRENT_UNIT))
-        table.set("Present Velocity", velocity)
+        table, motion, sign = self._table, self._motion, self._sign
+        table.set("Moving", int(self.moving))
+        table.set("Moving Status", self._moving_status())
+        table.set("Present PWM", sign * round(motion.duty * _FULL_DUTY))
+        table.set("Present Current", sign * round(motion.current_a / self._current_unit_a))
+        table.set("Present Velocity", sign * round(motion.velocity_rad_s / _VELOCITY_UNIT))
         table.set("Present Position", self.present_tick())
-        table.set("Velocity Trajectory", round(motion.reference_rad_s / _VELOCITY_UNIT))
-        shift = _ZERO_TICK - self._turn_ticks + table.get("Homing Offset")
-        table.set("Position Trajectory", round(motion.reference_rad / _RAD_PER_TICK) + shift)
+        following = self._velocity.reference_rad_s if motion.law is self._velocity else motion.reference_rad_s
+        table.set("Velocity Trajectory", sign * round(following / _VELOCITY_UNIT))
+        shift = _ZERO_TICK - self._turn_ticks + self._homing_offset()
+        table.set("Position Trajectory", round(sign * motion.reference_rad / _RAD_PER_TICK) + shift)
+
+    def _moving_status(self) -> int:
+        motion = self._motion
+        status = int(motion.profile_ongoing) << 1 | self._profile << 4
+        if self._mode() in POSITION_MODES:
+            status |= int(abs(motion.goal_rad - motion.shaft_rad) / _RAD_PER_TICK <= _IN_POSITION_TICKS)
+            # the manual gives no number: this is where the loop has no more voltage to give
+            lag = abs(motion.reference_rad - motion.shaft_rad) / _RAD_PER_TICK
+            status |= int(lag * self._table.get("Position P Gain") / 128 > _FULL_DUTY) << 3
+        return status
+
+    def _mode(self) -> int:
+        return self._table.get("Operating Mode")
+
+    def _reset(self) -> None:
+        """The part of a change of mode that a start has too."""
+        table = self._table
+        for name in _GAINS:
+            table.reset(name)
+        table.set("Profile Velocity", 0)
+        table.set("Profile Acceleration", 0)
+        table.set("Goal PWM", table.get("PWM Limit"))
+        table.set("Goal Current", table.get("Current Limit"))
+        table.set("Goal Velocity", 0)
+        self._velocity.stop()
+
+    def _hold_here(self) -> None:
+        self._table.set("Goal Position", self.present_tick())
+        self._profile = Profile.NONE
+        self.configure()
+
+    def _law(self, mode: int) -> Law | None:
+        table, sign = self._table, self._sign
+        if mode == CURRENT_MODE:
+            return CurrentLaw(sign * table.get("Goal Current") * self._current_unit_a)
+        if mode == PWM_MODE:
+            return DutyLaw(sign * table.get("Goal PWM") / _FULL_DUTY)
+        if mode == VELOCITY_MODE:
+            per_unit = 1.0 / _FULL_DUTY / _VELOCITY_UNIT
+            self._velocity.p = table.get("Velocity P Gain") / 128 * per_unit
+            self._velocity.i = table.get("Velocity I Gain") / 65536 / LOOP_S * per_unit
+            return self._velocity
+        return None
+
+    def _position_extras(self) -> PositionExtras | None:
+        table, per_rad = self._table, 1.0 / _FULL_DUTY / _RAD_PER_TICK
+        i, d = table.get("Position I Gain"), table.get("Position D Gain")
+        if i == 0 and d == 0:
+            return None
+        wanted = i / 65536 / LOOP_S * per_rad, d / 16 * LOOP_S * per_rad
+        if (self._extras.i, self._extras.d) != wanted:
+            self._extras = PositionExtras(*wanted)
+        return self._extras
+
+    def _move_to(self, tick: int) -> None:
+        absolute = tick - self._homing_offset() + self._turn_ticks
+        goal = (absolute - _ZERO_TICK) * _RAD_PER_TICK * self._sign
+        distance = abs(goal - self._motion.reference_rad)
+        velocity, acceleration = self._rates()
+        if self._drive_mode() & TIME_BASED:
+            span, rise = self._table.get("Profile Velocity"), self._table.get("Profile Acceleration")
+            velocity, acceleration = timed_profile(span * 1e-3, rise * 1e-3, distance)
+            self._motion.set_profile(velocity, acceleration)
+        self._profile = profile_shape(velocity, acceleration, distance)
+        self._motion.move_to(goal)
+
+    def _rates(self) -> tuple[float, float]:
+        """Profile Velocity in rad/s and Profile Acceleration in rad/s²."""
+        table = self._table
+        velocity = min(table.get("Profile Velocity"), table.get("Velocity Limit"))
+        return velocity * _VELOCITY_UNIT, table.get("Profile Acceleration") * _ACCELERATION_UNIT
+
+    def _ramp(self, goal_rad_s: float) -> float:
+        """Acceleration (rad/s²) towards a Goal Velocity; infinite without Profile Acceleration."""
+        rate = self._table.get("Profile Acceleration")
+        if rate == 0:
+            return math.inf
+        if self._drive_mode() & TIME_BASED:
+            return abs(goal_rad_s - self._velocity.reference_rad_s) / (rate * 1e-3)
+        return rate * _ACCELERATION_UNIT
+
+    def _drive_mode(self) -> int:
+        return self._table.get("Drive Mode") if "Drive Mode" in self._table else 0
+
+    def _homing_offset(self) -> int:
+        offset = self._table.get("Homing Offset")
+        if self._mode() == POSITION_MODE and abs(offset) > _SINGLE_TURN_OFFSET:
+            return 0
+        return offset
 
     def _encoder(self) -> int:
-        return round(self._motion.shaft_rad / _RAD_PER_TICK) + _ZERO_TICK
+        return round(self._sign * self._motion.shaft_rad / _RAD_PER_TICK) + _ZERO_TICK

@@ -1,37 +1,32 @@
 """What turns an emulated servo's shaft: profile, position loop, motor and gear, one step at a time.
 
-A DC motor behind its gear, seen at the output shaft, with the firmware's proportional position loop on the
-motor's voltage (PWM). Stall torque, stall current and no-load speed are the e-Manual's for the XM430-W350 at
-12 V; inertia and friction are plausible guesses, said where they stand. The velocity-based profile is the
-e-Manual's: no Profile Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
+A DC motor behind its gear, seen at the output shaft, with the firmware's position loop on the motor's voltage
+(PWM); `servo_laws` has the loops of the other modes. The velocity-based profile is the e-Manual's: no Profile
+Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
 
 Plain floats and slots: an emulated session takes tens of thousands of steps.
 """
 
 import math
-from dataclasses import dataclass
 
-__all__ = ["MotorConstants", "ShaftMotion"]
+from palpate.drivers.emulators.servo_laws import Law, PositionExtras
+from palpate.drivers.emulators.servo_models import MotorConstants
+
+__all__ = ["ShaftMotion"]
 
 _LONGEST_STEP_S = 1e-3  # the position loop is stiff; longer steps are split
 
 
-@dataclass(frozen=True, slots=True)
-class MotorConstants:
-    """A servo as seen at its output shaft. Defaults: XM430-W350 at 12 V."""
-
-    stall_torque_nm: float = 4.1  # e-Manual
-    stall_current_a: float = 2.3  # e-Manual
-    no_load_rad_s: float = 46 * 2 * math.pi / 60  # e-Manual
-    inertia_kg_m2: float = 0.01  # guess: a 80 g·mm² rotor behind 353.5 : 1
-    friction_nm: float = 0.05  # guess: gear friction, the same at rest and in motion
-
-
 class ShaftMotion:
-    """State of the shaft and of the trajectory that it follows."""
+    """State of the shaft and of the trajectory that it follows.
+
+    `law` drives the shaft in place of the position loop; None for position.
+    """
 
     __slots__ = (
         "_a_per_rad_s",
+        "_drive_a",
+        "_extras",
         "_friction_nm",
         "_gain_per_rad",
         "_inertia",
@@ -45,6 +40,7 @@ class ShaftMotion:
         "driven",
         "duty",
         "goal_rad",
+        "law",
         "reference_rad",
         "reference_rad_s",
         "shaft_rad",
@@ -54,10 +50,13 @@ class ShaftMotion:
     def __init__(self, constants: MotorConstants, start_rad: float) -> None:
         self._nm_per_a = constants.stall_torque_nm / constants.stall_current_a
         self._stall_a = constants.stall_current_a
+        self._drive_a = constants.stall_current_a
         self._a_per_rad_s = constants.stall_current_a / constants.no_load_rad_s
         self._inertia = constants.inertia_kg_m2
         self._friction_nm = constants.friction_nm
         self._gain_per_rad = 0.0
+        self._extras: PositionExtras | None = None
+        self.law: Law | None = None
         self._u_max = 1.0
         self._max_current_a = constants.stall_current_a
         self._profile_v = 0.0
@@ -71,11 +70,26 @@ class ShaftMotion:
         self.reference_rad = start_rad
         self.reference_rad_s = 0.0
 
-    def configure(self, *, gain_per_rad: float, duty_limit: float, current_limit_a: float) -> None:
-        """Set the position loop: duty per rad of error, largest duty (0…1), largest current in A."""
+    def configure(
+        self,
+        *,
+        gain_per_rad: float,
+        duty_limit: float,
+        current_limit_a: float,
+        extras: PositionExtras | None = None,
+    ) -> None:
+        """Set the position loop: duty per rad of error, largest duty (0…1), largest current in A.
+
+        `extras`: what the loop's I and D gains add, None if both are 0. The limits hold for every law.
+        """
         self._gain_per_rad = gain_per_rad
         self._u_max = duty_limit
         self._max_current_a = current_limit_a
+        self._extras = extras
+
+    def set_supply(self, ratio: float) -> None:
+        """Set the supply as a multiple of the voltage that the motor's constants hold for."""
+        self._drive_a = self._stall_a * ratio
 
     def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
         """Set the profile of the next goals; 0 means unlimited."""
@@ -123,10 +137,17 @@ class ShaftMotion:
         if self.driven:
             if self.reference_rad != self.goal_rad:
                 self._advance_reference(dt)
-            duty = (self.reference_rad - self.shaft_rad) * self._gain_per_rad
             limit = self._u_max
-            duty = limit if duty > limit else -limit if duty < -limit else duty
-            current = duty * self._stall_a - velocity * self._a_per_rad_s
+            if self.law is None:
+                error = self.reference_rad - self.shaft_rad
+                duty = error * self._gain_per_rad
+                if self._extras is not None:
+                    duty += self._extras.duty(dt, error, self.reference_rad_s - velocity, limit)
+                duty = limit if duty > limit else -limit if duty < -limit else duty
+            else:
+                back_emf = velocity * self._a_per_rad_s / self._drive_a
+                duty = self.law.duty(dt, velocity, back_emf, self._drive_a, limit)
+            current = duty * self._drive_a - velocity * self._a_per_rad_s
             limit = self._max_current_a
             current = limit if current > limit else -limit if current < -limit else current
             self.duty = duty

@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.wire import BITS_PER_BYTE, Device, wire_time_s
+from palpate.drivers.transport.wire import BITS_PER_BYTE, Device, Emission, RatedDevice, wire_time_s
 from palpate.errors import DeviceError
 
 __all__ = ["MOCK_SCHEME", "MockHub", "MockWire", "wire_for_url"]
@@ -30,11 +30,19 @@ class _Burst:
 
     start_s: float
     data: bytes
+    baudrate: int
     taken: int = 0
+
+    @property
+    def byte_s(self) -> float:
+        return BITS_PER_BYTE / self.baudrate
 
 
 class MockWire:
-    """A serial wire with a device at its far end, in virtual time."""
+    """A serial wire with a device at its far end, in virtual time.
+
+    `baudrate` is the device's; a `RatedDevice` speaks at the rate at which it was spoken to.
+    """
 
     def __init__(self, url: str, device: Device, baudrate: int, clock: VirtualClock) -> None:
         if baudrate <= 0:
@@ -43,7 +51,6 @@ class MockWire:
         self.baudrate = baudrate
         self.clock = clock
         self._device = device
-        self._byte_s = BITS_PER_BYTE / baudrate
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
 
@@ -52,23 +59,32 @@ class MockWire:
 
         At a baud rate that is not the device's the time passes and the device understands nothing.
         """
+        self.poll()
         self.clock.sleep(wire_time_s(len(data), baudrate))
-        if baudrate != self.baudrate:
+        now = self.clock.now()
+        if isinstance(self._device, RatedDevice):
+            self._enqueue(self._device.feed_at(data, now, baudrate), baudrate)
+        elif baudrate == self.baudrate:
+            self._enqueue(self._device.feed(data, now), baudrate)
+        else:
             self.poll()
-            return
-        self._enqueue(self._device.feed(data, self.clock.now()))
 
     def poll(self) -> None:
         """Take over what the device has sent of its own accord up to now. Does not move the clock."""
-        self._enqueue(self._device.poll(self.clock.now()))
+        self._enqueue(self._device.poll(self.clock.now()), self.baudrate)
 
-    def arrived(self) -> int:
-        """Number of bytes that have arrived and were not taken."""
+    def arrived(self, baudrate: int) -> int:
+        """Number of bytes that have arrived at a port of this rate and were not taken."""
         now = self.clock.now()
-        return sum(self._complete(burst, now) - burst.taken for burst in self._bursts)
+        heard = (burst for burst in self._bursts if burst.baudrate == baudrate)
+        return sum(self._complete(burst, now) - burst.taken for burst in heard)
 
-    def take(self, count: int) -> bytes:
-        """Take up to `count` of the bytes that have arrived."""
+    def take(self, count: int, baudrate: int) -> bytes:
+        """Take up to `count` of the bytes that have arrived at a port of this rate.
+
+        Bytes at another rate are framing errors on a real port, nothing that could be read as a packet:
+        they are lost.
+        """
         now = self.clock.now()
         parts: list[bytes] = []
         while self._bursts and count > 0:
@@ -76,13 +92,19 @@ class MockWire:
             end = min(self._complete(burst, now), burst.taken + count)
             if end <= burst.taken:
                 break
-            parts.append(burst.data[burst.taken : end])
-            count -= end - burst.taken
+            if burst.baudrate == baudrate:
+                parts.append(burst.data[burst.taken : end])
+                count -= end - burst.taken
             burst.taken = end
             if end < len(burst.data):
                 break
             self._bursts.popleft()
         return b"".join(parts)
+
+    def forget(self) -> None:
+        """Drop all bytes that have arrived."""
+        for rate in {burst.baudrate for burst in self._bursts}:
+            self.take(self.arrived(rate), rate)
 
     def next_event_s(self, wanted: int) -> float | None:
         """Instant at which up to `wanted` more bytes of the burst under way will be there.
@@ -93,19 +115,20 @@ class MockWire:
         if self._bursts:
             burst = self._bursts[0]
             last = min(len(burst.data), burst.taken + max(wanted, 1))
-            return burst.start_s + last * self._byte_s
+            return burst.start_s + last * burst.byte_s
         return self._device.next_due()
 
-    def _enqueue(self, emissions: list[tuple[float, bytes]]) -> None:
+    def _enqueue(self, emissions: list[Emission], baudrate: int) -> None:
         for instant, data in emissions:
             if not data:
                 continue
             start = max(instant, self._free_s)
-            self._free_s = start + len(data) * self._byte_s
-            self._bursts.append(_Burst(start, data))
+            burst = _Burst(start, data, baudrate)
+            self._free_s = start + len(data) * burst.byte_s
+            self._bursts.append(burst)
 
     def _complete(self, burst: _Burst, now: float) -> int:
-        count = int((now - burst.start_s) / self._byte_s + _ROUNDING_BYTES)
+        count = int((now - burst.start_s) / burst.byte_s + _ROUNDING_BYTES)
         return max(burst.taken, min(count, len(burst.data)))
 
 

@@ -45,7 +45,7 @@ class Serial(SerialBase):
         """Number of bytes that have arrived; does not move the clock."""
         wire = self._opened()
         wire.poll()
-        return wire.arrived() if self.baudrate == wire.baudrate else 0
+        return wire.arrived(self.baudrate)
 
     @property
     def out_waiting(self) -> int:
@@ -95,7 +95,7 @@ class Serial(SerialBase):
         """Forget the bytes that have arrived; those still under way will arrive."""
         wire = self._opened()
         wire.poll()
-        wire.take(wire.arrived())
+        wire.forget()
 
     def reset_output_buffer(self) -> None:
         """Nothing to forget: a write returns once its last bit has left."""
@@ -108,9 +108,7 @@ class Serial(SerialBase):
 
     def _take(self, wire: MockWire, count: int) -> bytes:
         wire.poll()
-        data = wire.take(count)
-        # at the wrong baud rate a real port sees framing errors: nothing that could be read as a packet
-        return data if self.baudrate == wire.baudrate else b""
+        return wire.take(count, self.baudrate)
 
     def _reconfigure_port(self) -> None:
         """pyserial calls this on every changed setting; all of them are read where they are used."""

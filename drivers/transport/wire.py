@@ -2,11 +2,14 @@
 
 A device is a transport-free core: it is fed the bytes that reached it and the time at which they did, and
 answers with bytes and the times at which it starts to send them. It never blocks, sleeps or reads a clock.
+
+A plain device has one baud rate, and only the skin knows it: bytes at another rate never reach it. A bus
+whose members have rates of their own is a `RatedDevice`.
 """
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
-__all__ = ["BITS_PER_BYTE", "Device", "Emission", "wire_time_s"]
+__all__ = ["BITS_PER_BYTE", "Device", "Emission", "RatedDevice", "wire_time_s"]
 
 BITS_PER_BYTE = 10  # 8 data bits, one start bit, one stop bit
 
@@ -22,11 +25,23 @@ class Device(Protocol):
         ...
 
     def poll(self, now: float) -> list[Emission]:
-        """Return what the device has sent of its own accord up to `now`."""
+        """Return what the device has sent of its own accord up to `now`.
+
+        A skin polls when it has seen that no bytes came until `now`.
+        """
         ...
 
     def next_due(self) -> float | None:
         """Instant of the next unprovoked emission, or None if there is none in sight."""
+        ...
+
+
+@runtime_checkable
+class RatedDevice(Device, Protocol):
+    """A device that is told the rate of the bytes that reach it, and answers at that rate."""
+
+    def feed_at(self, data: bytes, now: float, baudrate: int) -> list[Emission]:
+        """Take bytes sent at `baudrate` whose last bit arrived at `now`; return what they provoke."""
         ...
 
 

@@ -18,7 +18,8 @@ from palpate.drivers.dynamixel.failures import (
     StatusError,
 )
 from palpate.drivers.dynamixel.packet import StatusErrorCode, StatusPacket, encode_status
-from palpate.drivers.dynamixel.servo import Servo, read_states, torque_off_all, write_goals
+from palpate.drivers.dynamixel.servo import Servo, torque_off_all, write_goals
+from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
@@ -70,20 +71,26 @@ class Bench:
     clock: VirtualClock = field(default_factory=VirtualClock)
     load_nm: float = 0.0
     stepped_s: float = 0.0
+    retries: int = 2
 
     def __post_init__(self) -> None:
         self.emulated = {dxl_id: EmulatedServo(dxl_id) for dxl_id in (11, 12, 13)}
         self.wire = FaultyWire(ServoChain(list(self.emulated.values()), self._advance))
         self.hub = MockHub(self.clock, "servos")
         self.url = self.hub.attach("bus", self.wire, BAUD)
-        self.bus = Bus(open_port(self.url, BAUD), self.clock, BAUD)
+        self.bus = Bus(open_port(self.url, BAUD), self.clock, BAUD, latency_s=1e-3, retries=self.retries)
         self.servos = [Servo(self.bus, dxl_id) for dxl_id in self.emulated]
+        self.reader = StateReader(self.bus, self.servos)
+        self.reader.arrange()
 
     def _advance(self, now: float) -> None:
         while self.stepped_s + STEP_S <= now:
             for servo in self.emulated.values():
                 servo.step(STEP_S, self.load_nm)
             self.stepped_s += STEP_S
+
+    def states(self) -> dict[int, ServoState]:
+        return self.reader.read(self.servos).all()
 
     def wait(self, seconds: float) -> None:
         self.clock.sleep(seconds)
@@ -133,7 +140,7 @@ def test_values_that_look_like_headers_survive_the_wire(bench: Bench) -> None:
     value = int.from_bytes(bytes.fromhex("FFFFFDFF"), "little", signed=True)
     bench.bus.write(11, ct.GOAL_POSITION, value)
     assert bench.bus.read(11, ct.GOAL_POSITION) == value
-    assert bench.bus.sync_read([11], ct.GOAL_POSITION, ct.GOAL_POSITION)[11] == {ct.GOAL_POSITION: value}
+    assert bench.bus.sync_read([11], ct.GOAL_POSITION, ct.GOAL_POSITION).all()[11] == {ct.GOAL_POSITION: value}
 
 
 def test_prepare_writes_only_what_differs(bench: Bench) -> None:
@@ -156,7 +163,7 @@ def test_goals_are_reached_in_radians(bench: Bench) -> None:
     goals = dict(zip(bench.servos, (0.5, -1.25, 3.0), strict=True))
     write_goals(bench.bus, goals)
     bench.wait(4.0)
-    states = read_states(bench.bus, bench.servos)
+    states = bench.states()
     for servo, goal in goals.items():
         state = states[servo.dxl_id]
         assert state.position_rad == pytest.approx(goal, abs=3 * ct.RAD_PER_TICK)
@@ -172,7 +179,7 @@ def test_current_tells_the_load(bench: Bench) -> None:
     bench.servos[0].set_goal_rad(3.0)
     bench.load_nm = -3.0  # more than 0.5 A can hold
     bench.wait(0.5)
-    state = read_states(bench.bus, bench.servos)[11]
+    state = bench.states()[11]
     assert state.current_a == pytest.approx(0.5, abs=2.7e-3)
     assert state.velocity_rad_s < 0
 
@@ -199,7 +206,7 @@ def test_a_profile_that_would_mean_unlimited_is_refused(
 def test_sync_read_names_the_missing_servo_and_not_those_behind_it(bench: Bench) -> None:
     bench.emulated[12].power_off()
     with pytest.raises(NotAnswering) as caught:
-        read_states(bench.bus, bench.servos)
+        bench.states()
     assert caught.value.dxl_ids == (12,)
     assert "servo 12 on mock://servos/bus" in str(caught.value)
 
@@ -208,9 +215,9 @@ def test_sync_read_names_the_missing_servo_and_not_those_behind_it(bench: Bench)
 def test_a_spoilt_answer_is_not_a_missing_servo(bench: Bench, fault: str) -> None:
     setattr(bench.wire, fault, 1)
     with pytest.raises(DamagedAnswer) as caught:
-        read_states(bench.bus, bench.servos)
+        bench.states()
     assert caught.value.dxl_ids == (12,)
-    assert set(read_states(bench.bus, bench.servos)) == {11, 12, 13}
+    assert set(bench.states()) == {11, 12, 13}
 
 
 def test_a_spoilt_single_answer(bench: Bench) -> None:
@@ -230,7 +237,7 @@ def test_a_hardware_alert_carries_its_cause(bench: Bench) -> None:
     bench.torque_on()
     bench.emulated[12].report_hardware_error(OVERLOAD_BIT)
     with pytest.raises(HardwareAlert, match=r"servo 12 .* \(overload\)") as caught:
-        read_states(bench.bus, bench.servos)
+        bench.states()
     assert caught.value.cause == HardwareError.OVERLOAD
     assert bench.bus.hardware_error(12) == HardwareError.OVERLOAD
     assert torque_off_all(bench.bus, bench.servos) == []  # it confirmed, and is off
@@ -255,7 +262,7 @@ def test_torque_goes_off_after_an_interrupt(bench: Bench) -> None:
     bench.torque_on()
     bench.wire.interrupt = True
     with pytest.raises(KeyboardInterrupt):
-        read_states(bench.bus, bench.servos)
+        bench.states()
     assert torque_off_all(bench.bus, bench.servos) == []
     assert all(bench.bus.read(dxl_id, ct.TORQUE_ENABLE) == 0 for dxl_id in bench.emulated)
 
@@ -289,7 +296,7 @@ def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
 def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:
     bench.torque_on()  # sets Return Delay Time 0
     start = bench.clock.now()
-    read_states(bench.bus, bench.servos)
+    bench.states()
     assert bench.clock.now() - start == pytest.approx((14 + 3 + 3 * (11 + 10)) * 1e-5, abs=1e-6)
 
 

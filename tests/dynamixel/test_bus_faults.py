@@ -1,7 +1,7 @@
-"""The bus on a wire that spoils what passes: it may fail, and then says so, but it never returns a wrong value.
+"""The bus on a wire that spoils what passes: it may fail and say so, but it never returns a wrong value.
 
-The host keeps a set of what each register may hold. A write that was confirmed leaves one value; one that failed, or
-that servos never confirm, leaves the old ones and the new one.
+The host keeps a set of what each register may hold. A write that was confirmed leaves one value; one that
+failed, or that servos never confirm, leaves the old ones and the new one.
 """
 
 import pytest

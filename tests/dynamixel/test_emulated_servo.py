@@ -6,6 +6,7 @@ from time import perf_counter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from servo_console import Console
 
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
@@ -22,41 +23,6 @@ from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 CURRENT_BASED, EXTENDED, POSITION = 5, 4, 3
 
 
-class Console:
-    """Talks to a servo in addresses and numbers."""
-
-    def __init__(self, **options: float) -> None:
-        self.servo = EmulatedServo(1, **options)  # type: ignore[arg-type]
-
-    def send(self, instruction: int, params: bytes = b"") -> StatusPacket | None:
-        self.servo.heard()
-        return self.servo.handle(InstructionPacket(1, instruction, params))
-
-    def write(self, address: int, value: int, size: int) -> int:
-        raw = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
-        answer = self.send(Instruction.WRITE, address.to_bytes(2, "little") + raw)
-        assert answer is not None
-        return answer.error
-
-    def read(self, address: int, size: int) -> int:
-        answer = self.send(Instruction.READ, address.to_bytes(2, "little") + size.to_bytes(2, "little"))
-        assert answer is not None
-        assert answer.error_number == 0
-        return int.from_bytes(answer.params, "little", signed=True)
-
-    def run(self, seconds: float, load_nm: float = 0.0, dt: float = 1e-3) -> None:
-        for _ in range(round(seconds / dt)):
-            self.servo.step(dt, load_nm)
-
-    def start(self, mode: int, **settings_: int) -> None:
-        assert self.write(11, mode, 1) == 0
-        if "current" in settings_:
-            assert self.write(102, settings_["current"], 2) == 0
-        assert self.write(108, settings_.get("acceleration", 0), 4) == 0
-        assert self.write(112, settings_.get("velocity", 0), 4) == 0
-        assert self.write(64, 1, 1) == 0
-
-
 def test_ping_tells_model_and_firmware() -> None:
     answer = Console(firmware=45).send(Instruction.PING)
     assert answer == StatusPacket(1, 0, (1020).to_bytes(2, "little") + b"\x2d")
@@ -69,7 +35,7 @@ def test_ping_tells_model_and_firmware() -> None:
         (14, 0, 1, StatusErrorCode.ACCESS_ERROR),  # undefined
         (116, 0, 2, StatusErrorCode.DATA_LENGTH_ERROR),  # half of Goal Position
         (64, 2, 1, StatusErrorCode.DATA_RANGE_ERROR),
-        (11, 16, 1, StatusErrorCode.DATA_RANGE_ERROR),  # a mode that is not emulated
+        (11, 2, 1, StatusErrorCode.DATA_RANGE_ERROR),  # no such mode
         (98, -1, 1, StatusErrorCode.DATA_RANGE_ERROR),
         (116, 4096, 4, StatusErrorCode.DATA_LIMIT_ERROR),  # above Max Position Limit
         (102, 1194, 2, StatusErrorCode.DATA_RANGE_ERROR),
@@ -128,16 +94,26 @@ def test_unknown_instruction() -> None:
     assert Console().send(0x77) == StatusPacket(1, StatusErrorCode.INSTRUCTION_ERROR)
 
 
-def test_change_of_mode_resets_profile_goals_and_turns() -> None:
-    console = Console(start_rad=0.0)
+def test_change_of_mode_resets_profile_and_goals() -> None:
+    console = Console()
     console.write(38, 300, 2)
+    console.start(EXTENDED, velocity=200)
+    console.write(84, 700, 2)
+    console.write(64, 0, 1)
+    console.write(11, CURRENT_BASED, 1)
+    assert (console.read(108, 4), console.read(112, 4)) == (0, 0)
+    assert (console.read(84, 2), console.read(100, 2), console.read(102, 2)) == (800, 885, 300)
+
+
+def test_only_position_control_mode_forgets_turns() -> None:
+    console = Console()
     console.start(EXTENDED, velocity=200)
     console.write(116, 2048 + 3 * 4096, 4)
     console.run(6)
-    assert console.read(132, 4) == pytest.approx(2048 + 3 * 4096, abs=3)
     console.write(64, 0, 1)
     console.write(11, CURRENT_BASED, 1)
-    assert (console.read(112, 4), console.read(102, 2)) == (0, 300)
+    assert console.read(132, 4) == pytest.approx(2048 + 3 * 4096, abs=3)
+    console.write(11, POSITION, 1)
     assert console.read(132, 4) == pytest.approx(2048, abs=3)
 
 
@@ -347,13 +323,30 @@ def test_bulk_write_and_read() -> None:
     assert [Parser().feed(data)[0].params for _, data in answers] == [b"\1", b"\x10\x08\0\0"]
 
 
-def test_damaged_packets_are_ignored() -> None:
-    chain, _ = chain_of(1)
+def test_a_damaged_packet_is_answered_by_the_servo_that_it_names() -> None:
+    chain, servos = chain_of(1, 2)
     ping = bytearray(encode_instruction(InstructionPacket(1, Instruction.PING)))
     ping[-1] ^= 1
+    [(_, answer)] = chain.feed(bytes(ping), 0.0)
+    assert Parser().feed(answer) == [StatusPacket(1, StatusErrorCode.CRC_ERROR)]
+    servos[1].take_block(68, b"\1")  # Status Return Level: pings and reads only
     assert chain.feed(bytes(ping), 0.0) == []
     ping[-1] ^= 1
     assert len(chain.feed(bytes(ping), 0.0)) == 1
+
+
+def test_a_damaged_packet_to_all_is_answered_by_none() -> None:
+    chain, _ = chain_of(1)
+    ping = bytearray(encode_instruction(InstructionPacket(BROADCAST_ID, Instruction.PING)))
+    ping[-1] ^= 1
+    assert chain.feed(bytes(ping), 0.0) == []
+
+
+def test_a_packet_inside_a_damaged_one_is_found() -> None:
+    chain, _ = chain_of(1)
+    ping = encode_instruction(InstructionPacket(1, Instruction.PING))
+    assert chain.feed(b"\xff\xff\xfd\0\7\x0c\0" + ping, 0.0) == []  # LEN goes beyond the ping
+    assert [len(data) for _, data in chain.feed(b"\0\0", 0.0)] == [14]
 
 
 def test_half_a_packet_is_given_up_after_a_pause() -> None:

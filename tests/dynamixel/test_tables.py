@@ -5,11 +5,27 @@ from importlib.resources import files
 import pytest
 
 from palpate.drivers.dynamixel import control_table as ct
-from palpate.drivers.emulators.servo_table import XM430_W350, Access, Area
+from palpate.drivers.dynamixel.manual import (
+    EXTENDED_FIRMWARE,
+    MODEL_NAMES,
+    Access,
+    Area,
+    TableItem,
+    table_of,
+)
 
-RENAMED = {"Protocol Type": "Protocol Version"}  # the e-Manual's word on the right
-# in the e-Manual's XM430-W350 table, not in the vendor's file
-ONLY_MANUAL = {"Acceleration Limit"}
+# (model number, firmware, the vendor's file)
+VENDOR_FILES = [
+    (1020, 45, "xm430_w350"),
+    (1200, 51, "xl330_m288"),
+    (1200, 52, "xl330_m288_fw52"),
+    (1240, 51, "xc330_m288"),
+    (1240, 52, "xc330_m288_fw52"),
+]
+# on the e-Manual's pages of these items, and not in the vendor's files
+ONLY_MANUAL = {"Startup Configuration", "Backup Ready"}
+# the easy SDK's own use of the indirect items, not items themselves
+ONLY_VENDOR = {"Indirect Address Write", "Indirect Data Write", "Indirect Address Read", "Indirect Data Read"}
 
 
 def vendor_table(model: str) -> dict[str, tuple[int, int]]:
@@ -19,8 +35,18 @@ def vendor_table(model: str) -> dict[str, tuple[int, int]]:
     table = {}
     for row in rows:
         address, size, name = row.split("\t")
-        table[RENAMED.get(name.strip(), name.strip())] = int(address), int(size)
+        table[name.strip()] = int(address), int(size)
     return table
+
+
+def table(model_number: int, firmware: int) -> dict[str, TableItem]:
+    items = table_of(model_number, firmware)
+    assert items is not None
+    return {item.name: item for item in items}
+
+
+def all_tables() -> list[tuple[int, int]]:
+    return [(number, firmware) for number in MODEL_NAMES for firmware in (30, 41, 44, 45, 46, 51, 52)]
 
 
 @pytest.mark.parametrize("model", [model.name for model in ct.MODELS])
@@ -30,25 +56,72 @@ def test_host_items_are_where_the_vendor_has_them(model: str) -> None:
         assert theirs[item.name] == (item.address, item.size), item.name
 
 
-def test_emulated_table_is_the_vendors() -> None:
-    theirs = vendor_table("xm430_w350")
-    ours = {item.name: (item.address, item.size) for item in XM430_W350}
-    assert {name: where for name, where in ours.items() if name not in ONLY_MANUAL} == {
+@pytest.mark.parametrize(("number", "firmware", "file"), VENDOR_FILES)
+def test_the_manuals_table_is_the_vendors(number: int, firmware: int, file: str) -> None:
+    theirs = vendor_table(file)
+    ours = {name: (item.address, item.size) for name, item in table(number, firmware).items()}
+    plain = {name: where for name, where in ours.items() if not name.startswith("Indirect")}
+    assert {name: where for name, where in plain.items() if name not in ONLY_MANUAL} == {
         name: where for name, where in theirs.items() if not name.startswith("Indirect")
     }
+    for name in theirs:
+        if name.startswith("Indirect") and name not in ONLY_VENDOR:
+            assert ours[name] == theirs[name], name
 
 
-def test_host_and_emulator_agree_on_sign_and_area() -> None:
-    emulated = {item.name: item for item in XM430_W350}
+def test_models_and_their_names_agree_with_the_hosts() -> None:
+    assert {model.number: model.name for model in ct.MODELS} == MODEL_NAMES
+    assert table_of(1030, 45) is None
+
+
+@pytest.mark.parametrize("number", MODEL_NAMES)
+def test_host_and_manual_agree_on_sign_area_and_limits(number: int) -> None:
+    items = table(number, 52)
     for item in ct.ITEMS:
-        assert item.signed == emulated[item.name].signed, item.name
-        assert item.eeprom == (emulated[item.name].area is Area.EEPROM), item.name
+        assert item.signed == items[item.name].signed, item.name
+        assert item.eeprom == (items[item.name].area is Area.EEPROM), item.name
+    model = next(model for model in ct.MODELS if model.number == number)
+    assert items["Current Limit"].high == model.largest_current
+    assert items["Model Number"].default == number
 
 
-def test_emulated_items_do_not_overlap_and_defaults_are_in_range() -> None:
+@pytest.mark.parametrize(("number", "firmware"), all_tables())
+def test_items_do_not_overlap_and_defaults_are_in_range(number: int, firmware: int) -> None:
+    items = table_of(number, firmware)
+    assert items is not None
     end = 0
-    for item in XM430_W350:
-        assert item.address >= end
+    for item in items:
+        assert item.address >= end, item.name
         end = item.address + item.size
-        if item.access is Access.RW:
-            assert item.low <= item.default <= item.high
+        if item.access is Access.RW and item.name != "Goal Position":
+            assert item.low <= item.default <= item.high, item.name
+        assert item.high < 1 << 8 * item.size
+
+
+def test_indirect_data_lie_where_the_firmware_has_them() -> None:
+    def first_and_last(number: int, firmware: int) -> tuple[tuple[int, int], tuple[int, int]]:
+        items = table(number, firmware)
+        count = sum(name.startswith("Indirect Data") for name in items)
+        ends = [(items[f"Indirect Address {k}"], items[f"Indirect Data {k}"]) for k in (1, count)]
+        assert all(pointer.default == data.address for pointer, data in ends)
+        return (ends[0][0].address, ends[0][1].address), (ends[1][0].address, ends[1][1].address)
+
+    assert first_and_last(1020, 44) == ((168, 224), (632, 661))
+    assert first_and_last(1200, 51) == first_and_last(1240, 51) == ((168, 224), (206, 243))
+    assert first_and_last(1200, 52) == first_and_last(1240, 52) == ((168, 208), (206, 227))
+
+
+@pytest.mark.parametrize("number", MODEL_NAMES)
+def test_items_come_with_their_firmware(number: int) -> None:
+    new = EXTENDED_FIRMWARE[number]
+    assert table(number, new)["Backup Ready"].address == 147
+    assert table(number, new)["Startup Configuration"].address == 60
+    assert table(number, new)["Drive Mode"].high & 8
+    assert not ONLY_MANUAL & set(table(number, new - 1))
+    assert not table(number, new - 1)["Drive Mode"].high & 8
+
+
+def test_an_old_xm430() -> None:
+    assert table(1020, 41)["Velocity Limit"].default == 350
+    assert table(1020, 42)["Velocity Limit"].default == 200
+    assert {"Drive Mode", "Bus Watchdog"} & set(table(1020, 37)) == set()

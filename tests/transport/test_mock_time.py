@@ -54,6 +54,18 @@ def test_an_empty_poll_moves_the_clock_by_a_millisecond_at_most() -> None:
         assert clock.now() == pytest.approx(1e-3)
 
 
+def test_an_answer_at_another_rate_than_the_ports_is_lost() -> None:
+    clock = VirtualClock()
+    hub = MockHub(clock)
+    with open_port(hub.attach("echo", Echo(), 57_600), 57_600, timeout_s=0.1) as port:
+        port.write(b"lost")
+        port.baudrate = 1_000_000
+        assert port.read(4) == b""
+        port.baudrate = 57_600
+        port.write(b"kept")
+        assert port.read(4) == b"kept"
+
+
 def test_two_wires_share_the_clock_but_not_the_bytes() -> None:
     clock = VirtualClock()
     hub = MockHub(clock)

@@ -14,7 +14,7 @@ from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.tap import Direction, TappedPort
-from palpate.drivers.transport.wire import Emission
+from palpate.drivers.transport.wire import Device, Emission
 from palpate.errors import DeviceError
 
 BAUD = 115_200
@@ -45,10 +45,18 @@ class EchoTicker:
         return self._next if self.ticking else None
 
 
+class RateTeller(EchoTicker):
+    """Hears every rate, and answers with the one at which it was spoken to."""
+
+    def feed_at(self, data: bytes, now: float, baudrate: int) -> list[Emission]:  # noqa: ARG002
+        return [(now + 1e-3, b"%d" % baudrate)]
+
+
 @dataclass
 class Bench:
     clock: Clock
     open: Callable[..., SerialBase]
+    open_teller: Callable[..., SerialBase]
 
 
 @pytest.fixture(params=["mock", "pty", "tapped mock", "tapped pty", "faulty mock", "faulty pty"])
@@ -66,11 +74,13 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     if request.param.endswith("mock"):
         virtual = VirtualClock()
         hub = MockHub(virtual, "conformance")
-        yield Bench(virtual, opener(hub.attach("echo", device, BAUD), virtual))
+        urls = [hub.attach("echo", device, BAUD), hub.attach("teller", RateTeller(), BAUD)]
+        yield Bench(virtual, *(opener(url, virtual) for url in urls))
         return
     real = MonotonicClock()
-    with serve_pty({"echo": (device, BAUD)}, real, threading.Event()) as service:
-        yield Bench(real, opener(service.paths["echo"], real))
+    devices: dict[str, tuple[Device, int]] = {"echo": (device, BAUD), "teller": (RateTeller(), BAUD)}
+    with serve_pty(devices, real, threading.Event()) as service:
+        yield Bench(real, *(opener(service.paths[name], real) for name in devices))
 
 
 def test_bytes_come_back_in_order(bench: Bench) -> None:
@@ -162,6 +172,22 @@ def test_wrong_baud_rate_is_not_understood(bench: Bench) -> None:
     with bench.open(baudrate=57_600, timeout_s=0.05) as port:
         port.write(b"hello")
         assert port.read(5) == b""
+
+
+@pytest.mark.parametrize("rate", [9600, 57_600, 1_000_000, 4_500_000])
+def test_a_device_that_knows_rates_hears_the_clients(bench: Bench, rate: int) -> None:
+    with bench.open_teller(baudrate=rate) as port:
+        port.write(b"?")
+        assert port.read(len(str(rate))) == b"%d" % rate
+
+
+def test_a_client_may_change_its_rate(bench: Bench) -> None:
+    with bench.open_teller(baudrate=57_600) as port:
+        port.write(b"?")
+        assert port.read(5) == b"57600"
+        port.baudrate = 115_200
+        port.write(b"?")
+        assert port.read(6) == b"115200"
 
 
 def test_tap_sees_both_directions(bench: Bench) -> None:

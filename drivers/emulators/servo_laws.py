@@ -1,0 +1,114 @@
+"""What drives an emulated servo's motor outside plain proportional position control, one step at a time.
+
+Current, Velocity and PWM Control Mode, and what the I and D gains add to the position loop. Each law gives
+the duty (−1…1) of the next step; `servo_motion` turns it into current and torque and keeps the limits.
+Gains convert as the e-Manual says ("Velocity PI Gain", "Position PID Gain"). How often the firmware's loops
+run it does not say: a period of 1 ms is a guess. The feedforward gains have no effect.
+"""
+
+import math
+from typing import Protocol
+
+__all__ = ["LOOP_S", "CurrentLaw", "DutyLaw", "Law", "PositionExtras", "VelocityLaw"]
+
+LOOP_S = 1e-3
+"""Period of the firmware's control loops in s; a guess."""
+
+
+class Law(Protocol):
+    """A control law."""
+
+    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:
+        """Duty of the next step of `dt` s at `velocity` rad/s.
+
+        `back_emf`: the duty at which no current flows. `drive_a`: current at full duty and standstill, in A.
+        `limit`: largest duty.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Want nothing any more."""
+        ...
+
+
+def _within(value: float, limit: float) -> float:
+    return limit if value > limit else -limit if value < -limit else value
+
+
+class CurrentLaw:
+    """Current Control Mode: the duty that lets `goal_a` flow, as far as there is voltage for it."""
+
+    def __init__(self, goal_a: float = 0.0) -> None:
+        self.goal_a = goal_a
+
+    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:  # noqa: ARG002
+        """See `Law`."""
+        return _within(self.goal_a / drive_a + back_emf, limit)
+
+    def stop(self) -> None:
+        """Let no current flow."""
+        self.goal_a = 0.0
+
+
+class DutyLaw:
+    """PWM Control Mode: the duty as it is asked for."""
+
+    def __init__(self, goal: float = 0.0) -> None:
+        self.goal = goal
+
+    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:  # noqa: ARG002
+        """See `Law`."""
+        return _within(self.goal, limit)
+
+    def stop(self) -> None:
+        """Put no voltage on the motor."""
+        self.goal = 0.0
+
+
+class VelocityLaw:
+    """Velocity Control Mode: a ramp towards the goal, and a PI loop that follows it.
+
+    `p` and `i`: duty per rad/s of error, and duty per rad/s and s. `reference_rad_s` is where the ramp is.
+    """
+
+    def __init__(self, p: float, i: float) -> None:
+        self.p = p
+        self.i = i
+        self.goal_rad_s = 0.0
+        self.reference_rad_s = 0.0
+        self._rate = math.inf
+        self._integral = 0.0
+
+    def go(self, goal_rad_s: float, rate_rad_s2: float) -> None:
+        """Ramp to a velocity from where the ramp is now; an infinite rate is a step."""
+        self.goal_rad_s = goal_rad_s
+        self._rate = rate_rad_s2
+
+    def stop(self) -> None:
+        """Want to stand still, at once."""
+        self.goal_rad_s = self.reference_rad_s = 0.0
+
+    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:  # noqa: ARG002
+        """See `Law`."""
+        self.reference_rad_s += _within(self.goal_rad_s - self.reference_rad_s, self._rate * dt)
+        error = self.reference_rad_s - velocity
+        integral = self._integral + self.i * error * dt
+        wanted = self.p * error + integral
+        held = _within(wanted, limit)
+        if wanted == held or (wanted - held) * error < 0.0:  # no windup while the limit holds
+            self._integral = integral
+        return held
+
+
+class PositionExtras:
+    """What I and D gains add to the position loop: duty per rad and s, and duty per rad/s."""
+
+    def __init__(self, i: float, d: float) -> None:
+        self.i = i
+        self.d = d
+        self._integral = 0.0
+
+    def duty(self, dt: float, error: float, error_rate: float, limit: float) -> float:
+        """Duty to add in a step of `dt` s, at an error in rad that changes by `error_rate` rad/s."""
+        self._integral = _within(self._integral + self.i * error * dt, limit)
+        return self._integral + self.d * error_rate

@@ -1,0 +1,241 @@
+"""Memory, drive and protection of one emulated servo: what reads and writes do, and what time does.
+
+Below `servo` (the face towards mechanics and wire) and `servo_instructions` (packets). The table itself knows
+which addresses and values are possible; here stands what depends on the servo's state.
+"""
+
+from palpate.drivers.dynamixel.manual import EXTENDED_FIRMWARE, Access, Area, TableItem, table_of
+from palpate.drivers.dynamixel.packet import StatusErrorCode
+from palpate.drivers.emulators.servo_backup import Backup
+from palpate.drivers.emulators.servo_drive import (
+    GOAL_OF_MODE,
+    POSITION_MODE,
+    REVERSE,
+    TORQUE_ON_BY_GOAL,
+    ServoDrive,
+)
+from palpate.drivers.emulators.servo_models import ServoModel
+from palpate.drivers.emulators.servo_motion import ShaftMotion
+from palpate.drivers.emulators.servo_protection import Protection
+from palpate.drivers.emulators.servo_table import ControlTable, Refused
+
+__all__ = ["BOOT_S", "ServoUnit"]
+
+BOOT_S = 0.3
+"""How long a servo is deaf after a reboot; not in the manual."""
+
+_WATCHDOG_UNIT = 0.020  # s
+_EXTENDED_RANGE = 1_048_575
+_BUS_WATCHDOG_ERROR = -1
+_STARTUP_TORQUE_ON, _STARTUP_RAM_RESTORE = 0x01, 0x02  # bits of Startup Configuration
+
+_LIMIT_OF_GOAL = {
+    "Goal PWM": "PWM Limit",
+    "Goal Current": "Current Limit",
+    "Goal Velocity": "Velocity Limit",
+}
+_GOALS = {*_LIMIT_OF_GOAL, "Goal Position"}
+_DRIVE_SETTINGS = _GOALS | {
+    "Drive Mode",
+    "Position D Gain",
+    "Position I Gain",
+    "Position P Gain",
+    "Velocity I Gain",
+    "Velocity P Gain",
+    "PWM Limit",
+    "Current Limit",
+    "Velocity Limit",
+    "Profile Velocity",
+    "Profile Acceleration",
+}
+
+
+class ServoUnit:
+    """A servo without its wire. `deaf_s`: how long it will not listen, because it boots."""
+
+    def __init__(self, model: ServoModel, firmware: int, motion: ShaftMotion) -> None:
+        """Factory-new and not yet started: call `start`. ValueError for a model that the manual lacks."""
+        items = table_of(model.number, firmware)
+        if items is None:
+            raise ValueError(f"no control table of model number {model.number}")
+        self.model = model
+        self.motion = motion
+        self.table = ControlTable(items)
+        self.drive = ServoDrive(self.table, motion, model.current_unit_a)
+        self.protection = Protection(model, self.table)
+        self.backup = Backup()
+        self.extended = firmware >= EXTENDED_FIRMWARE[model.number]
+        self.firmware = firmware
+        self.registered: tuple[int, bytes] | None = None
+        self.deaf_s = 0.0
+        self._silence_s = self._watchdog_s = self._uptime_s = 0.0
+
+    # -- life ---------------------------------------------------------------------------------------------
+
+    def start(self, boot_s: float = 0.0) -> None:
+        """Begin as after a reboot, deaf for `boot_s`: RAM at its defaults, torque off, turns forgotten."""
+        self.table.reset_ram()
+        self.motion.release()
+        self.deaf_s = boot_s
+        self._uptime_s = self._silence_s = self._watchdog_s = 0.0
+        self.protection.forget_overload()
+        self.registered = None
+        self.drive.power_up()
+        if "Backup Ready" in self.table:
+            self.table.set("Backup Ready", int(self.backup.ready))
+        if self._startup() & _STARTUP_RAM_RESTORE:
+            self.backup.restore_ram(self.table)
+            self.drive.configure()
+        if boot_s <= 0.0:
+            self._booted()
+
+    def factory_reset(self, keep: frozenset[str]) -> None:
+        """Put all that can be written back to its defaults, but for the items in `keep`, and reboot."""
+        for item in self.table:
+            if item.area is Area.EEPROM and item.access is Access.RW and item.name not in keep:
+                self.table.reset(item.name)
+        self.start(BOOT_S)
+
+    def step(self, dt_s: float, load_nm: float) -> None:
+        """Let `dt_s` pass with an outside torque on the shaft."""
+        motion = self.motion
+        motion.step(dt_s, load_nm)
+        self._uptime_s += dt_s
+        if self.deaf_s > 0.0:
+            self.deaf_s -= dt_s
+            if self.deaf_s <= 0.0:
+                self._booted()
+        driven = motion.driven
+        if driven and self._watchdog_s > 0.0:
+            self._silence_s += dt_s
+            if self._silence_s >= self._watchdog_s:
+                self._trip_watchdog()
+        bits = self.protection.watch(dt_s, motion.current_a, driven=driven)
+        if bits:
+            self.report(bits)
+
+    def heard(self) -> None:
+        """Note that an instruction packet passed: Bus Watchdog counts from here."""
+        self._silence_s = 0.0
+
+    def report(self, bits: int) -> None:
+        """Latch bits of Hardware Error Status until a reboot; torque goes off if Shutdown selects them."""
+        self.table.set("Hardware Error Status", self.table.get("Hardware Error Status") | bits)
+        self.protection.forget_overload()
+        if bits & self.table.get("Shutdown"):
+            self.set_torque(on=False)
+
+    def set_torque(self, *, on: bool) -> None:
+        """Switch torque, as Torque Enable does."""
+        self.table.set("Torque Enable", int(on))
+        self.protection.forget_overload()
+        self._silence_s = 0.0
+        if on:
+            self.drive.engage()
+        else:
+            self.motion.release()
+
+    def _booted(self) -> None:
+        if self._startup() & _STARTUP_TORQUE_ON:
+            self.set_torque(on=True)
+
+    def _startup(self) -> int:
+        return self.table.get("Startup Configuration") if "Startup Configuration" in self.table else 0
+
+    def _trip_watchdog(self) -> None:
+        self._watchdog_s = 0.0
+        self.table.set("Bus Watchdog", _BUS_WATCHDOG_ERROR)
+        self.drive.stop()
+
+    # -- memory -------------------------------------------------------------------------------------------
+
+    def read(self, address: int, length: int) -> bytes:
+        """Bytes of the control table as they are now; raises Refused."""
+        if address + length > 120:
+            self.table.set("Realtime Tick", int(self._uptime_s * 1000) % 32768)
+            self.table.set("Present Input Voltage", round(10 * self.protection.supply_v))
+            self.table.set("Present Temperature", max(0, min(255, round(self.protection.temperature_c))))
+            self.drive.refresh()
+        return self.table.read(address, length)
+
+    def write(self, address: int, data: bytes, *, ram_only: bool = False) -> None:
+        """Write items; raises Refused, and then nothing is changed."""
+        for item, value in self.checked(address, data, ram_only=ram_only):
+            self._apply(item.name, value)
+
+    def checked(self, address: int, data: bytes, *, ram_only: bool = False) -> list[tuple[TableItem, int]]:
+        """What a write would set; raises Refused if it may not be carried out now."""
+        writes = self.table.parse_write(address, data)
+        for item, value in writes:
+            if item.area is Area.EEPROM and (ram_only or self.motion.driven):
+                raise Refused(StatusErrorCode.ACCESS_ERROR)
+            self._check(item, value)
+        return writes
+
+    def _check(self, item: TableItem, value: int) -> None:
+        name, possible = item.name, True
+        if name in _GOALS:
+            self._check_goal(name, value)
+        elif name == "Bus Watchdog":
+            tripped = self.table.get("Bus Watchdog") == _BUS_WATCHDOG_ERROR
+            possible = value >= 0 and not (tripped and value != 0)
+        elif name == "Operating Mode":
+            possible = value in GOAL_OF_MODE
+        elif name == "Drive Mode":
+            possible = value & ~item.high == 0  # bits that are "unused, always 0"
+        elif name == "Protocol Type":
+            possible = value in self.model.protocol_types
+        elif name == "Torque Enable" and value:
+            self._check_torque()
+        if not possible:
+            raise Refused(StatusErrorCode.DATA_RANGE_ERROR)
+
+    def _check_torque(self) -> None:
+        # the manual: a reboot is the only way back; with which error torque is refused it does not say
+        if self.table.get("Hardware Error Status") & self.table.get("Shutdown"):
+            raise Refused(StatusErrorCode.RESULT_FAIL)
+
+    def _check_goal(self, name: str, value: int) -> None:
+        table = self.table
+        if "Bus Watchdog" in table and table.get("Bus Watchdog") == _BUS_WATCHDOG_ERROR:
+            raise Refused(StatusErrorCode.DATA_RANGE_ERROR)
+        if self._switches_on(name):
+            self._check_torque()
+        if name != "Goal Position":
+            if abs(value) > table.get(_LIMIT_OF_GOAL[name]):
+                raise Refused(StatusErrorCode.DATA_LIMIT_ERROR)
+        elif table.get("Operating Mode") == POSITION_MODE:
+            if not table.get("Min Position Limit") <= value <= table.get("Max Position Limit"):
+                raise Refused(StatusErrorCode.DATA_LIMIT_ERROR)
+        elif abs(value) > _EXTENDED_RANGE:
+            raise Refused(StatusErrorCode.DATA_RANGE_ERROR)
+
+    def _switches_on(self, name: str) -> bool:
+        """True if writing this goal switches torque on by itself: bit Torque On by Goal Update."""
+        table = self.table
+        return (
+            not self.motion.driven
+            and "Drive Mode" in table
+            and bool(table.get("Drive Mode") & TORQUE_ON_BY_GOAL)
+            and GOAL_OF_MODE[table.get("Operating Mode")] == name
+        )
+
+    def _apply(self, name: str, value: int) -> None:
+        table, before = self.table, self.table.get(name)
+        if name == "Torque Enable":
+            self.set_torque(on=bool(value))
+            return
+        if self._switches_on(name):
+            self.set_torque(on=True)
+        table.set(name, value)
+        if name == "Operating Mode" and value != before:
+            self.drive.change_mode()
+        elif name == "Drive Mode" and (value ^ before) & REVERSE:
+            self.drive.change_direction()
+        elif name == "Bus Watchdog":
+            self._watchdog_s = value * _WATCHDOG_UNIT
+            self._silence_s = 0.0
+        elif name == GOAL_OF_MODE[table.get("Operating Mode")]:
+            self.drive.command()
+        elif name in _DRIVE_SETTINGS:
+            self.drive.configure()
