@@ -22,6 +22,7 @@ def add_to(app: typer.Typer) -> None:
     app.command("scan")(_scan)
     app.command("setup-motors")(_setup)
     app.command("check")(_check)
+    app.command("stop")(_stop)
 
 
 def _scan(
@@ -69,3 +70,20 @@ def _setup(
     from palpate.rig.command_setup import run_setup
 
     raise typer.Exit(run_setup(rig=rig, dxl_ids=dxl_id or [], yes=yes, json=json))
+
+
+def _stop(
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file (TOML).")] = None,
+    port: _PortOption = None,
+    baud: Annotated[
+        int | None, typer.Option("--baud", help="Baud rate, with --port; 1000000 if left out.")
+    ] = None,
+    json: _JsonOption = False,
+) -> None:
+    """Switch torque off on every servo, now, also beside a palpate that is running.
+
+    Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
+    """
+    from palpate.rig.command_stop import run_stop
+
+    raise typer.Exit(run_stop(rig=rig, port=port, baudrate=baud, json=json))

@@ -81,7 +81,7 @@ class Motor:
 
 
 def set_up_all(motors: Sequence[Motor], wire: Wire, port: str, asking: Asking) -> None:
-    """Set up one servo after another; each `Motor` says how it ended. After a DeviceError it is asked again."""
+    """Set up one servo after another; each `Motor` says how it ended. After a DeviceError asks again."""
     for motor in motors:
         while motor.outcome is SetupOutcome.NOT_DONE:
             ready = asking.connect(motor)

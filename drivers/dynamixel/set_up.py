@@ -67,9 +67,7 @@ def only_servo(found: Scan, model: Model, port: str) -> Found:
         raise DeviceError(f"no servo answers on {port}; check its power and its cable")
     if len(servos) > 1 or servos[0].crowded:
         places = ", ".join(f"id {item.dxl_id} at {item.baudrate} baud" for item in servos)
-        how_many = (
-            f"{len(servos)} servos answer" if len(servos) > 1 else "more than one servo seems to answer"
-        )
+        count = f"{len(servos)} servos answer" if len(servos) > 1 else "more than one servo seems to answer"
         raise DeviceError(f"{count} on {port} ({places}); connect only the one to set up")
     (only,) = servos
     name = model_name(only.ping)
