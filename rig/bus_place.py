@@ -3,18 +3,17 @@
 Between the command line and the drivers; the commands on whole rigs take their ports from here, too.
 """
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from serial.serialutil import SerialBase
 
 from palpate.config import RigFile, load_rig, shipped_rig
-from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, latency_with_timer_s
-from palpate.drivers.transport.adapter import EMULATED_LATENCY_S, latency_timer_s
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.errors import InputError
-from palpate.rig.bench import BenchRig, bus_latency_s, set_up
+from palpate.rig.bus_latency import bus_latency_s, port_latency_s
 
 __all__ = ["BusPlace", "Owned", "bus_of", "bus_place", "servos_of"]
 
@@ -32,25 +31,30 @@ class Owned:
 class BusPlace:
     """A bus: its port as people call it, how to open it, and what is known of it.
 
-    `rig` is None if only a port was named. `bench` keeps emulated devices alive.
+    `rig` is None if only a port was named. `urls`: where ports of an emulated rig really are. `devices`: what
+    hangs on them, which lives as long as somebody owns it.
     """
 
     port: str
-    url: str
     clock: Clock
     latency_s: float
     baudrate: int | None = None
     rig: RigFile | None = None
-    bench: BenchRig | None = field(default=None, repr=False)
+    urls: Callable[[str], str] = str
+    devices: object = None
 
     @property
     def emulated(self) -> bool:
         """Whether nothing real hangs on it, as far as the host can tell."""
-        return "mock://" in self.url
+        return self.port.startswith("mock://")
 
     def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
-        """Open the port; raises DeviceError naming it."""
-        return open_port(self.url, baudrate, shared=shared)
+        """Open the bus's port; raises DeviceError naming it."""
+        return open_port(self.urls(self.port), baudrate, shared=shared)
+
+    def open_other(self, port: str, baudrate: int) -> SerialBase:
+        """Open another port of the rig; raises DeviceError naming it."""
+        return open_port(self.urls(port), baudrate)
 
 
 def bus_place(rig: Path | None, port: str | None) -> BusPlace:
@@ -62,25 +66,19 @@ def bus_place(rig: Path | None, port: str | None) -> BusPlace:
         return bus_of(load_rig(rig or shipped_rig()))
     if rig is not None:
         raise InputError("--port and --rig exclude each other: the rig file names its port")
-    if port.startswith("mock://"):
-        return BusPlace(port, port, MonotonicClock(), EMULATED_LATENCY_S)
-    timer = latency_timer_s(port)
-    latency = UNKNOWN_LATENCY_S if timer is None else latency_with_timer_s(timer)
-    return BusPlace(port, port, MonotonicClock(), latency)
+    return BusPlace(port, MonotonicClock(), port_latency_s(port))
 
 
 def bus_of(rig: RigFile) -> BusPlace:
     """The bus of a rig; that of an emulated rig is emulated from now on."""
+    latency, baudrate = bus_latency_s(rig), rig.bus.baudrate_bps
+    if not rig.emulated:
+        return BusPlace(rig.bus.port, MonotonicClock(), latency, baudrate, rig)
+    # half a second of imports, for which an emergency stop of a real rig must not wait
+    from palpate.rig.bench import set_up  # noqa: PLC0415
+
     bench = set_up(rig, None, 0)
-    return BusPlace(
-        rig.bus.port,
-        bench.urls(rig.bus.port),
-        bench.clock,
-        bus_latency_s(rig),
-        rig.bus.baudrate_bps,
-        rig,
-        bench,
-    )
+    return BusPlace(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
 
 
 def servos_of(rig: RigFile | None) -> tuple[Owned, ...]:

@@ -7,8 +7,6 @@ read over and over, as a run does.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 
-from serial.serialutil import SerialBase
-
 from palpate.config import RigFile
 from palpate.config.check_result import (
     AdapterCheckOut,
@@ -20,7 +18,6 @@ from palpate.config.check_result import (
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.adapter import latency_timer_s
-from palpate.drivers.transport.port import open_port
 from palpate.errors import DeviceError, InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace
@@ -49,7 +46,7 @@ def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda
     arrays = []
     for spec in rig.fingers:
         now(f"array of finger {spec.name}")
-        arrays.append(check_array(spec, rig.closing.sample_rate_hz, place.clock, _opening(place)))
+        arrays.append(check_array(spec, rig.closing.sample_rate_hz, place.clock, place.open_other))
     timer = latency_timer_s(rig.bus.port)
     adapter = AdapterCheckOut(
         port=rig.bus.port,
@@ -97,11 +94,6 @@ def _loop(
     except (DeviceError, InputError) as error:
         return None, {}, [f"the servos cannot be read together: {error}"]
     return loop, states, []
-
-
-def _opening(place: BusPlace) -> Callable[[str, int], SerialBase]:
-    bench = place.bench
-    return lambda port, baudrate: open_port(port if bench is None else bench.urls(port), baudrate)
 
 
 def _loop_warnings(loop: LoopOut | None, wanted_hz: float) -> list[str]:
