@@ -17,12 +17,20 @@ _PortOption = Annotated[str | None, typer.Option("--port", help="Port of the ser
 _JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 
 
+_PANEL = "Setting up a rig"
+
+
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the app."""
-    app.command("scan")(_scan)
-    app.command("setup-motors")(_setup)
-    app.command("check")(_check)
-    app.command("stop")(_stop)
+    commands = {
+        "find-port": _find_port,
+        "scan": _scan,
+        "setup-motors": _setup,
+        "check": _check,
+        "stop": _stop,
+    }
+    for name, command in commands.items():
+        app.command(name, rich_help_panel=_PANEL)(command)
 
 
 def _scan(
@@ -46,7 +54,7 @@ def _scan(
 
 
 def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
-    """Look at every servo and array of a rig, and at the speed of the bus. Moves nothing.
+    """Look at every servo, array and the bus of a rig. Moves nothing.
 
     Exit code 3: something is wrong. Warnings alone: 0.
     """
@@ -63,7 +71,7 @@ def _setup(
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Write to EEPROM without asking.")] = False,
     json: _JsonOption = False,
 ) -> None:
-    """Give each servo its id, baud rate and limits; asks you to connect one at a time.
+    """Give each servo its id, baud rate and limits, one at a time.
 
     Exit code 1: a servo was skipped. 3: a servo is not done.
     """
@@ -80,10 +88,23 @@ def _stop(
     ] = None,
     json: _JsonOption = False,
 ) -> None:
-    """Switch torque off on every servo, now, also beside a palpate that is running.
+    """Switch torque off on every servo, now, beside whatever runs.
 
     Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
     """
     from palpate.rig.command_stop import run_stop
 
     raise typer.Exit(run_stop(rig=rig, port=port, baudrate=baud, json=json))
+
+
+def _find_port(
+    only_list: Annotated[bool, typer.Option("--list", help="Only list the ports; ask nothing.")] = False,
+    json: _JsonOption = False,
+) -> None:
+    """List serial ports; find out which is yours by unplugging it.
+
+    Without a terminal it only lists. Exit code 3: there is no port.
+    """
+    from palpate.rig.command_find_port import run_find_port
+
+    raise typer.Exit(run_find_port(only_list=only_list, json=json))

@@ -50,6 +50,11 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
             raise PortTaken(
                 f"port {url} is in use: another program is using it; close that program, then try again"
             ) from error
+        if isinstance(error, OSError) and error.errno == errno.EACCES:
+            raise DeviceError(
+                f"port {url} may not be opened by this user; join the group that owns it "
+                "(sudo usermod -aG dialout $USER), then log in again"
+            ) from error
         raise DeviceError(
             f"port {url} does not exist or cannot be opened at {baudrate} baud: {_reason(error)}; "
             "check the cable and `port` in the rig file"
