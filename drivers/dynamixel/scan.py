@@ -5,13 +5,15 @@ asked by itself: two servos with one id speak at once and spoil each other's ans
 the same, reading what differs between any two servos (angle, voltage, clock) tells them apart.
 """
 
+import contextlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.bus import Bus, Ping
-from palpate.drivers.dynamixel.failures import DamagedAnswer, NotAnswering
+from palpate.drivers.dynamixel.control_table import Item
+from palpate.drivers.dynamixel.failures import DamagedAnswer, NotAnswering, StatusError
 from palpate.drivers.dynamixel.models import model_numbered
 from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.transport.clock import Clock
@@ -22,7 +24,7 @@ __all__ = ["ALL_IDS", "Found", "Scan", "model_name", "scan", "scan_rate"]
 
 ALL_IDS = range(MAX_ID + 1)
 
-_LIVE = (120, 28)  # Realtime Tick (120) to Present Temperature (146): no two servos agree in all of it
+_LIVE = Item("Realtime Tick to Present Temperature", 120, 27)  # no two servos agree in all of it
 _LOOKS = 4
 _REST_S = 0.05  # a servo that heard half a packet at another baud rate has forgotten it by then
 
@@ -140,14 +142,15 @@ def _is_crowded(bus: Bus, port: SerialBase, clock: Clock, dxl_id: int) -> bool:
     spoiled = 0
     for _ in range(_LOOKS):
         before = bus.counts.damaged
-        bus.read_blocks({dxl_id: _LIVE})
+        with contextlib.suppress(NotAnswering, DamagedAnswer, StatusError):  # damage is counted
+            bus.read_alerting(dxl_id, _LIVE)
         spoiled += bus.counts.damaged > before or _more_comes(bus, port, clock)
     return spoiled > _LOOKS // 2
 
 
 def _more_comes(bus: Bus, port: SerialBase, clock: Clock) -> bool:
     """Whether something still comes behind an answer that was complete."""
-    clock.sleep(bus.timing.latency_s + bus.timing.timeout_s(0, 2 * _LIVE[1], 0.0))
+    clock.sleep(bus.timing.latency_s + bus.timing.timeout_s(0, 2 * _LIVE.size, 0.0))
     try:
         return bool(port.read(1))
     except PORT_ERRORS:
