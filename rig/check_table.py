@@ -26,7 +26,12 @@ def show(out: CheckOut, console: Console) -> None:
         console.print(f"{_WRONG} {escape(problem)}", highlight=False)
     for warning in out.warnings:
         console.print(f"{_WARNING} {escape(warning)}", highlight=False)
-    console.print(f"{_verdict(out)}", highlight=False)
+    if any(item.settings for item in out.servos):
+        console.print(
+            "  a run writes these settings before anything moves; `palpate setup-motors` writes them now",
+            highlight=False,
+        )
+    console.print(_verdict(out), highlight=False)
 
 
 def _servos(servos: tuple[ServoCheckOut, ...]) -> Table:
@@ -91,7 +96,7 @@ def _verdict(out: CheckOut) -> str:
     if out.problems:
         things = counted(len(out.problems), "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if out.warnings else "")
-    return f"[green bold]all well[/], {warnings}" if out.warnings else "[green bold]all well[/]"
+    return f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
 
 
 def _table(*columns: str) -> Table:
