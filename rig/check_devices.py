@@ -4,6 +4,7 @@ Between the drivers and `checking`. Torque stays as it is found, and nothing is 
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
-from palpate.drivers.transport.adapter import latency_timer_file, latency_timer_s
+from palpate.drivers.transport.adapter import LATENCY_TIMER, latency_timer_file, latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
 from palpate.rig.hand import OpenPort
@@ -165,7 +166,7 @@ def timer_warnings(port: str, timer_s: float) -> list[str]:
 
 def _timer_path(port: str) -> str:
     file = latency_timer_file(port)
-    return "" if file is None else str(file)
+    return f"/sys/class/tty/{Path(port).name}/device/{LATENCY_TIMER}" if file is None else str(file)
 
 
 def _listen(array: TactileArray, clock: Clock) -> list[TactileFrame]:

@@ -1,5 +1,7 @@
 """What `palpate check` found, as tables for a terminal. From a `CheckOut` to rich."""
 
+from collections.abc import Collection
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -35,7 +37,18 @@ def show(out: CheckOut, console: Console) -> None:
 
 
 def _servos(servos: tuple[ServoCheckOut, ...]) -> Table:
-    table = _table("", "servo", "", "model", "firmware", "supply", "temperature", "torque", "settings")
+    table = _table(
+        ("servo", "firmware"),
+        "",
+        "servo",
+        "",
+        "model",
+        "firmware",
+        "supply",
+        "temperature",
+        "torque",
+        "settings",
+    )
     for item in servos:
         table.add_row(
             _mark(item.problems, item.warnings),
@@ -52,7 +65,7 @@ def _servos(servos: tuple[ServoCheckOut, ...]) -> Table:
 
 
 def _arrays(arrays: tuple[ArrayCheckOut, ...]) -> Table:
-    table = _table("", "array", "taxels", "frames/s", "lost", "firmware")
+    table = _table(("lost",), "", "array", "taxels", "frames/s", "lost", "firmware")
     for item in arrays:
         taxels = _UNKNOWN if item.rows is None else f"{item.rows} × {item.columns}"
         rate = _UNKNOWN if item.rate_hz is None else f"{item.rate_hz:.0f} of {item.wanted_hz:g}"
@@ -99,10 +112,10 @@ def _verdict(out: CheckOut) -> str:
     return f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
 
 
-def _table(*columns: str) -> Table:
+def _table(numbers: Collection[str], *columns: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in columns:
-        table.add_column(name, justify="right" if name in ("servo", "firmware", "lost") else "left")
+        table.add_column(name, justify="right" if name in numbers else "left")
     return table
 
 

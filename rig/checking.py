@@ -54,12 +54,12 @@ def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda
         latency_timer_ms=None if timer is None else timer * 1e3,
     )
     problems += [
-        *(f"servo {item.id} ({item.owner}): {text}" for item in found for text in item.problems),
+        *(_about(item, text) for item in found for text in item.problems),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.problems),
     ]
     warnings = [
         *([] if timer is None else timer_warnings(rig.bus.port, timer)),
-        *(f"servo {item.id} ({item.owner}): {text}" for item in found for text in item.warnings),
+        *(_about(item, text) for item in found for text in item.warnings),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.warnings),
         *_loop_warnings(loop, rig.closing.sample_rate_hz),
         *_count_warnings(counts, found),
@@ -83,10 +83,11 @@ def _loop(
     bus: Bus, place: BusPlace, rig: RigFile, servos: Sequence[WantedServo], found: Sequence[ServoCheckOut]
 ) -> tuple[LoopOut | None, Mapping[int, ServoState], list[str]]:
     """The loop over all servos that can be read, where they stood, and why there is none."""
-    there = [item for item, out in zip(servos, found, strict=True) if out.answers]
+    able = [out.answers and not out.hardware_error for out in found]
+    there = [item for item, is_able in zip(servos, able, strict=True) if is_able]
     if not there:
         return None, {}, []
-    delays = [(out.return_delay_us or 0) / 1e6 for out in found if out.answers]
+    delays = [(out.return_delay_us or 0) / 1e6 for out, is_able in zip(found, able, strict=True) if is_able]
     try:
         loop, states = check_loop(
             bus, place.clock, [item.servo for item in there], rig.bus.baudrate_bps, delays
@@ -94,6 +95,13 @@ def _loop(
     except (DeviceError, InputError) as error:
         return None, {}, [f"the servos cannot be read together: {error}"]
     return loop, states, []
+
+
+def _about(servo: ServoCheckOut, text: str) -> str:
+    """What is said of a servo, with its name unless that is in the text already."""
+    return (
+        f"{servo.owner}: {text}" if text.startswith("servo ") else f"servo {servo.id} ({servo.owner}): {text}"
+    )
 
 
 def _loop_warnings(loop: LoopOut | None, wanted_hz: float) -> list[str]:
