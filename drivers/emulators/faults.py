@@ -10,14 +10,18 @@ of fault do not move another kind.
 """
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import serial
 
-from palpate.drivers.transport.wire import Device, Emission
+from palpate.drivers.transport.wire import Device, Emission, RatedDevice
 
-__all__ = ["FaultCounts", "FaultRates", "FaultyWire", "WireCounts", "WireRates"]
+__all__ = ["FaultCounts", "FaultRates", "FaultyWire", "RatedFaultyWire", "WireCounts", "WireRates"]
+
+_Hand = Callable[[bytes, float], list[Emission]]
+"""How a device is handed bytes: their last bit arrived at the instant (s)."""
 
 _WRITE_FAILED = "write failed: [Errno 5] Input/output error"
 _READ_FAILED = (
@@ -101,11 +105,14 @@ class FaultyWire:
         self.unplugged = False
         self._device = device
         self._chance_out, self._chance_back = (np.random.default_rng([seed, way]) for way in (0, 1))
-        self._waiting: deque[tuple[float, bytes]] = deque()
+        self._waiting: deque[tuple[float, bytes, _Hand]] = deque()
         self._held_s = -np.inf
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Pass bytes on to the device, now or later; return what reaches the host."""
+        return self._pass(data, now, self._device.feed)
+
+    def _pass(self, data: bytes, now: float, hand: _Hand) -> list[Emission]:
         if self.unplugged:
             self._live_unheard(now)
             raise serial.SerialException(_WRITE_FAILED)
@@ -115,9 +122,9 @@ class FaultyWire:
         for copy in copies:
             if delay > 0.0 or self._waiting:
                 due = now + delay
-                self._waiting.append((max(due, self._waiting[-1][0]) if self._waiting else due, copy))
+                self._waiting.append((max(due, self._waiting[-1][0]) if self._waiting else due, copy, hand))
             else:
-                emissions += self._device.feed(copy, now)
+                emissions += hand(copy, now)
                 heard = True
         if not heard:
             emissions += self._device.poll(now)
@@ -143,8 +150,8 @@ class FaultyWire:
         """Hand the device the late packets that are due, at the instants at which they were."""
         emissions: list[Emission] = []
         while self._waiting and self._waiting[0][0] <= now:
-            due, data = self._waiting.popleft()
-            emissions += self._device.feed(data, due)
+            due, data, hand = self._waiting.popleft()
+            emissions += hand(data, due)
         return emissions
 
     def _spoiled(self, emissions: list[Emission]) -> list[Emission]:
@@ -160,6 +167,18 @@ class FaultyWire:
     def _live_unheard(self, now: float) -> None:
         self._waiting.clear()
         self._device.poll(now)
+
+
+class RatedFaultyWire(FaultyWire):
+    """For a device that is told the rate of bytes; it answers late ones at the wire's usual rate."""
+
+    def __init__(self, device: RatedDevice, seed: int, rates: WireRates | None = None) -> None:
+        super().__init__(device, seed, rates)
+        self._rated = device
+
+    def feed_at(self, data: bytes, now: float, baudrate: int) -> list[Emission]:
+        """Pass bytes sent at `baudrate` on to the device, now or later; return what reaches the host."""
+        return self._pass(data, now, lambda copy, instant: self._rated.feed_at(copy, instant, baudrate))
 
 
 def _spoil(

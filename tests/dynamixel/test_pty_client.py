@@ -140,11 +140,6 @@ def test_clients_come_and_go() -> None:
             assert client.run(served.path, "model") == {"model": 1020}
 
 
-# The emulated servo does not know the fast reads yet: take this mark away once it does.
-no_fast_reads = pytest.mark.xfail(strict=True, reason="not emulated yet")
-
-
-@no_fast_reads
 @pytest.mark.timeout(120)
 @each_sdk
 def test_fast_reads_of_the_unmodified_sdk(sdk: Foreign) -> None:
@@ -154,7 +149,6 @@ def test_fast_reads_of_the_unmodified_sdk(sdk: Foreign) -> None:
         assert told["bulk"] == {"7": 120, "5": 30, "6": 2048}
 
 
-@no_fast_reads
 @pytest.mark.timeout(120)
 def test_fast_read_of_unmodified_rustypot() -> None:
     with served_servos([5, 6, 7]) as served:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.failures import NotAnswering, PortFailed
 from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
+from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
@@ -305,4 +305,46 @@ def test_the_bus_sees_what_the_wire_does() -> None:
     wire.unplugged = False
     assert bus.ping(1) == Ping(1020, 44)
     bus.close()
+    hub.close()
+
+
+@dataclass
+class Rated(Mute):
+    """Hears at which rate, too."""
+
+    rates: list[int] = field(default_factory=list)
+
+    def feed_at(self, data: bytes, now: float, baudrate: int) -> list[Emission]:
+        self.rates.append(baudrate)
+        return self.feed(data, now)
+
+
+def test_rates_of_bytes_are_passed_on_with_them() -> None:
+    device = Rated()
+    late = WireRates(to_device=FaultRates(late=1.0, late_s=1.0))
+    wire = RatedFaultyWire(device, 3, late)
+    clock = VirtualClock()
+    hub = MockHub(clock, "rated")
+    with open_port(hub.attach("bus", wire, BAUD), 57_600) as port:
+        port.write(b"slow")
+        wire.rates = WireRates()
+        port.baudrate = 4_500_000
+        port.write(b"fast")
+        clock.sleep(2.0)
+        assert port.in_waiting == 0  # type: ignore[attr-defined]
+    assert [data for _, data in device.heard] == [b"slow", b"fast"]
+    assert device.rates == [57_600, 4_500_000]
+    hub.close()
+
+
+def test_servos_of_two_rates_behind_a_faulty_wire() -> None:
+    servos = [EmulatedServo(1), EmulatedServo(2, baud_rate_code=1)]
+    wire = RatedFaultyWire(ServoChain(servos, lambda _: None), 1)
+    clock = VirtualClock()
+    hub = MockHub(clock, "rates")
+    url = hub.attach("bus", wire, BAUD)
+    for dxl_id, rate in ((1, BAUD), (2, 57_600)):
+        bus = Bus(open_port(url, rate), clock, rate)
+        assert bus.ping(dxl_id) == Ping(1020, 44)
+        bus.close()
     hub.close()
