@@ -174,7 +174,7 @@ def test_each_thing_that_is_wrong_with_a_servo_is_said() -> None:
     assert any("it is warm: " in text for text in lines_about(out.warnings, 22))
     assert any("its torque is on" in text for text in lines_about(out.problems, 31))
     assert out.loop is not None
-    assert out.loop.servos == 4, "all but those that report a hardware error: 11, and 21, which is too hot"
+    assert out.loop.servos == 5, "all but the one that reports a hardware error"
     assert lines_about(out.problems, 22) == lines_about(out.problems, 32) == []
 
 
