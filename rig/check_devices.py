@@ -4,7 +4,6 @@ Between the drivers and `checking`. Torque stays as it is found, and nothing is 
 """
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -17,18 +16,18 @@ from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
-from palpate.drivers.transport.adapter import LATENCY_TIMER, latency_timer_file, latency_timer_s
+from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
 from palpate.rig.hand import OpenPort
+from palpate.rig.timer_words import timer_warnings
 from palpate.rig.wanted import WantedServo
 
-__all__ = ["LOOP_S", "check_array", "check_loop", "check_servo", "timer_warnings"]
+__all__ = ["LOOP_S", "check_array", "check_loop", "check_servo"]
 
 LOOP_S = 1.0
 """How long servos are read over and over, and arrays listened to."""
 
-_TIMER_S = 1e-3  # what an adapter's latency timer should be
 _WARM_C = 10  # below the limit
 _POLL_S = 0.02
 _RATE_SHARE = 0.95  # of the wanted rate that must arrive
@@ -84,7 +83,7 @@ def check_array(spec: AnyFinger, wanted_hz: float, clock: Clock, open_port: Open
         answers=False,
         wanted_hz=wanted_hz,
         latency_timer_ms=timer_ms,
-        warnings=() if timer is None else tuple(timer_warnings(spec.array.port, timer)),
+        warnings=tuple(timer_warnings(spec.array.port, timer)),
     )
     try:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
@@ -152,21 +151,6 @@ def check_loop(
         wire_ms=reader.wire_time_s(baudrate, return_delays_s) * 1e3,
     )
     return loop, states
-
-
-def timer_warnings(port: str, timer_s: float) -> list[str]:
-    """What to do about an adapter that holds answers back."""
-    if timer_s <= _TIMER_S:
-        return []
-    return [
-        f"the adapter holds every answer back for up to {timer_s * 1e3:g} ms (its latency timer); "
-        f"1 ms is set until it is unplugged by: echo 1 | sudo tee {_timer_path(port)}"
-    ]
-
-
-def _timer_path(port: str) -> str:
-    file = latency_timer_file(port)
-    return f"/sys/class/tty/{Path(port).name}/device/{LATENCY_TIMER}" if file is None else str(file)
 
 
 def _listen(array: TactileArray, clock: Clock) -> list[TactileFrame]:

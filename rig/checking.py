@@ -21,7 +21,8 @@ from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.errors import DeviceError, InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace
-from palpate.rig.check_devices import check_array, check_loop, check_servo, timer_warnings
+from palpate.rig.check_devices import check_array, check_loop, check_servo
+from palpate.rig.timer_words import timer_warnings
 from palpate.rig.wanted import WantedFinger, WantedServo, wanted_fingers, wanted_servos
 from palpate.rig.wiring import start_problem
 
@@ -58,7 +59,7 @@ def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda
         *(f"array {item.finger}: {text}" for item in arrays for text in item.problems),
     ]
     warnings = [
-        *([] if timer is None else timer_warnings(rig.bus.port, timer)),
+        *timer_warnings(rig.bus.port, timer),
         *(_about(item, text) for item in found for text in item.warnings),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.warnings),
         *_loop_warnings(loop, rig.closing.sample_rate_hz),

@@ -3,10 +3,13 @@
 Registered on the command line's app by `add_to`.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from palpate.rig.interrupted import if_interrupted
 
 __all__ = ["add_to"]
 
@@ -22,7 +25,7 @@ _PANEL = "Setting up a rig"
 
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the app."""
-    commands = {
+    commands: dict[str, Callable[..., None]] = {
         "find-port": _find_port,
         "scan": _scan,
         "setup-motors": _setup,
@@ -50,7 +53,8 @@ def _scan(
     """
     from palpate.rig.command_scan import run_scan
 
-    raise typer.Exit(run_scan(rig=rig, port=port, baudrates=baud or [], ids=ids, json=json))
+    with if_interrupted("nothing was written"):
+        raise typer.Exit(run_scan(rig=rig, port=port, baudrates=baud or [], ids=ids, json=json))
 
 
 def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
@@ -60,7 +64,8 @@ def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
     """
     from palpate.rig.command_check import run_check
 
-    raise typer.Exit(run_check(rig=rig, json=json))
+    with if_interrupted("torque was left as it was"):
+        raise typer.Exit(run_check(rig=rig, json=json))
 
 
 def _setup(
@@ -77,7 +82,8 @@ def _setup(
     """
     from palpate.rig.command_setup import run_setup
 
-    raise typer.Exit(run_setup(rig=rig, dxl_ids=dxl_id or [], yes=yes, json=json))
+    with if_interrupted("nothing was written"):
+        raise typer.Exit(run_setup(rig=rig, dxl_ids=dxl_id or [], yes=yes, json=json))
 
 
 def _stop(
@@ -94,7 +100,8 @@ def _stop(
     """
     from palpate.rig.command_stop import run_stop
 
-    raise typer.Exit(run_stop(rig=rig, port=port, baudrate=baud, json=json))
+    with if_interrupted("NOT confirmed that torque is off"):
+        raise typer.Exit(run_stop(rig=rig, port=port, baudrate=baud, json=json))
 
 
 def _find_port(
@@ -107,4 +114,5 @@ def _find_port(
     """
     from palpate.rig.command_find_port import run_find_port
 
-    raise typer.Exit(run_find_port(only_list=only_list, json=json))
+    with if_interrupted("nothing was changed"):
+        raise typer.Exit(run_find_port(only_list=only_list, json=json))

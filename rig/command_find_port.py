@@ -9,15 +9,14 @@ from rich.table import Table
 
 from palpate.config.ports_result import SerialPortOut, SerialPortsOut
 from palpate.config.results import to_json
-from palpate.drivers.transport.adapter import latency_timer_file
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
+from palpate.rig.timer_words import timer_warnings
 
-__all__ = ["find_unplugged", "run_find_port"]
+__all__ = ["find_unplugged", "ports_out", "run_find_port", "tell_found"]
 
 _APPEARS_S = 5.0  # udev needs a moment for the name under by-id
 _POLL_S = 0.2
-_GOOD_TIMER_S = 1e-3
 
 
 def run_find_port(*, only_list: bool, json: bool) -> int:
@@ -28,7 +27,7 @@ def run_find_port(*, only_list: bool, json: bool) -> int:
     found: Sequence[SerialPort] = ()
     if ports and not only_list and sys.stdin.isatty():
         found = find_unplugged(serial_ports, _ask, MonotonicClock())
-        _tell(found, Console(stderr=True, soft_wrap=True), console)
+        tell_found(found, console)
     if json:
         typer.echo(to_json(ports_out(ports, found[0] if found else None)))
     return 0 if ports else 3
@@ -83,6 +82,17 @@ def ports_out(ports: Sequence[SerialPort], found: SerialPort | None) -> SerialPo
     )
 
 
+def tell_found(found: Sequence[SerialPort], console: Console) -> None:
+    """What to write into the rig file, and what to set."""
+    if not found:
+        console.print("nothing was unplugged")
+    for port in found:
+        console.print(f"\n{port.kind or 'it'} is {port.device}; in the rig file:\n", highlight=False)
+        console.print(f'    port = "{port.name}"\n', highlight=False)
+        for warning in timer_warnings(port.device, port.latency_timer_s):
+            console.print(warning, highlight=False)
+
+
 def _show(ports: Sequence[SerialPort], console: Console) -> None:
     if not ports:
         console.print("no serial port: plug in the adapter, and check its cable (some carry no data)")
@@ -92,7 +102,7 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
         table.add_column(name, overflow="fold")
     for port in ports:
         timer = "" if port.latency_timer_s is None else f"{port.latency_timer_s * 1e3:g} ms"
-        slow = port.latency_timer_s is not None and port.latency_timer_s > _GOOD_TIMER_S
+        slow = bool(timer_warnings(port.device, port.latency_timer_s))
         table.add_row(
             port.device + ("" if port.permitted else " [red](not permitted)[/]"),
             port.kind or "",
@@ -107,23 +117,6 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
             console.print(f'{port.device} in a rig file: port = "{port.by_id}"', highlight=False)
     if not all(port.permitted for port in ports):
         console.print("for ports that are not permitted: sudo usermod -aG dialout $USER, then log in again")
-
-
-def _tell(found: Sequence[SerialPort], person: Console, console: Console) -> None:
-    """What to write, and what to set."""
-    if not found:
-        person.print("nothing was unplugged")
-        return
-    for port in found:
-        console.print(f"\n{port.kind or 'it'} is {port.device}; in the rig file:\n", highlight=False)
-        console.print(f'    port = "{port.name}"\n', highlight=False)
-        file = latency_timer_file(port.device)
-        if file is not None and port.latency_timer_s is not None and port.latency_timer_s > _GOOD_TIMER_S:
-            console.print(
-                f"its latency timer is {port.latency_timer_s * 1e3:g} ms, which slows every exchange down; "
-                f"until it is unplugged 1 ms is set by: echo 1 | sudo tee {file}",
-                highlight=False,
-            )
 
 
 def _usb(port: SerialPort) -> str | None:
