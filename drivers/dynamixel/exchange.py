@@ -12,8 +12,10 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.counts import BusCounts
 from palpate.drivers.dynamixel.packet import (
+    ALERT_BIT,
     BROADCAST_ID,
     Instruction,
+    StatusErrorCode,
     StatusPacket,
     parse_fast_status,
 )
@@ -198,6 +200,9 @@ class Exchange:
         packet, result = self._packets.rxPacket(self._handler, False)
         self._heard = True
         if result == COMM_SUCCESS:
+            # an instruction that reached the servo damaged is as good as a damaged answer: nothing was done
+            if packet[_ERROR] & ~ALERT_BIT == StatusErrorCode.CRC_ERROR:
+                return Lost.DAMAGED
             return StatusPacket(packet[_ID], packet[_ERROR], bytes(packet[_PARAMS:-2]))
         return Lost.SILENT if result == COMM_RX_TIMEOUT else Lost.DAMAGED
 

@@ -19,6 +19,7 @@ from palpate.errors import InputError
 
 __all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
 
+_NEWEST = 255
 _NEW_LAYOUT = 52  # firmware from which the X330s have the vendor's "_fw52" table
 _SIGNED = {
     *("Homing Offset", "Bus Watchdog", "Goal PWM", "Goal Current", "Goal Velocity", "Goal Position"),
@@ -61,7 +62,7 @@ _FAST_FROM = {"430": 45, "540": 45, "330": 46}
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A model with a firmware.
+    """A model with a firmware; None while nobody has asked the servo for it.
 
     `zero_tick`: Present Position at 0 rad. `table`: the e-Manual's items with access, default and range;
     None for models of which only the vendor's tables are known.
@@ -69,7 +70,7 @@ class Model:
 
     name: str
     number: int
-    firmware: int
+    firmware: int | None
     zero_tick: int
     rad_per_tick: float
     velocity_unit_rad_s: float
@@ -109,8 +110,8 @@ class Model:
     @property
     def answers_fast(self) -> bool:
         """Whether Fast Sync Read and Fast Bulk Read are known to this firmware (e-Manual, Protocol 2.0)."""
-        series = self.name[2:5]
-        return self.name[0] == "X" and self.firmware >= _FAST_FROM.get(series, math.inf)
+        least = _FAST_FROM.get(self.name[2:5], math.inf)
+        return self.name[0] == "X" and self.firmware is not None and self.firmware >= least
 
     @property
     def known_torque(self) -> Torque:
@@ -128,7 +129,7 @@ class Model:
         return self.known_torque.largest_current * self.known_torque.current_unit_a
 
 
-def model_named(name: str, firmware: int = 255) -> Model:
+def model_named(name: str, firmware: int | None = None) -> Model:
     """Find a model by its name; raises InputError listing known ones."""
     for number, found in _numbers().items():
         if _name_of(found) == name:
@@ -137,20 +138,23 @@ def model_named(name: str, firmware: int = 255) -> Model:
 
 
 @cache
-def model_numbered(number: int, firmware: int = 255) -> Model:
-    """Find a model by what a ping answers; raises InputError if the vendor's tables do not have it."""
+def model_numbered(number: int, firmware: int | None = None) -> Model:
+    """Find a model by what a ping answers; raises InputError if the vendor's tables do not have it.
+
+    While the firmware is not known, the newest layout is taken.
+    """
     file = _numbers().get(number)
     if file is None:
         raise InputError(f"model number {number} is not in the vendor's tables")
     newer = file.replace(".model", "_fw52.model")
-    if firmware >= _NEW_LAYOUT and _vendor(newer).is_file():
+    if (firmware is None or firmware >= _NEW_LAYOUT) and _vendor(newer).is_file():
         file = newer
     sections = _sections(_vendor(file).read_text(encoding="utf-8"))
     kind = {row[0]: float(row[1]) for row in sections["type info"]}
     units = {row[0]: float(row[1]) for row in sections["unit info"]}
     full_turn = kind["value_of_max_radian_position"] - kind["value_of_min_radian_position"]
     radians = kind["max_radian"] - kind["min_radian"]
-    table = table_of(number, firmware)
+    table = table_of(number, _NEWEST if firmware is None else firmware)
     return Model(
         name=_named(number),
         number=number,

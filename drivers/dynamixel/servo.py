@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item, OperatingMode
-from palpate.drivers.dynamixel.failures import HardwareAlert, NotAnswering, NotConfirmed
+from palpate.drivers.dynamixel.failures import DamagedAnswer, HardwareAlert, NotAnswering, NotConfirmed
 from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
 from palpate.errors import DeviceError, InputError, SafetyStop
 
@@ -277,16 +277,27 @@ def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool)
     left = dict(wanted)
     if not left:
         return
+    lost: NotAnswering | DamagedAnswer | None = None
     for _ in range(_CONFIRMATIONS):
         for item in dict.fromkeys(servo.item(name) for servo, values in left.items() for name in values):
-            values = {s.dxl_id: v[item.name] for s, v in left.items() if s.item(item.name) == item}
-            bus.sync_write(item, values)
+            bus.sync_write(
+                item, {s.dxl_id: v[item.name] for s, v in left.items() if s.item(item.name) == item}
+            )
         if not confirm:
             return
-        left = {servo: values for servo, values in left.items() if not _has(bus, servo, values)}
+        missing: dict[Servo, Mapping[str, int]] = {}
+        for servo, values in left.items():
+            try:
+                if not _has(bus, servo, values):
+                    missing[servo] = values
+            except (NotAnswering, DamagedAnswer) as error:
+                missing[servo], lost = values, error
+        left = missing
         if not left:
             return
-    raise NotConfirmed([servo.dxl_id for servo in left], bus.port_name, list(next(iter(wanted.values()))))
+    raise lost or NotConfirmed(
+        [servo.dxl_id for servo in left], bus.port_name, list(next(iter(left.values())))
+    )
 
 
 def _has(bus: Bus, servo: Servo, values: Mapping[str, int]) -> bool:

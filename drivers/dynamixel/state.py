@@ -87,6 +87,8 @@ class StateReader:
         Raises what the bus raises, and InputError for a model with too few indirect addresses.
         """
         for servo in self._servos.values():
+            if servo.model.firmware is None:
+                servo.check()
             item, addresses = _shown(servo)
             self._bus.write(servo.dxl_id, item, addresses)
             if self._bus.read(servo.dxl_id, item) != addresses:

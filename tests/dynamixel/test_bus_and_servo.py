@@ -20,6 +20,7 @@ from palpate.drivers.dynamixel.failures import (
 from palpate.drivers.dynamixel.packet import StatusErrorCode, StatusPacket, encode_status
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all, write_goals
 from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.dynamixel.timing import group_read_time_s
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
@@ -140,7 +141,9 @@ def test_values_that_look_like_headers_survive_the_wire(bench: Bench) -> None:
     value = int.from_bytes(bytes.fromhex("FFFFFDFF"), "little", signed=True)
     bench.bus.write(11, ct.GOAL_POSITION, value)
     assert bench.bus.read(11, ct.GOAL_POSITION) == value
-    assert bench.bus.sync_read([11], ct.GOAL_POSITION, ct.GOAL_POSITION).all()[11] == {ct.GOAL_POSITION: value}
+    assert bench.bus.sync_read([11], ct.GOAL_POSITION, ct.GOAL_POSITION).all()[11] == {
+        ct.GOAL_POSITION: value
+    }
 
 
 def test_prepare_writes_only_what_differs(bench: Bench) -> None:
@@ -211,20 +214,32 @@ def test_sync_read_names_the_missing_servo_and_not_those_behind_it(bench: Bench)
     assert "servo 12 on mock://servos/bus" in str(caught.value)
 
 
-@pytest.mark.parametrize("fault", ["flip_answer", "lose_answer"])
-def test_a_spoilt_answer_is_not_a_missing_servo(bench: Bench, fault: str) -> None:
+@pytest.mark.parametrize(("fault", "error"), [("flip_answer", DamagedAnswer), ("lose_answer", NotAnswering)])
+def test_a_spoilt_answer_is_asked_for_again(bench: Bench, fault: str, error: type[DeviceError]) -> None:
     setattr(bench.wire, fault, 1)
-    with pytest.raises(DamagedAnswer) as caught:
-        bench.states()
-    assert caught.value.dxl_ids == (12,)
     assert set(bench.states()) == {11, 12, 13}
+    assert bench.bus.counts.retries == 1
+    assert bench.bus.counts.damaged + bench.bus.counts.silent == 1
+    impatient = Bench(retries=0)
+    setattr(impatient.wire, fault, 1)
+    states = impatient.reader.read(impatient.servos)
+    assert set(states.found) == {11, 13}
+    assert [type(found) for found in states.errors.values()] == [error]
+    with pytest.raises(error) as caught:
+        states.all()
+    assert caught.value.dxl_ids == (12,)  # type: ignore[attr-defined]
+    assert set(impatient.states()) == {11, 12, 13}
 
 
 def test_a_spoilt_single_answer(bench: Bench) -> None:
     bench.wire.flip_answer = 0
-    with pytest.raises(DamagedAnswer):
-        bench.bus.read(11, ct.MODEL_NUMBER)
     assert bench.bus.read(11, ct.MODEL_NUMBER) == 1020
+    assert bench.bus.counts.damaged == bench.bus.counts.retries == 1
+    impatient = Bench(retries=0)
+    impatient.wire.flip_answer = 0
+    with pytest.raises(DamagedAnswer, match="servo 11"):
+        impatient.bus.read(11, ct.MODEL_NUMBER)
+    assert impatient.bus.read(11, ct.MODEL_NUMBER) == 1020
 
 
 def test_refusals_carry_the_manuals_name(bench: Bench) -> None:
@@ -283,9 +298,9 @@ def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
     servo.set_goal_rad(3.0)
     for _ in range(5):
         bench.wait(0.05)
-        assert not servo.watchdog_tripped()
+        assert not bench.states()[11].watchdog_tripped
     bench.wait(0.3)
-    assert servo.watchdog_tripped()
+    assert bench.states()[11].watchdog_tripped
     assert bench.emulated[11].shaft_rad < 2.0
     with pytest.raises(StatusError):
         servo.set_goal_rad(0.0)
@@ -295,9 +310,11 @@ def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
 
 def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:
     bench.torque_on()  # sets Return Delay Time 0
+    bench.wait(1.0)
+    bench.bus.sync_write(ct.LED, {11: 1})  # after an answer the bus listens before it speaks; not after this
     start = bench.clock.now()
     bench.states()
-    assert bench.clock.now() - start == pytest.approx((14 + 3 + 3 * (11 + 10)) * 1e-5, abs=1e-6)
+    assert bench.clock.now() - start == pytest.approx(group_read_time_s([14] * 3, BAUD), abs=1e-6)
 
 
 def test_a_tapped_bus_logs_the_packets_of_the_manual(bench: Bench) -> None:

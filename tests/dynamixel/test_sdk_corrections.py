@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 
 from palpate.drivers.dynamixel.packet import InstructionPacket, Parser, StatusPacket, encode_status
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
+from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.wire import Emission
 
 BAUD = 1_000_000
+LATENCY_S = 2e-3
 HEADER_LIKE = [0xFF, 0xFF, 0xFD, 0xFD]
 LOST_BY_SDK = bytes.fromhex("fffffdfffdfd")
 
@@ -65,7 +67,7 @@ def world() -> tuple[Listener, serial.SerialBase, VirtualClock, MockHub]:
 
 
 def ours(port: serial.SerialBase, clock: VirtualClock) -> ClockedPortHandler:
-    handler = ClockedPortHandler(port, clock, BAUD)
+    handler = ClockedPortHandler(port, clock, Timing(BAUD, LATENCY_S))
     assert handler.openPort()
     return handler
 
@@ -150,13 +152,34 @@ def test_ours_takes_any_rate() -> None:
     clock, device = VirtualClock(), Listener()
     hub = MockHub(clock, "fast")
     port = open_port(hub.attach("bus", device, 4_500_000), 4_500_000)
-    handler = ClockedPortHandler(port, clock, 4_500_000)
+    handler = ClockedPortHandler(port, clock, Timing(4_500_000, LATENCY_S))
     assert handler.openPort()
     assert write(StuffingPacketHandler(), handler) == (COMM_SUCCESS, 0)
 
 
-def test_ours_times_out_on_the_given_clock(world: Any) -> None:
+def test_plain_sdk_waits_34_ms_whatever_the_rate() -> None:
+    handler = PortHandler("nowhere")
+    handler.tx_time_per_byte = 0.01
+    handler.setPacketTimeout(11)
+    assert handler.packet_timeout == pytest.approx(34.11)
+
+
+def test_ours_waits_as_long_as_the_wire_needs_on_the_given_clock(world: Any) -> None:
     _, port, clock, _ = world
+    begin = clock.now()
     _, result, _ = StuffingPacketHandler().ping(ours(port, clock), 7)
     assert result != COMM_SUCCESS
-    assert 0.08 < clock.now() < 0.09, "the SDK's 34 ms, and 50 ms for a busy computer"
+    wire = (10 + 11) * 10 / BAUD
+    waited = clock.now() - begin - 10 * 10 / BAUD  # the mock port's write returns after the wire time
+    assert waited == pytest.approx(wire + LONGEST_RETURN_DELAY_S + LATENCY_S, abs=1.1e-3)
+
+
+def test_ours_looks_once_more_when_the_computer_has_slept(world: Any) -> None:
+    """What arrived while this process did not run is an answer, not a time-out."""
+    _, port, clock, _ = world
+    handler, packets = ours(port, clock), StuffingPacketHandler()
+    tx = [0, 0, 0, 0, 1, 3, 0, 1, 0, 0]
+    assert packets.txPacket(handler, tx) == COMM_SUCCESS
+    handler.setPacketTimeout(11)
+    clock.sleep(1.0)
+    assert packets.rxPacket(handler, False)[1] == COMM_SUCCESS

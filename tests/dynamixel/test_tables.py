@@ -1,5 +1,6 @@
 """Our control tables against the machine-readable ones that the vendor ships with its easy SDK."""
 
+import math
 from importlib.resources import files
 
 import pytest
@@ -13,6 +14,8 @@ from palpate.drivers.dynamixel.manual import (
     TableItem,
     table_of,
 )
+from palpate.drivers.dynamixel.models import model_named, model_numbered, models_known
+from palpate.errors import InputError
 
 # (model number, firmware, the vendor's file)
 VENDOR_FILES = [
@@ -49,7 +52,7 @@ def all_tables() -> list[tuple[int, int]]:
     return [(number, firmware) for number in MODEL_NAMES for firmware in (30, 41, 44, 45, 46, 51, 52)]
 
 
-@pytest.mark.parametrize("model", [model.name for model in ct.MODELS])
+@pytest.mark.parametrize("model", MODEL_NAMES.values())
 def test_host_items_are_where_the_vendor_has_them(model: str) -> None:
     theirs = vendor_table(model.lower().replace("-", "_"))
     for item in ct.ITEMS:
@@ -70,7 +73,7 @@ def test_the_manuals_table_is_the_vendors(number: int, firmware: int, file: str)
 
 
 def test_models_and_their_names_agree_with_the_hosts() -> None:
-    assert {model.number: model.name for model in ct.MODELS} == MODEL_NAMES
+    assert {number: model_numbered(number).name for number in MODEL_NAMES} == MODEL_NAMES
     assert table_of(1030, 45) is None
 
 
@@ -80,8 +83,7 @@ def test_host_and_manual_agree_on_sign_area_and_limits(number: int) -> None:
     for item in ct.ITEMS:
         assert item.signed == items[item.name].signed, item.name
         assert item.eeprom == (items[item.name].area is Area.EEPROM), item.name
-    model = next(model for model in ct.MODELS if model.number == number)
-    assert items["Current Limit"].high == model.largest_current
+    assert items["Current Limit"].high == model_numbered(number).known_torque.largest_current
     assert items["Model Number"].default == number
 
 
@@ -125,3 +127,57 @@ def test_an_old_xm430() -> None:
     assert table(1020, 41)["Velocity Limit"].default == 350
     assert table(1020, 42)["Velocity Limit"].default == 200
     assert {"Drive Mode", "Bus Watchdog"} & set(table(1020, 37)) == set()
+
+
+def test_every_model_of_the_vendor_is_known_by_name_and_number() -> None:
+    for name in models_known():
+        model = model_named(name)
+        assert model_numbered(model.number) == model
+        position = model.item("Goal Position" if "Goal Position" in model.addresses else "Present Position")
+        assert position.size in (2, 4)
+        assert 0 < model.rad_per_tick < 0.006
+    with pytest.raises(InputError, match=r"'XM430-W351' is not known; known are .*XM430-W350"):
+        model_named("XM430-W351")
+    with pytest.raises(InputError, match="model number 7"):
+        model_numbered(7)
+
+
+def test_a_model_of_another_series_has_its_own_places_and_units() -> None:
+    pro = model_named("PH54-200-S500")
+    assert pro.item("Torque Enable").address == 512
+    assert pro.zero_tick == 0
+    assert pro.rad_per_tick == pytest.approx(math.pi / 501_923)
+    assert not pro.answers_fast
+    with pytest.raises(InputError, match="what a current of a PH54-200-S500 means is not known"):
+        _ = pro.largest_current_a
+    with pytest.raises(InputError, match="has no Homing Switch"):
+        pro.item("Homing Switch")
+
+
+@pytest.mark.parametrize(
+    ("name", "firmware", "fast", "data"),
+    [
+        ("XM430-W350", 44, False, 224),
+        ("XM430-W350", 45, True, 224),
+        ("XL330-M288", 45, False, 224),
+        ("XL330-M288", 46, True, 224),
+        ("XC330-M288", 52, True, 208),
+        ("2XL430-W250", 52, False, 224),
+    ],
+)
+def test_the_firmware_decides_on_layout_and_fast_reads(
+    name: str, firmware: int, fast: bool, data: int
+) -> None:
+    model = model_named(name, firmware)
+    assert model.answers_fast is fast
+    assert model.indirect is not None
+    assert (model.indirect.address, model.indirect.data, model.indirect.count) == (168, data, 20)
+
+
+def test_what_the_manual_does_not_allow_is_refused_before_it_is_sent() -> None:
+    model = model_named("XL330-M288")
+    model.check("Current Limit", 1750)
+    with pytest.raises(ValueError, match="1751 is outside 0 … 1750, what Current Limit of a XL330-M288"):
+        model.check("Current Limit", 1751)
+    with pytest.raises(ValueError, match="Present Position of a XL330-M288 is read only"):
+        model.check("Present Position", 0)

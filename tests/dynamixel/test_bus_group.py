@@ -1,0 +1,296 @@
+"""Several servos in one instruction: what each answered, what a silent one costs, how fast it is."""
+
+import threading
+from collections.abc import Callable
+
+import pytest
+import serial
+from dynamixel_sdk import GroupSyncRead
+
+from palpate.drivers.dynamixel import control_table as ct
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.control_table import HardwareError
+from palpate.drivers.dynamixel.failures import (
+    HardwareAlert,
+    NotAnswering,
+    NotConfirmed,
+    PortFailed,
+    Restarted,
+)
+from palpate.drivers.dynamixel.servo import Servo, stop_at, torque_off_all, write_goals
+from palpate.drivers.dynamixel.state import StateReader
+from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s, sync_write_time_s
+from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
+from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.port import open_port
+from palpate.errors import DeviceError
+
+LATENCY_S = 1e-3
+STATE = 14  # bytes of a servo's state
+
+
+class Wire:
+    """Servos with their torque off and return delay 0 behind a wire that a test may spoil."""
+
+    def __init__(
+        self,
+        count: int = 4,
+        *,
+        firmware: int = 44,
+        baudrate: int = 1_000_000,
+        retries: int = 2,
+        model: str = "XM430-W350",
+    ) -> None:
+        self.clock = VirtualClock()
+        code = {1_000_000: 3, 4_000_000: 6}[baudrate]
+        self.emulated = {
+            dxl_id: EmulatedServo(dxl_id, model=model, firmware=firmware, baud_rate_code=code)
+            for dxl_id in range(1, count + 1)
+        }
+        chain = ServoChain(list(self.emulated.values()), lambda _: None, baudrate=baudrate)
+        self.faulty = FaultyWire(chain, 5)
+        self.hub = MockHub(self.clock, "group")
+        url = self.hub.attach("bus", self.faulty, baudrate)
+
+        def reopen() -> serial.SerialBase:
+            return open_port(url, baudrate)
+
+        self.bus = Bus(reopen(), self.clock, baudrate, latency_s=LATENCY_S, retries=retries, reopen=reopen)
+        self.servos = [Servo(self.bus, dxl_id, model) for dxl_id in self.emulated]
+        for servo in self.servos:
+            servo.check()
+            servo.keep("Return Delay Time", 0)
+        self.reader = StateReader(self.bus, self.servos)
+        self.reader.arrange()
+
+    def took(self, action: Callable[[], object]) -> float:
+        """Seconds on the wire; the pause in which the bus listens before it speaks again is not counted."""
+        self.clock.sleep(1.0)
+        self.bus.sync_write(ct.LED, {1: 0})
+        begin = self.clock.now()
+        action()
+        return self.clock.now() - begin
+
+
+@pytest.mark.parametrize("silent", [1, 3, 4])
+def test_a_silent_servo_costs_its_own_time_out_and_hides_nobody(silent: int) -> None:
+    """Behind a missing servo the emulated ones wait for ever, as real ones may."""
+    wire = Wire(retries=0)
+    whole = wire.took(lambda: wire.reader.read(wire.servos))
+    wire.emulated[silent].power_off()
+    took = wire.took(lambda: wire.reader.read(wire.servos))
+    timeout = wire.bus.timing.timeout_s(0, 11 + STATE, 0.0)
+    asking_again = group_read_time_s([], 1_000_000) + 4e-5
+    assert took <= whole + timeout + asking_again + 1.1e-3  # a read waits for up to 1 ms in the port
+    assert timeout < 2e-3, "the SDK waits 34 ms"
+    states = wire.reader.read(wire.servos)
+    assert set(states.found) == set(wire.emulated) - {silent}
+    assert [type(error) for error in states.errors.values()] == [NotAnswering]
+    with pytest.raises(NotAnswering, match=rf"servo {silent} on mock://group\S*/bus does not answer"):
+        states.all()
+
+
+def test_the_plain_sdk_loses_all_and_reads_zero() -> None:
+    """The other half of this comparison is above."""
+    from dynamixel_sdk import PortHandler, Protocol2PacketHandler
+
+    wire = Wire()
+    wire.emulated[2].power_off()
+    port = PortHandler("nowhere")
+    port.ser = wire.bus._port
+    port.is_open, port.tx_time_per_byte = True, 0.01
+    port.getCurrentTime = lambda: wire.clock.now() * 1e3
+    group = GroupSyncRead(port, Protocol2PacketHandler(), 132, 4)
+    for dxl_id in wire.emulated:
+        group.addParam(dxl_id)
+    begin = wire.clock.now()
+    assert group.txRxPacket() != 0
+    assert wire.clock.now() - begin > 0.034
+    assert group.getData(2, 132, 4) == 0
+
+
+def test_one_that_stays_silent_is_asked_once_and_last() -> None:
+    wire = Wire()
+    wire.emulated[1].power_off()
+    first = wire.took(lambda: wire.reader.read(wire.servos))
+    counts = wire.bus.counts.silent
+    assert counts == 3, "it and its two retries"
+    later = wire.took(lambda: wire.reader.read(wire.servos))
+    assert wire.bus.counts.silent == counts + 1
+    assert later < first
+    wire.emulated[1].power_on()
+    assert isinstance(wire.reader.read(wire.servos).errors[1], Restarted)
+
+
+def test_all_silent_are_named() -> None:
+    wire = Wire()
+    for dxl_id in (2, 4):
+        wire.emulated[dxl_id].power_off()
+    with pytest.raises(NotAnswering) as caught:
+        wire.reader.read(wire.servos).all()
+    assert caught.value.dxl_ids == (2, 4)
+
+
+def test_an_alerting_servo_has_its_values_and_its_cause() -> None:
+    wire = Wire()
+    wire.emulated[2].report_hardware_error(OVERLOAD_BIT)
+    block = wire.bus.sync_read([1, 2, 3], ct.PRESENT_POSITION, ct.PRESENT_POSITION)
+    assert {dxl_id: values[ct.PRESENT_POSITION] for dxl_id, values in block.values.items()} == {
+        1: 2048,
+        2: 2048,
+        3: 2048,
+    }
+    assert list(block.errors) == [2]
+    states = wire.reader.read(wire.servos)
+    assert states.found[2].hardware_error == HardwareError.OVERLOAD
+    error = states.errors[2]
+    assert isinstance(error, HardwareAlert)
+    assert error.cause == HardwareError.OVERLOAD
+    assert wire.bus.counts.alerts > 0
+
+
+def test_a_servo_that_was_without_power_for_a_moment_is_not_read_as_zero() -> None:
+    wire = Wire()
+    wire.emulated[3].power_off()
+    wire.emulated[3].power_on()
+    states = wire.reader.read(wire.servos)
+    assert 3 not in states.found
+    with pytest.raises(Restarted, match=r"servo 3 .* has restarted, with torque off"):
+        states.all()
+    wire.reader.arrange()
+    assert wire.reader.read(wire.servos).all()[3].position_rad == 0.0
+
+
+@pytest.mark.parametrize(("firmware", "model"), [(45, "XM430-W350"), (52, "XL330-M288"), (46, "XC330-M288")])
+def test_fast_reads_are_used_where_the_firmware_has_them(firmware: int, model: str) -> None:
+    wire = Wire(firmware=firmware, model=model)
+    took = wire.took(lambda: wire.reader.read(wire.servos).all())
+    assert took == pytest.approx(fast_read_time_s([STATE] * 4, 1_000_000), abs=1e-6)
+    wire.emulated[2].power_off()
+    states = wire.reader.read(wire.servos)
+    assert set(states.found) == {1, 3, 4}
+    assert [type(error) for error in states.errors.values()] == [NotAnswering]
+    later = wire.took(lambda: wire.reader.read(wire.servos))
+    assert later < took + 3e-3, "the silent one is left out of the fast read"
+
+
+def test_one_old_firmware_and_all_are_read_plainly() -> None:
+    wire = Wire(firmware=45)
+    old = EmulatedServo(1, firmware=44)
+    wire.emulated[1].__dict__.update(old.__dict__)
+    for servo in wire.servos:
+        servo.check()
+    wire.reader.arrange()
+    took = wire.took(lambda: wire.reader.read(wire.servos).all())
+    assert took == pytest.approx(group_read_time_s([STATE] * 4, 1_000_000) + 5e-4, abs=1e-6)
+
+
+def test_bulk_reads_take_an_item_of_each() -> None:
+    for firmware in (44, 45):
+        wire = Wire(firmware=firmware)
+        items = {1: ct.PRESENT_INPUT_VOLTAGE, 2: ct.PRESENT_TEMPERATURE, 3: ct.PRESENT_POSITION}
+        found = wire.bus.bulk_read(items, fast=firmware == 45).all()
+        assert {dxl_id: values[items[dxl_id]] for dxl_id, values in found.items()} == {1: 120, 2: 30, 3: 2048}
+
+
+@pytest.mark.parametrize(("firmware", "limit"), [(44, 1.3), (45, 1.3)])
+@pytest.mark.parametrize("baudrate", [1_000_000, 4_000_000])
+@pytest.mark.parametrize("count", [3, 6])
+def test_a_loop_that_reads_and_writes_all_takes_little_more_than_the_wire(
+    count: int, baudrate: int, firmware: int, limit: float
+) -> None:
+    wire = Wire(count, firmware=firmware, baudrate=baudrate)
+    goals = dict.fromkeys(wire.servos, 0.1)
+    begin = wire.clock.now()
+    for _ in range(100):
+        wire.reader.read(wire.servos).all()
+        write_goals(wire.bus, goals)
+    cycle = (wire.clock.now() - begin) / 100
+    formula = fast_read_time_s if firmware == 45 else group_read_time_s
+    wire_s = formula([STATE] * count, baudrate) + sync_write_time_s(count, 4, baudrate)
+    assert wire_s < cycle <= limit * wire_s
+
+
+def test_goals_that_get_lost_are_written_again_until_they_are_there() -> None:
+    wire = Wire()
+    wire.faulty.rates = WireRates(to_device=FaultRates(lost=0.4))
+    for step in range(10):
+        write_goals(wire.bus, dict.fromkeys(wire.servos, 0.01 * step), confirm=True)
+        held = {dxl_id: servo.answer_block(116, 4) for dxl_id, servo in wire.emulated.items()}
+        for answer in held.values():
+            assert answer is not None
+            assert int.from_bytes(answer.params, "little") == round(0.01 * step / ct.RAD_PER_TICK) + 2048
+
+
+def test_a_stop_that_nobody_takes_is_an_error() -> None:
+    wire = Wire()
+    unruly = wire.emulated[2]
+    unruly.take_block = lambda _address, _data: None  # type: ignore[method-assign]
+    with pytest.raises(NotConfirmed, match=r"servo 2 on .* did not take Profile Velocity and Goal Position"):
+        stop_at(wire.bus, dict.fromkeys(wire.servos, 0.5))
+
+
+def test_torque_goes_off_on_a_wire_that_loses_every_third_packet() -> None:
+    for seed in range(20):
+        wire = Wire()
+        for servo in wire.servos:
+            servo.torque(on=True)
+        wire.faulty._chance_out.bit_generator.advance(seed * 1000)  # type: ignore[attr-defined]
+        wire.faulty.rates = WireRates(FaultRates(lost=0.2), FaultRates(lost=0.2))
+        assert torque_off_all(wire.bus, wire.servos) == []
+        assert not any(servo.answer_block(64, 1).params[0] for servo in wire.emulated.values())  # type: ignore[union-attr]
+
+
+def test_a_servo_that_answers_only_pings_is_made_to_answer() -> None:
+    wire = Wire()
+    for level in (0, 1):
+        wire.bus.write_unconfirmed(2, ct.STATUS_RETURN_LEVEL, level)
+        wire.servos[1].check()
+        wire.servos[1].torque(on=False)
+        assert wire.bus.read(2, ct.STATUS_RETURN_LEVEL) == 2
+
+
+def test_a_ping_to_all_ends_when_all_that_are_wanted_have_answered() -> None:
+    wire = Wire()
+    assert wire.took(lambda: wire.bus.ping_all(list(wire.emulated))) < 3e-3, "the SDK waits 0.81 s"
+    found = wire.bus.ping_all(range(20))
+    assert {dxl_id: answer.model_number for dxl_id, answer in found.items()} == dict.fromkeys(
+        wire.emulated, 1020
+    )
+
+
+def test_an_adapter_that_is_plugged_in_again_is_found() -> None:
+    wire = Wire()
+    wire.faulty.unplugged = True
+    for _ in range(2):
+        with pytest.raises(PortFailed, match=r"mock://group\S*/bus failed"):
+            wire.bus.ping(1)
+    with pytest.raises(DeviceError):
+        wire.bus.reconnect()
+    wire.faulty.unplugged = False
+    wire.bus.reconnect()
+    assert wire.bus.ping(1).model_number == 1020
+    assert wire.bus.counts.reconnects == 1
+
+
+def test_two_threads_do_not_speak_at_once() -> None:
+    wire = Wire()
+    wrong: list[object] = []
+
+    def work(item: ct.Item, expected: int) -> None:
+        try:
+            wrong.extend(value for _ in range(150) if (value := wire.bus.read(1, item)) != expected)
+        except DeviceError as error:
+            wrong.append(error)
+
+    asked = [(ct.PRESENT_POSITION, 2048), (ct.PROFILE_VELOCITY, 0), (ct.CURRENT_LIMIT, 1193)]
+    threads = [threading.Thread(target=work, args=pair) for pair in asked]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+    assert wire.bus.counts.damaged == wire.bus.counts.silent == 0
