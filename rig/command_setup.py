@@ -190,9 +190,9 @@ def _summary(console: Console, motors: Sequence[Motor]) -> None:
             if motor.written:
                 console.print(_half_done(motor), highlight=False, markup=False)
     good = sum(motor.outcome in (SetupOutcome.RIGHT, SetupOutcome.WRITTEN) for motor in motors)
-    console.print(f"{good} of {len(motors)} servos are as the rig file wants them", highlight=False)
+    console.print(f"as the rig file wants them: {good} of {len(motors)}", highlight=False)
     if good == len(motors):
-        console.print("connect them all, then run: palpate check --rig FILE", highlight=False)
+        console.print("connect all servos, then run: palpate check --rig FILE", highlight=False)
 
 
 def _out(rig: RigFile, place: BusPlace, motors: Sequence[Motor]) -> SetupOut:
