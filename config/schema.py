@@ -11,19 +11,25 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.objects_file import ObjectsFileText
+from palpate.config.ports_result import SerialPortsOut
 from palpate.config.recognition_result import RecognitionOut
 from palpate.config.replay_result import ReplayOut
 from palpate.config.results import Out
 from palpate.config.rig_file import RigFile
+from palpate.config.scan_result import ScanOut
 from palpate.config.scene_file import SceneFile
+from palpate.config.setup_result import SetupOut
+from palpate.config.stop_result import StopOut
 
 __all__ = ["FORMATS", "schema_text", "write_schemas"]
 
 FORMATS: Mapping[str, type[BaseModel]] = {
+    "check": CheckOut,
     "contacts": ContactsFile,
     "grip": GripOut,
     "identification": IdentificationOut,
@@ -31,7 +37,11 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "recognition": RecognitionOut,
     "replay": ReplayOut,
     "rig": RigFile,
+    "scan": ScanOut,
     "scene": SceneFile,
+    "serial-ports": SerialPortsOut,
+    "setup": SetupOut,
+    "stop": StopOut,
 }
 """Short name of each format and the model it is read into or written from."""
 

@@ -9,7 +9,7 @@ in any posture of the next stretch of the way (`ArmKinematics.largest_torques_nm
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,7 @@ from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
 from palpate.drivers.two_link import ArmKinematics
-from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Goals
+from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Goals, Limits
 from palpate.rig.waiting import on_circle
 
 __all__ = ["ArmDrive"]
@@ -88,16 +88,24 @@ class ArmDrive:
         """Both."""
         return self._servos
 
-    def prepare(self) -> None:
-        """Write modes and limits; until a way begins, currents are those for where the arm must start."""
+    def limits(self) -> Mapping[Servo, Limits]:
+        """Currents for the largest force at the tip of a stretched arm."""
         k = self._kinematics
         levers = k.upper_mm + k.fore_mm, k.fore_mm
         joints = k.shoulder, k.elbow
+        found = {}
         for servo, joint, lever in zip(self._servos, joints, levers, strict=True):
             torque = self._force_n * lever / 1000 / abs(joint.gear_ratio)
             current = min(torque / servo.model.known_torque.nm_per_a, servo.model.largest_current_a)
-            servo.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
+            found[servo] = Limits(OperatingMode.CURRENT_BASED_POSITION, current)
+        return found
+
+    def prepare(self) -> None:
+        """Write modes and limits; until a way begins, currents are those for where the arm must start."""
+        for servo, limits in self.limits().items():
+            limits.write(servo)
             servo.no_profile()
+        k = self._kinematics
         angle = math.atan2(k.base_mm[1], k.base_mm[0])
         self._limit([on_circle(self._wait_mm, angle)])
 

@@ -10,18 +10,17 @@ import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.config import ArmFinger, ObjectsFile, RigFile, Scene
-from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, latency_with_timer_s
-from palpate.drivers.transport.adapter import EMULATED_LATENCY_S, latency_timer_s
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
+from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.emulated import MockRig, emulate, on_mock_wires
 from palpate.rig.hand import Hand
 from palpate.rig.outside import Outside
 from palpate.rig.scene import Placement, draw_placement, placement_of
 
-__all__ = ["BenchRig", "bus_latency_s", "connect", "outside", "place", "set_up"]
+__all__ = ["BenchRig", "connect", "outside", "place", "set_up"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +107,3 @@ def connect(
     `notice` is told what the operator should do now.
     """
     return outside(bench, sink).hand(bench.rig, notice)
-
-
-def bus_latency_s(rig: RigFile) -> float:
-    """What the bus's adapter may add to an answer: as the rig file says, else as the system tells."""
-    if rig.bus.latency_ms is not None:
-        return rig.bus.latency_ms / 1e3
-    if rig.emulated:
-        return EMULATED_LATENCY_S
-    timer = latency_timer_s(rig.bus.port)
-    return UNKNOWN_LATENCY_S if timer is None else latency_with_timer_s(timer)

@@ -1,4 +1,4 @@
-"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`.
+"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`; the rest in `cli_devices`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
@@ -17,6 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.rig import cli_devices
 from palpate.rig.ending import ExitCode, Interrupted
 
 __all__ = ["ExitCode", "app", "main"]
@@ -208,6 +209,9 @@ def emulate(
     raise typer.Exit(
         run_emulate(rig=rig, objects=objects, scene=scene, seed=seed, seconds=seconds, rig_out=rig_out)
     )
+
+
+cli_devices.add_to(app)
 
 
 def main() -> None:

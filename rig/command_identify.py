@@ -19,7 +19,8 @@ from palpate.config.identification_result import IdentificationOut
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.answer_words import answer_lines, counted
-from palpate.rig.bench import bus_latency_s, outside, place, set_up
+from palpate.rig.bench import outside, place, set_up
+from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text

@@ -6,6 +6,7 @@ speed profile. Limits are written before torque goes on.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Protocol
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
@@ -22,6 +23,7 @@ __all__ = [
     "STREAM_TOLERANCE_RAD",
     "Drive",
     "Goals",
+    "Limits",
     "SlideDrive",
 ]
 
@@ -40,6 +42,22 @@ ARM_AIM_SPEED_MM_S = 40.0
 """Speed of an arm's tip on the circle where it waits."""
 
 ACCELERATION_RAD_S2 = 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a servo's EEPROM must say before torque goes on: runs write it, set-up and check know it."""
+
+    mode: OperatingMode
+    current_a: float
+
+    def write(self, servo: Servo) -> None:
+        """Write what differs, with torque off, and read it back."""
+        servo.prepare(self.mode, self.current_a)
+
+    def eeprom(self, servo: Servo) -> dict[str, int]:
+        """The items and their values. Raises ValueError for a current that the model cannot keep."""
+        return servo.eeprom(self.mode, self.current_a)
 
 
 class Drive(Protocol):
@@ -61,6 +79,10 @@ class Drive(Protocol):
     @property
     def streams(self) -> bool:
         """Whether goals change with time, so that `goals` must be asked every sample."""
+        ...
+
+    def limits(self) -> Mapping[Servo, Limits]:
+        """What each servo may do."""
         ...
 
     def prepare(self) -> None:
@@ -132,13 +154,18 @@ class SlideDrive:
         """The slide alone."""
         return (self._slide,)
 
+    def limits(self) -> Mapping[Servo, Limits]:
+        """The slide's current allows the largest force at the tip."""
+        return {
+            self._aim: Limits(OperatingMode.POSITION, AIM_CURRENT_A),
+            self._slide: Limits(OperatingMode.CURRENT_BASED_POSITION, self._current_a()),
+        }
+
     def prepare(self) -> None:
-        """Write modes and limits: the slide's current allows the largest force at the tip."""
-        lever_m = abs(self._kinematics.mm_per_rad) / 1000
-        current = self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
-        self._aim.prepare(OperatingMode.POSITION, AIM_CURRENT_A)
-        self._slide.prepare(OperatingMode.CURRENT_BASED_POSITION, current)
-        self._slide.set_goal_current_a(current)
+        """Write modes and limits, and speeds."""
+        for servo, limits in self.limits().items():
+            limits.write(servo)
+        self._slide.set_goal_current_a(self._current_a())
         self._aim.set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
         self._set_speed(self._speed_mm_s)
 
@@ -174,6 +201,10 @@ class SlideDrive:
     def reached_rad(self, _servo: Servo, gap_mm: float) -> float:
         """Only the slide's is asked for: the aim has a tolerance of its own."""
         return gap_mm / abs(self._kinematics.mm_per_rad)
+
+    def _current_a(self) -> float:
+        lever_m = abs(self._kinematics.mm_per_rad) / 1000
+        return self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
 
     def _set_speed(self, speed_mm_s: float) -> None:
         self._slide.set_profile(speed_mm_s / abs(self._kinematics.mm_per_rad), ACCELERATION_RAD_S2)

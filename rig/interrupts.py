@@ -1,8 +1,8 @@
 """Signals held back until the host next asks something of the outside: a recording says where they hit.
 
 Between two calls on clock and ports the host takes note of what it got, a few lines at most; an interrupt
-there could not be brought about again. In a long computation, where no call comes, it hits after `_PATIENCE_S` at
-latest. A moving rig makes hundreds of calls a second.
+there could not be brought about again. In a long computation, where no call comes, it hits after
+`_PATIENCE_S` at latest. A moving rig makes hundreds of calls a second.
 """
 
 import os

@@ -13,7 +13,7 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import TICK_RAD, Turn
-from palpate.rig.drives import AIM_TOLERANCE_RAD
+from palpate.rig.drives import AIM_TOLERANCE_RAD, Limits
 
 __all__ = ["STAGE_SPEED_RAD_S", "HostStage", "planned_turn"]
 
@@ -48,9 +48,13 @@ class HostStage:
         servo = Servo(bus, rig.stage.dxl_id, rig.stage.model, range_rad=(min(ends), max(ends)))
         return cls(rig.stage, servo)
 
+    def limits(self) -> Limits:
+        """What the stage's servo may do."""
+        return Limits(OperatingMode.POSITION, min(_CURRENT_A, self.servo.model.largest_current_a))
+
     def prepare(self) -> None:
         """Write mode and limits; torque is off."""
-        self.servo.prepare(OperatingMode.POSITION, min(_CURRENT_A, self.servo.model.largest_current_a))
+        self.limits().write(self.servo)
         self.servo.set_profile(STAGE_SPEED_RAD_S, _ACCELERATION_RAD_S2)
 
     def goal_rad(self, angle_rad: float) -> float:

@@ -160,7 +160,9 @@ class Exchange:
             answer = self._receive()
             if answer is Lost.SILENT:
                 break
-            if isinstance(answer, StatusPacket):
+            if answer is Lost.DAMAGED:
+                self._counts.lost(silent=False)
+            elif isinstance(answer, StatusPacket):
                 found.append(answer)
                 missing.discard(answer.dxl_id)
         for dxl_id in missing:

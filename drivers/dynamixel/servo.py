@@ -98,12 +98,23 @@ class Servo:
     def prepare(
         self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None
     ) -> None:
-        """Torque off, then EEPROM as this stack needs it, read back; items that are right are not written.
+        """Torque off, then `eeprom` written and read back; items that are right are not written.
 
-        Sets Operating Mode, Current Limit, Velocity Limit (rounded down; None leaves it), Position Limits
+        Raises ValueError for limits that the model cannot keep, DeviceError if an item does not stay written.
+        """
+        wanted = self.eeprom(mode, current_limit_a, velocity_limit_rad_s)
+        self.torque(on=False)
+        for name, value in wanted.items():
+            self.keep(name, value)
+
+    def eeprom(
+        self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None
+    ) -> dict[str, int]:
+        """What `prepare` writes, by item.
+
+        Operating Mode, Current Limit, Velocity Limit (rounded down; None leaves it), Position Limits
         in Position Control Mode (to `range_rad`), Drive Mode 0 (normal direction, velocity-based profile)
-        and Return Delay Time 0. Raises ValueError for limits that the model cannot keep, DeviceError if an
-        item does not stay written.
+        and Return Delay Time 0. Raises ValueError for limits that the model cannot keep.
         """
         wanted: dict[str, int] = {
             "Return Delay Time": 0,
@@ -121,9 +132,7 @@ class Servo:
             wanted["Velocity Limit"] = _units_down(
                 velocity_limit_rad_s, self.model.velocity_unit_rad_s, "velocity limit"
             )
-        self.torque(on=False)
-        for name, value in wanted.items():
-            self.keep(name, value)
+        return wanted
 
     def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
         """Set the trapezoid of the next moves, rounded down to the servo's units (0.024 rad/s, 0.37 rad/s²).

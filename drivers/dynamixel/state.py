@@ -25,6 +25,7 @@ from palpate.drivers.dynamixel.failures import (
 from palpate.drivers.dynamixel.models import Indirect
 from palpate.drivers.dynamixel.packet import StatusPacket
 from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s
 from palpate.errors import DeviceError, InputError
 
 __all__ = ["ServoState", "StateReader", "States"]
@@ -93,6 +94,18 @@ class StateReader:
             if self._bus.read(servo.dxl_id, item) != addresses:
                 raise NotConfirmed([servo.dxl_id], self._bus.port_name, [item.name])
         self._fast = all(servo.model.answers_fast for servo in self._servos.values())
+
+    @property
+    def is_fast(self) -> bool:
+        """Whether Fast Sync Read is used: all servos know it."""
+        return self._fast
+
+    def wire_time_s(self, baudrate: int, return_delays_s: Sequence[float]) -> float:
+        """Time on the wire of one `read`, with a return delay for each servo, without any latency."""
+        sizes = [_LAYOUT.size] * len(return_delays_s)
+        if self._fast:
+            return fast_read_time_s(sizes, baudrate) + max(return_delays_s, default=0.0)
+        return group_read_time_s(sizes, baudrate) + sum(return_delays_s)
 
     def read(self, servos: Sequence[Servo]) -> States:
         """The state of some of the servos at one instant; with Fast Sync Read where all of them know it."""

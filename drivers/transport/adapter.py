@@ -7,23 +7,24 @@ AN232B-04).
 
 from pathlib import Path
 
-__all__ = ["EMULATED_LATENCY_S", "LATENCY_TIMER", "latency_timer_file", "latency_timer_s"]
+__all__ = ["EMULATED_LATENCY_S", "LATENCY_TIMER", "TTYS", "latency_timer_file", "latency_timer_s"]
 
 EMULATED_LATENCY_S = 1e-3
 """Of a `mock://` port: nothing but the bytes takes time, and this much is patience enough."""
 
 LATENCY_TIMER = "latency_timer"
 
-_TTYS = Path("/sys/class/tty")
+TTYS = Path("/sys/class/tty")
+"""Where Linux tells of its serial ports."""
 
 
-def latency_timer_file(port: str, ttys: Path = _TTYS) -> Path | None:
+def latency_timer_file(port: str, ttys: Path = TTYS) -> Path | None:
     """The file that holds a port's latency timer in ms; None if it has none, or the system does not tell."""
     file = ttys / Path(port).resolve().name / "device" / LATENCY_TIMER
     return file if "://" not in port and file.is_file() else None
 
 
-def latency_timer_s(port: str, ttys: Path = _TTYS) -> float | None:
+def latency_timer_s(port: str, ttys: Path = TTYS) -> float | None:
     """A port's latency timer, None if it is not known."""
     file = latency_timer_file(port, ttys)
     if file is None:

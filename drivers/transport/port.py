@@ -22,21 +22,39 @@ else:
 unplugged port lets the terminal's own error through."""
 
 _OPENING_ERRORS: tuple[type[Exception], ...] = (*PORT_ERRORS, ValueError)
+_TAKEN = (errno.EAGAIN, errno.EBUSY)
 
-__all__ = ["PORT_ERRORS", "open_port"]
+__all__ = ["PORT_ERRORS", "PortTaken", "open_port"]
 
 
-def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0) -> SerialBase:
+class PortTaken(DeviceError):
+    """Another program has the port for itself."""
+
+
+def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool = False) -> SerialBase:
     """Open a port (8N1), for this process alone, whose reads wait for at most `timeout_s`.
 
-    Raises DeviceError naming the port if it does not exist, is taken, or refuses the baud rate.
+    `shared`: also if another program has it, which loses what is read here; for an emergency stop only.
+    Raises PortTaken if another program uses the port, DeviceError naming it if it does not exist or refuses
+    the baud rate.
     """
     handlers = __package__ or "palpate.drivers.transport"
     if handlers not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(handlers)
     try:
-        port: SerialBase = serial.serial_for_url(url, baudrate=baudrate, timeout=timeout_s, exclusive=True)
+        port: SerialBase = serial.serial_for_url(
+            url, baudrate=baudrate, timeout=timeout_s, exclusive=None if shared else True
+        )
     except _OPENING_ERRORS as error:
+        if isinstance(error, OSError) and error.errno in _TAKEN:
+            raise PortTaken(
+                f"port {url} is in use: another program is using it; close that program, then try again"
+            ) from error
+        if isinstance(error, OSError) and error.errno == errno.EACCES:
+            raise DeviceError(
+                f"port {url} may not be opened by this user; join the group that owns it "
+                "(sudo usermod -aG dialout $USER), then log in again"
+            ) from error
         raise DeviceError(
             f"port {url} does not exist or cannot be opened at {baudrate} baud: {_reason(error)}; "
             "check the cable and `port` in the rig file"
@@ -47,6 +65,4 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0) -> SerialBase:
 def _reason(error: Exception) -> str:
     """What the system said, without the layers that pyserial wraps around it."""
     code = error.errno if isinstance(error, OSError) else None
-    if code in (errno.EAGAIN, errno.EBUSY):
-        return "another program is using it"
     return os.strerror(code).lower() if code else str(error)

@@ -66,7 +66,7 @@ class Recorder:
         return RecordingPort(found, self, port, number)
 
     def ask(self, call: str, action: Callable[[], _T]) -> _T:
-        """What `action` gives; what it raises, or an interrupt that has come, is recorded as the end of `call`."""
+        """What `action` gives; what it raises, or an interrupt, is recorded as the end of `call`."""
         self.let_interrupt(call)
         return self.follow(call, action)
 

@@ -3,17 +3,14 @@
 import json
 import math
 import re
-import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import pytest
-from command import PALPATE, log_events, run
+from command import log_events, run
+from served_rig import served
 
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.rig.bench import place
@@ -51,29 +48,6 @@ patiently(packets.write1ByteTxRx, port, 11, 64, 0)
 port.closePort()
 json.dump({"models": models, "start": start, "seen": seen, "sdk": dynamixel_sdk.__file__}, sys.stdout)
 """
-
-
-@contextmanager
-def served(folder: Path, *args: object) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
-    """The emulator's process and the object that it prints; it is ended as Ctrl-C would."""
-    process = subprocess.Popen(
-        [str(PALPATE), "emulate", *map(str, args)],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stdout is not None
-        told = json.loads(process.stdout.readline())
-        assert isinstance(told, dict)
-        yield process, told
-    finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.communicate(timeout=10)
-        finally:
-            process.kill()
 
 
 def drawn(seed: int) -> Placement:

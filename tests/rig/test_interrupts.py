@@ -39,10 +39,15 @@ def test_a_signal_waits_for_the_next_look(number: signal.Signals) -> None:
 
 
 def test_a_signal_that_nobody_looked_for_comes_at_the_end() -> None:
-    reached = False
-    with pytest.raises(Told), HeldInterrupts():
-        signal.raise_signal(signal.SIGINT)
-        reached = True
+    reached: list[bool] = []
+
+    def work() -> None:
+        with HeldInterrupts():
+            signal.raise_signal(signal.SIGINT)
+            reached.append(True)
+
+    with pytest.raises(Told):
+        work()
     assert reached
     assert signal.getsignal(signal.SIGINT) is tell
 

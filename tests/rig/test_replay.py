@@ -18,7 +18,7 @@ from palpate.config import shipped_objects, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
-from palpate.rig.bench import bus_latency_s
+from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.closing import Stage, close_fingers
 from palpate.rig.outside import Outside
 from palpate.rig.replayed import first_difference, replay_with

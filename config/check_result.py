@@ -1,0 +1,108 @@
+"""Result of `palpate check`: `palpate/check@1`."""
+
+from typing import Literal
+
+from palpate.config.results import Interval, Out, Rounded
+
+__all__ = [
+    "AdapterCheckOut",
+    "ArrayCheckOut",
+    "BusCountsOut",
+    "CheckOut",
+    "LoopOut",
+    "ServoCheckOut",
+    "SettingOut",
+]
+
+
+class SettingOut(Out):
+    """An item of a servo's EEPROM that is not as the rig wants it; runs and `setup-motors` write it."""
+
+    item: str
+    found: int
+    wanted: int
+
+
+class ServoCheckOut(Out):
+    """A servo of the rig file. What could not be read is null."""
+
+    id: int
+    owner: str
+    model: str
+    answers: bool
+    firmware: int | None = None
+    voltage_v: Rounded | None = None
+    voltage_limits_v: Interval | None = None
+    temperature_c: int | None = None
+    temperature_limit_c: int | None = None
+    hardware_error: tuple[str, ...] = ()
+    torque_on: bool | None = None
+    return_delay_us: int | None = None
+    settings: tuple[SettingOut, ...] = ()
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class ArrayCheckOut(Out):
+    """A finger's tactile array. `rate_hz`: frames that reached the host."""
+
+    finger: str
+    port: str
+    answers: bool
+    firmware: str | None = None
+    emulated: bool | None = None
+    rows: int | None = None
+    columns: int | None = None
+    wanted_hz: Rounded
+    rate_hz: Rounded | None = None
+    lost: int | None = None
+    latency_timer_ms: Rounded | None = None
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+class AdapterCheckOut(Out):
+    """The bus's adapter; `latency_timer_ms` is null if it has none, or the system does not tell."""
+
+    port: str
+    baudrate_bps: int
+    latency_timer_ms: Rounded | None
+
+
+class LoopOut(Out):
+    """Reading the state of all servos over and over. `wire_ms`: what the bytes alone take."""
+
+    servos: int
+    cycles: int
+    fast: bool
+    rate_hz: Rounded
+    median_ms: Rounded
+    p99_ms: Rounded
+    wire_ms: Rounded
+
+
+class BusCountsOut(Out):
+    """What the bus has been through during the check."""
+
+    instructions: int
+    silent: int
+    damaged: int
+    retries: int
+    alerts: int
+    reconnects: int
+
+
+class CheckOut(Out):
+    """Everything that was looked at. `well`: nothing is wrong; there may be warnings."""
+
+    format: Literal["palpate/check@1"] = "palpate/check@1"
+    rig: str
+    emulated: bool
+    well: bool
+    adapter: AdapterCheckOut
+    servos: tuple[ServoCheckOut, ...]
+    arrays: tuple[ArrayCheckOut, ...]
+    loop: LoopOut | None
+    bus: BusCountsOut
+    problems: tuple[str, ...]
+    warnings: tuple[str, ...]

@@ -1,0 +1,157 @@
+"""Looking for servos of which nothing is known, at every baud rate and id. Above `bus`, below the commands.
+
+One ping to all finds in a fraction of a second what answers in turn. Where answers came broken, each id is
+asked by itself: two servos with one id speak at once and spoil each other's answers. Where both happen to say
+the same, reading what differs between any two servos (angle, voltage, clock) tells them apart.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from serial.serialutil import SerialBase
+
+from palpate.drivers.dynamixel.bus import Bus, Ping
+from palpate.drivers.dynamixel.control_table import Item
+from palpate.drivers.dynamixel.failures import DamagedAnswer, NotAnswering, StatusError
+from palpate.drivers.dynamixel.models import model_numbered
+from palpate.drivers.dynamixel.packet import MAX_ID
+from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
+from palpate.errors import DeviceError, InputError
+
+__all__ = ["ALL_IDS", "Found", "Scan", "model_name", "scan", "scan_rate"]
+
+ALL_IDS = range(MAX_ID + 1)
+
+_LIVE = Item("Realtime Tick to Present Temperature", 120, 27)  # no two servos agree in all of it
+_LOOKS = 4
+_REST_S = 0.05  # a servo that heard half a packet at another baud rate has forgotten it by then
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What answers to an id at a baud rate.
+
+    `ping` is None if every answer came broken. `crowded`: more than one servo seems to have this id.
+    """
+
+    baudrate: int
+    dxl_id: int
+    ping: Ping | None
+    crowded: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What was found, by baud rate and id, and the rates that the port refused with its reason."""
+
+    found: tuple[Found, ...]
+    refused: dict[int, str]
+
+
+def scan(
+    open_port: Callable[[int], SerialBase],
+    clock: Clock,
+    baudrates: Iterable[int],
+    dxl_ids: Sequence[int] = ALL_IDS,
+    *,
+    latency_s: float,
+    tell: Callable[[int, int | None], None] = lambda _rate, _dxl_id: None,
+) -> Scan:
+    """Look at every baud rate; `open_port(baudrate)` opens the port anew for each.
+
+    `tell` hears of each baud rate that is begun, and of each id that is asked by itself. Raises DeviceError
+    if the port is taken, cannot be opened at any rate, or fails meanwhile.
+    """
+    found: list[Found] = []
+    refused: dict[int, str] = {}
+    reasons: list[DeviceError] = []
+    tried = 0
+    for baudrate in baudrates:
+        tried += 1
+        tell(baudrate, None)
+        try:
+            port = open_port(baudrate)
+        except PortTaken:
+            raise
+        except DeviceError as error:
+            reasons.append(error)
+            refused[baudrate] = str(error)
+            continue
+        try:
+            found += scan_rate(port, clock, baudrate, dxl_ids, latency_s=latency_s, tell=tell)
+        finally:
+            port.close()
+    if reasons and len(reasons) == tried:
+        raise reasons[0]
+    return Scan(tuple(found), refused)
+
+
+def scan_rate(
+    port: SerialBase,
+    clock: Clock,
+    baudrate: int,
+    dxl_ids: Sequence[int],
+    *,
+    latency_s: float,
+    tell: Callable[[int, int | None], None] = lambda _rate, _dxl_id: None,
+) -> list[Found]:
+    """Look for servos on an open port at one baud rate. Raises PortFailed."""
+    bus = Bus(port, clock, baudrate, latency_s=latency_s)
+    clock.sleep(_REST_S)
+    answers = bus.ping_all(dxl_ids)
+    told: dict[int, Ping | None] = {i: ping for i, ping in answers.items() if i in dxl_ids}
+    if bus.counts.damaged:
+        for dxl_id in dxl_ids:
+            if dxl_id in told:
+                continue
+            tell(baudrate, dxl_id)
+            try:
+                told[dxl_id] = _by_itself(bus, dxl_id)
+            except NotAnswering:
+                continue
+    return [
+        Found(baudrate, dxl_id, ping, crowded=ping is None or _is_crowded(bus, port, clock, dxl_id))
+        for dxl_id, ping in sorted(told.items())
+    ]
+
+
+def model_name(ping: Ping | None) -> str | None:
+    """The name of the model that answered a ping; None if nobody knows it."""
+    try:
+        return None if ping is None else model_numbered(ping.model_number, ping.firmware).name
+    except InputError:
+        return None
+
+
+def _by_itself(bus: Bus, dxl_id: int) -> Ping | None:
+    """What one id answers, None if only broken answers come; NotAnswering at once if nothing does."""
+    try:
+        return bus.ping(dxl_id, retries=0)
+    except DamagedAnswer:
+        pass
+    try:
+        return bus.ping(dxl_id)
+    except DamagedAnswer:
+        return None
+
+
+def _is_crowded(bus: Bus, port: SerialBase, clock: Clock, dxl_id: int) -> bool:
+    """Whether answers to an id keep coming broken, or twice."""
+    spoiled = 0
+    for _ in range(_LOOKS):
+        before = bus.counts.damaged
+        with contextlib.suppress(NotAnswering, DamagedAnswer, StatusError):  # damage is counted
+            bus.read_alerting(dxl_id, _LIVE)
+        spoiled += bus.counts.damaged > before or _more_comes(bus, port, clock)
+    return spoiled > _LOOKS // 2
+
+
+def _more_comes(bus: Bus, port: SerialBase, clock: Clock) -> bool:
+    """Whether something still comes behind an answer that was complete."""
+    clock.sleep(bus.timing.latency_s + bus.timing.timeout_s(0, 2 * _LIVE.size, 0.0))
+    try:
+        return bool(port.read(1))
+    except PORT_ERRORS:
+        return False  # the next exchange says what is wrong with the port

@@ -1,0 +1,22 @@
+"""How long a bus's adapter may hold an answer back: from a rig file, or from what the system tells."""
+
+from palpate.config import RigFile
+from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, latency_with_timer_s
+from palpate.drivers.transport.adapter import EMULATED_LATENCY_S, latency_timer_s
+
+__all__ = ["bus_latency_s", "port_latency_s"]
+
+
+def bus_latency_s(rig: RigFile) -> float:
+    """What the bus's adapter may add to an answer: as the rig file says, else as the system tells."""
+    if rig.bus.latency_ms is not None:
+        return rig.bus.latency_ms / 1e3
+    return EMULATED_LATENCY_S if rig.emulated else port_latency_s(rig.bus.port)
+
+
+def port_latency_s(port: str) -> float:
+    """The same for a port of which no rig file tells."""
+    if port.startswith("mock://"):
+        return EMULATED_LATENCY_S
+    timer = latency_timer_s(port)
+    return UNKNOWN_LATENCY_S if timer is None else latency_with_timer_s(timer)

@@ -1,0 +1,96 @@
+"""Where a command for setting up finds its servos: a port by name, a rig file's bus, or the emulated bench.
+
+Between the command line and the drivers; the commands on whole rigs take their ports from here, too.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from serial.serialutil import SerialBase
+
+from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.drivers.transport.port import open_port
+from palpate.errors import InputError
+from palpate.rig.bus_latency import bus_latency_s, port_latency_s
+
+__all__ = ["BusPlace", "Owned", "bus_of", "bus_place", "servos_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Owned:
+    """A servo of the rig file: what people call it, and what it should be."""
+
+    owner: str
+    dxl_id: int
+    model: str
+
+
+@dataclass(frozen=True, eq=False)
+class BusPlace:
+    """A bus: its port as people call it, how to open it, and what is known of it.
+
+    `rig` is None if only a port was named. `urls`: where ports of an emulated rig really are. `devices`: what
+    hangs on them, which lives as long as somebody owns it.
+    """
+
+    port: str
+    clock: Clock
+    latency_s: float
+    baudrate: int | None = None
+    rig: RigFile | None = None
+    urls: Callable[[str], str] = str
+    devices: object = None
+
+    @property
+    def emulated(self) -> bool:
+        """Whether nothing real hangs on it, as far as the host can tell."""
+        return self.port.startswith("mock://")
+
+    def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
+        """Open the bus's port; raises DeviceError naming it."""
+        return open_port(self.urls(self.port), baudrate, shared=shared)
+
+    def open_other(self, port: str, baudrate: int) -> SerialBase:
+        """Open another port of the rig; raises DeviceError naming it."""
+        return open_port(self.urls(port), baudrate)
+
+
+def bus_place(rig: Path | None, port: str | None) -> BusPlace:
+    """The bus of a rig file or of a port; without both, that of the shipped emulated rig.
+
+    Raises InputError if both are given.
+    """
+    if port is None:
+        return bus_of(load_rig(rig or shipped_rig()))
+    if rig is not None:
+        raise InputError("--port and --rig exclude each other: the rig file names its port")
+    return BusPlace(port, MonotonicClock(), port_latency_s(port))
+
+
+def bus_of(rig: RigFile) -> BusPlace:
+    """The bus of a rig; that of an emulated rig is emulated from now on."""
+    latency, baudrate = bus_latency_s(rig), rig.bus.baudrate_bps
+    if not rig.emulated:
+        return BusPlace(rig.bus.port, MonotonicClock(), latency, baudrate, rig)
+    # half a second of imports, for which an emergency stop of a real rig must not wait
+    from palpate.rig.bench import set_up  # noqa: PLC0415
+
+    bench = set_up(rig, None, 0)
+    return BusPlace(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
+
+
+def servos_of(rig: RigFile | None) -> tuple[Owned, ...]:
+    """All servos of a rig, the stage's first, each finger's after one another."""
+    if rig is None:
+        return ()
+    stage = [] if rig.stage is None else [Owned("stage", rig.stage.dxl_id, rig.stage.model)]
+    return (
+        *stage,
+        *(
+            Owned(f"{finger.name} {joint}", servo.dxl_id, servo.model)
+            for finger in rig.fingers
+            for joint, servo in finger.servos.items()
+        ),
+    )

@@ -1,0 +1,118 @@
+"""The commands for people who set a rig up: `find-port`, `scan`, `setup-motors`, `check`, `stop`.
+
+Registered on the command line's app by `add_to`.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.rig.interrupted import if_interrupted
+
+__all__ = ["add_to"]
+
+_RigOption = Annotated[
+    Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
+]
+_PortOption = Annotated[str | None, typer.Option("--port", help="Port of the servos' bus.")]
+_JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+
+
+_PANEL = "Setting up a rig"
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    commands: dict[str, Callable[..., None]] = {
+        "find-port": _find_port,
+        "scan": _scan,
+        "setup-motors": _setup,
+        "check": _check,
+        "stop": _stop,
+    }
+    for name, command in commands.items():
+        app.command(name, rich_help_panel=_PANEL)(command)
+
+
+def _scan(
+    port: _PortOption = None,
+    rig: _RigOption = None,
+    baud: Annotated[
+        list[int] | None, typer.Option("--baud", help="Try this baud rate only; may be repeated.")
+    ] = None,
+    ids: Annotated[
+        str | None, typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5.")
+    ] = None,
+    json: _JsonOption = False,
+) -> None:
+    """Find servos at every baud rate and id. Moves nothing.
+
+    Exit code 3: nothing answers, two servos share an id, or the rig file says otherwise.
+    """
+    from palpate.rig.command_scan import run_scan
+
+    with if_interrupted("nothing was written"):
+        raise typer.Exit(run_scan(rig=rig, port=port, baudrates=baud or [], ids=ids, json=json))
+
+
+def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
+    """Look at every servo, array and the bus of a rig. Moves nothing.
+
+    Exit code 3: something is wrong. Warnings alone: 0.
+    """
+    from palpate.rig.command_check import run_check
+
+    with if_interrupted("torque was left as it was"):
+        raise typer.Exit(run_check(rig=rig, json=json))
+
+
+def _setup(
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file (TOML).")],
+    dxl_id: Annotated[
+        list[int] | None, typer.Option("--id", help="Only this servo of the rig file; may be repeated.")
+    ] = None,
+    yes: Annotated[bool, typer.Option("--yes", "-y", help="Write to EEPROM without asking.")] = False,
+    json: _JsonOption = False,
+) -> None:
+    """Give each servo its id, baud rate and limits, one at a time.
+
+    Exit code 1: a servo was skipped. 3: a servo is not done.
+    """
+    from palpate.rig.command_setup import run_setup
+
+    with if_interrupted("nothing was written"):
+        raise typer.Exit(run_setup(rig=rig, dxl_ids=dxl_id or [], yes=yes, json=json))
+
+
+def _stop(
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file (TOML).")] = None,
+    port: _PortOption = None,
+    baud: Annotated[
+        int | None, typer.Option("--baud", help="Baud rate, with --port; 1000000 if left out.")
+    ] = None,
+    json: _JsonOption = False,
+) -> None:
+    """Switch torque off on every servo, now, beside whatever runs.
+
+    Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
+    """
+    from palpate.rig.command_stop import run_stop
+
+    with if_interrupted("NOT confirmed that torque is off"):
+        raise typer.Exit(run_stop(rig=rig, port=port, baudrate=baud, json=json))
+
+
+def _find_port(
+    only_list: Annotated[bool, typer.Option("--list", help="Only list the ports; ask nothing.")] = False,
+    json: _JsonOption = False,
+) -> None:
+    """List serial ports; find out which is yours by unplugging it.
+
+    Without a terminal it only lists. Exit code 3: there is no port.
+    """
+    from palpate.rig.command_find_port import run_find_port
+
+    with if_interrupted("nothing was changed"):
+        raise typer.Exit(run_find_port(only_list=only_list, json=json))

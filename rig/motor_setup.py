@@ -1,0 +1,124 @@
+"""Setting up a rig's servos one after another, with a person who plugs them in. Called by `setup-motors`.
+
+Nothing is hidden if it ends in between: every write that was confirmed is in the result.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Protocol
+
+from palpate.config.rig_file import BUS_BAUDRATES
+from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, SetupServoOut
+from palpate.drivers.dynamixel.models import Model
+from palpate.drivers.dynamixel.scan import Found, scan
+from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo
+from palpate.errors import DeviceError
+
+__all__ = ["Asking", "Motor", "Ready", "set_up_all"]
+
+
+class Ready(Enum):
+    """What a person says who was asked to connect a servo."""
+
+    GO = "go"
+    SKIP = "skip"
+    END = "end"
+
+
+class Asking(Protocol):
+    """The person at the bench."""
+
+    def connect(self, motor: "Motor") -> Ready:
+        """Ask to connect one servo alone."""
+        ...
+
+    def may_write(self, motor: "Motor", found: Found, changes: Sequence[Change]) -> bool:
+        """Show what was found and what would be written; ask whether to write it."""
+        ...
+
+    def problem(self, motor: "Motor", problem: str) -> None:
+        """Say what is wrong; the person is asked to connect the servo again."""
+        ...
+
+    def done(self, motor: "Motor") -> None:
+        """Say how it ended for a servo."""
+        ...
+
+    def doing(self, what: str) -> None:
+        """Say what goes on."""
+        ...
+
+
+@dataclass(eq=False)
+class Motor:
+    """A servo of the rig file, what it should hold, and how far its setting up has come."""
+
+    owner: str
+    dxl_id: int
+    model: Model
+    wanted: Mapping[str, int]
+    outcome: SetupOutcome = SetupOutcome.NOT_DONE
+    found: Found | None = None
+    written: list[Change] = field(default_factory=list)
+    problem: str | None = None
+
+    def out(self) -> SetupServoOut:
+        """How it stands, for the result."""
+        at = self.found
+        firmware = None if at is None or at.ping is None else at.ping.firmware
+        return SetupServoOut(
+            id=self.dxl_id,
+            owner=self.owner,
+            model=self.model.name,
+            outcome=self.outcome,
+            found=None
+            if at is None or firmware is None
+            else FoundOut(id=at.dxl_id, baudrate_bps=at.baudrate, firmware=firmware),
+            written=tuple(ChangeOut(item=c.item, found=c.found, wanted=c.wanted) for c in self.written),
+            problem=self.problem,
+        )
+
+
+def set_up_all(motors: Sequence[Motor], wire: Wire, port: str, asking: Asking) -> None:
+    """Set up one servo after another; each `Motor` says how it ended. After a DeviceError asks again."""
+    for motor in motors:
+        while motor.outcome is SetupOutcome.NOT_DONE:
+            ready = asking.connect(motor)
+            if ready is Ready.END:
+                return
+            if ready is Ready.SKIP:
+                motor.outcome = SetupOutcome.SKIPPED
+                break
+            try:
+                motor.outcome = _set_up(motor, wire, port, asking)
+                motor.problem = None
+            except DeviceError as error:
+                motor.problem = str(error)
+                asking.problem(motor, str(error))
+        asking.done(motor)
+
+
+def _set_up(motor: Motor, wire: Wire, port: str, asking: Asking) -> SetupOutcome:
+    found = scan(
+        wire.open_port,
+        wire.clock,
+        BUS_BAUDRATES,
+        latency_s=wire.latency_s,
+        tell=lambda rate, _: asking.doing(f"looking at {rate} baud"),
+    )
+    at = only_servo(found, motor.model, port)
+    motor.found = motor.found or at
+    changes = differing(wire, at, motor.model, motor.wanted)
+    if not changes:
+        return SetupOutcome.WRITTEN if motor.written else SetupOutcome.RIGHT
+    if not asking.may_write(motor, at, changes):
+        return SetupOutcome.DECLINED
+    asking.doing("writing")
+    now_at = apply(wire, at, motor.model, changes, motor.written.append)
+    asking.doing("reading back")
+    left = differing(wire, now_at, motor.model, motor.wanted)
+    if left:
+        items = ", ".join(f"{change.item} at {change.found} instead of {change.wanted}" for change in left)
+        raise DeviceError(f"the servo on {port} keeps {items}; check its firmware")
+    return SetupOutcome.WRITTEN
