@@ -18,6 +18,8 @@ from palpate.rig.files import write_text
 
 __all__ = ["run_emulate"]
 
+_LATENCY_MS = 100  # two processes share the computer: the devices' may have to wait for its turn
+
 
 def run_emulate(
     *,
@@ -52,6 +54,7 @@ def _with_ports(text: str, paths: dict[str, str]) -> str:
     document = tomlkit.parse(text)
     document.pop("emulation", None)
     bus = document["bus"]
+    bus["latency_ms"] = _LATENCY_MS
     bus["port"] = paths[str(bus["port"])]
     for finger in document["fingers"]:
         finger["array"]["port"] = paths[str(finger["array"]["port"])]

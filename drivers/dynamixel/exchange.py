@@ -11,6 +11,7 @@ from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.counts import BusCounts
+from palpate.drivers.dynamixel.late_answers import LateAnswers, Question
 from palpate.drivers.dynamixel.packet import (
     ALERT_BIT,
     BROADCAST_ID,
@@ -36,8 +37,7 @@ _LARGEST_READ = 256
 _SILENT_BYTES = 3  # a wire with nothing on it for so many byte times is free
 _SILENCE_LOOKS = 500  # one that never is, is full of noise, and CRCs have to deal with it
 
-_Question = tuple[int, bytes]  # what a servo was asked: instruction and parameters; a read, whichever kind
-_PINGING: _Question = (Instruction.PING, b"")
+_PINGING: Question = (Instruction.PING, b"")
 
 
 class Lost(Enum):
@@ -59,7 +59,7 @@ class Exchange:
         self._handler = ClockedPortHandler(port, clock, timing)
         self._delays_s: dict[int, float] = {}
         self._heard = False
-        self._late: dict[int, tuple[_Question | None, float]] = {}
+        self._late = LateAnswers(timing.quiet_s)
         self._handler.openPort()
 
     def set_return_delay(self, dxl_id: int, seconds: float) -> None:
@@ -73,8 +73,7 @@ class Exchange:
     def tell(self, dxl_id: int, instruction: int, params: bytes = b"") -> None:
         """Send an instruction that is not answered."""
         self._send(dxl_id, instruction, params)
-        # what a late answer says may be out of date now
-        self._late = {late: (None, until) for late, (_, until) in self._late.items()}
+        self._late.outdate()
 
     def ask(
         self, dxl_id: int, instruction: int, params: bytes = b"", size: int = 0, *, patient: bool = False
@@ -93,9 +92,13 @@ class Exchange:
                 if answer is Lost.SILENT:
                     self._may_be_late(dxl_id, question)
                 return answer
-            if answer.dxl_id == dxl_id:
-                fits = answer.error_number != 0 or len(answer.params) == size
-                return answer if fits else Lost.DAMAGED
+            if answer.dxl_id != dxl_id:
+                continue
+            if not _fits(answer, size):
+                self._may_be_late(dxl_id, None)  # that was the answer to something else
+                return Lost.DAMAGED
+            self._let_second_answers_pass({dxl_id: (0, size)})
+            return answer
 
     def ask_group(
         self, blocks: Mapping[int, Block], *, patient: bool = False
@@ -115,20 +118,20 @@ class Exchange:
             self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
             answer = self._receive()
             if answer is Lost.DAMAGED:
-                found[nearest] = (
-                    answer  # the next in order, as likely as not; the others are asked again anyhow
-                )
+                found[nearest] = answer  # the next in order, as likely as not; if not, it is asked again
                 del waiting[nearest]
             elif isinstance(answer, Lost):
                 break
-            elif answer.dxl_id in waiting:
-                fits = answer.error_number != 0 or len(answer.params) == blocks[answer.dxl_id][1]
-                found[answer.dxl_id] = answer if fits else Lost.DAMAGED
-                del waiting[answer.dxl_id]
-            elif found.get(answer.dxl_id) is Lost.DAMAGED:
+            elif not isinstance(found.get(answer.dxl_id), Lost):
+                continue  # not asked, or twice
+            elif _fits(answer, blocks[answer.dxl_id][1]):
                 found[answer.dxl_id] = answer
-        for dxl_id in waiting:
-            self._may_be_late(dxl_id, _reading(blocks[dxl_id]))
+                waiting.pop(answer.dxl_id, None)
+            else:
+                self._may_be_late(answer.dxl_id, None)  # that was the answer to something else
+        for place, dxl_id in enumerate(waiting):
+            self._may_be_late(dxl_id, _reading(blocks[dxl_id]), hidden=place > 0)
+        self._let_second_answers_pass({i: blocks[i] for i, a in found.items() if isinstance(a, StatusPacket)})
         return found
 
     def ask_group_fast(self, blocks: Mapping[int, Block]) -> dict[int, StatusPacket | Lost]:
@@ -146,6 +149,8 @@ class Exchange:
         for dxl_id, part in zip(blocks, parts, strict=True):
             if part is not None and part.dxl_id == dxl_id:
                 found[dxl_id] = StatusPacket(dxl_id, part.error, part.params)
+            elif not frame:
+                self._may_be_late(dxl_id, _reading(blocks[dxl_id]))
         return found
 
     def ping_all(self, wanted: Sequence[int]) -> list[StatusPacket]:
@@ -224,30 +229,34 @@ class Exchange:
     def _delay_s(self, dxl_ids: Sequence[int]) -> float:
         return max(self._delays_s.get(dxl_id, LONGEST_RETURN_DELAY_S) for dxl_id in dxl_ids)
 
-    def _may_be_late(self, dxl_id: int, question: _Question) -> None:
-        """Remember that the answer to this question may still come."""
-        self._late[dxl_id] = (question, self._clock.now() + self._timing.quiet_s)
+    def _may_be_late(self, dxl_id: int, question: Question | None, *, hidden: bool = False) -> None:
+        self._late.expect(dxl_id, question, self._clock.now(), hidden=hidden)
 
-    def _let_late_answers_pass(self, questions: Mapping[int, _Question]) -> None:
-        """Wait where a late answer of a servo could be taken for the answer to its new question, and drop it.
+    def _let_late_answers_pass(self, questions: Mapping[int, Question]) -> None:
+        """Wait where a late answer could be taken for the answer to one of these questions, and drop it."""
+        self._drop_until(self._late.clear_at(questions, self._clock.now()))
 
-        The answer to the same question, and that of a servo that is not asked, does no harm.
+    def _let_second_answers_pass(self, answered: Mapping[int, Block]) -> None:
+        """Where a servo was asked again and has answered, drop its answer to the other try.
+
+        Otherwise that one would be believed to answer the next try, and so on, always one behind.
         """
-        if not self._late:
-            return
-        risky = [
-            until
-            for late, (asked, until) in self._late.items()
-            if late in questions and questions[late] != asked
-        ]
-        until = max(risky, default=0.0)
-        while self._clock.now() < until:
+        again = self._late.pending(answered, self._clock.now())
+        if again:
+            size = _STATUS_SIZE + max(answered[dxl_id][1] for dxl_id in again)
+            self._drop_until(self._clock.now() + self._timing.timeout_s(0, size, self._delay_s(again)))
+            self._late.renew(again, self._clock.now())
+
+    def _drop_until(self, instant: float) -> None:
+        while self._clock.now() < instant:
             self._port.read(_LARGEST_READ)
-        now = self._clock.now()
-        self._late = {late: item for late, item in self._late.items() if item[1] > now}
 
 
-def _reading(block: Block) -> _Question:
+def _fits(answer: StatusPacket, size: int) -> bool:
+    return answer.error_number != 0 or len(answer.params) == size
+
+
+def _reading(block: Block) -> Question:
     return Instruction.READ, _words(*block)
 
 
