@@ -13,17 +13,20 @@ __all__ = ["show"]
 
 _FINE, _WARNING, _WRONG = "[green]✓[/]", "[yellow]![/]", "[red]✗[/]"
 _UNKNOWN = "[dim]–[/]"
+_WIDE = 100  # columns from which limits are shown beside what was measured
 
 
 def show(out: CheckOut, console: Console) -> None:
     """Tables of servos and arrays, a line each for bus and adapter, then what is wrong, and a verdict."""
     kind = " (emulated)" if out.emulated else ""
     console.print(f"rig [bold]{escape(out.rig)}[/]{kind}\n", highlight=False)
-    console.print(_servos(out.servos))
+    console.print(_servos(out.servos, wide=console.width >= _WIDE))
     console.print()
     console.print(_arrays(out.arrays))
     console.print()
-    console.print(_bus_table(out))
+    for line in _bus_lines(out):
+        console.print(line, highlight=False)
+    console.print()
     for problem in out.problems:
         console.print(f"{_WRONG} {escape(problem)}", highlight=False)
     for warning in out.warnings:
@@ -36,19 +39,9 @@ def show(out: CheckOut, console: Console) -> None:
     console.print(_verdict(out), highlight=False)
 
 
-def _servos(servos: tuple[ServoCheckOut, ...]) -> Table:
-    table = _table(
-        ("servo", "firmware"),
-        "",
-        "servo",
-        "",
-        "model",
-        "firmware",
-        "supply",
-        "temperature",
-        "torque",
-        "settings",
-    )
+def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
+    columns = "", "servo", "", "model", "firmware", "supply", "temp.", "torque", "settings"
+    table = _table(("servo", "firmware"), *columns)
     for item in servos:
         table.add_row(
             _mark(item.problems, item.warnings),
@@ -56,8 +49,8 @@ def _servos(servos: tuple[ServoCheckOut, ...]) -> Table:
             escape(item.owner),
             item.model,
             _or(item.firmware, "{}"),
-            _supply(item),
-            _temperature(item),
+            _supply(item, wide=wide),
+            _temperature(item, wide=wide),
             _UNKNOWN if item.torque_on is None else "[red]on[/]" if item.torque_on else "off",
             _settings(item),
         )
@@ -80,20 +73,17 @@ def _arrays(arrays: tuple[ArrayCheckOut, ...]) -> Table:
     return table
 
 
-def _bus_table(out: CheckOut) -> Table:
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column()
+def _bus_lines(out: CheckOut) -> list[str]:
     timer = out.adapter.latency_timer_ms
-    adapter = f"{out.adapter.port} at {out.adapter.baudrate_bps} baud"
     known = "latency timer not known" if timer is None else f"latency timer {timer:g} ms"
-    table.add_row("bus", escape(adapter if out.emulated and timer is None else f"{adapter}, {known}"))
-    if out.loop is not None:
-        table.add_row("loop", _loop(out.loop))
+    adapter = f"{escape(out.adapter.port)} at {out.adapter.baudrate_bps} baud"
     counts = out.bus
     lost = f"{counts.damaged} damaged, {counts.silent} silent, {counts.retries} asked again"
-    table.add_row("traffic", f"{counts.instructions} instructions: {lost}\n")
-    return table
+    return [
+        f"[bold]bus[/]      {adapter}" + ("" if out.emulated and timer is None else f", {known}"),
+        *([] if out.loop is None else [f"[bold]loop[/]     {_loop(out.loop)}"]),
+        f"[bold]traffic[/]  {counts.instructions} instructions: {lost}",
+    ]
 
 
 def _loop(loop: LoopOut) -> str:
@@ -115,7 +105,7 @@ def _verdict(out: CheckOut) -> str:
 def _table(numbers: Collection[str], *columns: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in columns:
-        table.add_column(name, justify="right" if name in numbers else "left")
+        table.add_column(name, justify="right" if name in numbers else "left", no_wrap=bool(name))
     return table
 
 
@@ -127,24 +117,24 @@ def _or(value: int | None, form: str) -> str:
     return _UNKNOWN if value is None else form.format(value)
 
 
-def _supply(item: ServoCheckOut) -> str:
+def _supply(item: ServoCheckOut, *, wide: bool) -> str:
     if item.voltage_v is None or item.voltage_limits_v is None:
         return _UNKNOWN
     low, high = item.voltage_limits_v
     colour = "" if low <= item.voltage_v <= high else "[red]"
-    return f"{colour}{item.voltage_v:.1f} V{'[/]' if colour else ''} [dim]({low:.1f} … {high:.1f})[/]"
+    limits = f" [dim]({low:.1f} … {high:.1f})[/]" if wide else ""
+    return f"{colour}{item.voltage_v:.1f} V{'[/]' if colour else ''}{limits}"
 
 
-def _temperature(item: ServoCheckOut) -> str:
+def _temperature(item: ServoCheckOut, *, wide: bool) -> str:
     if item.temperature_c is None or item.temperature_limit_c is None:
         return _UNKNOWN
     colour = "" if item.temperature_c < item.temperature_limit_c else "[red]"
-    return (
-        f"{colour}{item.temperature_c} °C{'[/]' if colour else ''} [dim](below {item.temperature_limit_c})[/]"
-    )
+    limit = f" [dim](below {item.temperature_limit_c})[/]" if wide else ""
+    return f"{colour}{item.temperature_c} °C{'[/]' if colour else ''}{limit}"
 
 
 def _settings(item: ServoCheckOut) -> str:
     if not item.answers:
         return _UNKNOWN
-    return f"[yellow]{len(item.settings)} to write[/]" if item.settings else "as wanted"
+    return f"[yellow]{len(item.settings)} differ[/]" if item.settings else "as wanted"

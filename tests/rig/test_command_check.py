@@ -243,6 +243,15 @@ def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]
     assert isinstance(out, CheckOut)
 
 
+def test_the_servos_fit_into_a_narrow_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    show(check_rig(RIG, bus_of(RIG)), Console(width=80, soft_wrap=True))
+    rows = [line for line in capsys.readouterr().out.splitlines() if "XM430-W350" in line]
+    assert [row.split()[1:] for row in rows[:1]] == [
+        ["11", "f1", "aim", "XM430-W350", "44", "12.0", "V", "30", "°C", "off", "4", "differ"]
+    ]
+    assert len(rows) == 6
+
+
 def test_a_port_that_fails_meanwhile_is_an_error() -> None:
     """Not six servos that do not answer."""
     place = bus_of(RIG)
