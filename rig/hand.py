@@ -24,7 +24,7 @@ from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
 from palpate.drivers.tactile.array import TactileArray, TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.convert import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.stage import HostStage
@@ -92,6 +92,7 @@ class Hand:
         self.fingers: tuple[HostFinger, ...] = ()
         self.stage: HostStage | None = None
         self.emulated = False
+        self._driven = False
         try:
             self._connect(open_port)
         except BaseException as error:
@@ -113,6 +114,7 @@ class Hand:
 
     def close(self) -> list[DeviceError]:
         """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
+        self._driven = False
         try:
             return self._switch_off()
         except BaseException:
@@ -169,6 +171,7 @@ class Hand:
             self._check_start(finger)
         for servo in self._servos:
             servo.torque(on=True)
+        self._driven = True
 
     @property
     def turn(self) -> Turn:
@@ -208,6 +211,11 @@ class Hand:
         for dxl_id, state in states.items():
             if state.watchdog_tripped:
                 raise WatchdogTripped(dxl_id, self.bus.port_name, WATCHDOG_S)
+            if self._driven and not state.torque_on:
+                raise SafetyStop(
+                    f"servo {dxl_id} on {self.bus.port_name} has its torque off, and this run did not switch "
+                    "it off: an emergency stop, or another program on the bus; fingers were stopped"
+                )
         return states
 
     def wait_still(self, goals_rad: Mapping[Servo, float], tolerance_rad: Callable[[Servo], float]) -> None:

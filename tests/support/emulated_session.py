@@ -12,6 +12,7 @@ from shapely import affinity
 
 from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.drivers.emulators.bench import Bench
+from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
@@ -58,10 +59,14 @@ class AlarmClock(VirtualClock):
 
 
 class Cable:
-    """What a device hangs on: once cut, nothing passes either way; `late_s` holds answers back."""
+    """What a device hangs on: once cut, nothing passes either way; `late_s` holds answers back.
+
+    `wire` spoils what passes, at rates that a test sets, or is unplugged.
+    """
 
     def __init__(self, device: Device) -> None:
-        self._device = device
+        self.wire = FaultyWire(device, 3)
+        self._device = self.wire
         self.cut = False
         self.late_s = 0.0
 

@@ -1,0 +1,253 @@
+"""Faults in the middle of a closing: how hard a finger presses then, how far it goes, how it ends.
+
+The bounds are those of docs/safety.md, for the shipped rig.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from command import log_events
+from emulated_session import EmulatedSession, emulated_session
+
+from palpate.drivers.emulators.faults import FaultRates, WireRates
+from palpate.drivers.emulators.servo import OVERLOAD_BIT
+from palpate.errors import PalpateError, SafetyStop
+from palpate.rig.closing import Stage
+
+FORCE_N = 10.0
+"""max_force_n of the shipped rig (8 N, by the servos' current limit, whatever the host does) and a quarter.
+
+A finger that nobody stops runs into the part at approach speed, and its own inertia presses, too.
+"""
+
+NOTICED_MM = 5.0
+"""Approach speed by 0.1 s until the host has asked thrice and waited, and what a slide coasts."""
+
+UNHEARD_MM = 12.0
+"""Approach speed by 0.52 s until Bus Watchdog trips, and the servo's braking."""
+
+SLIDES = {12: 0, 22: 1, 32: 2}
+
+
+class Watch:
+    """What fingers do from the fault on, as the bench knows it and the host does not."""
+
+    def __init__(self, session: EmulatedSession) -> None:
+        self._session = session
+        self._at = [finger.centre_mm for finger in session.bench.fingers]
+        self.furthest_mm = 0.0
+        for finger in session.bench.fingers:
+            finger.hardest_n = 0.0
+        session.clock.on_tick = self._look
+
+    def _look(self) -> None:
+        for finger, at in zip(self._session.bench.fingers, self._at, strict=True):
+            self.furthest_mm = max(self.furthest_mm, float(np.hypot(*(finger.centre_mm - at))))
+
+    @property
+    def hardest_n(self) -> float:
+        return max(finger.hardest_n for finger in self._session.bench.fingers)
+
+
+def closing_with(
+    folder: Path, stage: Stage, after_s: float, fault: Callable[[EmulatedSession], None], seed: int
+) -> tuple[EmulatedSession, Watch, PalpateError | None]:
+    """Carry out a grip with a fault in it; what came of it, None if nobody minded."""
+    session = emulated_session(seed=seed)
+    if after_s == JUST_BEFORE_TOUCHING:
+        after_s = first_touch_s(seed) - 0.1
+    watches: list[Watch] = []
+
+    def strike() -> None:
+        watches.append(Watch(session))
+        fault(session)
+
+    def on_stage(now: Stage) -> None:
+        if now is stage and not watches:
+            session.clock.after(after_s, strike)
+
+    error: PalpateError | None = None
+    try:
+        session.run_grip(folder, session.middle(), on_stage)
+    except PalpateError as ended:
+        error = ended
+    (watch,) = watches
+    return session, watch, error
+
+
+def check_end(session: EmulatedSession, folder: Path, error: PalpateError | None) -> None:
+    """The log is whole and says how it ended; every servo that can hear has its torque off."""
+    events = log_events(folder / "session.jsonl")
+    assert events[-1]["event"] == "end"
+    assert events[-1]["how"] == ("done" if error is None else type(error).__name__)
+    assert not any(session.torque().values())
+    session.rest(1.0)
+    assert session.rest(0.5) < 1e-3
+
+
+JUST_BEFORE_TOUCHING = -1.0
+WHEN = [(Stage.CLOSING, 1.7), (Stage.TOUCHING, 0.25), (Stage.CLOSING, JUST_BEFORE_TOUCHING)]
+
+
+@cache
+def first_touch_s(seed: int) -> float:
+    """When the first finger touches the part, from the beginning of the closing."""
+    session = emulated_session(seed=seed)
+    began: list[float] = []
+    touched: list[float] = []
+
+    def look() -> None:
+        if began and not touched and any(finger.press is not None for finger in session.bench.fingers):
+            touched.append(session.clock.now())
+
+    def on_stage(now: Stage) -> None:
+        if now is Stage.CLOSING:
+            began.append(session.clock.now())
+
+    session.clock.on_tick = look
+    with TemporaryDirectory() as folder:
+        session.run_grip(Path(folder), session.middle(), on_stage)
+    return touched[0] - began[0]
+
+
+@pytest.mark.parametrize(("stage", "after_s"), WHEN)
+@pytest.mark.parametrize("dxl_id", [12, 31])
+def test_a_silent_servo(tmp_path: Path, stage: Stage, after_s: float, dxl_id: int) -> None:
+    """Its data line breaks: it hears and says nothing, and goes on with what it was told last."""
+
+    def deafen(session: EmulatedSession) -> None:
+        session.servos[dxl_id]._unit.deaf_s = 1e9
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, deafen, seed=7)
+    assert error is not None
+    assert f"servo {dxl_id} " in str(error)
+    session.rest(1.0)
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= UNHEARD_MM, "the deaf one is stopped by its own watchdog"
+    others = {i: on for i, on in session.torque().items() if i != dxl_id}
+    assert not any(others.values())
+
+
+@pytest.mark.parametrize(("stage", "after_s"), WHEN)
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(lambda s: s.servos[22].report_hardware_error(OVERLOAD_BIT), id="overload"),
+        pytest.param(lambda s: s.servos[32].power_off(), id="one servo's plug"),
+        pytest.param(lambda s: [servo.set_supply(3.0) for servo in s.servos.values()], id="brown-out of all"),
+        pytest.param(lambda s: s.servos[12].set_supply(9.0), id="voltage too low"),
+        pytest.param(lambda s: s.servos[12].set_temperature(95.0), id="too hot"),
+    ],
+)
+def test_a_servo_that_fails(
+    tmp_path: Path, stage: Stage, after_s: float, fault: Callable[[EmulatedSession], None]
+) -> None:
+    session, watch, error = closing_with(tmp_path, stage, after_s, fault, seed=7)
+    assert error is not None
+    for servo in session.servos.values():
+        servo.set_supply(12.0)  # after the run, power comes back
+    session.rest(1.0)
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+@pytest.mark.parametrize(("stage", "after_s"), WHEN)
+@pytest.mark.parametrize("back_s", [0.2, 3.0])
+def test_the_adapter_unplugged_and_plugged_in_again(
+    tmp_path: Path, stage: Stage, after_s: float, back_s: float
+) -> None:
+    def unplug(session: EmulatedSession) -> None:
+        wire = session.cables["mock://bus"].wire
+        wire.unplugged = True
+        session.clock.after(back_s, lambda: setattr(wire, "unplugged", False))
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, unplug, seed=7)
+    assert error is not None
+    assert "failed" in str(error)
+    check_end(session, tmp_path, error)
+    assert not getattr(error, "__notes__", []), "torque is off: nothing to warn of"
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= UNHEARD_MM
+
+
+@pytest.mark.parametrize(("stage", "after_s"), WHEN)
+def test_the_host_dies(tmp_path: Path, stage: Stage, after_s: float) -> None:
+    """Nothing is heard of it any more: every servo stops by itself, with torque on."""
+
+    def die(session: EmulatedSession) -> None:
+        for cable in session.cables.values():
+            cable.cut = True
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, die, seed=7)
+    assert error is not None
+    session.rest(0.6)
+    assert session.rest(1.0) < 1e-3
+    assert watch.hardest_n <= FORCE_N
+    assert watch.furthest_mm <= UNHEARD_MM
+
+
+RATES = {
+    "1 % of bytes flipped": FaultRates(flipped=0.01),
+    "2 % of packets lost": FaultRates(lost=0.02),
+    "a third of packets lost": FaultRates(lost=0.33),
+}
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+@pytest.mark.parametrize("rates", RATES)
+@pytest.mark.parametrize(("stage", "after_s"), WHEN)
+def test_a_bad_wire(tmp_path: Path, stage: Stage, after_s: float, rates: str, seed: int) -> None:
+    """The grip is carried out all the same, or ends with an error; fingers keep to their limits."""
+
+    def spoil(session: EmulatedSession) -> None:
+        session.cables["mock://bus"].wire.rates = WireRates(RATES[rates], RATES[rates])
+
+    session, watch, error = closing_with(tmp_path, stage, after_s, spoil, seed)
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= FORCE_N
+    for finger, close in zip(session.bench.fingers, session.middle(), strict=True):
+        gone = close.line.travel_mm(tuple(finger.centre_mm.tolist()))
+        assert gone <= close.travel_mm + 1.0
+
+
+def test_most_grips_survive_a_wire_that_loses_little(tmp_path: Path) -> None:
+    survived = 0
+    for seed in range(6):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+
+        def spoil(session: EmulatedSession) -> None:
+            rates = FaultRates(flipped=0.0005, lost=0.005)
+            session.cables["mock://bus"].wire.rates = WireRates(rates, rates)
+
+        _, _, error = closing_with(folder, Stage.CLOSING, 0.1, spoil, seed)
+        survived += error is None
+    assert survived == 6
+
+
+def test_a_computer_that_sleeps_while_a_finger_runs_into_the_part(tmp_path: Path) -> None:
+    """Then it has pressed too hard: what the contacts say of the part is not worth much any more."""
+    session, watch, error = closing_with(
+        tmp_path, Stage.CLOSING, JUST_BEFORE_TOUCHING, lambda s: s.clock.sleep(0.8), seed=7
+    )
+    check_end(session, tmp_path, error)
+    assert isinstance(error, SafetyStop)
+    assert watch.hardest_n <= FORCE_N
+
+
+def test_a_computer_that_sleeps_begins_the_grip_again(tmp_path: Path) -> None:
+    """Bus Watchdog stops every finger; then the grip is carried out from the start."""
+
+    def sleep(session: EmulatedSession) -> None:
+        session.clock.sleep(0.8)
+
+    session, watch, error = closing_with(tmp_path, Stage.CLOSING, 1.0, sleep, seed=7)
+    assert error is None
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= FORCE_N
+    assert session.stages.count(Stage.CLOSING) == 2

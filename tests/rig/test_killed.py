@@ -1,0 +1,69 @@
+"""The process is killed in the middle of a closing: the servos stop by themselves, and all can be tidied."""
+
+import json
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from command import PALPATE, run
+from served_rig import served
+
+from palpate.drivers.dynamixel import control_table as ct
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.transport.clock import MonotonicClock
+from palpate.drivers.transport.port import open_port
+
+IDS = (11, 12, 21, 22, 31, 32)
+
+
+@pytest.mark.realtime
+@pytest.mark.timeout(120)
+def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path) -> None:
+    with served(tmp_path, "--pty", "--seed", 7, "--rig-out", "real.toml") as (_, told):
+        killed = subprocess.Popen(
+            [str(PALPATE), "identify", "--rig", "real.toml"],
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            log = _log_when_closing(tmp_path, killed)
+            time.sleep(0.5)
+        finally:
+            killed.send_signal(signal.SIGKILL)
+            killed.wait()
+        time.sleep(0.8)  # nothing may be heard on the bus: the watchdogs count 0.5 s
+        clock = MonotonicClock()
+        bus = Bus(open_port(told["ports"]["mock://bus"], 1_000_000), clock, 1_000_000, latency_s=0.1)
+        try:
+            watchdogs = {dxl_id: bus.read(dxl_id, ct.BUS_WATCHDOG) for dxl_id in IDS}
+            torque = {dxl_id: bus.read(dxl_id, ct.TORQUE_ENABLE) for dxl_id in IDS}
+            before = bus.sync_read(IDS, ct.PRESENT_VELOCITY, ct.PRESENT_POSITION).all()
+            time.sleep(0.5)
+            after = bus.sync_read(IDS, ct.PRESENT_VELOCITY, ct.PRESENT_POSITION).all()
+        finally:
+            bus.close()
+        assert watchdogs == dict.fromkeys(IDS, -1), "tripped"
+        assert torque == dict.fromkeys(IDS, 1), "Bus Watchdog stops motion; it does not switch torque off"
+        for dxl_id in IDS:
+            assert after[dxl_id][ct.PRESENT_VELOCITY] == 0
+            assert abs(after[dxl_id][ct.PRESENT_POSITION] - before[dxl_id][ct.PRESENT_POSITION]) <= 1
+        lines = log.read_text(encoding="utf-8").splitlines()
+        assert "session" in lines[0]
+        assert not any(json.loads(line)["event"] == "end" for line in lines[:-1])
+        done = run("stop", "--rig", "real.toml", "--json", cwd=tmp_path)
+        assert done.code == 0, done.err
+        assert done.json["confirmed"] is True
+        checked = run("check", "--rig", "real.toml", "--json", cwd=tmp_path)
+        assert checked.code == 0, checked.err
+
+
+def _log_when_closing(folder: Path, process: subprocess.Popen[bytes]) -> Path:
+    while True:
+        for log in folder.glob("palpate-sessions/*/session.jsonl"):
+            if '"stage":"closing"' in log.read_text(encoding="utf-8"):
+                return log
+        assert process.poll() is None, "it ended by itself"
+        time.sleep(0.05)
