@@ -16,7 +16,7 @@ from types import TracebackType
 from typing import Self
 
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.tap import Direction
+from palpate.drivers.transport.recording import Direction
 from palpate.errors import InputError
 from palpate.rig.session_errors import values_of
 from palpate.rig.session_events import SessionEvents, plain

@@ -16,8 +16,7 @@ from typing import Any, NoReturn
 
 from palpate.config.problems import shown
 from palpate.drivers.transport.calls import CALLS
-from palpate.drivers.transport.recording import Entry, Opened, Passed, Raised, Told, What
-from palpate.drivers.transport.tap import Direction
+from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
 from palpate.errors import InputError
 from palpate.rig.session import LOG_NAME, check_sum
 from palpate.rig.session_errors import INTERRUPTS, KINDS, error_of

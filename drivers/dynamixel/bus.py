@@ -39,6 +39,8 @@ from palpate.errors import DeviceError
 
 __all__ = ["Bus", "GroupRead", "Ping"]
 
+_LONGEST_NUMBER = 4  # bytes of the longest single item
+
 
 @dataclass(frozen=True, slots=True)
 class Ping:
@@ -155,7 +157,7 @@ class Bus:
         with self._exchanging():
             params = _words(item.address) + item.encode(value)
             answer = self._asked(dxl_id, Instruction.WRITE, params, 0, retries)
-            self._check(answer, f"{value} for {item.name}")
+            self._check(answer, _write_of(item, value))
             self._learn(dxl_id, item, value)
 
     def write_unconfirmed(self, dxl_id: int, item: Item, value: int) -> None:
@@ -322,6 +324,11 @@ class Bus:
 def _check_id(dxl_id: int) -> None:
     if not 0 <= dxl_id <= MAX_ID:
         raise ValueError(f"servo id {dxl_id} is outside 0 … {MAX_ID}")
+
+
+def _write_of(item: Item, value: int) -> str:
+    """A write in the words of an error. Several items in one make a number that says nothing to anybody."""
+    return f"{value if item.size <= _LONGEST_NUMBER else 'a value'} for {item.name}"
 
 
 def _told(answer: StatusPacket) -> Ping:

@@ -3,7 +3,7 @@
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.tap import Direction, TappedPort
+from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 
 __all__ = [
@@ -13,7 +13,6 @@ __all__ = [
     "Emission",
     "MockHub",
     "MonotonicClock",
-    "TappedPort",
     "VirtualClock",
     "open_port",
 ]

@@ -12,7 +12,7 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.calls import Instants, port_call
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.tap import Direction
+from palpate.drivers.transport.recording import Direction
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer

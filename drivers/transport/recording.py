@@ -2,11 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import Any
 
-from palpate.drivers.transport.tap import Direction
+__all__ = ["Direction", "Entry", "Opened", "Passed", "Raised", "Told", "What"]
 
-__all__ = ["Entry", "Opened", "Passed", "Raised", "Told", "What"]
+
+class Direction(Enum):
+    """Which way bytes went, seen from the host."""
+
+    SENT = "sent"
+    RECEIVED = "received"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,7 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.calls import Call, Instants, calls_in, in_words, port_call
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.recording import Entry, Opened, Passed, Raised, Told, What
-from palpate.drivers.transport.tap import Direction
+from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:

@@ -1,15 +1,17 @@
 """The host stack on emulated servos over a mock wire: units, blocks of items, and errors that name who."""
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import pytest
 import serial
+from recorded_ports import Listener
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
-from palpate.drivers.dynamixel.control_table import HardwareError, OperatingMode
+from palpate.drivers.dynamixel.control_table import HardwareError, Item, OperatingMode
 from palpate.drivers.dynamixel.failures import (
     DamagedAnswer,
     HardwareAlert,
@@ -26,7 +28,7 @@ from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.tap import Direction, TappedPort
+from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.errors import DeviceError, SafetyStop
 
@@ -248,6 +250,13 @@ def test_refusals_carry_the_manuals_name(bench: Bench) -> None:
     assert caught.value.code is StatusErrorCode.DATA_LIMIT_ERROR
 
 
+def test_a_refusal_of_many_items_does_not_print_them_as_one_number(bench: Bench) -> None:
+    whole = Item("Indirect Address 1 to 14", 168, 28)
+    with pytest.raises(StatusError, match="refused a value for Indirect Address 1 to 14: Data") as caught:
+        bench.bus.write(11, whole, int.from_bytes(b"\xff" * 28, "little"))
+    assert not any(len(digits) > 3 for digits in re.findall(r"[0-9]+", str(caught.value)))
+
+
 def test_a_hardware_alert_carries_its_cause(bench: Bench) -> None:
     bench.torque_on()
     bench.emulated[12].report_hardware_error(OVERLOAD_BIT)
@@ -317,11 +326,11 @@ def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:
     assert bench.clock.now() - start == pytest.approx(group_read_time_s([14] * 3, BAUD), abs=1e-6)
 
 
-def test_a_tapped_bus_logs_the_packets_of_the_manual(bench: Bench) -> None:
-    log: list[tuple[Direction, float, bytes]] = []
-    url = bench.hub.attach("tapped", ServoChain([EmulatedServo(1)], lambda _: None), BAUD)
-    tapped = TappedPort(open_port(url, BAUD), bench.clock, lambda *event: log.append(event))
-    bus = Bus(tapped, bench.clock, BAUD)
+def test_a_recorded_bus_has_the_packets_of_the_manual(bench: Bench) -> None:
+    listener = Listener(bench.clock)
+    log = listener.heard
+    url = bench.hub.attach("other", ServoChain([EmulatedServo(1)], lambda _: None), BAUD)
+    bus = Bus(listener.on(open_port(url, BAUD)), bench.clock, BAUD)
     assert bus.read(1, ct.PRESENT_POSITION) == 2048
     assert log[0][0] is Direction.SENT
     assert log[0][2] == bytes.fromhex("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15")
@@ -331,7 +340,7 @@ def test_a_tapped_bus_logs_the_packets_of_the_manual(bench: Bench) -> None:
     # 14 bytes there, the default return delay, 15 bytes back
     assert log[-1][1] - log[0][1] == pytest.approx(14e-5 + 500e-6 + 15e-5)
     bus.close()
-    with pytest.raises(PortFailed, match="tapped"):
+    with pytest.raises(PortFailed, match="other"):
         bus.ping(1)
 
 

@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 from command import Ended, run_here
 from json_schema import violations
+from recorded_ports import Listener
 from rich.console import Console
+from serial.serialutil import SerialBase
 
 from palpate.config import load_rig, shipped_rig
 from palpate.config.check_result import CheckOut
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.transport.tap import Direction, TappedPort
 from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.bus_place import BusPlace, bus_of
@@ -126,20 +127,17 @@ def test_nothing_moves_and_torque_is_not_touched() -> None:
     place = bus_of(RIG)
     servos = emulated(place)
     before = {dxl_id: servo.shaft_rad for dxl_id, servo in servos.items()}
-    sent = bytearray()
-
-    def tapped(port: str) -> Callable[[Direction, float, bytes], None]:
-        return lambda way, _, data: sent.extend(data) if way is Direction.SENT and "bus" in port else None
+    listener = Listener(place.clock)
 
     class Place(BusPlace):
-        def open(self, baudrate: int, *, shared: bool = False) -> TappedPort:
-            return TappedPort(super().open(baudrate, shared=shared), self.clock, tapped("bus"))
+        def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
+            return listener.on(super().open(baudrate, shared=shared))
 
     listened = Place(place.port, place.clock, place.latency_s, place.baudrate, RIG, place.urls, place.devices)
     check_rig(RIG, listened)
     assert {dxl_id: servo.shaft_rad for dxl_id, servo in servos.items()} == before
     # every write goes to Status Return Level or to the indirect addresses, which start at 168
-    writes = sent.split(b"\xff\xff\xfd\x00")[1:]
+    writes = listener.sent.split(b"\xff\xff\xfd\x00")[1:]
     addresses = {packet[4] | packet[5] << 8 for packet in writes if packet[3] == 0x03}
     assert addresses <= {68, 168}
     assert not any(packet[3] in (0x83, 0x93) for packet in writes), "no sync or bulk write"
@@ -256,12 +254,12 @@ def test_a_port_that_fails_meanwhile_is_an_error() -> None:
     """Not six servos that do not answer."""
     place = bus_of(RIG)
 
-    def unplugged(*_: object) -> None:
+    def unplugged() -> None:
         raise OSError("unplugged")
 
     class Broken(BusPlace):
-        def open(self, baudrate: int, *, shared: bool = False) -> TappedPort:
-            return TappedPort(super().open(baudrate, shared=shared), self.clock, unplugged)
+        def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
+            return Listener(self.clock, unplugged).on(super().open(baudrate, shared=shared))
 
     broken = Broken(place.port, place.clock, place.latency_s, place.baudrate, RIG, place.urls, place.devices)
     with pytest.raises(DeviceError, match=r"failed: .*unplugged"):

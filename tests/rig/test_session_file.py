@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from serial import SerialException
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.recording import Passed, Raised, Told
-from palpate.drivers.transport.tap import Direction
+from palpate.drivers.transport.recording import Direction, Passed, Raised, Told
 from palpate.errors import InputError
 from palpate.rig.ending import ExitCode, Interrupted
 from palpate.rig.session import SessionLog

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 import serial
+from recorded_ports import Listener
 from serial.serialutil import SerialBase
 
 from palpate.drivers.emulators.faults import FaultyWire
@@ -13,7 +14,7 @@ from palpate.drivers.emulators.serve import serve_pty
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.tap import Direction, TappedPort
+from palpate.drivers.transport.recording import Direction
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.errors import DeviceError
 
@@ -59,15 +60,15 @@ class Bench:
     open_teller: Callable[..., SerialBase]
 
 
-@pytest.fixture(params=["mock", "pty", "tapped mock", "tapped pty", "faulty mock", "faulty pty"])
+@pytest.fixture(params=["mock", "pty", "recorded mock", "recorded pty", "faulty mock", "faulty pty"])
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    tapped = request.param.startswith("tapped")
+    recorded = request.param.startswith("recorded")
     device = FaultyWire(EchoTicker(), 7) if request.param.startswith("faulty") else EchoTicker()
 
     def opener(url: str, clock: Clock) -> Callable[..., SerialBase]:
         def open_(baudrate: int = BAUD, timeout_s: float = 0.5) -> SerialBase:
             port = open_port(url, baudrate, timeout_s=timeout_s)
-            return TappedPort(port, clock, lambda *_: None) if tapped else port
+            return Listener(clock).on(port) if recorded else port
 
         return open_
 
@@ -190,11 +191,12 @@ def test_a_client_may_change_its_rate(bench: Bench) -> None:
         assert port.read(6) == b"115200"
 
 
-def test_tap_sees_both_directions(bench: Bench) -> None:
-    seen: list[tuple[Direction, float, bytes]] = []
-    with TappedPort(bench.open(), bench.clock, lambda *event: seen.append(event)) as port:
+def test_a_recorder_sees_both_directions(bench: Bench) -> None:
+    listener = Listener(bench.clock)
+    with listener.on(bench.open()) as port:
         port.write(b"ping")
         assert port.read(4) == b"ping"
+    seen = listener.heard
     assert seen[0][0] is Direction.SENT
     assert b"".join(s[2] for s in seen if s[0] is Direction.RECEIVED) == b"ping"
     assert seen == sorted(seen, key=lambda s: s[1])

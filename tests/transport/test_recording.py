@@ -15,9 +15,8 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder
-from palpate.drivers.transport.recording import Entry, Opened, Passed, Raised, Told, What
+from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
 from palpate.drivers.transport.replay import RecordEnded, ReplayDiffers, Replayer
-from palpate.drivers.transport.tap import Direction
 from palpate.drivers.transport.wire import Emission
 
 BAUD = 115_200

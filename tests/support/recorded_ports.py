@@ -1,0 +1,47 @@
+"""Ports whose bytes a test listens to, by way of the recorder that the session log uses."""
+
+from collections.abc import Callable
+
+from serial.serialutil import SerialBase
+
+from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.record import Recorder
+from palpate.drivers.transport.recording import Direction
+
+__all__ = ["Listener"]
+
+Heard = tuple[Direction, float, bytes]
+
+
+class Listener:
+    """A sink that keeps the bytes alone, with the clock's instant (s), in order."""
+
+    def __init__(self, clock: Clock, on_bytes: Callable[[], None] = lambda: None) -> None:
+        """`on_bytes` is called whenever some pass, and may raise in the port's place."""
+        self.heard: list[Heard] = []
+        self._on_bytes = on_bytes
+        self._recorder = Recorder(clock, self)
+
+    @property
+    def sent(self) -> bytes:
+        """Everything that the host has sent, in a row."""
+        return b"".join(data for way, _, data in self.heard if way is Direction.SENT)
+
+    def on(self, port: SerialBase) -> SerialBase:
+        """An open port with this listener on it."""
+        return self._recorder.open(port.port or "", lambda: port)
+
+    def call(self, text: str) -> None:
+        """Calls other than reads and writes are of no interest here."""
+
+    def opened(self, number: int, port: str, url: str | None) -> None:
+        """Nor is which port it is."""
+
+    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
+        """Keep what passes a port."""
+        del port
+        self.heard.append((direction, instant, data))
+        self._on_bytes()
+
+    def raised(self, during: str | None, error: BaseException) -> None:
+        """Nor what failed: the test sees that itself."""
