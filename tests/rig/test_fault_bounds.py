@@ -13,10 +13,12 @@ import pytest
 from command import log_events
 from emulated_session import EmulatedSession, emulated_session
 
+from palpate.drivers.dynamixel.failures import Restarted
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
-from palpate.errors import PalpateError, SafetyStop
+from palpate.errors import DeviceError, PalpateError, SafetyStop
 from palpate.rig.closing import Stage
+from palpate.rig.reach import reach_of
 
 FORCE_N = 10.0
 """max_force_n of the shipped rig (8 N, by the servos' current limit, whatever the host does) and a quarter.
@@ -251,3 +253,82 @@ def test_a_computer_that_sleeps_begins_the_grip_again(tmp_path: Path) -> None:
     check_end(session, tmp_path, error)
     assert watch.hardest_n <= FORCE_N
     assert session.stages.count(Stage.CLOSING) == 2
+
+
+def test_a_servo_that_blinks(tmp_path: Path) -> None:
+    """Without power for a moment: it is back before anybody asks, and has forgotten everything."""
+
+    def blink(session: EmulatedSession) -> None:
+        session.servos[22].power_off()
+        session.servos[22].power_on()
+
+    session, watch, error = closing_with(tmp_path, Stage.CLOSING, 1.7, blink, seed=7)
+    assert isinstance(error, Restarted)
+    assert "servo 22 " in str(error)
+    check_end(session, tmp_path, error)
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+def test_a_servo_that_somebody_else_switches_off(tmp_path: Path) -> None:
+    session, watch, error = closing_with(
+        tmp_path, Stage.CLOSING, 1.7, lambda s: s.servos[12].take_block(64, b"\0"), seed=7
+    )
+    assert isinstance(error, SafetyStop)
+    assert "servo 12 " in str(error)
+    assert "this run did not switch it off" in str(error)
+    check_end(session, tmp_path, error)
+    assert watch.furthest_mm <= NOTICED_MM
+
+
+def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
+    """An aim is clamped while it turns: the run ends after a second, not after twenty."""
+    session = emulated_session()
+    aim = session.bench.fingers[0].servos[0]
+    free = aim.step
+    aim.step = lambda dt_s, load_nm: free(  # type: ignore[method-assign]
+        dt_s, load_nm - 80.0 * aim.shaft_rad - 0.5 * aim.shaft_rad_s
+    )
+    reach = reach_of(session.rig)
+    own = reach.of_finger(0)
+    with pytest.raises(DeviceError, match=r"servo 11 .* did not reach .* it has stopped at"):
+        session.run_grip(tmp_path, [reach.close(own[0], 10.0)])
+    assert session.stages == [Stage.AIMING]
+    assert session.clock.now() < 4.0
+    assert not any(session.torque().values())
+
+
+def test_an_item_that_does_not_stay_written_ends_the_run_before_torque_goes_on(tmp_path: Path) -> None:
+    session = emulated_session()
+    table = session.servos[22]._unit.table
+    put = table.set
+    table.set = lambda name, value: put(name, 7 if name == "Current Limit" else value)  # type: ignore[method-assign]
+    with pytest.raises(DeviceError, match=r"servo 22 .* keeps Current Limit at 7 instead of"):
+        session.run_grip(tmp_path, session.middle())
+    assert session.stages == []
+    assert not any(session.torque().values())
+
+
+@pytest.mark.parametrize("rates", [FaultRates(flipped=0.0005), FaultRates(lost=0.2)], ids=["noise", "loss"])
+def test_an_arrays_bad_wire(tmp_path: Path, rates: FaultRates) -> None:
+    """One frame in six is damaged or lost, and dropped: the next one is there before much has happened."""
+
+    def spoil(session: EmulatedSession) -> None:
+        for name in ("f1", "f2", "f3"):
+            session.cables[f"mock://{name}"].wire.rates = WireRates(to_host=rates)
+
+    session, watch, error = closing_with(tmp_path, Stage.CLOSING, 0.1, spoil, seed=7)
+    assert error is None
+    check_end(session, tmp_path, error)
+    assert watch.hardest_n <= session.rig.closing.max_force_n
+
+
+def test_an_array_unplugged(tmp_path: Path) -> None:
+    def unplug(session: EmulatedSession) -> None:
+        session.cables["mock://f2"].wire.unplugged = True
+
+    session, watch, error = closing_with(tmp_path, Stage.CLOSING, JUST_BEFORE_TOUCHING, unplug, seed=7)
+    assert isinstance(error, DeviceError)
+    assert "tactile array f2 on " in str(error)
+    assert " is gone" in str(error)
+    check_end(session, tmp_path, error)
+    assert watch.furthest_mm <= NOTICED_MM
