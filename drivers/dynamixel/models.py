@@ -64,7 +64,8 @@ _FAST_FROM = {"430": 45, "540": 45, "330": 46}
 class Model:
     """A model with a firmware; None while nobody has asked the servo for it.
 
-    `zero_tick`: Present Position at 0 rad. `table`: the e-Manual's items with access, default and range;
+    `zero_tick`: Present Position at 0 rad. `items`: the vendor's, by name. `indirect`: the first row
+    of indirect addresses, None if there is none. `table`: the e-Manual's items with access, default and range;
     None for models of which only the vendor's tables are known.
     """
 
@@ -74,18 +75,17 @@ class Model:
     zero_tick: int
     rad_per_tick: float
     velocity_unit_rad_s: float
-    addresses: dict[str, tuple[int, int]]
+    items: dict[str, Item]
+    indirect: Indirect | None
     table: dict[str, TableItem] | None
     torque: Torque | None
 
     def item(self, name: str) -> Item:
         """Where this model has an item. Raises InputError if it has none of that name."""
-        if name not in self.addresses:
+        found = self.items.get(name)
+        if found is None:
             raise InputError(f"a {self.name} has no {name} in its control table")
-        address, size = self.addresses[name]
-        known = None if self.table is None else self.table.get(name)
-        eeprom = address < _EEPROM_END if known is None else known.area is Area.EEPROM
-        return Item(name, address, size, name in _SIGNED, eeprom)
+        return found
 
     def check(self, name: str, value: int) -> None:
         """Refuse (ValueError) to write what the e-Manual says this model does not take."""
@@ -98,14 +98,6 @@ class Model:
             raise ValueError(
                 f"{value} is outside {known.low} … {known.high}, what {name} of a {self.name} takes"
             )
-
-    @property
-    def indirect(self) -> Indirect | None:
-        """The first row of indirect addresses, None if there is none."""
-        if "Indirect Address 1" not in self.addresses or "Indirect Data 1" not in self.addresses:
-            return None
-        first, data = self.addresses["Indirect Address 1"][0], self.addresses["Indirect Data 1"][0]
-        return Indirect(first, data, min(20, (data - first) // 2))
 
     @property
     def answers_fast(self) -> bool:
@@ -154,7 +146,9 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
     units = {row[0]: float(row[1]) for row in sections["unit info"]}
     full_turn = kind["value_of_max_radian_position"] - kind["value_of_min_radian_position"]
     radians = kind["max_radian"] - kind["min_radian"]
-    table = table_of(number, _NEWEST if firmware is None else firmware)
+    known = table_of(number, _NEWEST if firmware is None else firmware)
+    table = None if known is None else {item.name: item for item in known}
+    items = {row[2]: _item(row[2], int(row[0]), int(row[1]), table) for row in sections["control table"]}
     return Model(
         name=_named(number),
         number=number,
@@ -163,10 +157,24 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
         # the X series' tables give ±3.14159265 for 4095 steps; a turn has 4096 (e-Manual)
         rad_per_tick=ct.RAD_PER_TICK if full_turn == 4095 else radians / full_turn,
         velocity_unit_rad_s=units.get("Present Velocity", ct.VELOCITY_UNIT_RAD_S),
-        addresses={row[2]: (int(row[0]), int(row[1])) for row in sections["control table"]},
-        table=None if table is None else {item.name: item for item in table},
+        items=items,
+        indirect=_indirect(items),
+        table=table,
         torque=_TORQUES.get(number),
     )
+
+
+def _item(name: str, address: int, size: int, table: dict[str, TableItem] | None) -> Item:
+    known = None if table is None else table.get(name)
+    eeprom = address < _EEPROM_END if known is None else known.area is Area.EEPROM
+    return Item(name, address, size, name in _SIGNED, eeprom)
+
+
+def _indirect(items: dict[str, Item]) -> Indirect | None:
+    first, data = items.get("Indirect Address 1"), items.get("Indirect Data 1")
+    if first is None or data is None:
+        return None
+    return Indirect(first.address, data.address, min(20, (data.address - first.address) // 2))
 
 
 def models_known() -> list[str]:

@@ -279,25 +279,32 @@ def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool)
         return
     lost: NotAnswering | DamagedAnswer | None = None
     for _ in range(_CONFIRMATIONS):
-        for item in dict.fromkeys(servo.item(name) for servo, values in left.items() for name in values):
-            bus.sync_write(
-                item, {s.dxl_id: v[item.name] for s, v in left.items() if s.item(item.name) == item}
-            )
+        for item, values in _by_item(left).items():
+            bus.sync_write(item, values)
         if not confirm:
             return
         missing: dict[Servo, Mapping[str, int]] = {}
-        for servo, values in left.items():
+        for servo, items in left.items():
             try:
-                if not _has(bus, servo, values):
-                    missing[servo] = values
+                if not _has(bus, servo, items):
+                    missing[servo] = items
             except (NotAnswering, DamagedAnswer) as error:
-                missing[servo], lost = values, error
+                missing[servo], lost = items, error
         left = missing
         if not left:
             return
     raise lost or NotConfirmed(
         [servo.dxl_id for servo in left], bus.port_name, list(next(iter(left.values())))
     )
+
+
+def _by_item(wanted: Mapping[Servo, Mapping[str, int]]) -> dict[Item, dict[int, int]]:
+    """Values by item and id: models may have an item in different places."""
+    found: dict[Item, dict[int, int]] = {}
+    for servo, values in wanted.items():
+        for name, value in values.items():
+            found.setdefault(servo.item(name), {})[servo.dxl_id] = value
+    return found
 
 
 def _has(bus: Bus, servo: Servo, values: Mapping[str, int]) -> bool:

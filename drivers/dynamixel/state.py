@@ -141,7 +141,7 @@ class StateReader:
             current * unit,
             bool(torque),
             watchdog < 0,
-            HardwareError(error),
+            HardwareError(error) if error else _FINE,
         )
 
 

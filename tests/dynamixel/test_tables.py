@@ -133,7 +133,7 @@ def test_every_model_of_the_vendor_is_known_by_name_and_number() -> None:
     for name in models_known():
         model = model_named(name)
         assert model_numbered(model.number) == model
-        position = model.item("Goal Position" if "Goal Position" in model.addresses else "Present Position")
+        position = model.item("Goal Position" if "Goal Position" in model.items else "Present Position")
         assert position.size in (2, 4)
         assert 0 < model.rad_per_tick < 0.006
     with pytest.raises(InputError, match=r"'XM430-W351' is not known; known are .*XM430-W350"):
