@@ -64,9 +64,9 @@ _FAST_FROM = {"430": 45, "540": 45, "330": 46}
 class Model:
     """A model with a firmware; None while nobody has asked the servo for it.
 
-    `zero_tick`: Present Position at 0 rad. `items`: the vendor's, by name. `indirect`: the first row
-    of indirect addresses, None if there is none. `table`: the e-Manual's items with access, default and range;
-    None for models of which only the vendor's tables are known.
+    `zero_tick`: Present Position at 0 rad. `items`: the vendor's, by name. `indirect`: the first row of
+    indirect addresses, None if there is none. `table`: the e-Manual's items with access, default and
+    range; None for models of which only the vendor's tables are known.
     """
 
     name: str

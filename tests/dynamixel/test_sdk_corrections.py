@@ -183,3 +183,10 @@ def test_ours_looks_once_more_when_the_computer_has_slept(world: Any) -> None:
     handler.setPacketTimeout(11)
     clock.sleep(1.0)
     assert packets.rxPacket(handler, False)[1] == COMM_SUCCESS
+
+
+@given(st.binary(max_size=300), st.integers(0, 300), st.integers(0, 0xFFFF))
+def test_our_crc_is_the_sdks(data: bytes, size: int, before: int) -> None:
+    size = min(size, len(data))
+    plain = Protocol2PacketHandler().updateCRC(before, list(data), size)
+    assert StuffingPacketHandler().updateCRC(before, list(data), size) == plain
