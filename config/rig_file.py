@@ -188,6 +188,9 @@ class Obstacle(FileModel):
         return self
 
 
+WireShare = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=0.5)]
+
+
 class Emulation(FileModel):
     """How far the emulated devices stray from this description. What they draw stays hidden from the host."""
 
@@ -208,6 +211,10 @@ class Emulation(FileModel):
     stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
     stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
+    flipped_bytes: WireShare = Field(
+        default=0.0, description="Share of bytes with a flipped bit, on every wire, both ways."
+    )
+    lost_packets: WireShare = Field(default=0.0, description="Share of packets that get lost, likewise.")
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
     )

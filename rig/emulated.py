@@ -11,10 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.config import AnyFinger, RigFile
+from palpate.config.rig_file import Emulation
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger
 from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.tactile.messages import Description, Shape
@@ -99,7 +101,25 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
         devices[finger.array.port] = (emulated.array, finger.array.baudrate_bps)
-    return EmulatedRig(bench, devices)
+    return EmulatedRig(bench, _on_bad_wires(devices, rig.emulation, seed))
+
+
+def _on_bad_wires(
+    devices: Mapping[str, tuple[Device, int]], emulation: Emulation, seed: int
+) -> Mapping[str, tuple[Device, int]]:
+    """The devices behind wires that flip bits and lose packets as often as the rig file says."""
+    rates = FaultRates(flipped=emulation.flipped_bytes, lost=emulation.lost_packets)
+    if rates == FaultRates():
+        return devices
+    found: dict[str, tuple[Device, int]] = {}
+    for number, (port, (device, baudrate)) in enumerate(devices.items()):
+        seeds = int(np.random.default_rng([seed, 3, number]).integers(2**32))
+        both = WireRates(rates, rates)
+        if isinstance(device, ServoChain):
+            found[port] = (RatedFaultyWire(device, seeds, both), baudrate)
+        else:
+            found[port] = (FaultyWire(device, seeds, both), baudrate)
+    return found
 
 
 def on_mock_wires(rig: EmulatedRig) -> MockRig:

@@ -32,6 +32,7 @@ from palpate.errors import DeviceError
 __all__ = ["ArrayCounters", "Port", "TactileArray", "TactileFrame"]
 
 ANSWER_TIMEOUT_S = 0.5
+COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
 ATTEMPTS = 3
 _POLL_S = 0.005
 _MAX_WAITING_FRAMES = 4096
@@ -165,7 +166,10 @@ class TactileArray:
         return self._frames.popleft()
 
     def _command(self, body: Start | Stop, verb: str) -> None:
-        answer = self._ask(body)
+        """Say it more than once: command or answer may get lost, and doing it twice does no harm."""
+        answer = next(
+            (said for _ in range(ATTEMPTS) if (said := self._ask(body, COMMAND_TIMEOUT_S)) is not None), None
+        )
         if isinstance(answer, Nack):
             raise DeviceError(
                 f"{self._where()} refuses to {verb} ({answer.reason.name}); check the rate and the firmware"
@@ -173,12 +177,12 @@ class TactileArray:
         if answer is None:
             raise DeviceError(f"{self._where()} did not answer {verb.upper()}; check its power and its cable")
 
-    def _ask(self, body: Hello | Start | Stop) -> Body | None:
+    def _ask(self, body: Hello | Start | Stop, timeout_s: float = ANSWER_TIMEOUT_S) -> Body | None:
         self._answers.clear()
         # A leading delimiter ends whatever noise the array's receiver holds.
         self._write(DELIMITER + encode(Message(self._sequence, self._now_us(), body)))
         self._sequence = (self._sequence + 1) % (1 << 32)
-        deadline = self._clock.now() + ANSWER_TIMEOUT_S
+        deadline = self._clock.now() + timeout_s
         while True:
             for answer in self._answers:
                 if isinstance(answer, Ack | Nack | Describe) and answer.request_id == body.request_id:

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import pytest
-from emulated_session import EmulatedSession, emulated_session
+from emulated_session import EmulatedSession, emulated_session, identify_checked
 
-from palpate.config import ObjectsFile, load_objects, shipped_objects
+from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.bench import connect
 from palpate.rig.closing import Stage, Touch
@@ -98,3 +98,14 @@ def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
     assert result.outcome in (Outcome.IDENTIFIED, Outcome.UNRESOLVED)
     assert result.recognition is not None
     assert compare(placement_of("hand"), result.recognition.hypotheses).inside_bounds
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 5])
+def test_wires_that_flip_and_lose_change_no_answer(seed: int) -> None:
+    rig = load_rig(shipped_rig())
+    assert rig.emulation is not None
+    bad = rig.emulation.model_copy(update={"flipped_bytes": 0.0005, "lost_packets": 0.005})
+    session = emulated_session(seed=seed, rig=rig.model_copy(update={"emulation": bad}))
+    result = identify_checked(session, Catalogue(models_of(OBJECTS)))
+    assert result.outcome is Outcome.IDENTIFIED
