@@ -8,17 +8,19 @@ Corrected:
 - small packets leave at once (TCP_NODELAY): otherwise the system holds a second one back until the first is
   confirmed, for up to 40 ms;
 - `close` does not sleep, and closes also when the other end has gone first;
-- `out_waiting` is there;
+- `out_waiting` is there, and an address without a port is called what it is;
 - opening fails at once if the other end hangs up because it serves somebody else, as a serial port that is in
   use does, and says why as other ports do.
 
 A socket has no baud rate: it is accepted and means nothing.
 """
 
+import contextlib
 import errno
 import os
 import select
 import socket
+from urllib.parse import urlsplit
 
 from serial import PortNotOpenError, SerialException
 from serial.urlhandler import protocol_socket
@@ -41,6 +43,8 @@ class Serial(protocol_socket.Serial):
         except SerialException as error:
             self.close()
             cause = error.__context__
+            if isinstance(cause, SerialException):
+                raise cause from None
             if isinstance(cause, OSError) and (cause.errno or 0) > 0:
                 raise SerialException(cause.errno, os.strerror(cause.errno or 0)) from cause
             raise
@@ -52,6 +56,14 @@ class Serial(protocol_socket.Serial):
         except OSError as error:
             self.close()
             raise SerialException(errno.EBUSY, "the other end has hung up") from error
+
+    def from_url(self, url: str) -> tuple[str, int]:
+        """Host and port of an address. Raises SerialException if they are not there."""
+        parts = urlsplit(url)
+        with contextlib.suppress(ValueError):  # a port number beyond 65535
+            if parts.hostname and parts.port:
+                return parts.hostname, parts.port
+        raise SerialException("it should be socket://HOST:PORT")
 
     def close(self) -> None:
         """Hang up; closing twice is harmless."""
