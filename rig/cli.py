@@ -194,7 +194,16 @@ def emulate(
     objects: ObjectsOption = None,
     scene: SceneOption = None,
     seed: SeedOption = 0,
-    pty: Annotated[bool, typer.Option("--pty", help="Serve on pseudo-terminals (the default).")] = True,
+    pty: Annotated[
+        bool,
+        typer.Option("--pty/--tcp", help="Serve on pseudo-terminals, or on TCP ports of this computer."),
+    ] = True,
+    tcp_port: Annotated[
+        int | None,
+        typer.Option(
+            "--tcp-port", min=1, max=65535, help="With --tcp: the first port; any free ones without it."
+        ),
+    ] = None,
     seconds: Annotated[
         float | None, typer.Option("--for", min=0.0, help="End after this many seconds.")
     ] = None,
@@ -203,11 +212,19 @@ def emulate(
     ] = None,
 ) -> None:
     """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
-    del pty  # the only way there is so far; the option says so on the command line
     from palpate.rig.command_emulate import run_emulate
 
     raise typer.Exit(
-        run_emulate(rig=rig, objects=objects, scene=scene, seed=seed, seconds=seconds, rig_out=rig_out)
+        run_emulate(
+            rig=rig,
+            objects=objects,
+            scene=scene,
+            seed=seed,
+            seconds=seconds,
+            rig_out=rig_out,
+            pty=pty,
+            tcp_port=tcp_port,
+        )
     )
 
 

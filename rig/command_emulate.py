@@ -1,4 +1,4 @@
-"""`palpate emulate`: the emulated devices on pseudo-terminals, in real time, for any program."""
+"""`palpate emulate`: the emulated devices on pseudo-terminals or TCP ports, in real time, for any program."""
 
 import json
 import threading
@@ -9,7 +9,7 @@ import tomlkit
 import typer
 
 from palpate.config import load_objects, load_rig, load_scene, shipped_objects, shipped_rig
-from palpate.drivers.emulators.serve import serve_pty
+from palpate.drivers.emulators.serve import serve_pty, serve_tcp
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.errors import InputError
 from palpate.rig.bench import place
@@ -29,8 +29,15 @@ def run_emulate(
     seed: int,
     seconds: float | None,
     rig_out: Path | None,
+    pty: bool = True,
+    tcp_port: int | None = None,
 ) -> int:
-    """Serve until interrupted or for `seconds`; returns the exit code."""
+    """Serve until interrupted or for `seconds`; returns the exit code.
+
+    On pseudo-terminals or, without `pty`, on TCP ports from `tcp_port` on; None: on any free ones.
+    """
+    if pty and tcp_port is not None:
+        raise InputError("--tcp-port is for --tcp; pseudo-terminals have no port numbers")
     source: Path | Traversable = rig or shipped_rig()
     rig_file = load_rig(source)
     if rig_file.emulation is None:
@@ -39,7 +46,13 @@ def run_emulate(
     placement = place(rig_file, load_objects(objects or shipped_objects()), given_scene, seed)
     emulated = emulate(rig_file, placement, seed)
     done = threading.Event()
-    with serve_pty(emulated.devices, MonotonicClock(), done) as service:
+    clock = MonotonicClock()
+    service = (
+        serve_pty(emulated.devices, clock, done)
+        if pty
+        else serve_tcp(emulated.devices, clock, done, tcp_port or 0)
+    )
+    with service:
         if rig_out is not None:
             write_text(rig_out, _with_ports(source.read_text(encoding="utf-8"), service.paths))
         typer.echo(json.dumps({"format": "palpate/ports@1", "ports": service.paths}))

@@ -13,6 +13,7 @@ from palpate.config.scan_result import ScannedServoOut, ScanOut
 from palpate.drivers.dynamixel.models import models_known
 from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.dynamixel.scan import ALL_IDS, Found, Scan, model_name, scan
+from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace, Owned, bus_place, servos_of
@@ -21,6 +22,7 @@ from palpate.rig.terminal import Doing
 __all__ = ["ids_of", "run_scan"]
 
 _FACTORY_BAUDRATE = 57_600
+_USUAL_BAUDRATE = 1_000_000
 
 
 def run_scan(
@@ -28,8 +30,9 @@ def run_scan(
 ) -> int:
     """Scan and show; returns the exit code: 3 if nothing answers, or not as the rig file says."""
     wanted = ALL_IDS if ids is None else ids_of(ids)
-    rates = _rates(baudrates)
+    _check_rates(baudrates)
     place = bus_place(rig, port)
+    rates = _rates(baudrates, place)
     console = Console(stderr=True, soft_wrap=True)
     with Doing(console, f"scanning {place.port}") as doing:
 
@@ -115,13 +118,17 @@ def _table(out: ScanOut) -> Table:
     return table
 
 
-def _rates(given: Sequence[int]) -> Sequence[int]:
-    if not given:
-        return BUS_BAUDRATES
+def _check_rates(given: Sequence[int]) -> None:
     for rate in given:
         if rate <= 0:
             raise InputError(f"--baud {rate}: a baud rate is positive, such as {_FACTORY_BAUDRATE}")
-    return list(dict.fromkeys(given))
+
+
+def _rates(given: Sequence[int], place: BusPlace) -> Sequence[int]:
+    """Baud rates to try. Where the port has none of its own, every servo would be found at each of them."""
+    if given:
+        return list(dict.fromkeys(given))
+    return BUS_BAUDRATES if has_baudrate(place.port) else [place.baudrate or _USUAL_BAUDRATE]
 
 
 def _servo_out(found: Found, owned: dict[int, Owned]) -> ScannedServoOut:

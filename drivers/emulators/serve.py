@@ -1,97 +1,32 @@
-"""Emulated devices on pseudo-terminals in real time, for unmodified clients in other processes.
+"""Emulated devices on ports of this computer in real time, for unmodified clients in other processes.
 
-One pty per device. A single thread owns the devices while the service runs, woken by bytes from a client, by
-an answer whose time has come, or by a device that speaks of its own accord. Physics shared between devices
-may also be touched by others under `lock`.
+One port per device, a pseudo-terminal (`pty_line`) or a TCP port (`tcp_line`). A single thread owns the
+devices while the service runs, woken by bytes from a client, by an answer whose time has come, or by a device
+that speaks of its own accord. Physics shared between devices may also be touched by others under `lock`.
 
 If the computer is too slow for the devices, their time runs slower than the clock's: a turn of the service
 lets them live for a few milliseconds at most, and then answers. Real servos are never late with an answer
 because their motors are hard to compute.
-
-As on a real wire, a client that opens the port at another baud rate than the device's is not understood; a
-device that knows rates decides for itself. The service holds the slave side open itself, so that clients may
-come and go.
 """
 
-import contextlib
-import os
 import select
 import threading
-import tty
-from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import TracebackType
 
-from palpate.drivers.emulators.terminal import baud_rate
+from palpate.drivers.emulators.line import Line
+from palpate.drivers.emulators.pty_line import PtyLine
+from palpate.drivers.emulators.tcp_line import TcpLine
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.wire import Device, Emission, RatedDevice, wire_time_s
+from palpate.drivers.transport.wire import Device
 from palpate.errors import DeviceError
 
-__all__ = ["PtyService", "serve_pty"]
+__all__ = ["Service", "serve_pty", "serve_tcp"]
 
 _IDLE_S = 0.02  # longest sleep: how late a stop request or the physics may be noticed
 _TURN_S = 0.025  # the devices live for this long in one turn, at most
-_CHUNK = 4096
 
-
-class _Line:
-    """One device on its pty."""
-
-    def __init__(self, device: Device, baudrate: int) -> None:
-        self.device = device
-        self.baudrate = baudrate
-        try:
-            self.master, self.slave = os.openpty()
-        except OSError as error:
-            raise DeviceError(
-                f"no pseudo-terminal for an emulated device: {error}; close some terminals"
-            ) from error
-        tty.setraw(self.slave)
-        os.set_blocking(self.master, False)
-        self.path = os.ttyname(self.slave)
-        self._free_s = 0.0
-        self._outgoing: deque[tuple[float, bytes, int]] = deque()  # arrival, bytes, their rate
-
-    def take(self, now: float) -> None:
-        """Feed the device what a client has written."""
-        with contextlib.suppress(BlockingIOError):
-            data = os.read(self.master, _CHUNK)
-            rate = self._client_rate()
-            if isinstance(self.device, RatedDevice):
-                self._schedule(self.device.feed_at(data, now, rate), rate)
-            elif rate == self.baudrate:
-                self._schedule(self.device.feed(data, now), rate)
-
-    def run(self, now: float) -> None:
-        """Let the device speak, and deliver what has arrived at the client by now."""
-        self._schedule(self.device.poll(now), self.baudrate)
-        while self._outgoing and self._outgoing[0][0] <= now:
-            _, data, rate = self._outgoing.popleft()
-            if rate == self._client_rate():
-                # a client that does not read loses bytes, as at a full receive buffer
-                with contextlib.suppress(BlockingIOError):
-                    os.write(self.master, data)
-
-    def next_event_s(self) -> float | None:
-        """Instant of the next delivery or of the device's next own emission."""
-        own = self.device.next_due()
-        if not self._outgoing:
-            return own
-        return self._outgoing[0][0] if own is None else min(own, self._outgoing[0][0])
-
-    def close(self) -> None:
-        os.close(self.master)
-        os.close(self.slave)
-
-    def _schedule(self, emissions: list[Emission], rate: int) -> None:
-        for instant, data in emissions:
-            self._free_s = max(instant, self._free_s) + wire_time_s(len(data), rate)
-            self._outgoing.append((self._free_s, data, rate))
-
-    def _client_rate(self) -> int:
-        """The client's baud rate, or the device's where the system cannot tell."""
-        rate = baud_rate(self.master)
-        return self.baudrate if rate is None else rate
+Devices = Mapping[str, tuple[Device, int]]
 
 
 class _Lifetime:
@@ -114,25 +49,33 @@ class _Lifetime:
         return max(0.0, instant - self._now - (self._clock.now() - self._seen))
 
 
-class PtyService:
-    """Devices being served; ends with `stop`, at the end of a `with` block, or by the event given to it."""
+class Service:
+    """Devices being served; ends with `stop`, at the end of a `with` block, or by the event given to it.
+
+    `paths`: what a client opens for each device, a terminal's path or a URL.
+    """
 
     def __init__(
-        self, devices: Mapping[str, tuple[Device, int]], clock: Clock, stop: threading.Event
+        self,
+        devices: Devices,
+        line: Callable[[int, Device, int], Line],
+        clock: Clock,
+        stop: threading.Event,
     ) -> None:
+        """`line(index, device, baudrate)` makes a device's line, counted from 0; may raise DeviceError."""
         self.lock = threading.Lock()
         self._clock = _Lifetime(clock)
         self._stop = stop
-        self._lines: dict[str, _Line] = {}
+        self._lines: dict[str, Line] = {}
         self.failure: BaseException | None = None
         try:
-            for name, (device, baudrate) in devices.items():
-                self._lines[name] = _Line(device, baudrate)
+            for index, (name, (device, baudrate)) in enumerate(devices.items()):
+                self._lines[name] = line(index, device, baudrate)
         except DeviceError:
             self._close()
             raise
-        self.paths: dict[str, str] = {name: line.path for name, line in self._lines.items()}
-        self._thread = threading.Thread(target=self._run, name="pty devices", daemon=True)
+        self.paths: dict[str, str] = {name: line.address for name, line in self._lines.items()}
+        self._thread = threading.Thread(target=self._run, name="served devices", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
@@ -146,7 +89,7 @@ class PtyService:
             failure, self.failure = self.failure, None
             raise failure
 
-    def __enter__(self) -> "PtyService":
+    def __enter__(self) -> "Service":
         return self
 
     def __exit__(
@@ -158,14 +101,14 @@ class PtyService:
         self.stop()
 
     def _run(self) -> None:
-        by_master = {line.master: line for line in self._lines.values()}
         try:
             while not self._stop.is_set():
-                readable, _, _ = select.select(list(by_master), [], [], self._patience_s())
+                lines = {handle: line for line in self._lines.values() for handle in line.handles()}
+                readable, _, _ = select.select(list(lines), [], [], self._patience_s())
                 with self.lock:
                     now = self._clock.advanced()
-                    for master in readable:
-                        by_master[master].take(now)
+                    for line in dict.fromkeys(lines[handle] for handle in readable):
+                        line.take(now)
                     for line in self._lines.values():
                         line.run(now)
         except BaseException as error:
@@ -185,10 +128,22 @@ class PtyService:
             line.close()
 
 
-def serve_pty(devices: Mapping[str, tuple[Device, int]], clock: Clock, stop: threading.Event) -> PtyService:
-    """Serve devices, given by name with their baud rates, until `stop` is set; returns at once.
+def serve_pty(devices: Devices, clock: Clock, stop: threading.Event) -> Service:
+    """Serve devices on pseudo-terminals, until `stop` is set; returns at once.
 
-    `paths` of the result maps each name to the terminal that a client opens. `clock` must run in real time.
-    Raises DeviceError if the system has no pseudo-terminals left.
+    Devices are given by name with their baud rates. `clock` must run in real time. Raises DeviceError if the
+    system has no pseudo-terminals left.
     """
-    return PtyService(devices, clock, stop)
+    return Service(devices, lambda _, device, baudrate: PtyLine(device, baudrate), clock, stop)
+
+
+def serve_tcp(devices: Devices, clock: Clock, stop: threading.Event, first_port: int = 0) -> Service:
+    """The same on TCP ports of the loopback interface, from `first_port` on in the devices' order.
+
+    0: any free ones. Raises DeviceError if one is taken.
+    """
+
+    def line(index: int, device: Device, baudrate: int) -> Line:
+        return TcpLine(device, baudrate, first_port + index if first_port else 0)
+
+    return Service(devices, line, clock, stop)

@@ -24,7 +24,7 @@ unplugged port lets the terminal's own error through."""
 _OPENING_ERRORS: tuple[type[Exception], ...] = (*PORT_ERRORS, ValueError)
 _TAKEN = (errno.EAGAIN, errno.EBUSY)
 
-__all__ = ["PORT_ERRORS", "PortTaken", "open_port"]
+__all__ = ["PORT_ERRORS", "PortTaken", "has_baudrate", "open_port"]
 
 
 class PortTaken(DeviceError):
@@ -40,7 +40,9 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
     """
     handlers = __package__ or "palpate.drivers.transport"
     if handlers not in serial.protocol_handler_packages:
-        serial.protocol_handler_packages.append(handlers)
+        serial.protocol_handler_packages.insert(
+            0, handlers
+        )  # before pyserial's own: ours correct one of them
     try:
         port: SerialBase = serial.serial_for_url(
             url, baudrate=baudrate, timeout=timeout_s, exclusive=None if shared else True
@@ -60,6 +62,11 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
             "check the cable and `port` in the rig file"
         ) from error
     return port
+
+
+def has_baudrate(url: str) -> bool:
+    """Whether a port sends at the rate with which it is opened; of `socket://` the other end decides."""
+    return not url.lower().startswith("socket://")
 
 
 def _reason(error: Exception) -> str:

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.serve import PtyService, serve_pty
+from palpate.drivers.emulators.serve import Service, serve_pty
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
 
@@ -21,7 +21,7 @@ _STEP_S = 1e-3
 class Served:
     """What is served, and where."""
 
-    service: PtyService
+    service: Service
     servos: dict[int, EmulatedServo]
 
     @property

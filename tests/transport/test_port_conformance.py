@@ -1,4 +1,4 @@
-"""One suite for every kind of port: what a client may rely on, in virtual time and on a pty alike."""
+"""One suite for every kind of port: what a client may rely on, in virtual time, on a pty and on TCP alike."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from recorded_ports import Listener
 from serial.serialutil import SerialBase
 
 from palpate.drivers.emulators.faults import FaultyWire
-from palpate.drivers.emulators.serve import serve_pty
+from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
 from palpate.drivers.transport.clock import Clock, MonotonicClock, VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
@@ -58,9 +58,16 @@ class Bench:
     clock: Clock
     open: Callable[..., SerialBase]
     open_teller: Callable[..., SerialBase]
+    has_rates: bool = True
+
+    def need_rates(self) -> None:
+        if not self.has_rates:
+            pytest.skip("a socket has no baud rate")
 
 
-@pytest.fixture(params=["mock", "pty", "recorded mock", "recorded pty", "faulty mock", "faulty pty"])
+@pytest.fixture(
+    params=[*(f"{how}{where}" for how in ("", "recorded ", "faulty ") for where in ("mock", "pty", "tcp"))]
+)
 def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
     recorded = request.param.startswith("recorded")
     device = FaultyWire(EchoTicker(), 7) if request.param.startswith("faulty") else EchoTicker()
@@ -80,8 +87,9 @@ def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
         return
     real = MonotonicClock()
     devices: dict[str, tuple[Device, int]] = {"echo": (device, BAUD), "teller": (RateTeller(), BAUD)}
-    with serve_pty(devices, real, threading.Event()) as service:
-        yield Bench(real, *(opener(service.paths[name], real) for name in devices))
+    tcp = request.param.endswith("tcp")
+    with (serve_tcp if tcp else serve_pty)(devices, real, threading.Event()) as service:
+        yield Bench(real, *(opener(service.paths[name], real) for name in devices), has_rates=not tcp)
 
 
 def test_bytes_come_back_in_order(bench: Bench) -> None:
@@ -170,6 +178,7 @@ def test_closing_twice_is_harmless_and_use_after_is_an_error(bench: Bench) -> No
 
 
 def test_wrong_baud_rate_is_not_understood(bench: Bench) -> None:
+    bench.need_rates()
     with bench.open(baudrate=57_600, timeout_s=0.05) as port:
         port.write(b"hello")
         assert port.read(5) == b""
@@ -177,12 +186,14 @@ def test_wrong_baud_rate_is_not_understood(bench: Bench) -> None:
 
 @pytest.mark.parametrize("rate", [9600, 57_600, 1_000_000, 4_500_000])
 def test_a_device_that_knows_rates_hears_the_clients(bench: Bench, rate: int) -> None:
+    bench.need_rates()
     with bench.open_teller(baudrate=rate) as port:
         port.write(b"?")
         assert port.read(len(str(rate))) == b"%d" % rate
 
 
 def test_a_client_may_change_its_rate(bench: Bench) -> None:
+    bench.need_rates()
     with bench.open_teller(baudrate=57_600) as port:
         port.write(b"?")
         assert port.read(5) == b"57600"
@@ -202,8 +213,9 @@ def test_a_recorder_sees_both_directions(bench: Bench) -> None:
     assert seen == sorted(seen, key=lambda s: s[1])
 
 
-def test_a_real_port_in_use_says_so() -> None:
-    with serve_pty({"echo": (EchoTicker(), BAUD)}, MonotonicClock(), threading.Event()) as service:
+@pytest.mark.parametrize("serve", [serve_pty, serve_tcp])
+def test_a_real_port_in_use_says_so(serve: Callable[..., Service]) -> None:
+    with serve({"echo": (EchoTicker(), BAUD)}, MonotonicClock(), threading.Event()) as service:
         path = service.paths["echo"]
         with open_port(path, BAUD), pytest.raises(DeviceError, match=f"{path} .* another program"):
             open_port(path, BAUD)
