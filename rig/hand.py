@@ -158,6 +158,7 @@ class Hand:
 
     def prepare(self) -> None:
         """Write and check limits, switch torque on where everything stands."""
+        self._driven = False
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
         if self.stage is not None:

@@ -15,7 +15,7 @@ def rows() -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
-def tests() -> dict[str, ast.FunctionDef]:
+def functions_named() -> dict[str, ast.FunctionDef]:
     """Every test function by its name."""
     found = {}
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
@@ -26,7 +26,7 @@ def tests() -> dict[str, ast.FunctionDef]:
 
 
 def test_every_row_names_a_test_that_exists_and_asserts_something() -> None:
-    known = tests()
+    known = functions_named()
     table = rows()
     assert len(table) >= 20
     for fault, does, sees, test in table:

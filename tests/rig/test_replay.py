@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 import signal
 import subprocess
 import time
@@ -14,7 +15,7 @@ from command import PALPATE, Ended, log_events, run, run_here
 from emulated_session import emulated_session
 from json_schema import violations
 
-from palpate.config import shipped_objects, shipped_rig
+from palpate.config import shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
@@ -42,6 +43,23 @@ def seed_7(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = run("identify", "--seed", 7, "--json", cwd=folder)
     assert done.code == 0, done.err
     return folder / str(done.json["session"])
+
+
+@pytest.fixture(scope="module")
+def one_grip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a session that gave up after its first grip: quick to replay."""
+    folder = tmp_path_factory.mktemp("one-grip")
+    done = run("identify", "--rig", brief(shipped_rig(), folder), "--seed", 7, "--json", cwd=folder)
+    assert (done.code, done.json["verdict"]) == (1, "unresolved")
+    return folder / str(done.json["session"])
+
+
+def brief(rig: Any, folder: Path) -> Path:
+    """The rig file with a search of one grip."""
+    text, number = re.subn(r"max_grips = \d+", "max_grips = 1", rig.read_text(encoding="utf-8"))
+    assert number == 1
+    (folder / "brief.toml").write_text(text)
+    return folder / "brief.toml"
 
 
 def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]) -> Path:
@@ -86,15 +104,15 @@ def test_a_program_gets_one_object_and_the_log_itself_may_be_named(seed_7: Path,
     assert told["sent_bytes"] == sent_bytes(seed_7)
 
 
-def test_a_replay_writes_nothing(seed_7: Path, here: Here) -> None:
-    before = {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in seed_7.iterdir()}
-    assert here("replay", seed_7).code == 0
-    assert {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in seed_7.iterdir()} == before
+def test_a_replay_writes_nothing(one_grip: Path, here: Here) -> None:
+    before = {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in one_grip.iterdir()}
+    assert here("replay", one_grip).code == 0
+    assert {path.name: (path.stat().st_mtime_ns, path.read_bytes()) for path in one_grip.iterdir()} == before
 
 
-@pytest.mark.parametrize(("port", "number"), [("mock://bus", 300), ("mock://bus", 5), ("mock://f2", 2)])
+@pytest.mark.parametrize(("port", "number"), [("mock://bus", 300), ("mock://f2", 2)])
 def test_one_changed_byte_that_was_sent_is_noticed_at_that_byte(
-    seed_7: Path, tmp_path: Path, here: Here, port: str, number: int
+    one_grip: Path, tmp_path: Path, here: Here, port: str, number: int
 ) -> None:
     changed_line = -1
     byte = -1
@@ -111,7 +129,7 @@ def test_one_changed_byte_that_was_sent_is_noticed_at_that_byte(
         lines[changed_line] = lines[changed_line].replace(old, new)
         return lines
 
-    folder = copied(seed_7, tmp_path, change)
+    folder = copied(one_grip, tmp_path, change)
     done = here("replay", folder)
     assert done.code == 1
     assert f"line {changed_line + 1}, " in done.out
@@ -125,7 +143,7 @@ def test_one_changed_byte_that_was_sent_is_noticed_at_that_byte(
 
 
 def test_a_changed_byte_that_was_received_does_not_pass_for_the_session(
-    seed_7: Path, tmp_path: Path, here: Here
+    one_grip: Path, tmp_path: Path, here: Here
 ) -> None:
     """One bit of a frame that nobody looks at changes no byte sent; the check sum still tells."""
     changed_line = -1
@@ -139,30 +157,30 @@ def test_a_changed_byte_that_was_received_does_not_pass_for_the_session(
         lines[changed_line] = line[:place] + ("A" if line[place] != "A" else "B") + line[place + 1 :]
         return lines
 
-    done = here("replay", copied(seed_7, tmp_path, change))
+    done = here("replay", copied(one_grip, tmp_path, change))
     assert done.code in (1, 2)
     assert f"line {changed_line + 1}: is not as it was written: its check sum is wrong" in done.err
 
 
-def test_a_value_that_is_not_what_it_was_is_named(seed_7: Path, tmp_path: Path, here: Here) -> None:
+def test_a_value_that_is_not_what_it_was_is_named(one_grip: Path, tmp_path: Path, here: Here) -> None:
     def change(lines: list[str]) -> list[str]:
         return [
             line.replace('"object":"hand"', '"object":"grip"', 1) if '"result"' in line else line
             for line in lines
         ]
 
-    done = here("replay", copied(seed_7, tmp_path, change))
+    done = here("replay", copied(one_grip, tmp_path, change))
     assert done.code == 1
     assert "\"result\" differs: result.object is 'hand', recorded 'grip'" in done.out
 
 
-@pytest.mark.parametrize("share", [0.001, 0.4, 0.9999])
+@pytest.mark.parametrize("share", [0.001, 0.9999])
 def test_a_log_cut_off_anywhere_replays_up_to_there(
-    seed_7: Path, tmp_path: Path, here: Here, share: float
+    one_grip: Path, tmp_path: Path, here: Here, share: float
 ) -> None:
-    for path in seed_7.iterdir():
+    for path in one_grip.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    raw = (seed_7 / "session.jsonl").read_bytes()
+    raw = (one_grip / "session.jsonl").read_bytes()
     kept = raw[: int(share * len(raw))]
     (tmp_path / "session.jsonl").write_bytes(kept)
     done = here("replay", tmp_path)
@@ -184,8 +202,8 @@ def test_what_is_not_a_session_is_one_line(tmp_path: Path, here: Here) -> None:
     assert 'line 1: must be the event "session" with format "palpate/session@1"' in done.err
 
 
-def test_a_log_from_before_there_were_replays_is_refused(seed_7: Path, tmp_path: Path, here: Here) -> None:
-    copied(seed_7, tmp_path, lambda lines: lines)
+def test_a_log_from_before_there_were_replays_is_refused(one_grip: Path, tmp_path: Path, here: Here) -> None:
+    copied(one_grip, tmp_path, lambda lines: lines)
     (tmp_path / "rig.toml").unlink()
     done = here("replay", tmp_path)
     assert (done.code, done.out) == (2, "")
@@ -193,12 +211,10 @@ def test_a_log_from_before_there_were_replays_is_refused(seed_7: Path, tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", ["planned", "random"])
-def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path, strategy: str) -> None:
-    rig = EXAMPLES / "two-link-rig.toml"
-    done = run(
-        "identify", "--rig", rig, "--seed", 3, "--strategy", strategy, "--json", cwd=tmp_path, timeout_s=250
-    )
+def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path) -> None:
+    rig = brief(EXAMPLES / "two-link-rig.toml", tmp_path)
+    args = ("--rig", rig, "--seed", 3, "--strategy", "random", "--json")
+    done = run("identify", *args, cwd=tmp_path, timeout_s=250)
     assert done.code in (0, 1), done.err
     again = run("replay", done.json["session"], "--json", cwd=tmp_path, timeout_s=250)
     assert again.code == 0, again.out + again.err
@@ -222,13 +238,14 @@ def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path)
         "configuration": {"x": -30.0, "y": -25.0, "theta": 0.4},
     }
     (tmp_path / "scene.json").write_text(json.dumps(scene))
-    done = run("identify", "--scene", "scene.json", "--objects", shipped_objects(), "--json", cwd=tmp_path)
+    rig = brief(shipped_rig(), tmp_path)
+    done = run("identify", "--rig", rig, "--scene", "scene.json", "--json", cwd=tmp_path)
     assert done.code == 1, done.err
     (tmp_path / "odd.json").unlink()
     (tmp_path / "scene.json").unlink()
     again = run("replay", done.json["session"], cwd=tmp_path)
     assert again.code == 0, again.out + again.err
-    assert again.out.rstrip().endswith("all as recorded; unknown")
+    assert again.out.rstrip().endswith(f"all as recorded; {done.json['verdict']}")
 
 
 def slow_rig(folder: Path) -> str:
@@ -262,9 +279,7 @@ def signalled(folder: Path, number: signal.Signals, when: bytes, after_s: float)
     return log.parent
 
 
-@pytest.mark.parametrize(
-    ("number", "after_s"), [(signal.SIGINT, 0.05), (signal.SIGINT, 0.31), (signal.SIGTERM, 0.17)]
-)
+@pytest.mark.parametrize(("number", "after_s"), [(signal.SIGINT, 0.31), (signal.SIGTERM, 0.17)])
 def test_a_run_that_was_interrupted(
     tmp_path: Path, here: Here, number: signal.Signals, after_s: float
 ) -> None:
@@ -336,9 +351,11 @@ def interrupt() -> None:
     raise KeyboardInterrupt("Ctrl-C")
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+WHEN = [(Stage.AIMING, 0.013), (Stage.CLOSING, 1.0), (Stage.TOUCHING, 0.3)]
+
+
 @pytest.mark.parametrize(
-    ("stage", "after_s"), [(Stage.AIMING, 0.013), (Stage.CLOSING, 1.0), (Stage.TOUCHING, 0.3)]
+    ("fault", "stage", "after_s"), [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
 )
 def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, after_s: float) -> None:
     session = emulated_session()
