@@ -7,8 +7,8 @@ kernel are not in it. Then in real time, over a pseudo-terminal whose servos liv
 per second, and processor time with pyserial and kernel. Beside each the vendor's plain SDK, with
 GroupSyncRead or its fast one, and GroupSyncWrite.
 
-A pseudo-terminal charges no wire time for what the host sends, so cycles there may be quicker than the wire. The
-SDK waits for answers without sleeping: its processor time is that of a core that is never idle.
+A pseudo-terminal charges no wire time for what the host sends, so cycles there may be quicker than the wire.
+The SDK waits for answers without sleeping: its processor time is that of a core that is never idle.
 """
 
 import argparse
