@@ -6,6 +6,9 @@ and the clock's answers from a list, so that neither wire nor servos are emulate
 kernel are not in it. Then in real time, over a pseudo-terminal whose servos live in another process: cycles
 per second, and processor time with pyserial and kernel. Beside each the vendor's plain SDK, with
 GroupSyncRead or its fast one, and GroupSyncWrite.
+
+A pseudo-terminal charges no wire time for what the host sends, so cycles there may be quicker than the wire.
+The SDK waits for answers without sleeping: its processor time is that of a core that is never idle.
 """
 
 import argparse
