@@ -1,0 +1,140 @@
+"""Moves that stop by themselves, and the other operating modes, on emulated shafts with a wall."""
+
+from collections.abc import Iterator
+
+import pytest
+
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.failures import HardwareAlert, StatusError
+from palpate.drivers.dynamixel.guarded import End, Guard, guarded_move
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.port import open_port
+from palpate.errors import SafetyStop
+
+STEP_S = 1e-3
+SOFT_NM_PER_RAD, HARD_NM_PER_RAD = 3.0, 60.0
+
+
+class Shafts:
+    """Two servos in Current-based Position Control Mode; in front of the first one stands a wall."""
+
+    def __init__(self, model: str) -> None:
+        self.clock = VirtualClock()
+        self.emulated = {dxl_id: EmulatedServo(dxl_id, model=model) for dxl_id in (1, 2)}
+        self.wall_rad, self.stiffness = 1e9, SOFT_NM_PER_RAD
+        self.stepped_s = 0.0
+        self.hub = MockHub(self.clock, "guarded")
+        url = self.hub.attach("bus", ServoChain(list(self.emulated.values()), self._advance), 1_000_000)
+        self.bus = Bus(open_port(url, 1_000_000), self.clock, 1_000_000, latency_s=1e-3)
+        self.servos = [Servo(self.bus, dxl_id, model) for dxl_id in self.emulated]
+        self.reader = StateReader(self.bus, self.servos)
+        self.reader.arrange()
+        for servo in self.servos:
+            servo.prepare(OperatingMode.CURRENT_BASED_POSITION, current_limit_a=0.5)
+            servo.set_goal_current_a(0.3)
+            servo.set_profile(2.0, 20.0)
+            servo.torque(on=True)
+
+    def _advance(self, now: float) -> None:
+        while self.stepped_s + STEP_S <= now:
+            self.stepped_s += STEP_S
+            for dxl_id, servo in self.emulated.items():
+                inside = max(0.0, servo.shaft_rad - self.wall_rad) if dxl_id == 1 else 0.0
+                servo.step(STEP_S, -self.stiffness * inside - (0.2 * servo.shaft_rad_s if inside else 0.0))
+
+    def read(self, servos: list[Servo]) -> dict[int, ServoState]:
+        return self.reader.read(servos).all()
+
+    def move(self, *goals_rad: float, contact_a: float = 9.0) -> list[End]:
+        ends = guarded_move(
+            self.bus,
+            lambda servos: self.read(list(servos)),
+            self.clock,
+            dict(zip(self.servos, goals_rad, strict=False)),
+            lambda _: 0.02,
+            lambda _, state: abs(state.current_a) > contact_a,
+            Guard(poll_s=0.005),
+        )
+        return [ends[servo] for servo in self.servos[: len(goals_rad)]]
+
+
+@pytest.fixture(params=["XM430-W350", "XL330-M288"])
+def shafts(request: pytest.FixtureRequest) -> Iterator[Shafts]:
+    shafts = Shafts(request.param)
+    yield shafts
+    shafts.bus.close()
+    shafts.hub.close()
+
+
+def test_free_servos_reach_their_goals(shafts: Shafts) -> None:
+    assert shafts.move(1.0, -0.7) == [End.REACHED, End.REACHED]
+    states = shafts.read(shafts.servos)
+    assert states[1].position_rad == pytest.approx(1.0, abs=0.02)
+    assert states[2].position_rad == pytest.approx(-0.7, abs=0.02)
+
+
+def test_one_stops_at_contact_and_the_other_goes_on(shafts: Shafts) -> None:
+    shafts.wall_rad = 0.4
+    assert shafts.move(1.0, 1.0, contact_a=0.25) == [End.CONTACT, End.REACHED]
+    touching = shafts.read(shafts.servos)[1]
+    assert 0.4 < touching.position_rad < 0.9
+    shafts.clock.sleep(1.0)
+    still = shafts.read(shafts.servos)[1]
+    assert still.position_rad == pytest.approx(touching.position_rad, abs=0.05)
+    assert still.velocity_rad_s == 0.0
+
+
+def test_one_that_is_held_is_stopped_where_it_stands(shafts: Shafts) -> None:
+    shafts.wall_rad, shafts.stiffness = 0.4, HARD_NM_PER_RAD
+    began = shafts.clock.now()
+    assert shafts.move(1.0) == [End.STALL]
+    assert shafts.clock.now() - began < 3.0
+    goal = shafts.servos[0].read("Goal Position")
+    present = shafts.servos[0].read("Present Position")
+    assert abs(goal - present) < 60, "it does not press on towards the goal"
+
+
+def test_a_hardware_error_on_the_way_is_raised(shafts: Shafts) -> None:
+    shafts.emulated[2].report_hardware_error(OVERLOAD_BIT)
+    with pytest.raises(HardwareAlert, match=r"servo 2 .*overload"):
+        shafts.move(1.0, 1.0)
+
+
+def test_a_goal_out_of_range_moves_nobody(shafts: Shafts) -> None:
+    with pytest.raises(SafetyStop, match="servo 2 "):
+        shafts.move(0.5, 7.0)
+    shafts.clock.sleep(1.0)
+    assert shafts.read(shafts.servos)[1].position_rad == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_other_operating_modes(shafts: Shafts) -> None:
+    servo, shaft = shafts.servos[0], shafts.emulated[1]
+    servo.prepare(OperatingMode.VELOCITY, 0.5, velocity_limit_rad_s=3.0)
+    servo.torque(on=True)
+    servo.set_goal_velocity_rad_s(-1.5)
+    shafts.clock.sleep(1.0)
+    assert shafts.read([servo])[1].velocity_rad_s == pytest.approx(-1.5, abs=0.1)
+    with pytest.raises(StatusError, match="Data Limit Error"):
+        servo.set_goal_velocity_rad_s(4.0)
+    servo.prepare(OperatingMode.CURRENT, 0.5)
+    servo.torque(on=True)
+    begin = shaft.shaft_rad
+    servo.set_goal_current_a(0.2)
+    shafts.clock.sleep(0.3)
+    assert shafts.read([servo])[1].velocity_rad_s > 0
+    assert shaft.shaft_rad > begin + 0.05
+    with pytest.raises(ValueError, match="servo 1"):
+        servo.set_goal_current_a(-9.0)
+    servo.prepare(OperatingMode.PWM, 0.5)
+    servo.torque(on=True)
+    servo.set_goal_pwm(-0.5)
+    shafts.clock.sleep(1.0)
+    assert shafts.read([servo])[1].velocity_rad_s < -1.0
+    with pytest.raises(ValueError, match=r"a PWM of 1\.5"):
+        servo.set_goal_pwm(1.5)
