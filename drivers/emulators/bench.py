@@ -135,12 +135,16 @@ class Bench:
         self.fingers = tuple(fingers)
         self.stage = stage
         self._steps = 0
+        self._now = -math.inf
 
     def advance(self, now: float) -> None:
         """Let the mechanics catch up with `now` (s), which never runs backwards.
 
         Mechanics move in whole steps; arrays sample at their own instants what the last step left.
         """
+        if now <= self._now:
+            return  # devices ask several times at one instant
+        self._now = now
         steps = int(now / _STEP_S + 1e-6)
         while self._steps < steps:
             self._sample_until((self._steps + 1) * _STEP_S)

@@ -146,17 +146,16 @@ def test_an_all_but_symmetric_part_is_turned_not_another(
     assert math.hypot(*apart) > 50
 
 
-@pytest.mark.parametrize("strategy", ["random", pytest.param("rotate", marks=pytest.mark.slow)])
-def test_twins_by_every_strategy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], strategy: str
+def test_twins_when_grips_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     wedge = [[0.0, 0.0], [60.0, 0.0], [70.0, 40.0], [5.0, 30.0]]
     twins = {"wedge": wedge, "wedge-2": wedge}
-    told = identified(tmp_path, monkeypatch, capsys, twins, "--json", "--strategy", strategy).json
+    told = identified(tmp_path, monkeypatch, capsys, twins, "--json", "--strategy", "random").json
     assert violations(told, json.loads(schema_text("identification"))) == []
-    # Neither strategy looks for touches that confirm an answer: grips may run out before there is one.
+    # This strategy does not look for touches that confirm an answer: grips may run out before there is one.
     assert told["verdict"] in {"indistinguishable", "unresolved"}
-    assert told["strategy"] == strategy
+    assert told["strategy"] == "random"
     (other,) = told["alternatives"]
     assert {told["object"], other["object"]} == set(twins)
     assert (other["relation"], other["turned"], other["moved"]) == ("twin", None, None)

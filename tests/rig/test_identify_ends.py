@@ -69,7 +69,7 @@ def ended(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hand", "gator"])
+@pytest.mark.parametrize("name", ["gator"])
 def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
     session = emulated_session(seed=21, placement=placement_of(name))
     pusher = Pusher(session, placement_of(name), 1)
@@ -101,7 +101,7 @@ def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [3, 5])
+@pytest.mark.parametrize("seed", [3])
 def test_wires_that_flip_and_lose_change_no_answer(seed: int) -> None:
     rig = load_rig(shipped_rig())
     assert rig.emulation is not None

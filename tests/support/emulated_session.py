@@ -61,14 +61,19 @@ class AlarmClock(VirtualClock):
 class Cable:
     """What a device hangs on: once cut, nothing passes either way; `late_s` holds answers back.
 
-    `wire` spoils what passes, at rates that a test sets, or is unplugged.
+    `wire` spoils what passes at rates that a test sets, or is unplugged; it is there once it is asked for.
     """
 
     def __init__(self, device: Device) -> None:
-        self.wire = FaultyWire(device, 3)
-        self._device = self.wire
+        self._device = device
         self.cut = False
         self.late_s = 0.0
+
+    @property
+    def wire(self) -> FaultyWire:
+        if not isinstance(self._device, FaultyWire):
+            self._device = FaultyWire(self._device, 3)
+        return self._device
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         answers = self._device.feed(b"" if self.cut else data, now)
