@@ -14,7 +14,7 @@ from shapely_contacts import edges_of
 from palpate.recognizer import Contact
 
 SEED = 705
-PARTS_OF_TEST, GRIPS = 20, 60
+PARTS_OF_TEST, GRIPS = 12, 60
 
 
 def campaign_part(part: int, families: tuple[str, ...]) -> list[Trial]:

@@ -317,7 +317,7 @@ def test_every_touch_of_an_exact_outline_is_on_an_edge(radius: float) -> None:
     assert [on_no_edge(model, model, radius) for model in shapes()] == [0] * len(shapes())
 
 
-@pytest.mark.parametrize("radius", [1.0, 5.0, 8.0])
+@pytest.mark.parametrize("radius", [1.0, 8.0])
 def test_every_touch_of_a_displaced_outline_is_on_an_edge(radius: float) -> None:
     rng = np.random.default_rng(81)
     missing = {}

@@ -330,9 +330,7 @@ def test_a_run_whose_port_was_not_there(tmp_path: Path, here: Here) -> None:
 
 FAULTS: Mapping[str, Callable[[Any], Callable[[], None]]] = {
     "nothing": lambda _: lambda: None,
-    "a servo dies": lambda session: session.servos[12].power_off,
     "overload": lambda session: lambda: session.servos[22].report_hardware_error(OVERLOAD_BIT),
-    "an array is cut off": lambda session: lambda: setattr(session.cables["mock://f2"], "cut", True),
     "the bus is cut off": lambda session: lambda: setattr(session.cables["mock://bus"], "cut", True),
     "late answers": lambda session: lambda: setattr(session.cables["mock://bus"], "late_s", 0.04),
     "the bus is unplugged": lambda session: lambda: unplug(session.cables["mock://bus"]),
