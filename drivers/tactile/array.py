@@ -35,6 +35,7 @@ ANSWER_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
 ATTEMPTS = 3
 _POLL_S = 0.005
+_CHUNK = 64  # bytes of a frame that are worth looking at; far fewer than a frame has
 _MAX_WAITING_FRAMES = 4096
 
 
@@ -158,7 +159,7 @@ class TactileArray:
         deadline = self._clock.now() + timeout_s
         self._drain()
         while not self._frames and self._clock.now() < deadline:
-            self._wait(deadline)
+            self._wait(deadline, _CHUNK)
         if not self._frames:
             raise DeviceError(
                 f"{self._where()} sent no frame for {timeout_s:g} s; check its cable and that it was started"
@@ -192,13 +193,14 @@ class TactileArray:
                 return None
             self._wait(deadline)
 
-    def _wait(self, deadline: float) -> None:
+    def _wait(self, deadline: float, chunk: int = 1) -> None:
+        """Wait for `chunk` bytes, or for a few milliseconds; then take all that is there."""
         before = self._clock.now()
         step = min(_POLL_S, deadline - before)
         try:
             if not self._port.in_waiting:
                 self._port.timeout = step
-                self._take(self._port.read(1))
+                self._take(self._port.read(chunk))
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
         self._drain()

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from palpate.drivers.tactile.array import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.tactile.templates import Match, Profile, TemplateSet
+from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
 from palpate.errors import InputError
 
 __all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "TipCalibration"]
@@ -146,7 +146,7 @@ class ContactExtractor:
                 "tactile array: columns are not evenly spaced about the tip; the extractor needs them "
                 "within 1 % of a common pitch"
             )
-        templates = TemplateSet(
+        templates = template_set(
             pitch_rad=pitch,
             radius_mm=d.tip_radius_mm,
             stiffness_n_per_mm=c.stiffness_n_per_mm,

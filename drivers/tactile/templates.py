@@ -13,11 +13,12 @@ Pure arrays: no device, no clock. Angles in rad, lengths in mm, templates normal
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Match", "Profile", "TemplateSet"]
+__all__ = ["Match", "Profile", "TemplateSet", "template_set"]
 
 _REACH = 6  # columns on either side of the one that a template is centred in
 _STEPS_PER_COLUMN = 11
@@ -133,6 +134,25 @@ class TemplateSet:
             misfit=best,
             one_edge=bool(self._one_edge[keep[which]].any()),
         )
+
+
+@lru_cache(maxsize=8)
+def template_set(
+    *,
+    pitch_rad: float,
+    radius_mm: float,
+    stiffness_n_per_mm: float,
+    stiffness_bound: float,
+    crosstalk: float,
+) -> TemplateSet:
+    """The templates for one geometry; made once for the tips of a rig, which are mostly alike."""
+    return TemplateSet(
+        pitch_rad=pitch_rad,
+        radius_mm=radius_mm,
+        stiffness_n_per_mm=stiffness_n_per_mm,
+        stiffness_bound=stiffness_bound,
+        crosstalk=crosstalk,
+    )
 
 
 def _misfits(profile: Profile, centres: NDArray[np.int_], cells: Singles, squares: Singles) -> Floats:
