@@ -252,7 +252,7 @@ def satisfied(problem: Problem, points: Floats) -> Bools:
 
 
 PROBLEMS = [
-    (seed, contacts, normals) for contacts in (2, 3, 4) for normals in (False, True) for seed in range(16)
+    (seed, contacts, normals) for contacts in (2, 3, 4) for normals in (False, True) for seed in range(24)
 ]
 
 
