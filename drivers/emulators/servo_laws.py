@@ -18,7 +18,7 @@ LOOP_S = 1e-3
 class Law(Protocol):
     """A control law."""
 
-    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:
+    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float, /) -> float:
         """Duty of the next step of `dt` s at `velocity` rad/s.
 
         `back_emf`: the duty at which no current flows. `drive_a`: current at full duty and standstill, in A.
@@ -41,7 +41,7 @@ class CurrentLaw:
     def __init__(self, goal_a: float = 0.0) -> None:
         self.goal_a = goal_a
 
-    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:  # noqa: ARG002
+    def duty(self, _dt: float, _velocity: float, back_emf: float, drive_a: float, limit: float, /) -> float:
         """See `Law`."""
         return _within(self.goal_a / drive_a + back_emf, limit)
 
@@ -56,7 +56,7 @@ class DutyLaw:
     def __init__(self, goal: float = 0.0) -> None:
         self.goal = goal
 
-    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:  # noqa: ARG002
+    def duty(self, _dt: float, _velocity: float, _back_emf: float, _drive_a: float, limit: float, /) -> float:
         """See `Law`."""
         return _within(self.goal, limit)
 
@@ -88,7 +88,7 @@ class VelocityLaw:
         """Want to stand still, at once."""
         self.goal_rad_s = self.reference_rad_s = 0.0
 
-    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float) -> float:  # noqa: ARG002
+    def duty(self, dt: float, velocity: float, _back_emf: float, _drive_a: float, limit: float, /) -> float:
         """See `Law`."""
         self.reference_rad_s += _within(self.goal_rad_s - self.reference_rad_s, self._rate * dt)
         error = self.reference_rad_s - velocity
