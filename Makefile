@@ -43,8 +43,8 @@ check: lint types layers
 
 test: check
 	$(BIN)/pytest -n auto -m "not realtime"
-# Two processes share the computer in real time here. Where the emulator is not run for 90 ms, as beside three busy
-# programs on two cores, the host rightly calls servos silent: a test that fails has one more chance.
+# Two processes share the computer in real time here. The vendor's SDK, which is tested unmodified, cannot wait longer than
+# 34 ms for an emulator that the computer does not run: a test that fails has one more chance.
 	$(BIN)/pytest -m realtime || $(BIN)/pytest -m realtime --last-failed
 
 campaign: $(DEV)
