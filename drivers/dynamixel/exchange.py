@@ -93,6 +93,9 @@ class Exchange:
                     self._may_be_late(dxl_id, question)
                 return answer
             if answer.dxl_id != dxl_id:
+                if self._handler.isPacketTimeout():  # somebody else on the wire may go on talking for ever
+                    self._may_be_late(dxl_id, question)
+                    return Lost.SILENT
                 continue
             if not _fits(answer, size):
                 self._may_be_late(dxl_id, None)  # that was the answer to something else
@@ -112,10 +115,15 @@ class Exchange:
         self._send_group(blocks, Instruction.SYNC_READ, Instruction.BULK_READ)
         found: dict[int, StatusPacket | Lost] = dict.fromkeys(blocks, Lost.SILENT)
         waiting = dict(blocks)
+        awaited = len(waiting) + 1
         while waiting:
             nearest = next(iter(waiting))
-            delay = self._delay_s([nearest]) + self._patience_s(patient)
-            self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
+            if len(waiting) < awaited:  # only an answer that was asked for gives the next one its time
+                awaited = len(waiting)
+                delay = self._delay_s([nearest]) + self._patience_s(patient)
+                self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
+            elif self._handler.isPacketTimeout():
+                break
             answer = self._receive()
             if answer is Lost.DAMAGED:
                 found[nearest] = answer  # the next in order, as likely as not; if not, it is asked again
@@ -159,9 +167,14 @@ class Exchange:
         self._send(BROADCAST_ID, Instruction.PING, b"")
         found: list[StatusPacket] = []
         missing = set(wanted)
+        awaited = len(missing) + 1
         while missing:
-            slots = max(missing) + 1 - (found[-1].dxl_id if found else 0)
-            self._expect(_STATUS_SIZE + 3, max(slots, 1) * _PING_SLOT_S + LONGEST_RETURN_DELAY_S)
+            if len(missing) < awaited:
+                awaited = len(missing)
+                slots = max(missing) + 1 - (found[-1].dxl_id if found else 0)
+                self._expect(_STATUS_SIZE + 3, max(slots, 1) * _PING_SLOT_S + LONGEST_RETURN_DELAY_S)
+            elif self._handler.isPacketTimeout():
+                break
             answer = self._receive()
             if answer is Lost.SILENT:
                 break

@@ -17,6 +17,7 @@ from palpate.drivers.dynamixel.failures import (
     PortFailed,
     Restarted,
 )
+from palpate.drivers.dynamixel.packet import StatusPacket, encode_status
 from palpate.drivers.dynamixel.servo import Servo, stop_at, torque_off_all, write_goals
 from palpate.drivers.dynamixel.state import StateReader
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s, sync_write_time_s
@@ -26,6 +27,7 @@ from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.wire import Emission
 from palpate.errors import DeviceError
 
 LATENCY_S = 1e-3
@@ -294,3 +296,36 @@ def test_two_threads_do_not_speak_at_once() -> None:
         thread.join()
     assert wrong == []
     assert wire.bus.counts.damaged == wire.bus.counts.silent == 0
+
+
+class Babbler:
+    """Somebody else's servo, 99, whose answers never end."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        del data
+        return self.poll(now)
+
+    def poll(self, now: float) -> list[Emission]:
+        found = []
+        while self._next_s <= now:
+            found.append((self._next_s, encode_status(StatusPacket(99, 0, b"\1\2\3\4"))))
+            self._next_s += 2e-4
+        return found
+
+    def next_due(self) -> float | None:
+        return self._next_s
+
+
+def test_a_wire_on_which_somebody_else_never_stops_does_not_hold_the_bus() -> None:
+    clock = VirtualClock()
+    hub = MockHub(clock, "babble")
+    url = hub.attach("bus", Babbler(), 1_000_000)
+    bus = Bus(open_port(url, 1_000_000), clock, 1_000_000, latency_s=LATENCY_S)
+    with pytest.raises(NotAnswering):
+        bus.read(1, ct.PRESENT_POSITION)
+    assert set(bus.sync_read([1, 2, 3], ct.PRESENT_POSITION, ct.PRESENT_POSITION).errors) == {1, 2, 3}
+    assert set(bus.ping_all([1, 2])) <= {99}
+    assert clock.now() < 3.0
