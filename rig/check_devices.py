@@ -15,7 +15,8 @@ from palpate.drivers.dynamixel.failures import PortFailed
 from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.tactile.array import TactileArray, TactileFrame
+from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
@@ -153,7 +154,7 @@ def check_loop(
     return loop, states
 
 
-def _listen(array: TactileArray, clock: Clock) -> list[TactileFrame]:
+def _listen(array: ArrayDriver, clock: Clock) -> list[TactileFrame]:
     frames: list[TactileFrame] = []
     end = clock.now() + LOOP_S
     while clock.now() < end:

@@ -19,6 +19,7 @@ from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
@@ -82,15 +83,15 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             _servo(rig, servo.dxl_id, servo.model, start)
             for servo, start in zip(finger.servos.values(), starts, strict=True)
         )
-        array = EmulatedArray(
+        taxels = Taxels(
             _description(finger),
             seed=int(rng.integers(2**63)),
             noise_counts=rig.emulation.noise_counts,
             gain_spread=rig.emulation.gain_spread,
             offset_counts=rig.emulation.offset_counts,
             crosstalk=rig.emulation.crosstalk,
-            advance=advance,
         )
+        array = EmulatedArray(taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
     bench = Bench(fingers, stage)

@@ -21,8 +21,9 @@ from palpate.drivers.dynamixel.guarded import End, Guard, wait_still
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
-from palpate.drivers.tactile.array import TactileArray, TactileFrame
+from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.convert import kinematics_of
@@ -55,7 +56,7 @@ class HostFinger:
     kinematics: FingerKinematics
     drive: Drive
     home: Line
-    array: TactileArray
+    array: ArrayDriver
     extractor: ContactExtractor
 
     @property
@@ -87,7 +88,7 @@ class Hand:
         self._latency_s = latency_s
         self.notice = notice
         self._ports: list[SerialBase] = []
-        self._arrays: list[TactileArray] = []
+        self._arrays: list[ArrayDriver] = []
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
         self.stage: HostStage | None = None

@@ -1,21 +1,21 @@
 """An emulated tactile array: forces on taxels in, protocol bytes out. Stands where a real array's port ends.
 
 It is written from `docs/tactile-protocol.md` and knows nothing of objects or recognition: whoever plays
-the world calls `sample` at the instants that `next_sample_s` names. The sensor's faults are its own: gain
-and offset per taxel, crosstalk to the four neighbours, noise, saturation, quantisation, dead and hot taxels.
+the world calls `sample` at the instants that `next_sample_s` names. What is wrong with the sensor is in
+`taxels`.
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import (
     Ack,
     Body,
     Describe,
-    Description,
     Frame,
     Hello,
     Message,
@@ -34,39 +34,14 @@ _COMMANDS = (MessageType.HELLO, MessageType.START, MessageType.STOP)
 
 
 class EmulatedArray:
-    """A `Device` (see `drivers.transport.wire`) that answers commands and streams frames.
+    """A `Device` (see `drivers.transport.wire`) that answers commands and streams frames of its `taxels`.
 
-    `gain_spread` is the half-width of the uniform gain error of each taxel, `crosstalk` the share of a
-    taxel's force that each of its four neighbours takes from it (the total is kept), `noise_counts` the
-    standard deviation of the noise. `dead` and `hot` are (row, column) pairs stuck at 0 and at full.
     `advance(now)` is called before anything is answered, so that the world can bring its samples up to `now`.
-    Same seed and same forces: same bytes.
     """
 
-    def __init__(
-        self,
-        description: Description,
-        *,
-        seed: int,
-        noise_counts: float = 2.0,
-        gain_spread: float = 0.0,
-        offset_counts: float = 0.0,
-        crosstalk: float = 0.0,
-        dead: Sequence[tuple[int, int]] = (),
-        hot: Sequence[tuple[int, int]] = (),
-        advance: Callable[[float], None] | None = None,
-    ) -> None:
-        self.description = description
-        shape = (description.rows, description.cols)
-        self._rng = np.random.default_rng(seed)
-        gain = 1.0 + gain_spread * self._rng.uniform(-1.0, 1.0, shape)
-        self._gain_counts = gain * description.counts_per_n
-        self._offset = np.full(shape, float(offset_counts))
-        self._noise = noise_counts
-        self._spread_rows = _exchange(description.rows, crosstalk)
-        self._spread_cols = _exchange(description.cols, crosstalk)
-        self._dead = tuple(dead)
-        self._hot = tuple(hot)
+    def __init__(self, taxels: Taxels, advance: Callable[[float], None] | None = None) -> None:
+        self.description = taxels.description
+        self.taxels = taxels
         self._advance = advance
         self._decoder = Decoder()
         self._queue: deque[Emission] = deque()
@@ -74,11 +49,6 @@ class EmulatedArray:
         self._period_s: float | None = None
         self._start_s = 0.0
         self._samples = 0
-
-    @property
-    def gain(self) -> NDArray[np.float64]:
-        """True relative gain of every taxel, shape (rows, cols): the truth that calibration looks for."""
-        return self._gain_counts / self.description.counts_per_n
 
     def next_sample_s(self) -> float | None:
         """Instant at which the array samples next, or None while it does not stream."""
@@ -91,25 +61,11 @@ class EmulatedArray:
 
         Does nothing while the array does not stream. Raises ValueError on another shape.
         """
-        d = self.description
-        if force_n.shape != (d.rows, d.cols):
-            raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
         if self._period_s is None:
             return
         self._samples += 1
-        counts = self._spread_rows @ force_n
-        counts += force_n @ self._spread_cols
-        counts += force_n
-        counts *= self._gain_counts
-        counts += self._offset
-        counts += self._noise * self._rng.standard_normal(counts.shape)
-        np.rint(counts, out=counts)
-        np.clip(counts, 0, d.max_count, out=counts)
-        for place in self._dead:
-            counts[place] = 0
-        for place in self._hot:
-            counts[place] = d.max_count
-        self._send(Frame(d.rows, d.cols, counts.astype("<u2").tobytes()), now)
+        d = self.description
+        self._send(Frame(d.rows, d.cols, self.taxels.counts(force_n).tobytes()), now)
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Take bytes that arrived at `now`; return answers and frames due up to `now`."""
@@ -169,13 +125,3 @@ class EmulatedArray:
     def _send(self, body: Body, now: float) -> None:
         self._queue.append((now, encode(Message(self._sequence, round(now * 1e6), body))))
         self._sequence = (self._sequence + 1) % (1 << 32)
-
-
-def _exchange(count: int, share: float) -> NDArray[np.float64]:
-    """Return the change that neighbours in a line of `count` work on each other, shape (count, count)."""
-    matrix = np.zeros((count, count))
-    for i in range(count - 1):
-        matrix[i, i + 1] = matrix[i + 1, i] = share
-        matrix[i, i] -= share
-        matrix[i + 1, i + 1] -= share
-    return matrix

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.drivers.tactile.array import TactileFrame
+from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
 from palpate.errors import InputError

@@ -5,8 +5,9 @@ import math
 import numpy as np
 
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.tactile.array import TactileFrame
+from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, TipCalibration
+from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Frame, Message, Shape, Start
 from palpate.drivers.tactile.protocol import Decoder, encode
 
@@ -42,7 +43,7 @@ class TactileTip:
         crosstalk: float = 0.075,
         **faults: list[tuple[int, int]],
     ) -> None:
-        self.array = EmulatedArray(
+        taxels = Taxels(
             description,
             seed=seed,
             noise_counts=noise,
@@ -51,6 +52,7 @@ class TactileTip:
             crosstalk=crosstalk,
             **faults,
         )
+        self.array = EmulatedArray(taxels)
         self.decoder = Decoder()
         self.now = 0.0
         start = encode(Message(0, 0, Start(1, 200_000)))

@@ -7,6 +7,7 @@ import pytest
 from serial.serialutil import PortNotOpenError
 
 from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.messages import Description, Message, MessageType, Shape, Start
 from palpate.drivers.tactile.protocol import Decoder, encode
@@ -88,7 +89,7 @@ def bench(
     force_n: np.ndarray | None = None, **faults
 ) -> tuple[TactileArray, MemoryPort, VirtualClock, EmulatedArray]:
     world = World(force_n)
-    emulated = EmulatedArray(DESCRIPTION, seed=5, advance=world.advance, **faults)
+    emulated = EmulatedArray(Taxels(DESCRIPTION, seed=5, **faults), world.advance)
     world.array = emulated
     clock = VirtualClock()
     port = MemoryPort(emulated, clock)

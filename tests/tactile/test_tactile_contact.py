@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tactile_tip import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 
-from palpate.drivers.tactile.array import TactileFrame
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag, TipCalibration
+from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
 from palpate.errors import InputError
 
@@ -148,7 +148,7 @@ def test_two_touches_take_the_stronger_and_say_so() -> None:
 def test_known_gains_narrow_the_range() -> None:
     rng = np.random.default_rng(13)
     tip = TactileTip(8)
-    known = ContactExtractor(DESCRIPTION, TipCalibration(gain=tip.array.gain, gain_spread=0.02))
+    known = ContactExtractor(DESCRIPTION, TipCalibration(gain=tip.array.taxels.gain, gain_spread=0.02))
     known.tare(tip.frames(np.zeros((ROWS, COLS)), 16))
     before, after = [], []
     for _ in range(60):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
@@ -33,7 +34,7 @@ class Still:
     """A world in which nothing touches."""
 
     def __init__(self) -> None:
-        self.array = EmulatedArray(DESCRIPTION, seed=1, advance=self.advance)
+        self.array = EmulatedArray(Taxels(DESCRIPTION, seed=1), self.advance)
         self.quiet = np.zeros((8, 16))
 
     def advance(self, now: float) -> None:

@@ -1,0 +1,81 @@
+"""The taxels of an emulated array: forces in, counts out, whatever protocol carries them.
+
+Stands behind the emulated arrays (`array`, `weiss`). The sensor's faults are its own: gain and offset per
+taxel, crosstalk to the four neighbours, noise, saturation, quantisation, dead and hot taxels.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.tactile.messages import Description
+
+__all__ = ["Taxels"]
+
+
+class Taxels:
+    """Taxels of one array, with their hidden truth drawn from `seed`; same seed and forces: same counts.
+
+    `gain_spread` is the half-width of the uniform gain error of each taxel, `crosstalk` the share of a
+    taxel's force that each of its four neighbours takes from it (the total is kept), `noise_counts` the
+    standard deviation of the noise. `dead` and `hot` are (row, column) pairs stuck at 0 and at full.
+    """
+
+    def __init__(
+        self,
+        description: Description,
+        *,
+        seed: int,
+        noise_counts: float = 2.0,
+        gain_spread: float = 0.0,
+        offset_counts: float = 0.0,
+        crosstalk: float = 0.0,
+        dead: Sequence[tuple[int, int]] = (),
+        hot: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        self.description = description
+        shape = (description.rows, description.cols)
+        self._rng = np.random.default_rng(seed)
+        gain = 1.0 + gain_spread * self._rng.uniform(-1.0, 1.0, shape)
+        self._gain_counts = gain * description.counts_per_n
+        self._offset = np.full(shape, float(offset_counts))
+        self._noise = noise_counts
+        self._spread_rows = _exchange(description.rows, crosstalk)
+        self._spread_cols = _exchange(description.cols, crosstalk)
+        self._dead = tuple(dead)
+        self._hot = tuple(hot)
+
+    @property
+    def gain(self) -> NDArray[np.float64]:
+        """True relative gain of every taxel, shape (rows, cols): the truth that calibration looks for."""
+        return self._gain_counts / self.description.counts_per_n
+
+    def counts(self, force_n: NDArray[np.float64]) -> NDArray[np.uint16]:
+        """Counts for forces (N per taxel), both of shape (rows, cols). Raises ValueError on another shape."""
+        d = self.description
+        if force_n.shape != (d.rows, d.cols):
+            raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
+        counts = self._spread_rows @ force_n
+        counts += force_n @ self._spread_cols
+        counts += force_n
+        counts *= self._gain_counts
+        counts += self._offset
+        counts += self._noise * self._rng.standard_normal(counts.shape)
+        np.rint(counts, out=counts)
+        np.clip(counts, 0, d.max_count, out=counts)
+        for place in self._dead:
+            counts[place] = 0
+        for place in self._hot:
+            counts[place] = d.max_count
+        return counts.astype("<u2")
+
+
+def _exchange(count: int, share: float) -> NDArray[np.float64]:
+    """Return the change that neighbours in a line of `count` work on each other, shape (count, count)."""
+    matrix = np.zeros((count, count))
+    for i in range(count - 1):
+        matrix[i, i + 1] = matrix[i + 1, i] = share
+        matrix[i, i] -= share
+        matrix[i + 1, i + 1] -= share
+    return matrix

@@ -1,0 +1,82 @@
+"""A frame of taxels, and what every driver of a tactile array can do, whatever its protocol.
+
+Stands between the drivers (`array`, `weiss`) and all who use frames. `devices` says which driver speaks what.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.tactile.messages import Description
+
+__all__ = ["ArrayCounters", "ArrayDriver", "TactileFrame"]
+
+
+@dataclass(frozen=True, eq=False)
+class TactileFrame:
+    """One sample of every taxel: `counts` has shape (rows, cols), uint16, lowest row first.
+
+    `device_time_s` is the array's own clock at the sample; `host_time_s` is the host's clock when the frame
+    was read from the port, which is later by the time on the wire and by the wait until somebody looked.
+    """
+
+    sequence: int
+    device_time_s: float
+    host_time_s: float
+    counts: NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class ArrayCounters:
+    """What went wrong on this port since it was opened.
+
+    `frames` were taken. `lost` were numbered by the array and never came; `faults` are stretches of the
+    stream that were no message; `misshapen` frames had another size than the array's own; `dropped` frames
+    came while too many were waiting to be read.
+    """
+
+    frames: int
+    lost: int
+    faults: int
+    misshapen: int
+    dropped: int
+
+
+class ArrayDriver(Protocol):
+    """A tactile array on a port. Call `connect` first; the verbs may be repeated without harm.
+
+    All of them raise DeviceError, which names the array and says what to do, if it refuses, does not answer
+    or is gone.
+    """
+
+    @property
+    def description(self) -> Description:
+        """What the array said of itself; raises DeviceError before `connect`."""
+        ...
+
+    @property
+    def counters(self) -> ArrayCounters:
+        """Frames taken and everything that did not become a frame."""
+        ...
+
+    def connect(self) -> Description:
+        """Ask the array what it is; a running stream stops."""
+        ...
+
+    def start(self, rate_hz: float) -> None:
+        """Stream frames at `rate_hz`, or as near to it as the array can."""
+        ...
+
+    def stop(self) -> None:
+        """Stop the stream; frames that were on their way stay readable."""
+        ...
+
+    def frames(self) -> list[TactileFrame]:
+        """Return every frame that has arrived, oldest first, without waiting."""
+        ...
+
+    def wait_frame(self, timeout_s: float) -> TactileFrame:
+        """Return the oldest unread frame, waiting up to `timeout_s`."""
+        ...
