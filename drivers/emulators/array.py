@@ -65,7 +65,7 @@ class EmulatedArray:
             return
         self._samples += 1
         d = self.description
-        self._send(Frame(d.rows, d.cols, self.taxels.counts(force_n).tobytes()), now)
+        self._send(Frame(d.rows, d.cols, self.taxels.counts(force_n, now).tobytes()), now)
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Take bytes that arrived at `now`; return answers and frames due up to `now`."""

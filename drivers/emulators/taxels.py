@@ -1,9 +1,10 @@
 """The taxels of an emulated array: forces in, counts out, whatever protocol carries them.
 
 Stands behind the emulated arrays (`array`, `weiss`). The sensor's faults are its own: gain and offset per
-taxel, crosstalk to the four neighbours, noise, saturation, quantisation, dead and hot taxels.
+taxel, drift, crosstalk to the four neighbours, noise, saturation, quantisation, dead and hot taxels.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,7 +20,8 @@ class Taxels:
 
     `gain_spread` is the half-width of the uniform gain error of each taxel, `crosstalk` the share of a
     taxel's force that each of its four neighbours takes from it (the total is kept), `noise_counts` the
-    standard deviation of the noise. `dead` and `hot` are (row, column) pairs stuck at 0 and at full.
+    standard deviation of the noise. Zeros wander up and down, each in its own time, and never faster than
+    `drift_counts_per_s`. `dead` and `hot` are (row, column) pairs stuck at 0 and at full.
     """
 
     def __init__(
@@ -31,6 +33,7 @@ class Taxels:
         gain_spread: float = 0.0,
         offset_counts: float = 0.0,
         crosstalk: float = 0.0,
+        drift_counts_per_s: float = 0.0,
         dead: Sequence[tuple[int, int]] = (),
         hot: Sequence[tuple[int, int]] = (),
     ) -> None:
@@ -43,6 +46,7 @@ class Taxels:
         self._noise = noise_counts
         self._spread_rows = _exchange(description.rows, crosstalk)
         self._spread_cols = _exchange(description.cols, crosstalk)
+        self._wander = None if drift_counts_per_s == 0 else self._wandering(drift_counts_per_s)
         self._dead = tuple(dead)
         self._hot = tuple(hot)
 
@@ -51,24 +55,38 @@ class Taxels:
         """True relative gain of every taxel, shape (rows, cols): the truth that calibration looks for."""
         return self._gain_counts / self.description.counts_per_n
 
-    def counts(self, force_n: NDArray[np.float64]) -> NDArray[np.uint16]:
-        """Counts for forces (N per taxel), both of shape (rows, cols). Raises ValueError on another shape."""
+    def counts(
+        self, force_n: NDArray[np.float64], now: float | NDArray[np.float64] = 0.0
+    ) -> NDArray[np.uint16]:
+        """Counts at `now` (s) for forces (N per taxel), both of shape (rows, cols), or (n, rows, cols) at n instants.
+
+        Raises ValueError on another shape.
+        """
         d = self.description
-        if force_n.shape != (d.rows, d.cols):
+        if force_n.shape[-2:] != (d.rows, d.cols):
             raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
         counts = self._spread_rows @ force_n
         counts += force_n @ self._spread_cols
         counts += force_n
         counts *= self._gain_counts
         counts += self._offset
+        if self._wander is not None:
+            size, speed, phase = self._wander
+            counts += size * np.sin(speed * np.asarray(now)[..., None, None] + phase)
         counts += self._noise * self._rng.standard_normal(counts.shape)
         np.rint(counts, out=counts)
         np.clip(counts, 0, d.max_count, out=counts)
-        for place in self._dead:
-            counts[place] = 0
-        for place in self._hot:
-            counts[place] = d.max_count
+        for row, col in self._dead:
+            counts[..., row, col] = 0
+        for row, col in self._hot:
+            counts[..., row, col] = d.max_count
         return counts.astype("<u2")
+
+    def _wandering(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Size (counts), angular speed (1/s) and phase of each zero's wandering: once in one to five minutes."""
+        shape = self._gain_counts.shape
+        speed = 2 * math.pi / self._rng.uniform(60.0, 300.0, shape)
+        return rate / speed, speed, self._rng.uniform(0.0, 2 * math.pi, shape)
 
 
 def _exchange(count: int, share: float) -> NDArray[np.float64]:

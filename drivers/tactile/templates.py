@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 __all__ = ["Match", "Profile", "TemplateSet", "template_set"]
 
-_REACH = 6  # columns on either side of the one that a template is centred in
+_REACH_RAD = math.radians(75.0)  # of a template on either side of its middle; no contact reaches as far
+_LEAST_REACH, _MOST_REACH = 3, 20  # columns
 _STEPS_PER_COLUMN = 11
 _GRID_STEP = math.radians(0.2)
 _PIECE = 768
 _GRID_COUNT = 750  # samples on either side: 150°
-_DEPTHS = tuple(float(d) for d in np.geomspace(0.012, 0.29, 22))  # penetration in tip radii
-_DEPTH_STEP = (_DEPTHS[1] / _DEPTHS[0]) ** 0.25  # a quarter of the way from one depth to the next
+_DEEPEST = 0.29  # penetration in tip radii
+_DEPTHS_PER_E_FOLD = 6.6
 _RECEDE = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0, 88.0))
 _SHARPEST = math.radians(155.0)  # vertices down to 25°
 _ENDS = tuple(math.radians(a) for a in (5.0, 10.0, 16.0, 24.0))
@@ -39,6 +40,7 @@ _REFERENCE_DEPTH = 0.1  # tip radii at which linear and foundation stiffness agr
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ class TemplateSet:
     """Templates for one geometry: `pitch_rad` between columns, tip radius, stiffness (N per mm).
 
     `stiffness_bound` is the relative error of the stiffness, gains included. The force is allowed to grow
-    with the penetration linearly or as the foundation's, whichever is wider.
+    with the penetration linearly or as the foundation's, whichever is wider. `least_depth` is the smallest
+    penetration, in tip radii.
     """
 
     def __init__(
@@ -81,32 +84,63 @@ class TemplateSet:
         stiffness_n_per_mm: float,
         stiffness_bound: float,
         crosstalk: float,
+        least_depth: float,
     ) -> None:
         self._pitch = pitch_rad
+        self._reach = min(max(math.ceil(_REACH_RAD / pitch_rad), _LEAST_REACH), _MOST_REACH)
+        reach = self._reach
+        steps = round(math.log(_DEEPEST / least_depth) * _DEPTHS_PER_E_FOLD)
+        levels = np.geomspace(least_depth, _DEEPEST, steps + 1)
+        depth_step = float(levels[1] / levels[0]) ** 0.25  # a quarter of the way from one depth to the next
         grid: Floats = np.arange(-_GRID_COUNT, _GRID_COUNT + 1, dtype=np.float64) * np.float64(_GRID_STEP)
-        shapes, depths, others = _all_shapes(grid)
+        shapes, depths, others = _all_shapes(grid, levels.tolist())
         cumulative = np.pad(np.cumsum(shapes, axis=1) * _GRID_STEP, ((0, 0), (1, 0)))
         self._offsets = ((np.arange(_STEPS_PER_COLUMN) + 0.5) / _STEPS_PER_COLUMN - 0.5) * pitch_rad
-        edges = (np.arange(2 * _REACH + 2) - _REACH - 0.5) * pitch_rad - self._offsets[:, None]
+        edges = (np.arange(2 * reach + 2) - reach - 0.5) * pitch_rad - self._offsets[:, None]
         place = edges / _GRID_STEP + _GRID_COUNT + 0.5  # the running sum stands between the samples
         left = np.clip(place.astype(int), 0, len(grid) - 1)
         share = np.clip(place - left, 0.0, 1.0)
         cells = np.diff(cumulative[:, left] * (1 - share) + cumulative[:, left + 1] * share, axis=2)
         total = cells.sum(axis=2, keepdims=True)
         cells = _smear(cells / total, crosstalk)
-        self._cells = np.ascontiguousarray(cells.reshape(-1, 2 * _REACH + 1).astype(np.float32))
+        self._cells = np.ascontiguousarray(cells.reshape(-1, 2 * reach + 1).astype(np.float32))
         self._squares = self._cells**2
         self._angles = np.tile(self._offsets, len(shapes))
         self._one_edge = np.repeat(others == 0, _STEPS_PER_COLUMN)
         linear = stiffness_n_per_mm * radius_mm * depths
         flat = _flat(grid, _REFERENCE_DEPTH).sum() * _GRID_STEP
         founded = cumulative[:, -1] / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
-        lowest = np.minimum(linear, founded) * (1 - stiffness_bound) / _DEPTH_STEP
+        lowest = np.minimum(linear, founded) * (1 - stiffness_bound) / depth_step
         highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
             1 + stiffness_bound
         )
         self._lowest = np.repeat(lowest, _STEPS_PER_COLUMN)
         self._highest = np.repeat(highest, _STEPS_PER_COLUMN)
+
+    @property
+    def cells(self) -> Singles:
+        """Share of the force on each column of the window, (templates, 2 · reach + 1)."""
+        return self._cells
+
+    @property
+    def angle_columns(self) -> Floats:
+        """Direction of each template from its window's middle, (templates,) in columns, within half a one."""
+        return self._angles / self._pitch
+
+    @property
+    def force_range_n(self) -> tuple[Floats, Floats]:
+        """Least and largest force that each template can have, both (templates,) N."""
+        return self._lowest, self._highest
+
+    @property
+    def one_edge(self) -> Bools:
+        """Templates with a single edge, (templates,)."""
+        return self._one_edge
+
+    @property
+    def margin_columns(self) -> float:
+        """What lies between one template and the next: to be added to a range on either side."""
+        return 0.75 / _STEPS_PER_COLUMN
 
     def match(self, profile: Profile, slack: float) -> Match | None:
         """Return the hull of directions whose misfit is within `slack` of the best, if any is possible.
@@ -127,7 +161,7 @@ class TemplateSet:
         best = float(misfits.min())
         where, which = np.nonzero(misfits <= best + slack)
         angles = centres[where] * self._pitch + self._angles[keep[which]]
-        margin = 0.75 * self._pitch / _STEPS_PER_COLUMN  # half a step, and what lies between the shapes
+        margin = self.margin_columns * self._pitch  # half a step, and what lies between the shapes
         return Match(
             low_rad=float(angles.min()) - margin,
             high_rad=float(angles.max()) + margin,
@@ -144,6 +178,7 @@ def template_set(
     stiffness_n_per_mm: float,
     stiffness_bound: float,
     crosstalk: float,
+    least_depth: float,
 ) -> TemplateSet:
     """The templates for one geometry; made once for the tips of a rig, which are mostly alike."""
     return TemplateSet(
@@ -152,12 +187,14 @@ def template_set(
         stiffness_n_per_mm=stiffness_n_per_mm,
         stiffness_bound=stiffness_bound,
         crosstalk=crosstalk,
+        least_depth=least_depth,
     )
 
 
 def _misfits(profile: Profile, centres: NDArray[np.int_], cells: Singles, squares: Singles) -> Floats:
     """Squared errors over variances of templates centred in each column, shape (centres, templates)."""
-    columns = centres[:, None] + np.arange(-_REACH, _REACH + 1)
+    reach = cells.shape[1] // 2
+    columns = centres[:, None] + np.arange(-reach, reach + 1)
     inside = (columns >= 0) & (columns < len(profile.force_n))
     place = np.where(inside, columns, 0)
     weight = np.where(inside, 1 / profile.variance[place], 0.0)
@@ -203,7 +240,7 @@ def _cos(angle: Floats) -> Floats:
     return np.maximum(np.cos(angle), 1e-9)
 
 
-def _all_shapes(grid: Floats) -> tuple[Floats, Floats, Floats]:
+def _all_shapes(grid: Floats, levels: list[float]) -> tuple[Floats, Floats, Floats]:
     """Depth profiles (n, grid), their penetration and that of a second edge (n,), in tip radii."""
     kinds = [(recede, math.inf) for recede in _RECEDE] + [(0.0, end) for end in _ENDS]
     positive = np.maximum(grid, 0.0)
@@ -211,7 +248,7 @@ def _all_shapes(grid: Floats) -> tuple[Floats, Floats, Floats]:
     depths: list[float] = []
     others: list[float] = []
     tip = int(np.abs(grid).argmin())
-    for depth in _DEPTHS:
+    for depth in levels:
         right = [np.where(grid >= 0, _side(positive, depth, *kind), 0.0) for kind in kinds]
         left = [side[::-1] for side in right]
         for a, (recede_left, _) in zip(left, kinds, strict=True):

@@ -1,0 +1,151 @@
+"""What an untouched array reads, and following it while it drifts. Frames in, zeros with bounds out.
+
+Stands between frames and `contact`. A taxel's zero wanders with temperature and wear, and a finger that comes
+to rest on a part very slowly looks the same at first. So the zero is not filtered, it is bounded: a taxel's
+zero is known to lie in an interval; the interval grows by the drift that the calibration allows, and is cut
+with what the taxel reads (four standard deviations either way) as long as the two have something in common. A
+taxel that reads something else is touched: it and its neighbours are held, and their intervals only grow. It
+is let go when it has come back by more than half of the way, or was never far away. So of a contact that grows by `r` counts per
+second, no more is taken for drift than drift · (interval) / (r - drift) counts; one that grows no faster than
+the drift cannot be told from it by anybody who looks at counts alone.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from palpate.errors import InputError
+
+__all__ = ["Baseline", "BaselineTracker", "Zeros", "tared"]
+
+SIGMAS = 4.0
+_BLOCK_S = 0.1
+_MOST_FRAMES = 64  # of a block
+_SLIGHT = 2 * SIGMAS  # standard deviations: a touch that was never more is soon taken for drift
+_AROUND = np.ones((3, 3), dtype=bool)
+_ENOUGH_FRAMES = 8  # to judge a taxel's noise
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Baseline:
+    """Counts of the untouched array: mean (rows, cols), noise, and which taxels are alive."""
+
+    mean: Floats
+    noise_counts: float
+    usable: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Zeros:
+    """Zeros of a recording: in block b they are `mean[b]` ± `bound[b]`, shape (blocks, rows, cols), counts.
+
+    `block_of` (frames,) says which block a frame belongs to.
+    """
+
+    mean: Floats
+    bound: Floats
+    block_of: Ints
+
+
+def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usable: Mask | None) -> Baseline:
+    """The baseline from still, untouched frames (n, rows, cols).
+
+    `noise_counts` is the calibration's, taken where there are too few frames to measure it. A taxel that
+    reads its largest count, or never moves although the calibration says that it is noisy, is left out from
+    here on, and so is one that is not `usable`. Raises InputError without frames.
+    """
+    if not len(counts):
+        raise InputError("tactile tare: no frames; start the array and keep the tip off everything")
+    values = counts.astype(float)
+    mean, spread = values.mean(axis=0), values.std(axis=0)
+    alive = mean < 0.95 * max_count
+    if usable is not None:
+        alive &= usable
+    enough = len(counts) >= _ENOUGH_FRAMES
+    if enough and noise_counts >= 1:
+        alive &= spread > 0
+    measured = float(np.sqrt((spread[alive] ** 2).mean())) if alive.any() else 0.0
+    noise = max(measured, 0.3) if enough else max(measured, noise_counts)
+    return Baseline(mean, noise * math.sqrt(1 + 1 / len(counts)), alive)
+
+
+class BaselineTracker:
+    """The zeros of one array from its tare on, in blocks of a tenth of a second.
+
+    `drift_counts_per_s` bounds how fast a taxel's zero may move.
+    """
+
+    def __init__(self, baseline: Baseline, drift_counts_per_s: float) -> None:
+        self._usable = baseline.usable
+        self._noise = baseline.noise_counts
+        self._drift = drift_counts_per_s
+        self._mean = baseline.mean.copy()
+        self._bound = np.full_like(self._mean, self._noise)
+        self._held = np.zeros(self._mean.shape, dtype=bool)
+        self._furthest = np.zeros_like(self._mean)
+        self._then: float | None = None
+
+    @property
+    def mean(self) -> Floats:
+        """Zeros as far as they have been followed, (rows, cols) counts."""
+        return self._mean
+
+    @property
+    def bound(self) -> Floats:
+        """They are within this of `mean`, (rows, cols) counts."""
+        return self._bound
+
+    def follow(self, counts: NDArray[np.uint16], time_s: Floats) -> Zeros:
+        """Go on through frames (n, rows, cols), sampled at `time_s` (n,), touched or not.
+
+        A block's zeros are those known from the frames before it, so that a recording gives what a live run
+        gives that looks at the array ten times a second.
+        """
+        starts = _blocks(time_s)
+        means, bounds = [], []
+        for begin, end in zip(starts, [*starts[1:], len(counts)], strict=True):
+            means.append(self._mean.copy())
+            bounds.append(self._bound + self._drift * self._passed(float(time_s[end - 1])))
+            self._step(counts[begin:end].mean(axis=0), end - begin, float(time_s[end - 1]))
+        sizes = np.diff([*starts, len(counts)])
+        return Zeros(np.stack(means), np.stack(bounds), np.repeat(np.arange(len(starts)), sizes))
+
+    def _passed(self, now: float) -> float:
+        """Seconds since the last block; an array that was restarted begins with none."""
+        return 0.0 if self._then is None else max(now - self._then, 0.0)
+
+    def _step(self, mean: Floats, frames: int, now: float) -> None:
+        self._bound += self._drift * self._passed(now)
+        self._then = now
+        seen = SIGMAS * self._noise / math.sqrt(frames)
+        away = mean - self._mean
+        lower = np.maximum(self._mean - self._bound, mean - seen)
+        upper = np.minimum(self._mean + self._bound, mean + seen)
+        back = np.abs(away) < np.maximum(0.5 * self._furthest, _SLIGHT * self._noise)
+        disturbed = self._usable & ((lower > upper) | (self._held & ~back))
+        self._furthest = np.where(disturbed, np.maximum(self._furthest, np.abs(away)), 0.0)
+        self._held = disturbed
+        near = binary_dilation(disturbed, structure=_AROUND) if disturbed.any() else disturbed
+        free = ~near & (lower <= upper)
+        self._mean = np.where(free, (lower + upper) / 2, self._mean)
+        narrow = np.maximum((upper - lower) / 2, self._noise / math.sqrt(frames))
+        self._bound = np.where(free, np.minimum(narrow, self._bound), self._bound)
+
+
+def _blocks(time_s: Floats) -> list[int]:
+    """Indices at which blocks begin: a tenth of a second, and not too many frames, from one to the next."""
+    starts = [0]
+    while True:
+        first = starts[-1]
+        later = int(np.searchsorted(time_s[first:], time_s[first] + _BLOCK_S)) + first
+        following = min(max(later, first + 1), first + _MOST_FRAMES)
+        if following >= len(time_s):
+            return starts
+        starts.append(following)

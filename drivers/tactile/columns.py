@@ -1,0 +1,164 @@
+"""Column forces of a cylindrical tip and what is known of their errors. Counts in, sums along the tip out.
+
+Stands between `contact` and what it makes of columns: the runs that are touched, `templates` and `moments`. All
+arrays begin with the frames: n is their number, r the rows, c the columns.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.tactile.baseline import SIGMAS
+from palpate.drivers.tactile.patches import TipCalibration
+
+__all__ = ["Columns", "Runs", "columns_of", "runs_of"]
+
+_TEMPLATE_ERROR = 0.01  # of the strongest column
+_LEAST_COVERED = 0.3  # of the load: a column of which less can be seen is not seen
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """`taxel_n` (n, r, c) N, 0 where not `usable` (n, r, c); `force_n` and its `variance` (n, c); `floor_n` (n,):
+    less than this in a column may be noise or drift; `noise_n`: standard deviation of one taxel in N;
+    `seen` (n, c): enough of the column's load can be seen. The variance is infinite where it cannot.
+    """
+
+    taxel_n: Floats
+    usable: Mask
+    force_n: Floats
+    variance: Floats
+    noise_n: float
+    floor_n: Floats
+    seen: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """The strongest connected stretch of active columns of each frame: `first` … `last` (n,), both included.
+
+    `found` (n,): there is one. `count` (n,): how many there are. `other` (n, c): columns of the others.
+    """
+
+    first: Ints
+    last: Ints
+    found: Mask
+    count: Ints
+    other: Mask
+
+
+def columns_of(
+    counts: Floats,
+    usable: Mask,
+    n_per_count: Floats,
+    noise_counts: float,
+    drift_counts: Floats | None,
+    calibration: TipCalibration,
+) -> Columns:
+    """Sum counts above zero (n, r, c) along the tip.
+
+    `drift_counts` (n or 1, r, c) bounds what the zeros may be off by; None: nothing.
+    """
+    taxel_n = counts * n_per_count
+    taxel_n *= usable
+    noise_n = noise_counts * float(n_per_count.mean())
+    share = _row_shares(taxel_n, usable, noise_n)
+    covered = np.einsum("nrc,nr->nc", usable.astype(float), share)
+    seen = covered > _LEAST_COVERED
+    rim = np.maximum(covered, _LEAST_COVERED)
+    scale = np.where(seen, 1 / rim, 0.0)
+    force = taxel_n.sum(axis=1) * scale
+    rows = rim / (share**2).sum(axis=1, keepdims=True)  # rows that share out the gain errors
+    gain = calibration.gain_spread / math.sqrt(3) / np.sqrt(np.maximum(rows, 1.0))
+    guess = np.where(covered < 0.999, 0.1, 0.0)
+    strongest = force.max(axis=1, keepdims=True)
+    variance = (
+        (gain**2 + guess**2) * np.maximum(force, 0.0) ** 2
+        + (noise_n * scale) ** 2 * usable.sum(axis=1)
+        + (_TEMPLATE_ERROR * strongest) ** 2
+        + (calibration.crosstalk_bound / math.sqrt(3) * _bend(force, calibration)) ** 2
+        + 1e-12
+    )
+    floor = np.full(len(counts), SIGMAS * noise_n * math.sqrt(counts.shape[1]))
+    if drift_counts is not None:
+        drift_n = (drift_counts * n_per_count * usable).sum(axis=1) * scale
+        variance += (drift_n / 2) ** 2  # bounds of one sign: four standard deviations are twice of them
+        floor += drift_n.max(axis=1)
+    variance[~seen] = np.inf
+    return Columns(taxel_n, usable, force, variance, noise_n, floor, seen)
+
+
+def runs_of(columns: Columns) -> Runs:
+    """Find the columns that are touched; ones that cannot be seen join what is beside them."""
+    force = columns.force_n
+    n, c = force.shape
+    limit = np.maximum(columns.floor_n, 0.04 * force.max(axis=1))[:, None]
+    active = (force > limit) | ~columns.seen
+    begins = active.copy()
+    begins[:, 1:] &= ~active[:, :-1]
+    label = np.where(active, np.cumsum(begins, axis=1), 0)
+    flat = label + (np.arange(n) * (c + 1))[:, None]
+    size = n * (c + 1)
+    total = np.bincount(flat.ravel(), force.ravel(), size).reshape(n, c + 1)
+    alive = np.bincount(flat.ravel(), columns.seen.ravel(), size).reshape(n, c + 1) > 0
+    alive[:, 0] = False
+    best = np.where(alive, total, -np.inf).argmax(axis=1)
+    found = alive.any(axis=1)
+    inside = (label == best[:, None]) & found[:, None]
+    first = inside.argmax(axis=1)
+    last = c - 1 - inside[:, ::-1].argmax(axis=1)
+    real = np.take_along_axis(alive, label, axis=1)
+    return Runs(first, last, found, alive.sum(axis=1), real & ~inside)
+
+
+def _bend(force: Floats, calibration: TipCalibration) -> Floats:
+    """How much crosstalk moves from column to column, for each share of it, shape (n, c)."""
+    padded = np.pad(force, ((0, 0), (1, 1)))
+    bend = np.abs(padded[:, :-2] + padded[:, 2:] - 2 * force)
+    # What crosstalk would take beyond the array's edge stays: there the whole of it is in doubt.
+    edge = calibration.crosstalk / max(calibration.crosstalk_bound, 1e-3)
+    bend[:, 0] += edge * force[:, 0]
+    bend[:, -1] += edge * force[:, -1]
+    return bend
+
+
+def _strongest(taxel_n: Floats, whole: Mask) -> Floats:
+    """The strongest of the columns that can be seen whole, as a share of the strongest of all, (n,)."""
+    column = taxel_n.sum(axis=1)
+    most = np.maximum(column.max(axis=1), 1e-12)
+    result: Floats = np.where(whole, column, 0.0).max(axis=1) / most
+    return result
+
+
+def _fitted_rows(taxel_n: Floats, usable: Floats) -> Floats:
+    """Rows (n, r) of the product of a row and a column that comes nearest to the taxels that can be seen."""
+    rows = taxel_n.sum(axis=2) / np.maximum(usable.sum(axis=2), 1)
+    for _ in range(3):
+        rows = np.maximum(rows, 0.0)
+        norm = np.maximum(np.einsum("nrc,nr->nc", usable, rows**2), 1e-30)
+        columns = np.maximum(np.einsum("nrc,nr->nc", taxel_n, rows) / norm, 0.0)
+        norm = np.maximum(np.einsum("nrc,nc->nr", usable, columns**2), 1e-30)
+        rows = np.einsum("nrc,nc->nr", taxel_n, columns) / norm
+    return rows
+
+
+def _row_shares(taxel_n: Floats, usable: Mask, noise_n: float) -> Floats:
+    """Share of the load that each row carries, shape (n, r), from columns whose rows can all be seen."""
+    whole = usable.all(axis=1)
+    rows = np.einsum("nrc,nc->nr", taxel_n, whole.astype(float))
+    least = 10 * noise_n * np.sqrt(np.maximum(whole.sum(axis=1), 1))
+    weak = (rows.max(axis=1) < least) | (_strongest(taxel_n, whole) < 0.5)
+    if weak.any():
+        rows[weak] = _fitted_rows(taxel_n[weak], usable[weak].astype(float))
+    most = np.maximum(rows.max(axis=1, keepdims=True), 0.0)
+    rows = np.where(rows > 0.1 * most, rows, 0.0)
+    total = rows.sum(axis=1, keepdims=True)
+    even = 1 / rows.shape[1]
+    result: Floats = np.where(total > 0, rows / np.where(total > 0, total, 1.0), even)
+    return result

@@ -1,0 +1,329 @@
+"""Patches on a cylindrical tip: from counts above zero to normals, centroid, force and their bounds.
+
+Stands between `contact` and the steps that it puts together: `columns`, `moments` or `templates`, `centroids`.
+"""
+
+import math
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.tactile.baseline import SIGMAS
+from palpate.drivers.tactile.centroids import Load, Unseen, centroids
+from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
+from palpate.drivers.tactile.hidden import beyond
+from palpate.drivers.tactile.messages import Description
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
+from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
+from palpate.errors import InputError
+
+__all__ = ["MISFIT_LIMIT", "MISFIT_SLACK", "CylinderTip"]
+
+MISFIT_SLACK = 16.0
+MISFIT_LIMIT = 20.0
+_SOFT_SHARE = 0.1  # of the strongest column, taken off before the centroid
+_LEAST_DEPTH = 0.012  # tip radii; softer contacts only on larger tips
+_BESIDE = 2  # columns on either side of a run that may belong to it
+_BEYOND_RAD = math.radians(60.0)  # how far a patch may go on beyond the array
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+class CylinderTip:
+    """A cylinder with evenly spaced columns of taxels.
+
+    `n_per_count` (rows, cols). Raises InputError if the columns are not evenly spaced.
+    """
+
+    def __init__(self, description: Description, calibration: TipCalibration, n_per_count: Floats) -> None:
+        self._description = description
+        self._calibration = calibration
+        self._n_per_count = n_per_count
+        self._columns = np.asarray(description.columns)
+        self._heights = np.asarray(description.row_heights_mm)
+        steps = np.diff(self._columns)
+        self._pitch = float(steps.mean())
+        if float(np.abs(steps - self._pitch).max()) > 0.01 * self._pitch:
+            raise InputError(
+                "tactile array: columns are not evenly spaced about the tip; the extractor needs them "
+                "within 1 % of a common pitch"
+            )
+
+    @cached_property
+    def _templates(self) -> TemplateSet:
+        d, c = self._description, self._calibration
+        softest = c.contact_force_n / (c.stiffness_n_per_mm * (1 + c.stiffness_bound)) / d.tip_radius_mm
+        return template_set(
+            pitch_rad=self._pitch,
+            radius_mm=d.tip_radius_mm,
+            stiffness_n_per_mm=c.stiffness_n_per_mm,
+            stiffness_bound=min(0.9, c.stiffness_bound + 0.4 * c.gain_spread),
+            crosstalk=c.crosstalk,
+            least_depth=min(_LEAST_DEPTH, 2 * softest),
+        )
+
+    @cached_property
+    def _slabs(self) -> Slabs:
+        return Slabs(self._templates)
+
+    def patches(
+        self,
+        counts: Floats,
+        doubt_counts: Floats | None,
+        usable: Mask,
+        full: Mask,
+        noise_counts: float,
+        *,
+        exact: bool,
+    ) -> Patches:
+        """Patches from counts above zero (n, r, c), zeros being off by at most `doubt_counts`.
+
+        `exact`: normal ranges from all columns rather than from their moments.
+        """
+        cols = counts.shape[2]
+        columns = columns_of(counts, usable, self._n_per_count, noise_counts, doubt_counts, self._calibration)
+        runs = runs_of(columns)
+        place = np.arange(cols)
+        span = (place >= runs.first[:, None]) & (place <= runs.last[:, None]) & runs.found[:, None]
+        beside = (_widened(span, _BESIDE) & ~_widened(runs.other, 1) & columns.seen) | span
+        force = np.where(span, columns.force_n, 0.0).sum(axis=1)
+        touched = runs.found & (force >= self._calibration.contact_force_n)
+        flags = self._flags(columns, runs, span, usable, full)
+        angle, half, wide = self._normals(columns, runs, span, beside, flags, touched, exact=exact)
+        flags |= np.where(wide, PatchFlag.WIDE.bit, 0)
+        centroid, centroid_bound = self._centroid(columns, span, beside, flags)
+        height, height_bound = self._height(columns, span)
+        force_bound = self._force_bound(columns, span, beside, doubt_counts)
+        force_bound[(flags & PatchFlag.SATURATED.bit) > 0] = np.inf
+        radius = self._description.tip_radius_mm
+        across = np.minimum(radius * centroid_bound, 2 * radius)
+        weakest = np.maximum(SIGMAS * columns.noise_n, _SOFT_SHARE * columns.taxel_n.max(axis=(1, 2)))
+        loaded = (columns.taxel_n > weakest[:, None, None]) & span[:, None, :]
+
+        def known(values: Floats) -> Floats:
+            result: Floats = np.where(touched.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
+            return result
+
+        return Patches(
+            touched=touched,
+            angle_rad=known(angle),
+            angle_half_range_rad=known(half),
+            centroid_rad=known(centroid),
+            centroid_bound_rad=known(centroid_bound),
+            position_mm=known(
+                np.stack([radius * np.cos(centroid), radius * np.sin(centroid), height], axis=1)
+            ),
+            position_bound_mm=known(np.stack([across, across, height_bound], axis=1)),
+            height_mm=known(height),
+            height_bound_mm=known(height_bound),
+            force_n=known(force),
+            force_bound_n=known(force_bound),
+            extent_rad=known((runs.last - runs.first + 1) * self._pitch),
+            area_mm2=known(loaded.sum(axis=(1, 2)) * self._cell_mm2()),
+            flags=np.where(touched, flags, 0).astype(np.uint8),
+        )
+
+    def _cell_mm2(self) -> float:
+        width = self._pitch * self._description.tip_radius_mm
+        return width * (float(np.diff(self._heights).mean()) if len(self._heights) > 1 else width)
+
+    def _flags(self, columns: Columns, runs: Runs, span: Mask, usable: Mask, full: Mask) -> Ints:
+        near = span.copy()
+        near[:, 1:] |= span[:, :-1]
+        near[:, :-1] |= span[:, 1:]
+        cut = (runs.first == 0) | (runs.last == span.shape[1] - 1)
+        saturated = (full.any(axis=1) & near).any(axis=1)
+        dead = ((~usable & ~full).any(axis=1) & near).any(axis=1)
+        force = np.where(span, columns.force_n, -np.inf)
+        single = (force > 0.25 * force.max(axis=1, keepdims=True)).sum(axis=1) == 1
+        result: Ints = (
+            PatchFlag.TRUNCATED.bit * cut
+            + PatchFlag.SATURATED.bit * saturated
+            + PatchFlag.DEAD_NEIGHBOUR.bit * dead
+            + PatchFlag.SEVERAL_PATCHES.bit * (runs.count > 1)
+            + PatchFlag.SINGLE_TAXEL.bit * single
+        )
+        return result
+
+    def _normals(
+        self,
+        columns: Columns,
+        runs: Runs,
+        span: Mask,
+        beside: Mask,
+        flags: Ints,
+        touched: Mask,
+        *,
+        exact: bool,
+    ) -> tuple[Floats, Floats, Mask]:
+        """Middle and half of the range of normals (n,), and where it is the patch's extent."""
+        cut = (flags & PatchFlag.TRUNCATED.bit) > 0
+        past = np.where(cut, 2.0, 0.5)
+        low, high = runs.first - past, runs.last + past
+        narrow = np.zeros(len(touched), dtype=bool)
+        whole = ((flags & PatchFlag.SATURATED.bit) == 0) & (columns.seen | ~span).all(axis=1)
+        missing = np.where(whole, self._missing(columns, runs), np.inf)
+        variance = self._variance(columns, runs, span)
+        if exact:
+            for i in np.flatnonzero(touched):
+                match = self._match(columns, runs, variance, float(missing[i]), int(i))
+                if match is not None and match.misfit <= MISFIT_LIMIT and match.one_edge:
+                    low[i], high[i] = match.low_rad / self._pitch, match.high_rad / self._pitch
+                    narrow[i] = True
+        else:
+            at = np.flatnonzero(touched & np.isfinite(missing))
+            found = self._slabs.match(_profiles(columns, span, beside, variance, missing, at), MISFIT_SLACK)
+            good = (found.misfit <= MISFIT_LIMIT) & found.one_edge
+            low[at[good]], high[at[good]] = found.low[good], found.high[good]
+            narrow[at[good]] = True
+            # Cut by the array's edge and not matched: anywhere that a patch can reach.
+            lost, far = cut & ~narrow, _BEYOND_RAD / self._pitch
+            low = np.where(lost & (runs.first == 0), runs.first - far, low)
+            high = np.where(lost & (runs.last == span.shape[1] - 1), runs.last + far, high)
+        return (
+            self._columns[0] + (low + high) / 2 * self._pitch,
+            (high - low) / 2 * self._pitch,
+            ~narrow,
+        )
+
+    def _missing(self, columns: Columns, runs: Runs) -> Floats:
+        """Force (n,) N beyond the array's edge that the patch may have; inf if nobody can say.
+
+        A patch that has fallen off by half at the edge goes on for at most two columns more.
+        """
+        force, last = columns.force_n, columns.force_n.shape[1] - 1
+        ends = np.maximum(force[:, 0] * (runs.first == 0), force[:, -1] * (runs.last == last))
+        return np.where(ends < 0.5 * force.max(axis=1), 2 * np.maximum(ends, 0.0), np.inf)
+
+    def _variance(self, columns: Columns, runs: Runs, span: Mask) -> Floats:
+        """Variance (n, c) of what belongs to the patch; infinite where another one is."""
+        result: Floats = np.where(_widened(runs.other, 1) & ~span, np.inf, columns.variance)
+        return result
+
+    def _match(self, columns: Columns, runs: Runs, variance: Floats, missing: float, i: int) -> Match | None:
+        """Directions whose templates fit frame i, looked for one by one."""
+        first, last = int(runs.first[i]), int(runs.last[i])
+        profile = Profile(columns.force_n[i], variance[i], first, last, missing)
+        return self._templates.match(profile, MISFIT_SLACK)
+
+    def _centroid(self, columns: Columns, span: Mask, beside: Mask, flags: Ints) -> tuple[Floats, Floats]:
+        """Direction of the load's centroid and its bound, both (n,) rad."""
+        c, pitch = self._calibration, self._pitch
+        total = np.maximum(np.where(span, columns.force_n, 0.0).sum(axis=1), 1e-12)
+        error = np.where(columns.seen, np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0)
+        load = Load(
+            force_n=columns.force_n,
+            noise_n=error,
+            drift_n=np.zeros_like(error),
+            patch=span,
+            around=beside,
+            soft_n=columns.floor_n,
+            gain_spread=np.zeros_like(error),  # is in the variance
+        )
+        first, last = columns.force_n[:, 0] * span[:, 0], columns.force_n[:, -1] * span[:, -1]
+        shift = (c.crosstalk + c.crosstalk_bound) * pitch * np.maximum(first + last, 0.0) / total
+        saturated = (flags & PatchFlag.SATURATED.bit)[:, None] > 0
+        blind = span & np.where(saturated, self._suspect(columns), ~columns.seen)
+        return centroids(load, self._columns, pitch / 2, shift, self._unseen(blind, columns, error, span))
+
+    def _suspect(self, columns: Columns) -> Mask:
+        """Columns in which some taxel is not used, (n, c)."""
+        return ~columns.usable.all(axis=1)
+
+    def _unseen(self, blind: Mask, columns: Columns, error_n: Floats, span: Mask) -> Unseen:
+        """Columns whose load is unknown, and what lies beyond the array's edges."""
+        pitch, place = self._pitch, self._columns
+        n = len(blind)
+        most, low, high = [], [], []
+        for k in np.flatnonzero(blind.any(axis=0)):
+            most.append(np.where(blind[:, k], np.inf, 0.0))
+            low.append(np.full(n, place[k] - pitch / 2))
+            high.append(np.full(n, place[k] + pitch / 2))
+        for edge, inner, way in ((0, 1, -1.0), (-1, -2, 1.0)):
+            load, cells = _past_edge(columns.force_n, error_n**2, edge, inner, span[:, edge])
+            near = np.full(n, place[edge] + way * pitch / 2)
+            far = place[edge] + way * np.minimum((cells + 0.5) * pitch, _BEYOND_RAD)
+            most.append(load)
+            low.append(np.minimum(near, far))
+            high.append(np.maximum(near, far))
+        return Unseen(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
+
+    def _height(self, columns: Columns, span: Mask) -> tuple[Floats, Floats]:
+        """Centroid along the tip and its bound, mm: half a row, and the gain errors and noise of the rows."""
+        z = self._heights
+        patch = columns.taxel_n * span[:, None, :]
+        rows = np.maximum(patch.sum(axis=2), 0.0)
+        rows = np.maximum(rows - _SOFT_SHARE * rows.max(axis=1, keepdims=True), 0.0)
+        total = np.maximum(rows.sum(axis=1), 1e-12)
+        centre = rows @ z / total
+        arm = z[None, :] - centre[:, None]
+        squares = np.einsum("nrc,nrc->nr", patch, patch)
+        gain = self._calibration.gain_spread / math.sqrt(3) * np.sqrt((squares * arm**2).sum(axis=1))
+        width = span.sum(axis=1)
+        noise = columns.noise_n * np.sqrt((arm**2).sum(axis=1) * width)
+        lost = (~columns.usable & span[:, None, :]).sum(axis=(1, 2)) / np.maximum(width * len(z), 1)
+        reach = np.abs(arm).max(axis=1) * lost
+        half = 0.5 * float(np.diff(z).max()) if len(z) > 1 else 0.0
+        return centre, half + reach + SIGMAS * np.hypot(gain, noise) / total
+
+    def _force_bound(self, columns: Columns, span: Mask, beside: Mask, doubt_counts: Floats | None) -> Floats:
+        """Bound of the force (n,) N: gain errors of all taxels, at most their common limit, noise and drift."""
+        g = self._calibration.gain_spread
+        patch = columns.taxel_n * span[:, None, :]
+        force = np.where(span, columns.force_n, 0.0)
+        total = force.sum(axis=1)
+        likely = SIGMAS * g / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc->n", patch, patch))
+        noise = SIGMAS * columns.noise_n * math.sqrt(patch[0].size)
+        tails = np.abs(np.where(beside & ~span, columns.force_n, 0.0).sum(axis=1))
+        guessed = np.abs(total - patch.sum(axis=(1, 2)))
+        bound: Floats = np.minimum(likely, g * total) / (1 - g) + noise + tails + guessed
+        if doubt_counts is not None:
+            bound += (doubt_counts * self._n_per_count * span[:, None, :]).sum(axis=(1, 2))
+        return bound
+
+
+def _profiles(
+    columns: Columns, span: Mask, beside: Mask, variance: Floats, missing: Floats, at: Ints
+) -> Profiles:
+    """What the slabs are asked about frames `at`."""
+    force = np.where(beside, columns.force_n, 0.0)[at]
+    whole = np.maximum(force.sum(axis=1), 1e-12)
+    place = np.arange(force.shape[1])
+    centroid = force @ place / whole
+    away = np.where(beside[at], place - centroid[:, None], 0.0)
+    error = np.where(columns.seen, columns.variance, 0.0)[at]
+    window = WINDOW_SIGMAS * np.sqrt((error * away**2).sum(axis=1)) / whole
+    # Beyond an edge the rest is centred at most two columns out.
+    unseen = missing[at] / (missing[at] + whole)
+    window += unseen * (np.maximum(centroid, place[-1] - centroid) + 2)
+    return Profiles(
+        force_n=columns.force_n[at],
+        variance=variance[at],
+        total_n=np.where(span, columns.force_n, 0.0).sum(axis=1)[at],
+        missing_n=missing[at],
+        centroid=centroid,
+        window=window,
+    )
+
+
+def _past_edge(
+    force_n: Floats, variance: Floats, edge: int, inner: int, loaded: Mask
+) -> tuple[Floats, Floats]:
+    """Load beyond a column at the array's edge where it is `loaded` (n,), and how far out: (n,) N, columns."""
+    outer = np.maximum(force_n[:, edge] + SIGMAS * np.sqrt(variance[:, edge]), 0.0)
+    least = force_n[:, inner] - SIGMAS * np.sqrt(variance[:, inner])
+    load, cells = beyond(np.where(loaded, outer, 0.0), np.where(loaded, least, 1.0))
+    return load, cells
+
+
+def _widened(mask: Mask, by: int) -> Mask:
+    """Columns within `by` of those in `mask`, (n, c)."""
+    wide = mask.copy()
+    for step in range(1, by + 1):
+        wide[:, step:] |= mask[:, :-step]
+        wide[:, :-step] |= mask[:, step:]
+    return wide

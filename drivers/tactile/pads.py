@@ -1,0 +1,266 @@
+"""Patches on flat and free arrays: connected taxels, wherever they are. Counts in, patches out.
+
+Stands beside `columns`, `templates` and `moments`, which do it for cylinders. A flat pad cannot tell the
+object's normal: the range is the half circle in front of it. On a free array the contact's direction lies
+among those of the patch's taxels and half a step to their neighbours.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_filter
+
+from palpate.drivers.tactile.baseline import SIGMAS
+from palpate.drivers.tactile.centroids import Load, Unseen, centroids
+from palpate.drivers.tactile.hidden import beyond, by_crosstalk, by_shape
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.surface import Surface
+
+__all__ = ["Taxels", "pad_patches"]
+
+_PATCH_SHARE = 0.04  # of the strongest taxel: less does not belong to the patch
+_BEYOND_STEPS = 5.0  # half steps between normals that a patch may go on for beyond an edge
+_IN_FRAME = np.zeros((3, 3, 3), dtype=bool)
+_IN_FRAME[1] = True
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Patch:
+    """Masks (n, k): cells of the strongest patch; `around`: those, their neighbours, and what cells beside show
+    together although no one of them does; `others`: patches besides.
+    """
+
+    cells: Mask
+    around: Mask
+    others: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Taxels:
+    """What n frames say, each (n, r, c): `force_n` above zero, 0 where not `usable`; `noise_n`: its standard
+    deviation; `drift_n`: bound of what the zeros are off by; `full`: at the largest count. Full and dead
+    taxels are not usable.
+    """
+
+    force_n: Floats
+    noise_n: Floats
+    drift_n: Floats
+    usable: Mask
+    full: Mask
+
+    @property
+    def doubt_n(self) -> Floats:
+        """Less than this may be nothing."""
+        result: Floats = SIGMAS * self.noise_n + self.drift_n
+        return result
+
+
+def pad_patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> Patches:
+    """Patches of n frames."""
+    found = _strongest(taxels)
+    n = len(taxels.force_n)
+    force = taxels.force_n.reshape(n, -1)
+    seen = taxels.usable.reshape(n, -1)
+    total = np.where(found.around, force, 0.0).sum(axis=1)
+    touched = total >= calibration.contact_force_n
+    hidden = np.where(found.around & ~seen, _hidden_n(taxels, calibration).reshape(n, -1), 0.0)
+    position, bound = _position(taxels, found, hidden, surface, calibration)
+    angle, half, extent = _directions(force, found, surface)
+    full = taxels.full.reshape(n, -1)
+    flags = _flags(found, seen, full, surface)
+    force_bound = _force_bound(taxels, found, hidden, calibration)
+    force_bound[(full & found.around).any(axis=1)] = np.inf
+    nothing = np.full(n, np.nan)
+
+    def known(values: Floats) -> Floats:
+        keep = touched.reshape(-1, *[1] * (values.ndim - 1))
+        result: Floats = np.where(keep, values, np.nan)
+        return result
+
+    return Patches(
+        touched=touched,
+        angle_rad=known(angle),
+        angle_half_range_rad=known(half),
+        centroid_rad=nothing,
+        centroid_bound_rad=nothing,
+        position_mm=known(position),
+        position_bound_mm=known(bound),
+        height_mm=known(position[:, 2]),
+        height_bound_mm=known(bound[:, 2]),
+        force_n=known(total),
+        force_bound_n=known(force_bound),
+        extent_rad=known(extent),
+        area_mm2=known((found.cells & seen) @ surface.area_mm2),
+        flags=np.where(touched, flags, 0).astype(np.uint8),
+    )
+
+
+def _strongest(taxels: Taxels) -> _Patch:
+    """Connected cells above the noise; ones that cannot be seen join what is beside them."""
+    taxel_n = taxels.force_n
+    n = len(taxel_n)
+    limit = np.maximum(taxels.doubt_n, _PATCH_SHARE * taxel_n.max(axis=(1, 2), keepdims=True))
+    active = (taxel_n > limit) | ~taxels.usable
+    labels, count = label(active, structure=_IN_FRAME)
+    flat = labels.reshape(n, -1)
+    force = np.bincount(flat.ravel(), taxel_n.ravel(), count + 1)
+    frame = np.zeros(count + 1, dtype=np.int64)
+    frame[flat.ravel()] = np.repeat(np.arange(n), flat.shape[1])
+    force[0], frame[0] = -np.inf, -1
+    best = np.zeros(n, dtype=np.int64)
+    order = np.lexsort((force, frame))[1:]
+    best[frame[order]] = order  # the last one stays, which is the strongest
+    cells = (flat == best[:, None]) & (best > 0)[:, None]
+    loaded = force > 0
+    others = loaded[flat] & ~cells & (flat > 0)
+    shape = taxel_n.shape
+    weak = _shown_together(taxels) & ~others.reshape(shape)
+    reached = binary_propagation(cells.reshape(shape), structure=_IN_FRAME, mask=weak | cells.reshape(shape))
+    around = binary_dilation(reached, structure=_IN_FRAME).reshape(n, -1) & ~others
+    return _Patch(cells, around, others)
+
+
+def _shown_together(taxels: Taxels) -> Mask:
+    """Cells whose mean with their eight neighbours is above the noise: broad, weak load."""
+    mean = uniform_filter(taxels.force_n, (3, 3), axes=(1, 2), mode="constant")
+    noise = uniform_filter(taxels.noise_n, (3, 3), axes=(1, 2), mode="constant") / 3
+    drift = uniform_filter(taxels.drift_n, (3, 3), axes=(1, 2), mode="constant")
+    result: Mask = mean > SIGMAS * noise + drift
+    return result
+
+
+def _hidden_n(taxels: Taxels, calibration: TipCalibration) -> Floats:
+    """The most that each cell can bear without being seen, (n, r, c) N; inf if nothing says."""
+    g, doubt = calibration.gain_spread, taxels.doubt_n
+    force = np.maximum(taxels.force_n, 0.0)
+    high = np.where(taxels.usable, (force + doubt) / (1 - g), np.inf)
+    low = np.where(taxels.usable, np.maximum(force - doubt, 0.0) / (1 + g), 0.0)
+    shared = by_crosstalk(high, calibration.crosstalk - calibration.crosstalk_bound)
+    return np.minimum(shared, by_shape(low, high))
+
+
+def _position(
+    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, calibration: TipCalibration
+) -> tuple[Floats, Floats]:
+    """Centroid and its bounds, both (n, 3) mm."""
+    n = len(hidden)
+    force = taxels.force_n.reshape(n, -1)
+    total = np.maximum(np.where(found.cells, force, 0.0).sum(axis=1), 1e-12)
+    load = Load(
+        force_n=force,
+        noise_n=taxels.noise_n.reshape(n, -1),
+        drift_n=taxels.drift_n.reshape(n, -1),
+        patch=found.cells,
+        around=found.around,
+        soft_n=taxels.doubt_n.max(axis=(1, 2)),
+        gain_spread=np.full_like(force, calibration.gain_spread),
+    )
+    places, bounds = [], []
+    most = calibration.crosstalk + calibration.crosstalk_bound
+    for axis in range(3):
+        place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
+        edge = sum(np.where(found.cells & side, force, 0.0).clip(min=0).sum(axis=1) for side in surface.sides)
+        shift = most * 2 * half * np.asarray(edge) / total
+        unseen = _unseen(taxels, found, hidden, surface, axis)
+        centre, bound = centroids(load, place, half, shift, unseen)
+        places.append(centre)
+        bounds.append(bound)
+    return np.stack(places, axis=1), np.stack(bounds, axis=1)
+
+
+def _unseen(taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, axis: int) -> Unseen:
+    """Load on cells that cannot be seen, and beyond the array's four sides."""
+    place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
+    n = len(hidden)
+    blind = np.flatnonzero((hidden > 0).any(axis=0))
+    most = [hidden[:, k] for k in blind]
+    low = [np.full(n, place[k] - half) for k in blind]
+    high = [np.full(n, place[k] + half) for k in blind]
+    for side, load, reach in zip(range(4), *_beyond_sides(taxels, found, surface), strict=True):
+        at = found.cells & surface.sides[side]
+        hit = at.any(axis=1)
+        least, largest = surface.step_mm[side, :, axis]
+        first = np.where(at, place, np.inf).min(axis=1)
+        last = np.where(at, place, -np.inf).max(axis=1)
+        with np.errstate(invalid="ignore"):
+            down = np.where(least < 0, least * (reach + 0.5), 0.0)
+            up = np.where(largest > 0, largest * (reach + 0.5), 0.0)
+        most.append(load)
+        low.append(np.where(hit, first - half + down, 0.0))
+        high.append(np.where(hit, last + half + up, 0.0))
+    return Unseen(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
+
+
+def _beyond_sides(taxels: Taxels, found: _Patch, surface: Surface) -> tuple[list[Floats], list[Floats]]:
+    """For each side the load beyond it, and how far out it is centred at most, each (n,): N, cells."""
+    n = len(found.cells)
+    force, noise = taxels.force_n.reshape(n, -1), taxels.noise_n.reshape(n, -1)
+    drift = taxels.drift_n.reshape(n, -1)
+    loads, reaches = [], []
+    for side, inner in zip(surface.sides, surface.inner, strict=True):
+        limits = []
+        for line, sign in ((side, 1.0), (inner, -1.0)):
+            at = found.around & line
+            doubt = SIGMAS * np.sqrt(np.where(at, noise**2, 0.0).sum(axis=1)) + np.where(at, drift, 0.0).sum(
+                axis=1
+            )
+            limits.append(np.maximum(np.where(at, force, 0.0).sum(axis=1) + sign * doubt, 0.0))
+        cut = (found.cells & side).any(axis=1)
+        load, reach = beyond(limits[0], limits[1])
+        loads.append(np.where(cut, load, 0.0))
+        reaches.append(np.where(cut, reach, 0.0))
+    return loads, reaches
+
+
+def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats, Floats, Floats]:
+    """Middle and half of the range of directions, and the patch's width, each (n,) rad."""
+    n = len(force)
+    if surface.flat:
+        return np.full(n, -math.pi / 2), np.full(n, math.pi / 2), np.zeros(n)
+    weight = np.where(found.cells, np.maximum(force, 0.0), 0.0)
+    azimuth = np.nan_to_num(surface.azimuth_rad)
+    middle = np.arctan2(weight @ np.sin(azimuth), weight @ np.cos(azimuth))
+    away = (azimuth[None, :] - middle[:, None] + math.pi) % (2 * math.pi) - math.pi
+    low = np.where(found.cells, away, np.inf).min(axis=1)
+    high = np.where(found.cells, away, -np.inf).max(axis=1)
+    step = surface.turn_rad / 2
+    cut = (found.cells & surface.sides.any(axis=0)).any(axis=1)
+    margin = np.where(cut, _BEYOND_STEPS * step, step)
+    upright = (found.cells & np.isnan(surface.azimuth_rad)).any(axis=1)
+    half = np.where(upright, math.pi, np.minimum((high - low) / 2 + margin, math.pi))
+    return middle + (low + high) / 2, half, high - low + 2 * step
+
+
+def _flags(found: _Patch, seen: Mask, full: Mask, surface: Surface) -> Ints:
+    """Bits of `PatchFlag`, (n,)."""
+    cut = (found.cells & surface.sides.any(axis=0)).any(axis=1)
+    single = (found.cells & seen).sum(axis=1) == 1
+    saturated = (found.around & full).any(axis=1)
+    dead = (found.around & ~seen & ~full).any(axis=1)
+    result: Ints = (
+        PatchFlag.TRUNCATED.bit * cut
+        + PatchFlag.SATURATED.bit * saturated
+        + PatchFlag.SINGLE_TAXEL.bit * single
+        + PatchFlag.SEVERAL_PATCHES.bit * found.others.any(axis=1)
+        + PatchFlag.DEAD_NEIGHBOUR.bit * dead
+    )
+    return result
+
+
+def _force_bound(taxels: Taxels, found: _Patch, hidden: Floats, calibration: TipCalibration) -> Floats:
+    """Bound of the force (n,) N: gains, noise, drift and unseen cells."""
+    n, g = len(hidden), calibration.gain_spread
+    force = taxels.force_n.reshape(n, -1)
+    noise_n, drift_n = taxels.noise_n.reshape(n, -1), taxels.drift_n.reshape(n, -1)
+    patch = np.where(found.around, np.maximum(force, 0.0), 0.0)
+    likely = SIGMAS * g / math.sqrt(3) * np.sqrt((patch**2).sum(axis=1))
+    gains = np.minimum(likely, g * patch.sum(axis=1)) / (1 - g)
+    noise = SIGMAS * np.sqrt(np.where(found.around, noise_n**2, 0.0).sum(axis=1))
+    drift = np.where(found.around, drift_n, 0.0).sum(axis=1)
+    return gains + noise + drift + hidden.sum(axis=1)

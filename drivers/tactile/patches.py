@@ -1,0 +1,137 @@
+"""What the contact extractor says: one touched place, or one for each frame of a recording. And what it rests on.
+
+The values between `contact` and those who use it. Tip frame throughout: z along the tip's axis, upwards, 0 at
+the tip's lower end; angle 0 at the array's middle, counter-clockwise seen from above.
+"""
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class PatchFlag(enum.Enum):
+    """What a patch's bounds had to allow for."""
+
+    TRUNCATED = "cut by the array's edge"
+    SATURATED = "a taxel is at its largest count"
+    SINGLE_TAXEL = "one column only"
+    SEVERAL_PATCHES = "touched in several places; this is the strongest"
+    WIDE = "wider than one edge explains: probably two edges in a notch"
+    DEAD_NEIGHBOUR = "a dead or hot taxel in or beside the patch"
+
+    @property
+    def bit(self) -> int:
+        """The flag's bit in `Patches.flags`."""
+        return 1 << list(PatchFlag).index(self)
+
+
+@dataclass(frozen=True, eq=False)
+class TipCalibration:
+    """What is known of one tip.
+
+    `gain`: relative gain per taxel, shape (rows, cols), 1 where unknown; `gain_spread`: half-width of what
+    is unknown of it. `noise_counts`: standard deviation of one count. `contact_force_n`: less than this is no
+    contact. `stiffness_bound` and `crosstalk_bound` are the half-widths of `stiffness_n_per_mm` (relative)
+    and `crosstalk` (absolute; share of a taxel's force that each neighbour takes). `usable`: False for taxels
+    known to be dead or hot. `drift_counts_per_s`: no taxel's zero moves faster; 0 leaves zeros as they were
+    when tared.
+    """
+
+    gain: Floats
+    gain_spread: float = 0.2
+    noise_counts: float = 2.0
+    contact_force_n: float = 0.1
+    stiffness_n_per_mm: float = 3.0
+    stiffness_bound: float = 0.2
+    crosstalk: float = 0.075
+    crosstalk_bound: float = 0.03
+    usable: Mask | None = None
+    drift_counts_per_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class ContactPatch:
+    """A touched place on the tip, in the tip frame.
+
+    The object's outward normal points from the object to the tip: it is opposite to `angle_rad`. The
+    direction from the tip's axis to the contact is within `angle_rad` ± `angle_half_range_rad`; in a notch
+    that holds for at least one of the edges. On a flat array the normal is unknown by nature: the range is
+    the half circle in front of the pad.
+
+    `position_mm` is the centroid of the load on the surface, x, y, z, each within `position_bound_mm` (inf
+    where the array's edge cuts the patch and nobody can say). `centroid_rad` ± `centroid_bound_rad` is its
+    direction on a cylinder, nan on a flat array; `height_mm` ± `height_bound_mm` its height over the tip's
+    lower end. `force_n` is what the array sees of this patch, within `force_bound_n` (inf if taxels are
+    saturated). `extent_rad` is the width of the active patch, 0 on a flat array, `area_mm2` that of its
+    loaded taxels.
+    """
+
+    angle_rad: float
+    angle_half_range_rad: float
+    centroid_rad: float
+    centroid_bound_rad: float
+    position_mm: tuple[float, float, float]
+    position_bound_mm: tuple[float, float, float]
+    height_mm: float
+    height_bound_mm: float
+    force_n: float
+    force_bound_n: float
+    extent_rad: float
+    area_mm2: float
+    flags: frozenset[PatchFlag] = field(default_factory=frozenset)
+
+
+@dataclass(frozen=True, eq=False)
+class Patches:
+    """The patches of n frames, each field with n rows. See `ContactPatch` for what they mean.
+
+    Where `touched` is False there is no contact, and the other rows are nan, and 0 in `flags` (bits of
+    `PatchFlag.bit`).
+    """
+
+    touched: Mask
+    angle_rad: Floats
+    angle_half_range_rad: Floats
+    centroid_rad: Floats
+    centroid_bound_rad: Floats
+    position_mm: Floats
+    position_bound_mm: Floats
+    height_mm: Floats
+    height_bound_mm: Floats
+    force_n: Floats
+    force_bound_n: Floats
+    extent_rad: Floats
+    area_mm2: Floats
+    flags: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.touched)
+
+    def patch(self, index: int) -> ContactPatch | None:
+        """The patch of one frame, None if nothing was touched."""
+        if not self.touched[index]:
+            return None
+        x, y, z = self.position_mm[index].tolist()
+        bx, by, bz = self.position_bound_mm[index].tolist()
+        return ContactPatch(
+            angle_rad=float(self.angle_rad[index]),
+            angle_half_range_rad=float(self.angle_half_range_rad[index]),
+            centroid_rad=float(self.centroid_rad[index]),
+            centroid_bound_rad=float(self.centroid_bound_rad[index]),
+            position_mm=(x, y, z),
+            position_bound_mm=(bx, by, bz),
+            height_mm=float(self.height_mm[index]),
+            height_bound_mm=float(self.height_bound_mm[index]),
+            force_n=float(self.force_n[index]),
+            force_bound_n=float(self.force_bound_n[index]),
+            extent_rad=float(self.extent_rad[index]),
+            area_mm2=float(self.area_mm2[index]),
+            flags=frozenset(flag for flag in PatchFlag if int(self.flags[index]) & flag.bit),
+        )

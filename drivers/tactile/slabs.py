@@ -1,0 +1,222 @@
+"""`templates` for many profiles at once: only those that can fit are looked at, and those in one product.
+
+Beside `templates`, for whole recordings. A template can only fit if its force is possible and if its centroid
+is where the profile's is: within six standard deviations, for by Cauchy and Schwarz's inequality any other has
+a misfit above 36, and a best one above 20 counts for nothing. So templates are kept by force, in slabs, and in
+each slab in the order of the fraction of a column that their centroid is at. Profiles with the same force and
+fraction share one stretch of a slab. Templates that differ by less than some hundredths of their strongest column
+are taken as one, with all their directions, and what they differ by is added to the profile's errors.
+"""
+
+import math
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.tactile.templates import TemplateSet
+
+__all__ = ["WINDOW_SIGMAS", "Matches", "Profiles", "Slabs"]
+
+WINDOW_SIGMAS = 6.0
+_FORCES = 24
+_PHASES = 16
+_WIDEST = 0.5  # columns: half the circle of fractions
+_AT_ONCE = 1 << 17  # misfits that fit a processor's cache
+_GRAIN = 0.04  # of the strongest column: templates alike within half of it are one
+_TAIL = 1e-4  # of a template's force: less than this in an outer column is left off
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Profiles:
+    """Measured forces of columns and the variances of their errors, both (n, cols); infinite: not looked at.
+
+    `total_n` (n,) is the patch's force, of which `missing_n` (n,) more may not have been seen. Its `centroid`
+    (n,) in columns from column 0 is within `window` (n,), `WINDOW_SIGMAS` of its error.
+    """
+
+    force_n: Floats
+    variance: Floats
+    total_n: Floats
+    missing_n: Floats
+    centroid: Floats
+    window: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Directions that explain profiles, `low` … `high` (n,) in columns from column 0, and the best `misfit` (n,),
+    infinite where there is none. `one_edge` (n,): a single edge is among what fits.
+    """
+
+    low: Floats
+    high: Floats
+    misfit: Floats
+    one_edge: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class _Slab:
+    """Templates by `phase` (m,), ascending in a slab; `cells` (m, width) are the columns about the whole one
+    before their centroid, and the directions `low` … `high` (m,) count from there too.
+    """
+
+    phase: Floats
+    cells: Singles
+    low: Singles
+    high: Singles
+    least_n: Singles
+    most_n: Singles
+    one_edge: Mask
+
+    def rows(self, which: slice | Ints) -> "_Slab":
+        """Some of the templates."""
+        return _Slab(**{f.name: getattr(self, f.name)[which] for f in fields(_Slab)})
+
+
+class Slabs:
+    """The templates of a set in the order in which profiles ask for them."""
+
+    def __init__(self, templates: TemplateSet) -> None:
+        self._margin = templates.margin_columns
+        cells = templates.cells
+        reach = cells.shape[1] // 2
+        centroid = cells @ np.arange(-reach, reach + 1) / cells.sum(axis=1)
+        whole = np.floor(centroid).astype(np.int64)
+        most = int(np.abs(whole).max()) + 1
+        centred = _moved(np.pad(cells, ((0, 0), (most, most))), -whole)
+        middle = reach + most
+        loaded = np.flatnonzero((centred > _TAIL).any(axis=0))
+        self._half = int(np.abs(loaded - middle).max()) + 1  # and one to move by
+        centred = centred[:, middle - self._half : middle + self._half + 1]
+        one, count = _alike(centred)
+        least, largest = templates.force_range_n
+        angle = templates.angle_columns - whole
+        self._all = _Slab(
+            phase=np.bincount(one, centroid - whole) / count,
+            cells=_means(centred, one, count),
+            low=_extremes(np.minimum, angle, one, len(count)),
+            high=_extremes(np.maximum, angle, one, len(count)),
+            least_n=_extremes(np.minimum, least, one, len(count)),
+            most_n=_extremes(np.maximum, largest, one, len(count)),
+            one_edge=np.bincount(one, templates.one_edge) > 0,
+        )
+        self._edges: Floats = np.geomspace(float(least.min()), float(largest.max()), _FORCES + 1)
+        self._slabs: dict[tuple[int, int], _Slab] = {}
+
+    def match(self, profiles: Profiles, slack: float) -> Matches:
+        """Hulls of the directions whose misfit is within `slack` of the best, and that misfit."""
+        p = profiles
+        n = len(p.centroid)
+        matches = Matches(
+            np.full(n, np.inf), np.full(n, -np.inf), np.full(n, np.inf), np.zeros(n, dtype=bool)
+        )
+        first, last = (self._force_bin(each) for each in (p.total_n, p.total_n + p.missing_n))
+        asked = np.flatnonzero((first >= 0) & (first < _FORCES))
+        phase = np.floor((p.centroid - np.floor(p.centroid)) * _PHASES).astype(np.int64)
+        group = (first * _FORCES + np.minimum(last, _FORCES - 1)) * _PHASES + phase
+        order = asked[np.argsort(group[asked], kind="stable")]
+        starts = np.flatnonzero(np.diff(group[order], prepend=-1))
+        for begin, end in zip(starts, [*starts[1:], len(order)], strict=True):
+            rows = order[begin:end]
+            stretch = self._stretch(p, rows, int(first[rows[0]]), min(int(last[rows[0]]), _FORCES - 1))
+            count = max(_AT_ONCE // max(len(stretch.phase), 1), 1)
+            for at in range(0, len(rows), count):
+                self._match_piece(p, rows[at : at + count], stretch, slack, matches)
+        return matches
+
+    def _force_bin(self, force_n: Floats) -> Ints:
+        result: Ints = np.searchsorted(self._edges, force_n, side="right") - 1
+        return result
+
+    def _stretch(self, p: Profiles, rows: Ints, first: int, last: int) -> _Slab:
+        """The templates that can fit some of the profiles `rows`."""
+        slab = self._slabs.get((first, last))
+        if slab is None:
+            slab = self._slabs[first, last] = self._slab(first, last)
+        fraction = p.centroid[rows] - np.floor(p.centroid[rows])
+        width = min(float(p.window[rows].max()), _WIDEST)
+        part = slice(*np.searchsorted(slab.phase, [fraction.min() - width, fraction.max() + width]))
+        return slab.rows(part)
+
+    def _slab(self, first: int, last: int) -> _Slab:
+        """Templates whose force can be from bin `first` to bin `last`."""
+        every = self._all
+        here = np.flatnonzero((every.least_n <= self._edges[last + 1]) & (every.most_n >= self._edges[first]))
+        # Twice, so that fractions near 0 and near 1 are neighbours.
+        rows = np.concatenate([here, here])
+        turn = np.concatenate([np.zeros(len(here), np.int64), np.where(every.phase[here] < _WIDEST, 1, -1)])
+        phase = every.phase[rows] + turn
+        order = np.argsort(phase, kind="stable")
+        rows, turn = rows[order], turn[order]
+        slab = every.rows(rows)
+        return replace(
+            slab,
+            phase=phase[order],
+            cells=_moved(slab.cells, turn),
+            low=slab.low + turn.astype(np.float32),
+            high=slab.high + turn.astype(np.float32),
+        )
+
+    def _match_piece(self, p: Profiles, rows: Ints, stretch: _Slab, slack: float, matches: Matches) -> None:
+        base = np.floor(p.centroid[rows]).astype(np.int64)
+        columns = base[:, None] + np.arange(-self._half, self._half + 1)
+        inside = (columns >= 0) & (columns < p.force_n.shape[1])
+        place = np.where(inside, columns, 0)
+        force = p.force_n[rows]
+        variance = p.variance[rows] + (_GRAIN / math.sqrt(12) * force.max(axis=1, keepdims=True)) ** 2
+        weight = 1 / variance
+        power = (force**2 * weight).sum(axis=1)
+        near = np.where(inside, np.take_along_axis(weight, place, axis=1), 0.0)
+        gain = (near * np.take_along_axis(force, place, axis=1)).astype(np.float32) @ stretch.cells.T
+        np.maximum(gain, 0, out=gain)
+        gain *= gain
+        gain /= near.astype(np.float32) @ (stretch.cells**2).T
+        total = p.total_n[rows, None].astype(np.float32)
+        most = total + p.missing_n[rows, None].astype(np.float32)
+        gain[(stretch.least_n > most) | (total > stretch.most_n)] = -np.inf
+        best = gain.max(axis=1, initial=-np.inf)
+        found = np.isfinite(best)
+        fits = gain >= np.where(found, best - np.float32(slack), np.float32(np.inf))[:, None]
+        at = rows[found]
+        low = np.where(fits, stretch.low, np.float32(np.inf)).min(axis=1, initial=np.inf)
+        high = np.where(fits, stretch.high, np.float32(-np.inf)).max(axis=1, initial=-np.inf)
+        matches.low[at] = (low + base - self._margin)[found]
+        matches.high[at] = (high + base + self._margin)[found]
+        matches.misfit[at] = (power - best)[found]
+        matches.one_edge[at] = (fits @ stretch.one_edge)[found]
+
+
+def _alike(cells: Singles) -> tuple[Ints, Ints]:
+    """For each template the number of the one that it is taken for, and how many each of those stands for."""
+    grains = np.rint(cells / (_GRAIN * cells.max(axis=1, keepdims=True))).astype(np.int8)
+    rows = np.ascontiguousarray(grains).view(np.dtype((np.void, grains.shape[1]))).ravel()
+    _, one, count = np.unique(rows, return_inverse=True, return_counts=True)
+    return one, count
+
+
+def _means(cells: Singles, one: Ints, count: Ints) -> Singles:
+    sums = np.stack([np.bincount(one, column) for column in cells.T], axis=1)
+    return (sums / count[:, None]).astype(np.float32)
+
+
+def _extremes(pick: np.ufunc, values: Floats, one: Ints, count: int) -> Singles:
+    """The least or the largest of the values of each group."""
+    start = np.inf if pick is np.minimum else -np.inf
+    out = np.full(count, start, dtype=np.float32)
+    pick.at(out, one, values.astype(np.float32))
+    return out
+
+
+def _moved(cells: Singles, by: Ints) -> Singles:
+    """Each row `by` (m,) columns on; the outer columns must be empty where something would fall off."""
+    width = cells.shape[1]
+    place = np.arange(width)[None, :] - by[:, None]
+    inside = (place >= 0) & (place < width)
+    result: Singles = np.where(inside, np.take_along_axis(cells, np.where(inside, place, 0), axis=1), 0)
+    return np.ascontiguousarray(result, dtype=np.float32)

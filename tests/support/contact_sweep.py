@@ -1,0 +1,259 @@
+"""Emulated contacts of every kind on tips of every kind, with the truth beside them.
+
+For the bounds of the contact extractor. The pressure is that of an elastic foundation: as deep as the object
+reaches into the undeformed tip, worked out here on fine rays, not by the extractor's templates.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.contact import TipCalibration
+from palpate.drivers.tactile.messages import Description, Shape
+
+KINDS = {"flat": 0.45, "end": 0.2, "vertex": 0.2, "notch": 0.15}
+RATE_HZ = 100.0
+TARE_FRAMES = 32
+CONTACT_N = 0.15
+_RAY = math.radians(0.1)
+RAYS = np.arange(-math.pi, math.pi, _RAY) + _RAY / 2
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is really so: nearest directions of the edges, centroids (rad or mm, mm) of the whole load and of
+    each of its stretches, force on the array."""
+
+    kind: str
+    normals: tuple[float, ...]
+    centroids: tuple[float, ...]
+    height_mm: float
+    force_n: float
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """Frames of one tip, and the truth at the last frame of each contact."""
+
+    description: Description
+    calibration: TipCalibration
+    counts: np.ndarray
+    time_s: np.ndarray
+    tare: slice
+    touched: np.ndarray
+    truths: list[Truth]
+
+
+def describe(
+    shape: Shape, rows: int, cols: int, pitch: float, row_pitch_mm: float, **other: float
+) -> Description:
+    """An array of these taxels, its columns `pitch` (rad or mm) apart about the middle."""
+    return Description(
+        unique_id=b"sweep, any array",
+        firmware="sweep",
+        emulated=True,
+        shape=shape,
+        rows=rows,
+        cols=cols,
+        bit_depth=12,
+        max_rate_hz=500.0,
+        full_scale_n=4095 / other["counts_per_n"],
+        counts_per_n=other["counts_per_n"],
+        tip_radius_mm=other.get("radius_mm", 0.0),
+        columns=tuple((j - (cols - 1) / 2) * pitch for j in range(cols)),
+        row_heights_mm=tuple((i + 0.5) * row_pitch_mm for i in range(rows)),
+    )
+
+
+def _inside(planes: list[tuple[float, float]]) -> np.ndarray:
+    """Distance along RAYS at which the intersection of half-planes x·n(angle) >= distance is entered."""
+    near, far = np.zeros(RAYS.size), np.full(RAYS.size, np.inf)
+    for angle, distance in planes:
+        c = np.cos(RAYS - angle)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            hit = distance / c
+        near = np.where(c > 1e-9, np.maximum(near, hit), near)
+        far = np.where(c < -1e-9, np.minimum(far, hit), far)
+        if distance > 0:
+            far = np.where(c <= 1e-9, -1.0, far)
+    return np.where(near < far, near, np.inf)
+
+
+def _face(at: float, distance: float, angle: float) -> tuple[float, float]:
+    """The half-plane with inward normal at `angle` through the point at `distance` in direction `at`."""
+    return angle, distance * math.cos(at - angle)
+
+
+def dents(
+    rng: np.random.Generator, kind: str, radius: float, middle: float, depth: float
+) -> tuple[np.ndarray, list]:
+    """Depth of the dent along RAYS, and the nearest directions."""
+    c = radius - depth
+    if kind == "flat":
+        return np.maximum(0.0, radius - _inside([(middle, c)])), [middle]
+    if kind == "vertex":
+        turn = math.pi - math.radians(rng.uniform(30, 150))
+        part = rng.uniform(0, turn)
+        rho = _inside([_face(middle, c, middle - (turn - part)), _face(middle, c, middle + part)])
+        return np.maximum(0.0, radius - rho), [middle]
+    if kind == "end":
+        planes = [(middle, c)]
+        for side in (1, -1)[: rng.integers(1, 3)]:
+            at = rng.uniform(0, math.radians(30))
+            drop = math.pi - math.radians(rng.uniform(30, 150))
+            planes.append(_face(middle + side * at, c / math.cos(at), middle + side * (at - drop - at)))
+        return np.maximum(0.0, radius - _inside(planes)), [middle]
+    other = middle + rng.choice((-1, 1)) * math.radians(rng.uniform(5, 110))
+    second = radius - depth * rng.uniform(0.05, 1.0)
+    rho = np.minimum(_inside([(middle, c)]), _inside([(other, second)]))
+    return np.maximum(0.0, radius - rho), [middle, other]
+
+
+def _stretches(dent: np.ndarray) -> list[float]:
+    """Centroid of all dents and of each run of them, rad."""
+    found = [float(dent @ RAYS / dent.sum())]
+    begins = np.flatnonzero((dent > 0) & (np.roll(dent, 1) == 0))
+    ends = np.flatnonzero((dent > 0) & (np.roll(dent, -1) == 0))
+    if len(begins) > 1:
+        for a, b in zip(begins, ends, strict=True):
+            run = slice(a, b + 1)
+            found.append(float(dent[run] @ RAYS[run] / dent[run].sum()))
+    return found
+
+
+def cylinder_session(seed: int, contacts: int, **fixed: float) -> Session:
+    """A session of one cylindrical tip drawn from `seed`; `fixed` sets what shall not be drawn."""
+    rng = np.random.default_rng([1983, seed])
+
+    def pick(name: str, value: float) -> float:
+        return fixed.get(name, value)
+
+    radius = pick("radius_mm", rng.uniform(3, 15))
+    rows, cols = int(pick("rows", rng.integers(4, 13))), int(pick("cols", rng.integers(8, 25)))
+    pitch = math.radians(pick("coverage_deg", rng.uniform(120, 300))) / cols
+    row_pitch = rng.uniform(1.0, 3.0)
+    per_n = rng.uniform(1000, 4000)
+    noise, spread = rng.uniform(0.5, 5.0), pick("gain_spread", rng.uniform(0.0, 0.3))
+    stiffness, drift = rng.uniform(1.5, 6.0), pick("drift", rng.uniform(0, 2.0))
+    description = describe(Shape.CYLINDER, rows, cols, pitch, row_pitch, counts_per_n=per_n, radius_mm=radius)
+    places = rng.choice(rows * cols, int(pick("dead", rng.integers(0, 5))), replace=False)
+    dead = [divmod(int(p), cols) for p in places]
+    taxels = Taxels(
+        description,
+        seed=seed,
+        noise_counts=noise,
+        gain_spread=spread,
+        offset_counts=30,
+        crosstalk=rng.uniform(0.05, 0.10),
+        drift_counts_per_s=drift,
+        dead=dead,
+    )
+    calibration = TipCalibration(
+        gain=np.ones((rows, cols)),
+        gain_spread=spread,
+        noise_counts=noise,
+        contact_force_n=CONTACT_N,
+        stiffness_n_per_mm=stiffness,
+        stiffness_bound=0.2,
+        drift_counts_per_s=drift,
+    )
+    half = cols * pitch / 2
+    slots = np.floor((RAYS + half) / pitch).astype(int)
+    on = (slots >= 0) & (slots < cols)
+    loads, truths = [], []
+    while len(truths) < contacts:
+        kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
+        reach = min(half, math.radians(115))
+        middle = rng.uniform(-reach, reach)
+        force = math.exp(rng.uniform(math.log(0.3), math.log(5.0)))
+        depth = force / (stiffness * rng.uniform(0.8, 1.2))
+        if not 0.003 * radius < depth < 0.27 * radius:
+            continue
+        dent, normals = dents(rng, kind, radius, middle, depth)
+        share = dent / dent.sum()
+        columns = np.bincount(slots[on], share[on], minlength=cols) * force
+        bearing = int(rng.integers(2, rows + 1))
+        if columns.sum() < 2 * CONTACT_N or columns.max() / bearing > 0.5 * description.full_scale_n:
+            continue
+        loads.append(np.outer(np.arange(rows) < bearing, columns) / bearing)
+        height = bearing * row_pitch / 2
+        truths.append(Truth(kind, tuple(normals), tuple(_stretches(dent)), height, float(columns.sum())))
+    return _session(rng, description, calibration, taxels, loads, truths)
+
+
+def pad_session(seed: int, contacts: int, **fixed: float) -> Session:
+    """A session of one flat pad: round and square-edged blobs of load, anywhere on it."""
+    rng = np.random.default_rng([705, seed])
+    rows, cols = int(fixed.get("rows", rng.integers(4, 13))), int(fixed.get("cols", rng.integers(4, 17)))
+    pitch, row_pitch = rng.uniform(1.0, 4.0), rng.uniform(1.0, 4.0)
+    noise, spread = rng.uniform(0.5, 5.0), fixed.get("gain_spread", rng.uniform(0.0, 0.3))
+    drift = fixed.get("drift", rng.uniform(0, 2.0))
+    description = describe(Shape.FLAT, rows, cols, pitch, row_pitch, counts_per_n=rng.uniform(500, 1500))
+    places = rng.choice(rows * cols, int(fixed.get("dead", rng.integers(0, 4))), replace=False)
+    taxels = Taxels(
+        description,
+        seed=seed,
+        noise_counts=noise,
+        gain_spread=spread,
+        offset_counts=30,
+        crosstalk=rng.uniform(0.05, 0.10),
+        drift_counts_per_s=drift,
+        dead=[divmod(int(p), cols) for p in places],
+    )
+    calibration = TipCalibration(
+        gain=np.ones((rows, cols)),
+        gain_spread=spread,
+        noise_counts=noise,
+        contact_force_n=CONTACT_N,
+        drift_counts_per_s=drift,
+    )
+    fine, beyond = 8, 4
+    x = ((np.arange((cols + 2 * beyond) * fine) + 0.5) / fine - beyond - cols / 2) * pitch
+    z = ((np.arange((rows + 2 * beyond) * fine) + 0.5) / fine - beyond) * row_pitch
+    loads, truths = [], []
+    while len(truths) < contacts:
+        cx, cz = rng.uniform(-cols / 2, cols / 2) * pitch, rng.uniform(0, rows) * row_pitch
+        a, b = rng.uniform(0.15, 2.5) * pitch, rng.uniform(0.15, 2.5) * row_pitch
+        turn, force = rng.uniform(0, math.pi), math.exp(rng.uniform(math.log(0.3), math.log(3.0)))
+        u = (x[None, :] - cx) * math.cos(turn) + (z[:, None] - cz) * math.sin(turn)
+        v = (z[:, None] - cz) * math.cos(turn) - (x[None, :] - cx) * math.sin(turn)
+        kind = str(rng.choice(["ball", "punch", "edge"]))
+        inside = np.maximum(0.0, 1 - (u / a) ** 2 - (v / b) ** 2)
+        if kind == "punch":
+            inside = ((np.abs(u) < a) & (np.abs(v) < b)).astype(float)
+        elif kind == "edge":  # pressed in slanting: more load on one side
+            inside = inside * (1.2 + np.clip(u / a, -1, 1))
+        if inside.sum() == 0:
+            continue
+        inside *= force / inside.sum()
+        cells = inside.reshape(rows + 2 * beyond, fine, cols + 2 * beyond, fine).sum(axis=(1, 3))
+        cells = cells[beyond:-beyond, beyond:-beyond]
+        if cells.sum() < 2 * CONTACT_N or cells.max() > 0.5 * description.full_scale_n:
+            continue
+        loads.append(cells)
+        at = (float(inside.sum(axis=0) @ x) / force, float(inside.sum(axis=1) @ z) / force)
+        truths.append(Truth(kind, (-math.pi / 2,), at[:1], at[1], float(cells.sum())))
+    return _session(rng, description, calibration, taxels, loads, truths)
+
+
+def _session(
+    rng: np.random.Generator,
+    description: Description,
+    calibration: TipCalibration,
+    taxels: Taxels,
+    loads: list[np.ndarray],
+    truths: list[Truth],
+) -> Session:
+    """Untouched for a while, touched for a moment, and again."""
+    quiet = rng.integers(15, 60, len(loads))
+    held = rng.integers(1, 6, len(loads))
+    last = TARE_FRAMES + np.cumsum(quiet + held) - 1
+    force = np.zeros((int(last[-1]) + 1, description.rows, description.cols))
+    for load, end, frames in zip(loads, last, held, strict=True):
+        force[end - frames + 1 : end + 1] = load
+    time_s = rng.uniform(0, 100) + np.arange(len(force)) / RATE_HZ
+    return Session(
+        description, calibration, taxels.counts(force, time_s), time_s, slice(0, TARE_FRAMES), last, truths
+    )
