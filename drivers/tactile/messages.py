@@ -14,8 +14,10 @@ from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, Des
 
 __all__ = [
     "MAX_LISTED",
+    "MAX_TARE_SAMPLES",
     "MAX_TAXELS",
     "Ack",
+    "Answer",
     "BadTaxel",
     "Body",
     "Describe",
@@ -42,6 +44,7 @@ __all__ = [
 ]
 
 MAX_LISTED = 255  # taxels in one TAXELS or REPORT
+MAX_TARE_SAMPLES = 1024
 
 
 class MessageType(enum.IntEnum):
@@ -230,7 +233,8 @@ class Frame:
 
 
 Request: TypeAlias = Hello | Start | Stop | Rate | Tare | SelfTest | Geometry
-Body: TypeAlias = Request | Describe | Ack | Nack | Report | Taxels | Frame
+Answer: TypeAlias = Describe | Ack | Nack | Report | Taxels
+Body: TypeAlias = Request | Answer | Frame
 
 
 @dataclass(frozen=True)
