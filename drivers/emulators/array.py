@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from palpate.drivers.emulators.array_self_test import examine
 from palpate.drivers.emulators.array_zero import Taring
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.description import REALS_PER_TAXEL
 from palpate.drivers.tactile.messages import (
     MAX_LISTED,
     MAX_TARE_SAMPLES,
@@ -76,7 +77,8 @@ class EmulatedArray:
         self._version = version
         self._self_test_s = self_test_s
         d = self.description
-        self._places = np.concatenate((d.positions_mm(), d.normals()), axis=-1).reshape(d.taxels, -1)
+        places = d.geometry or np.concatenate((d.positions_mm(), d.normals()), axis=-1)
+        self._places = np.reshape(places, (d.taxels, REALS_PER_TAXEL))
         self._decoder = Decoder(version)
         self._waiting: deque[tuple[float, Message | DecodeFault]] = deque()
         self._busy_until_s = 0.0
