@@ -95,8 +95,8 @@ class Decoder:
         self.lost = 0
 
     @property
-    def kept(self) -> int:
-        """Bytes of an unfinished message that wait for the rest of it."""
+    def waiting(self) -> int:
+        """How many bytes are kept of a message whose rest has not come."""
         return len(self._pending)
 
     def feed(self, data: bytes) -> list[Message | DecodeFault]:

@@ -41,6 +41,11 @@ def plain_cobs(data: bytes) -> bytes:
     return bytes(out) + bytes((len(block) + 1,)) + block
 
 
+def seal(plain: bytes) -> bytes:
+    """Header and payload, whatever they are, with a right CRC, on the wire."""
+    return plain_cobs(plain + struct.pack("<I", zlib.crc32(plain))) + b"\0"
+
+
 def wire(
     kind: int,
     sequence: int,
@@ -53,8 +58,7 @@ def wire(
 ) -> bytes:
     """A message on the wire, right or wrong."""
     length = len(payload) + grow
-    head = struct.pack("<BBHIQH", version, kind, flags, sequence, time_us, length) + payload
-    return plain_cobs(head + struct.pack("<I", zlib.crc32(head))) + b"\0"
+    return seal(struct.pack("<BBHIQH", version, kind, flags, sequence, time_us, length) + payload)
 
 
 SMALL = Description(
