@@ -49,7 +49,7 @@ _ADVICE = {
     NackReason.UNKNOWN_TYPE: "its firmware does not know how; update it or do without",
     NackReason.BAD_PAYLOAD: "check its firmware",
     NackReason.BAD_RATE: "check the rate and the firmware",
-    NackReason.HARDWARE: "something in it is broken; let it test itself, then repair it",
+    NackReason.HARDWARE: "something in it is broken; repair or replace it",
     NackReason.BAD_STATE: "that needs a running stream; start it first",
     NackReason.BAD_VERSION: "check its firmware",
 }
