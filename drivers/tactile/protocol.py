@@ -161,8 +161,8 @@ def _decode_one(stuffed: bytes, version: int) -> Message | DecodeFault:
         return DecodeFault(FaultKind.FRAMING)
     if len(plain) < _SHORTEST:
         return DecodeFault(FaultKind.SHORT)
-    body, crc = plain[: -_CRC.size], plain[-_CRC.size :]
-    if _CRC.unpack(crc)[0] != zlib.crc32(body):
+    body = plain[: -_CRC.size]
+    if _CRC.unpack_from(plain, len(body))[0] != zlib.crc32(body):
         return DecodeFault(FaultKind.CRC)
     return _unpack_message(body, version)
 
@@ -170,18 +170,18 @@ def _decode_one(stuffed: bytes, version: int) -> Message | DecodeFault:
 def _unpack_message(plain: bytes, version: int) -> Message | DecodeFault:
     said, kind, flags, sequence, time_us, length = _HEADER.unpack_from(plain)
     payload = plain[_HEADER.size :]
-
-    def fault(what: FaultKind) -> DecodeFault:
-        return DecodeFault(what, type_code=kind, request_id=request_id(payload), version=said)
-
     if said != version:
-        return fault(FaultKind.VERSION)
+        return _unusable(FaultKind.VERSION, said, kind, payload)
     if length != len(payload):
         return DecodeFault(FaultKind.LENGTH)
     try:
         body = unpack(kind, payload)
     except ValueError:
-        return fault(FaultKind.PAYLOAD)
+        return _unusable(FaultKind.PAYLOAD, said, kind, payload)
     if body is None:
-        return fault(FaultKind.UNKNOWN_TYPE)
+        return _unusable(FaultKind.UNKNOWN_TYPE, said, kind, payload)
     return Message(sequence, time_us, body, flags)
+
+
+def _unusable(what: FaultKind, version: int, kind: int, payload: bytes) -> DecodeFault:
+    return DecodeFault(what, type_code=kind, request_id=request_id(payload), version=version)
