@@ -1,8 +1,9 @@
 """Frames per second through the tactile code on one core: run with `python benchmarks/bench_tactile.py`.
 
-One row for each way a recorded stream of 8 x 8 taxels of 16 bit goes; each is run several times, and the least
-processor time counts. The plain loop does what cannot be left out, with the same libraries: cut at the delimiter, COBS,
-CRC, header, array. A decoder that also says what was wrong with each stretch takes longer: the last column.
+One row for each way a recorded stream of 8 x 8 taxels of 16 bit goes; each is run several times, and the
+least processor time counts. The plain loop does what cannot be left out, with the same libraries: cut at the
+delimiter, COBS, CRC, header, array. A decoder that also says what was wrong with each stretch takes longer:
+the last column.
 """
 
 import argparse
