@@ -2,7 +2,7 @@
 
 It is written from `docs/tactile-protocol.md` and knows nothing of objects or recognition: whoever plays
 the world calls `sample` at the instants that `next_sample_s` names. What is wrong with the sensor is in
-`taxels`.
+`taxels`; the zero that it takes off is in `array_zero`.
 """
 
 from collections import deque
@@ -11,44 +11,83 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.drivers.emulators.array_self_test import examine
+from palpate.drivers.emulators.array_zero import Taring
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.description import REALS_PER_TAXEL
 from palpate.drivers.tactile.messages import (
+    MAX_LISTED,
+    MAX_TARE_SAMPLES,
     Ack,
     Body,
     Describe,
     Frame,
+    FrameFlag,
+    Geometry,
     Hello,
     Message,
     MessageType,
     Nack,
     NackReason,
+    Rate,
+    Report,
+    SelfTest,
+    SelfTestResult,
     Start,
     Stop,
+    Tare,
 )
-from palpate.drivers.tactile.protocol import DecodeFault, Decoder, FaultKind, encode
+from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
+from palpate.drivers.tactile.protocol import VERSION, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.transport.wire import Emission
 
 __all__ = ["EmulatedArray"]
 
-_COMMANDS = (MessageType.HELLO, MessageType.START, MessageType.STOP)
+_NOTHING = SelfTestResult(0)
+_TAXELS_A_MESSAGE = 64
+_REASONS = {
+    FaultKind.VERSION: NackReason.BAD_VERSION,
+    FaultKind.UNKNOWN_TYPE: NackReason.UNKNOWN_TYPE,
+    FaultKind.PAYLOAD: NackReason.BAD_PAYLOAD,
+}
 
 
 class EmulatedArray:
     """A `Device` (see `drivers.transport.wire`) that answers commands and streams frames of its `taxels`.
 
     `advance(now)` is called before anything is answered, so that the world can bring its samples up to `now`.
+    `version` is the protocol's that it speaks. `broken` is what its self-test finds beside taxels; with
+    a broken converter it streams no frames. The self-test takes `self_test_s`, and what arrives
+    meanwhile waits. Raises DeviceError if the surface is free and the places of its taxels are not given.
     """
 
-    def __init__(self, taxels: Taxels, advance: Callable[[float], None] | None = None) -> None:
+    def __init__(
+        self,
+        taxels: Taxels,
+        advance: Callable[[float], None] | None = None,
+        *,
+        version: int = VERSION,
+        broken: SelfTestResult = _NOTHING,
+        self_test_s: float = 0.25,
+    ) -> None:
         self.description = taxels.description
         self.taxels = taxels
+        self.broken = broken
         self._advance = advance
-        self._decoder = Decoder()
+        self._version = version
+        self._self_test_s = self_test_s
+        d = self.description
+        places = d.geometry or np.concatenate((d.positions_mm(), d.normals()), axis=-1)
+        self._places = np.reshape(places, (d.taxels, REALS_PER_TAXEL))
+        self._decoder = Decoder(version)
+        self._waiting: deque[tuple[float, Message | DecodeFault]] = deque()
+        self._busy_until_s = 0.0
         self._queue: deque[Emission] = deque()
         self._sequence = 0
         self._period_s: float | None = None
         self._start_s = 0.0
         self._samples = 0
+        self._zero = Taring(d.max_count)
 
     def next_sample_s(self) -> float | None:
         """Instant at which the array samples next, or None while it does not stream."""
@@ -65,25 +104,24 @@ class EmulatedArray:
             return
         self._samples += 1
         d = self.description
-        self._send(Frame(d.rows, d.cols, self.taxels.counts(force_n, now).tobytes()), now)
+        counts, tared = self._zero.sent(self.taxels.counts(force_n, now))
+        self._send(Frame(d.rows, d.cols, counts.tobytes()), now, FrameFlag.TARED if tared else 0)
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Take bytes that arrived at `now`; return answers and frames due up to `now`."""
         self._catch_up(now)
-        for item in self._decoder.feed(data):
-            if isinstance(item, Message):
-                self._obey(item.body, now)
-            else:
-                self._refuse(item, now)
+        self._waiting.extend((now, item) for item in self._decoder.feed(data))
+        self._work(now)
         return self._due(now)
 
     def poll(self, now: float) -> list[Emission]:
-        """Return frames due up to `now`."""
+        """Return answers and frames due up to `now`."""
         self._catch_up(now)
+        self._work(now)
         return self._due(now)
 
     def next_due(self) -> float | None:
-        """Instant of the next frame, or None while the array does not stream."""
+        """Instant of the next answer or frame, or None if there is none in sight."""
         return self._queue[0][0] if self._queue else self.next_sample_s()
 
     def _catch_up(self, now: float) -> None:
@@ -96,32 +134,86 @@ class EmulatedArray:
             out.append(self._queue.popleft())
         return out
 
+    def _work(self, now: float) -> None:
+        while self._waiting and now >= self._busy_until_s:
+            arrived, item = self._waiting.popleft()
+            at = max(arrived, self._busy_until_s)
+            if isinstance(item, DecodeFault):
+                self._refuse(item, at)
+            else:
+                self._obey(item.body, at)
+
+    def _refuse(self, fault: DecodeFault, now: float) -> None:
+        reason = _REASONS.get(fault.kind)
+        if reason is None or fault.request_id is None or fault.type_code is None:
+            return
+        if MessageType.is_request(fault.type_code):
+            self._send(Nack(fault.request_id, reason), now)
+
     def _obey(self, body: Body, now: float) -> None:
         match body:
             case Hello():
                 self._period_s = None
+                self._zero.forget()
                 self._send(Describe(body.request_id, self.description), now)
             case Stop():
                 self._period_s = None
                 self._send(Ack(body.request_id), now)
-            case Start():
-                rate_hz = body.rate_mhz / 1000
-                if 0 < rate_hz <= self.description.max_rate_hz:
-                    self._period_s, self._start_s, self._samples = 1 / rate_hz, now, 0
-                    self._send(Ack(body.request_id), now)
-                else:
-                    self._send(Nack(body.request_id, NackReason.BAD_RATE), now)
+            case SelfTest():
+                self._examine_itself(body, now)
+            case Geometry():
+                self._tell_places(body, now)
+            case Start() | Rate() | Tare():
+                reason = self._tare(body) if isinstance(body, Tare) else self._pace(body, now)
+                self._send(Ack(body.request_id) if reason is None else Nack(body.request_id, reason), now)
             case _:
                 pass  # its own kind of message, come back on a shorted wire
 
-    def _refuse(self, fault: DecodeFault, now: float) -> None:
-        if fault.request_id is None:
-            return
-        if fault.kind is FaultKind.UNKNOWN_TYPE and fault.type_code is not None and fault.type_code < 0x80:
-            self._send(Nack(fault.request_id, NackReason.UNKNOWN_TYPE), now)
-        elif fault.kind is FaultKind.PAYLOAD and fault.type_code in _COMMANDS:
-            self._send(Nack(fault.request_id, NackReason.BAD_PAYLOAD), now)
+    def _pace(self, body: Start | Rate, now: float) -> NackReason | None:
+        """Stream at another rate; return why not, or None."""
+        rate_hz = body.rate_mhz / 1000
+        if not 0 < rate_hz <= self.description.max_rate_hz:
+            return NackReason.BAD_RATE
+        period_s = 1 / rate_hz
+        if isinstance(body, Start):
+            if self.broken & SelfTestResult.CONVERTER:
+                return NackReason.HARDWARE
+            self._start_s = now
+        elif self._period_s is None:
+            return NackReason.BAD_STATE
+        else:
+            last_s = self._start_s + self._samples * self._period_s
+            self._start_s = max(last_s, now - period_s)  # a frame that would be late already comes at once
+        self._period_s, self._samples = period_s, 0
+        return None
 
-    def _send(self, body: Body, now: float) -> None:
-        self._queue.append((now, encode(Message(self._sequence, round(now * 1e6), body))))
+    def _tare(self, body: Tare) -> NackReason | None:
+        if body.samples > MAX_TARE_SAMPLES or body.pedestal > self.description.max_count:
+            return NackReason.BAD_PAYLOAD
+        if body.samples:
+            self._zero.begin(body.samples, body.pedestal)
+        else:
+            self._zero.forget()
+        return None
+
+    def _examine_itself(self, body: SelfTest, now: float) -> None:
+        if self._period_s is not None:
+            self._send(Nack(body.request_id, NackReason.BAD_STATE), now)
+            return
+        self._busy_until_s = now + self._self_test_s
+        bad = examine(self.taxels)
+        result = self.broken | (SelfTestResult.TAXELS if bad else _NOTHING)
+        self._send(Report(body.request_id, result, len(bad), bad[:MAX_LISTED]), self._busy_until_s)
+
+    def _tell_places(self, body: Geometry, now: float) -> None:
+        places = self._places[body.first : body.first + _TAXELS_A_MESSAGE]
+        if places.size:
+            told = tuple(map(float, places.ravel()))
+            self._send(TaxelsMessage(body.request_id, body.first, told), now)
+        else:
+            self._send(Nack(body.request_id, NackReason.BAD_PAYLOAD), now)
+
+    def _send(self, body: Body, now: float, flags: int = 0) -> None:
+        message = Message(self._sequence, round(now * 1e6), body, flags)
+        self._queue.append((now, encode(message, self._version)))
         self._sequence = (self._sequence + 1) % (1 << 32)

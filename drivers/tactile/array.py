@@ -1,25 +1,39 @@
 """Host driver of an array that speaks `docs/tactile-protocol.md`. Stands between a port and the extractor.
 
-Bytes in, frames out. `stream` does the waiting.
+Bytes in, frames out. `exchange` asks and hears the answers, `stream` does the waiting.
 """
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TypeVar
 
 from serial.serialutil import SerialBase
 
+from palpate.drivers.tactile.exchange import Exchange
 from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
 from palpate.drivers.tactile.messages import (
+    MAX_TARE_SAMPLES,
     Ack,
-    Body,
     Describe,
     Description,
     Frame,
+    FrameFlag,
+    Geometry,
     Hello,
     Message,
     Nack,
+    NackReason,
+    Rate,
+    Report,
+    Request,
+    SelfTest,
+    Shape,
     Start,
     Stop,
+    Tare,
+    Taxels,
 )
-from palpate.drivers.tactile.protocol import DELIMITER, Decoder, encode
-from palpate.drivers.tactile.stream import FrameStream, Port
+from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 
@@ -27,19 +41,33 @@ __all__ = ["TactileArray"]
 
 ANSWER_TIMEOUT_S = 0.5
 COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
+GEOMETRY_TIMEOUT_S = 1.0  # one answer may have 6 kB, which take 0.5 s at 115200 baud
+SELF_TEST_TIMEOUT_S = 2.5  # the array has 2 s, then comes the time on the wire
 ATTEMPTS = 3
+SELF_TEST_ATTEMPTS = 2
+_ADVICE = {
+    NackReason.UNKNOWN_TYPE: "its firmware does not know how; update it or do without",
+    NackReason.BAD_PAYLOAD: "check its firmware",
+    NackReason.BAD_RATE: "check the rate and the firmware",
+    NackReason.HARDWARE: "something in it is broken; repair or replace it",
+    NackReason.BAD_STATE: "that needs a running stream; start it first",
+    NackReason.BAD_VERSION: "check its firmware",
+}
+
+_Granted = TypeVar("_Granted", Ack, Report, Taxels)
 
 
 class TactileArray:
-    """A tactile array on a port, as an `ArrayDriver`. Call `connect` first."""
+    """A tactile array on a port, as an `ArrayDriver`. Call `connect` first.
+
+    Every verb raises DeviceError, which names the array and says what to do, if the array refuses, does not
+    answer, speaks another version of the protocol, or is gone.
+    """
 
     def __init__(self, port: SerialBase | Port, clock: Clock, name: str) -> None:
-        self._stream = FrameStream(port, clock, name, self._take)
+        self._exchange = Exchange(port, clock, name, self._take)
+        self._stream = self._exchange.stream
         self._clock = clock
-        self._decoder = Decoder()
-        self._answers: list[Body] = []
-        self._sequence = 0
-        self._request = 0
         self._description: Description | None = None
         self._misshapen = 0
 
@@ -53,41 +81,72 @@ class TactileArray:
     @property
     def counters(self) -> ArrayCounters:
         """Frames taken and everything that did not become a frame."""
-        faults = sum(self._decoder.faults.values())
-        stream = self._stream
-        return ArrayCounters(stream.received, self._decoder.lost, faults, self._misshapen, stream.dropped)
+        decoder, stream = self._exchange.decoder, self._stream
+        faults = sum(decoder.faults.values())
+        return ArrayCounters(stream.received, decoder.lost, faults, self._misshapen, stream.dropped)
 
     def connect(self) -> Description:
-        """Ask the array what it is; a running stream stops. Raises DeviceError if nothing answers."""
+        """Ask the array what it is, and where its taxels are if its surface is free; a running stream stops.
+
+        The array forgets a zero that it was told to take off.
+        """
         self._description = None
-        for _ in range(ATTEMPTS):
-            answer = self._ask(Hello(self._next_request()))
-            if isinstance(answer, Describe):
-                self._description = answer.description
-                self._stream.clear()
-                return answer.description
-            if isinstance(answer, Nack):
-                raise DeviceError(
-                    f"{self._stream.where} refuses to describe itself ({answer.reason.name}); "
-                    "power it off and on, then check its firmware"
-                )
-        raise DeviceError(
-            f"{self._stream.where} does not answer; "
-            "check its power, its cable and the port's name in the rig file"
-        )
+        answer = self._exchange.ask(Hello, Describe, ANSWER_TIMEOUT_S, ATTEMPTS)
+        where = self._stream.where
+        if isinstance(answer, Nack):
+            raise DeviceError(
+                f"{where} refuses to describe itself ({answer.reason.name}); "
+                "power it off and on, then check its firmware"
+            )
+        if answer is None:
+            raise DeviceError(
+                f"{where} does not answer; check its power, its cable and the port's name in the rig file"
+            )
+        told = answer.description
+        if told.shape is Shape.FREE:
+            told = replace(told, geometry=self._geometry(told.taxels))
+        self._description = told
+        self._stream.clear()
+        return told
 
     def start(self, rate_hz: float) -> None:
-        """Stream frames at `rate_hz`. Raises DeviceError if the array refuses the rate or does not answer."""
-        limit = self.description.max_rate_hz
-        if not 0 < rate_hz <= limit:
-            raise DeviceError(
-                f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
-            )
-        self._command(Start(self._next_request(), round(rate_hz * 1000)), "start")
+        """Stream frames at `rate_hz`; a running stream begins anew."""
+        rate_mhz = self._rate_mhz(rate_hz)
+        self._command(lambda number: Start(number, rate_mhz), "start")
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Go on streaming at another rate: the next frame comes one new period after the last one."""
+        rate_mhz = self._rate_mhz(rate_hz)
+        self._command(lambda number: Rate(number, rate_mhz), "change the rate")
 
     def stop(self) -> None:
         """Stop the stream; frames that were on their way stay readable."""
-        self._command(Stop(self._next_request()), "stop")
+        self._command(Stop, "stop")
+
+    def tare(self, samples: int, pedestal: int = 0) -> None:
+        """Let the array take off the mean of its next `samples` frames (1..1024) and add `pedestal` counts.
+
+        Frames come raw until it has them; then they are marked as tared. Touch nothing meanwhile. For
+        pictures: the contact extractor wants raw counts.
+        """
+        most = self.description.max_count
+        if not 1 <= samples <= MAX_TARE_SAMPLES or not 0 <= pedestal <= most:
+            raise DeviceError(
+                f"{self._stream.where} cannot tare with {samples} samples and a pedestal of {pedestal}; "
+                f"choose 1 to {MAX_TARE_SAMPLES} samples and 0 to {most} counts"
+            )
+        self._command(lambda number: Tare(number, samples, pedestal), "tare")
+
+    def untare(self) -> None:
+        """Let the array send raw counts again."""
+        self._command(lambda number: Tare(number, 0), "send raw counts")
+
+    def self_test(self) -> Report:
+        """Let the array examine itself, which takes up to 2 s; it must not be streaming."""
+        answer = self._exchange.ask(SelfTest, Report, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
+        if isinstance(answer, Nack) and answer.reason is NackReason.BAD_STATE:
+            raise DeviceError(f"{self._stream.where} cannot test itself while it streams; stop it first")
+        return self._granted(answer, "test itself")
 
     def frames(self) -> list[TactileFrame]:
         """Return every frame that has arrived, oldest first, without waiting."""
@@ -97,61 +156,53 @@ class TactileArray:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
         return self._stream.wait_frame(timeout_s)
 
-    def _command(self, body: Start | Stop, verb: str) -> None:
-        """Say it more than once: command or answer may get lost, and doing it twice does no harm."""
-        answer = next(
-            (said for _ in range(ATTEMPTS) if (said := self._ask(body, COMMAND_TIMEOUT_S)) is not None), None
-        )
+    def _rate_mhz(self, rate_hz: float) -> int:
+        limit = self.description.max_rate_hz
+        if not 0 < rate_hz <= limit:
+            raise DeviceError(
+                f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
+            )
+        return round(rate_hz * 1000)
+
+    def _geometry(self, taxels: int) -> tuple[float, ...]:
+        """Ask where the taxels are, as many at a time as the array likes."""
+        places: tuple[float, ...] = ()
+        told = 0
+        while told < taxels:
+            ask = _geometry_from(told)
+            answer = self._exchange.ask(ask, Taxels, GEOMETRY_TIMEOUT_S, ATTEMPTS)
+            part = self._granted(answer, "say where its taxels are")
+            if part.first != told or told + part.count > taxels:
+                raise DeviceError(
+                    f"{self._stream.where} was asked where its taxels are from number {told} on, and told of "
+                    f"{part.count} from {part.first} on; it has {taxels}: check its firmware"
+                )
+            places += part.places
+            told += part.count
+        return places
+
+    def _command(self, make: Callable[[int], Request], verb: str) -> None:
+        self._granted(self._exchange.ask(make, Ack, COMMAND_TIMEOUT_S, ATTEMPTS), verb)
+
+    def _granted(self, answer: _Granted | Nack | None, verb: str) -> _Granted:
         where = self._stream.where
         if isinstance(answer, Nack):
-            raise DeviceError(
-                f"{where} refuses to {verb} ({answer.reason.name}); check the rate and the firmware"
-            )
+            raise DeviceError(f"{where} refuses to {verb} ({answer.reason.name}); {_ADVICE[answer.reason]}")
         if answer is None:
-            raise DeviceError(f"{where} did not answer {verb.upper()}; check its power and its cable")
+            raise DeviceError(f"{where} did not answer when told to {verb}; check its power and its cable")
+        return answer
 
-    def _ask(self, body: Hello | Start | Stop, timeout_s: float = ANSWER_TIMEOUT_S) -> Body | None:
-        self._answers.clear()
-        # A leading delimiter ends whatever noise the array's receiver holds.
-        self._stream.write(DELIMITER + encode(Message(self._sequence, self._now_us(), body)))
-        self._sequence = (self._sequence + 1) % (1 << 32)
-        found: list[Body] = []
-
-        def answered() -> bool:
-            found.extend(
-                answer
-                for answer in self._answers
-                if isinstance(answer, Ack | Nack | Describe) and answer.request_id == body.request_id
-            )
-            self._answers.clear()
-            return bool(found)
-
-        self._stream.wait_until(answered, timeout_s)
-        return found[0] if found else None
-
-    def _take(self, data: bytes) -> None:
-        for item in self._decoder.feed(data):
-            if isinstance(item, Message):
-                self._sort(item)
-
-    def _sort(self, message: Message) -> None:
-        body = message.body
-        if not isinstance(body, Frame):
-            self._answers.append(body)
-            return
+    def _take(self, message: Message, body: Frame) -> None:
         shape = self._description
         if shape is None:
             return
         if (body.rows, body.cols) != (shape.rows, shape.cols):
             self._misshapen += 1
             return
-        self._stream.push(
-            TactileFrame(message.sequence, message.time_us * 1e-6, self._clock.now(), body.counts)
-        )
+        now = self._clock.now()
+        tared = bool(message.flags & FrameFlag.TARED)
+        self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, body.counts, tared))
 
-    def _next_request(self) -> int:
-        self._request = self._request % 0xFFFF + 1
-        return self._request
 
-    def _now_us(self) -> int:
-        return round(self._clock.now() * 1e6)
+def _geometry_from(first: int) -> Callable[[int], Geometry]:
+    return lambda number: Geometry(number, first)

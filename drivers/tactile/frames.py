@@ -20,12 +20,14 @@ class TactileFrame:
 
     `device_time_s` is the array's own clock at the sample; `host_time_s` is the host's clock when the frame
     was read from the port, which is later by the time on the wire and by the wait until somebody looked.
+    `tared` says that the array took a zero of its own off, so that counts are not raw.
     """
 
     sequence: int
     device_time_s: float
     host_time_s: float
     counts: NDArray[np.uint16]
+    tared: bool = False
 
 
 @dataclass(frozen=True)

@@ -1,35 +1,50 @@
 """What a tactile array and its host say to each other, as values. Next: `protocol` turns them into bytes.
 
-The byte layout is in `docs/tactile-protocol.md`. Angles are in the tip frame: z along the tip's axis,
-pointing up, z = 0 at the tip's lower end; angle 0 is the array's middle, counter-clockwise seen from above.
+The byte layout is in `docs/tactile-protocol.md`. What an array says of itself is in `description`.
 """
 
 import enum
-import math
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, Description, Shape
+
 __all__ = [
+    "MAX_LISTED",
+    "MAX_TARE_SAMPLES",
+    "MAX_TAXELS",
     "Ack",
+    "Answer",
+    "BadTaxel",
     "Body",
     "Describe",
     "Description",
     "Frame",
+    "FrameFlag",
+    "Geometry",
     "Hello",
     "Message",
     "MessageType",
     "Nack",
     "NackReason",
+    "Rate",
+    "Report",
+    "Request",
+    "SelfTest",
+    "SelfTestResult",
     "Shape",
     "Start",
     "Stop",
+    "Tare",
+    "TaxelFault",
+    "Taxels",
 ]
 
-MAX_TAXELS = 4096
+MAX_LISTED = 255  # taxels in one TAXELS or REPORT
+MAX_TARE_SAMPLES = 1024
 
 
 class MessageType(enum.IntEnum):
@@ -38,10 +53,21 @@ class MessageType(enum.IntEnum):
     HELLO = 0x01
     START = 0x02
     STOP = 0x03
+    RATE = 0x04
+    TARE = 0x05
+    SELF_TEST = 0x06
+    GEOMETRY = 0x07
     DESCRIBE = 0x81
     ACK = 0x82
     NACK = 0x83
+    REPORT = 0x84
+    TAXELS = 0x85
     FRAME = 0x90
+
+    @staticmethod
+    def is_request(code: int) -> bool:
+        """Whether a type, known or not, is one that a host sends."""
+        return code < 0x80
 
 
 class NackReason(enum.IntEnum):
@@ -51,96 +77,32 @@ class NackReason(enum.IntEnum):
     BAD_PAYLOAD = 2
     BAD_RATE = 3
     HARDWARE = 4
+    BAD_STATE = 5
+    BAD_VERSION = 6
 
 
-class Shape(enum.IntEnum):
-    """Surface that carries the taxels."""
+class FrameFlag(enum.IntFlag):
+    """Flags of the header of a FRAME."""
 
-    FLAT = 0
-    CYLINDER = 1
-
-
-@dataclass(frozen=True)
-class Description:
-    """What an array says of itself. Reals travel as 32-bit floats.
-
-    `columns` holds one position per column, ascending: rad about the tip's axis on a cylinder, mm along x on
-    a flat pad. `row_heights_mm` holds one z per row, ascending. `full_scale_n` is the force on one taxel that
-    brings it to its largest count. `tip_radius_mm` is 0 for a flat pad.
-    """
-
-    unique_id: bytes
-    firmware: str
-    emulated: bool
-    shape: Shape
-    rows: int
-    cols: int
-    bit_depth: int
-    max_rate_hz: float
-    full_scale_n: float
-    counts_per_n: float
-    tip_radius_mm: float
-    columns: tuple[float, ...]
-    row_heights_mm: tuple[float, ...]
-
-    @property
-    def max_count(self) -> int:
-        """Largest value a taxel can have."""
-        return (1 << self.bit_depth) - 1
-
-    @property
-    def taxels(self) -> int:
-        """How many taxels there are."""
-        return self.rows * self.cols
-
-    def positions_mm(self) -> NDArray[np.float64]:
-        """Taxel centres, shape (rows, cols, 3), mm, tip frame."""
-        columns = np.asarray(self.columns)
-        flat = self.shape is Shape.FLAT
-        x = columns if flat else self.tip_radius_mm * np.cos(columns)
-        y = np.zeros(self.cols) if flat else self.tip_radius_mm * np.sin(columns)
-        out = np.empty((self.rows, self.cols, 3))
-        out[..., 0], out[..., 1] = x, y
-        out[..., 2] = np.asarray(self.row_heights_mm)[:, None]
-        return out
-
-    def normals(self) -> NDArray[np.float64]:
-        """Outward unit normals of the taxels, shape (rows, cols, 3), tip frame."""
-        angles = np.full(self.cols, -math.pi / 2) if self.shape is Shape.FLAT else np.asarray(self.columns)
-        out = np.zeros((self.rows, self.cols, 3))
-        out[..., 0], out[..., 1] = np.cos(angles), np.sin(angles)
-        return out
-
-    def problem(self) -> str | None:
-        """Say what makes this description unusable, or None if nothing does."""
-        reals = (
-            *self.columns,
-            *self.row_heights_mm,
-            self.full_scale_n,
-            self.counts_per_n,
-            self.tip_radius_mm,
-            self.max_rate_hz,
-        )
-        checks = (
-            (len(self.unique_id) == 16, "the unique id is not 16 bytes long"),
-            (1 <= self.rows <= 255 and 1 <= self.cols <= 255, "rows or columns outside 1..255"),
-            (self.taxels <= MAX_TAXELS, f"more than {MAX_TAXELS} taxels"),
-            (1 <= self.bit_depth <= 16, "bit depth outside 1..16"),
-            (len(self.columns) == self.cols, "not one position per column"),
-            (len(self.row_heights_mm) == self.rows, "not one height per row"),
-            (all(map(math.isfinite, reals)), "a number is not finite"),
-            (_ascending(self.columns), "column positions do not ascend"),
-            (_ascending(self.row_heights_mm), "row heights do not ascend"),
-            (self.full_scale_n > 0 and self.counts_per_n > 0, "full scale or counts per N not positive"),
-            (self.max_rate_hz > 0, "rate not positive"),
-            (self.shape is Shape.FLAT or self.tip_radius_mm > 0, "a cylinder without a radius"),
-            (len(self.firmware.encode()) <= 255, "firmware name longer than 255 bytes"),
-        )
-        return next((text for good, text in checks if not good), None)
+    TARED = 1
 
 
-def _ascending(values: tuple[float, ...]) -> bool:
-    return all(a < b for a, b in pairwise(values))
+class SelfTestResult(enum.IntFlag):
+    """What a self-test found to be broken; 0 is nothing. Bits without a name are the maker's."""
+
+    PROGRAM_MEMORY = 1
+    WORKING_MEMORY = 2
+    CONVERTER = 4
+    SUPPLY = 8
+    TAXELS = 16
+
+
+class TaxelFault(enum.IntEnum):
+    """What is wrong with a taxel."""
+
+    STUCK_LOW = 1
+    STUCK_HIGH = 2
+    UNSTEADY = 3
 
 
 @dataclass(frozen=True)
@@ -166,8 +128,40 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Rate:
+    """Host: go on streaming, at `rate_mhz` thousandths of a frame per second."""
+
+    request_id: int
+    rate_mhz: int
+
+
+@dataclass(frozen=True)
+class Tare:
+    """Host: take the mean of `samples` frames off, and add `pedestal` counts; 0 samples: raw counts again."""
+
+    request_id: int
+    samples: int
+    pedestal: int = 0
+
+
+@dataclass(frozen=True)
+class SelfTest:
+    """Host: examine yourself."""
+
+    request_id: int
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Host: say where your taxels are, from number `first` (row * columns + column) on."""
+
+    request_id: int
+    first: int
+
+
+@dataclass(frozen=True)
 class Describe:
-    """Device: the answer to HELLO."""
+    """Device: the answer to HELLO. `description.geometry` does not travel with it."""
 
     request_id: int
     description: Description
@@ -189,6 +183,42 @@ class Nack:
 
 
 @dataclass(frozen=True)
+class BadTaxel:
+    """A taxel that a self-test found, and what is wrong with it."""
+
+    row: int
+    col: int
+    fault: TaxelFault
+
+
+@dataclass(frozen=True)
+class Report:
+    """Device: what the self-test found. `bad` holds the first 255 of `bad_count` bad taxels."""
+
+    request_id: int
+    result: SelfTestResult
+    bad_count: int
+    bad: tuple[BadTaxel, ...]
+
+
+@dataclass(frozen=True)
+class Taxels:
+    """Device: places of taxels from number `first` on.
+
+    `places` holds six reals each: position x, y, z (mm) and outward unit normal x, y, z, in the tip frame.
+    """
+
+    request_id: int
+    first: int
+    places: tuple[float, ...]
+
+    @property
+    def count(self) -> int:
+        """How many taxels are told of."""
+        return len(self.places) // REALS_PER_TAXEL
+
+
+@dataclass(frozen=True)
 class Frame:
     """Device: one sample of every taxel; `taxels` is u16 little endian, lowest row first."""
 
@@ -202,7 +232,9 @@ class Frame:
         return np.frombuffer(self.taxels, dtype="<u2").reshape(self.rows, self.cols)
 
 
-Body: TypeAlias = Hello | Start | Stop | Describe | Ack | Nack | Frame
+Request: TypeAlias = Hello | Start | Stop | Rate | Tare | SelfTest | Geometry
+Answer: TypeAlias = Describe | Ack | Nack | Report | Taxels
+Body: TypeAlias = Request | Answer | Frame
 
 
 @dataclass(frozen=True)

@@ -4,54 +4,30 @@
 
 Little endian throughout. The CRC is CRC-32 (zlib) over everything before it. COBS (Cheshire and Baker,
 "Consistent Overhead Byte Stuffing", 1999) keeps 0x00 out of the frame, so that whatever happened on the wire
-the next 0x00 starts afresh. Sans-IO: no port, no clock. Tables and test vectors: `docs/tactile-protocol.md`.
+the next 0x00 starts afresh. Sans-IO: no port, no clock. What is in a payload is in `payloads`. Tables and
+test vectors: `docs/tactile-protocol.md`.
 """
 
 import enum
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from cobs import cobs
 
-from palpate.drivers.tactile.messages import (
-    MAX_TAXELS,
-    Ack,
-    Body,
-    Describe,
-    Description,
-    Frame,
-    Hello,
-    Message,
-    MessageType,
-    Nack,
-    NackReason,
-    Shape,
-    Start,
-    Stop,
-)
+from palpate.drivers.tactile.messages import Describe, Frame, Message
+from palpate.drivers.tactile.payloads import MAX_PAYLOAD, pack, request_id, unpack
 
-__all__ = ["MAX_ENCODED", "VERSION", "DecodeFault", "Decoder", "FaultKind", "encode"]
+__all__ = ["DELIMITER", "MAX_ENCODED", "VERSION", "DecodeFault", "Decoder", "FaultKind", "encode"]
 
 VERSION = 1
 DELIMITER = b"\x00"
 _HEADER = struct.Struct("<BBHIQH")
 _CRC = struct.Struct("<I")
-_REQUEST = struct.Struct("<H")
-_START = struct.Struct("<HI")
-_NACK = struct.Struct("<HB")
-_SIZE = struct.Struct("<BB")
-_DESCRIBE = struct.Struct("<H16sBBBBBIfff")
-_MAX_PAYLOAD = _SIZE.size + 2 * MAX_TAXELS
-_MAX_PLAIN = _HEADER.size + _MAX_PAYLOAD + _CRC.size
+_SHORTEST = _HEADER.size + _CRC.size
+_MAX_PLAIN = _SHORTEST + MAX_PAYLOAD
 MAX_ENCODED = _MAX_PLAIN + _MAX_PLAIN // 254 + 1  # COBS adds one byte in 254 and one more
-_PLAIN_REQUESTS: dict[type, MessageType] = {
-    Hello: MessageType.HELLO,
-    Stop: MessageType.STOP,
-    Ack: MessageType.ACK,
-}
 _HALF_CIRCLE = 1 << 31  # sequence numbers are compared on a circle of 2**32
 
 
@@ -74,24 +50,27 @@ class FaultKind(enum.Enum):
 class DecodeFault:
     """Something in the stream that is not a message.
 
-    `missing` is the number of messages lost at a SEQUENCE_GAP. `request_id` and `type_code` are there where
-    the CRC held but the content made no sense, so that a device can answer NACK.
+    `missing` is the number of messages lost at a SEQUENCE_GAP. `version`, `type_code` and `request_id` are
+    there where the CRC held but what is inside cannot be used (VERSION, UNKNOWN_TYPE, PAYLOAD), so that
+    a device can answer NACK and a host knows which version was spoken to it. `request_id` is None if the
+    payload is too short for one.
     """
 
     kind: FaultKind
     missing: int = 0
     type_code: int | None = None
     request_id: int | None = None
+    version: int | None = None
 
 
-def encode(message: Message) -> bytes:
+def encode(message: Message, version: int = VERSION) -> bytes:
     """Return the wire bytes, closing delimiter included.
 
     Raises ValueError if a field does not fit its place on the wire.
     """
-    kind, payload = _pack(message.body)
+    kind, payload = pack(message.body)
     try:
-        head = _HEADER.pack(VERSION, kind, message.flags, message.sequence, message.time_us, len(payload))
+        head = _HEADER.pack(version, kind, message.flags, message.sequence, message.time_us, len(payload))
     except struct.error as problem:
         raise ValueError(f"header field out of range in {message!r}: {problem}") from problem
     plain = head + payload
@@ -99,115 +78,26 @@ def encode(message: Message) -> bytes:
     return stuffed + DELIMITER
 
 
-def _pack(body: Body) -> tuple[MessageType, bytes]:
-    try:
-        match body:
-            case Frame():
-                if (
-                    len(body.taxels) != 2 * body.rows * body.cols
-                    or not 0 < body.rows * body.cols <= MAX_TAXELS
-                ):
-                    raise ValueError(f"{body.rows} x {body.cols} frame with {len(body.taxels)} bytes")
-                return MessageType.FRAME, _SIZE.pack(body.rows, body.cols) + body.taxels
-            case Hello() | Stop() | Ack():
-                return _PLAIN_REQUESTS[type(body)], _REQUEST.pack(body.request_id)
-            case Start():
-                return MessageType.START, _START.pack(body.request_id, body.rate_mhz)
-            case Nack():
-                return MessageType.NACK, _NACK.pack(body.request_id, body.reason)
-            case Describe():
-                return MessageType.DESCRIBE, _pack_describe(body)
-    except (struct.error, OverflowError) as problem:
-        raise ValueError(f"field out of range in {body!r}: {problem}") from problem
-
-
-def _pack_describe(body: Describe) -> bytes:
-    d = body.description
-    problem = d.problem()
-    if problem is not None:
-        raise ValueError(f"unusable description: {problem}")
-    fixed = _DESCRIBE.pack(
-        body.request_id,
-        d.unique_id,
-        int(d.emulated),
-        d.shape,
-        d.bit_depth,
-        d.rows,
-        d.cols,
-        round(d.max_rate_hz * 1000),
-        d.full_scale_n,
-        d.counts_per_n,
-        d.tip_radius_mm,
-    )
-    reals = struct.pack(f"<{d.cols + d.rows}f", *d.columns, *d.row_heights_mm)
-    name = d.firmware.encode()
-    return fixed + reals + bytes((len(name),)) + name
-
-
-def _unpack_describe(payload: bytes) -> Describe:
-    request, uid, flags, shape, depth, rows, cols, rate, scale, per_n, radius = _DESCRIBE.unpack_from(payload)
-    reals = struct.unpack_from(f"<{rows + cols}f", payload, _DESCRIBE.size)
-    at = _DESCRIBE.size + 4 * (rows + cols)
-    if len(payload) <= at or len(payload) != at + 1 + payload[at]:
-        raise ValueError("firmware name does not end with the payload")
-    description = Description(
-        unique_id=uid,
-        firmware=payload[at + 1 :].decode(),
-        emulated=bool(flags & 1),
-        shape=Shape(shape),
-        rows=rows,
-        cols=cols,
-        bit_depth=depth,
-        max_rate_hz=rate / 1000,
-        full_scale_n=scale,
-        counts_per_n=per_n,
-        tip_radius_mm=radius,
-        columns=reals[:cols],
-        row_heights_mm=reals[cols:],
-    )
-    problem = description.problem()
-    if problem is not None:
-        raise ValueError(problem)
-    return Describe(request, description)
-
-
-def _unpack_frame(payload: bytes) -> Frame:
-    rows, cols = _SIZE.unpack_from(payload)
-    if not 0 < rows * cols <= MAX_TAXELS or len(payload) != _SIZE.size + 2 * rows * cols:
-        raise ValueError("frame size does not match its rows and columns")
-    return Frame(rows, cols, payload[_SIZE.size :])
-
-
-def _unpack_nack(payload: bytes) -> Nack:
-    request, reason = _NACK.unpack(payload)
-    return Nack(request, NackReason(reason))
-
-
-_UNPACK: dict[int, Callable[[bytes], Body]] = {
-    MessageType.HELLO: lambda p: Hello(*_REQUEST.unpack(p)),
-    MessageType.START: lambda p: Start(*_START.unpack(p)),
-    MessageType.STOP: lambda p: Stop(*_REQUEST.unpack(p)),
-    MessageType.DESCRIBE: _unpack_describe,
-    MessageType.ACK: lambda p: Ack(*_REQUEST.unpack(p)),
-    MessageType.NACK: _unpack_nack,
-    MessageType.FRAME: _unpack_frame,
-}
-
-
 class Decoder:
     """Bytes in, messages and typed faults out, in the order of the stream.
 
     Any bytes whatever give messages or faults, never an exception, and at most `MAX_ENCODED` bytes are kept
     between calls. `faults` counts what went wrong by kind; `lost` counts messages that the sender numbered
-    and that never came.
+    and that never came. Messages of another version than `version` are faults.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, version: int = VERSION) -> None:
+        self._version = version
         self._pending = bytearray()
         self._skipping = False
         self._last: int | None = None
         self.faults: Counter[FaultKind] = Counter()
         self.lost = 0
+
+    @property
+    def waiting(self) -> int:
+        """How many bytes are kept of a message whose rest has not come."""
+        return len(self._pending)
 
     def feed(self, data: bytes) -> list[Message | DecodeFault]:
         """Take bytes as they came; return what they complete."""
@@ -222,21 +112,23 @@ class Decoder:
         if self._skipping:
             return
         if len(self._pending) + len(piece) > MAX_ENCODED:
-            self._pending.clear()
+            self._pending = bytearray()
             self._skipping = True
             self._fault(DecodeFault(FaultKind.OVERSIZED), out)
         else:
             self._pending += piece
 
     def _close(self, piece: bytes, out: list[Message | DecodeFault]) -> None:
-        self._keep(piece, out)
-        if self._pending:
-            self._decode(bytes(self._pending), out)
-        self._pending.clear()
-        self._skipping = False
+        if self._pending or self._skipping or len(piece) > MAX_ENCODED:
+            self._keep(piece, out)
+            piece = bytes(self._pending)
+            self._pending = bytearray()
+            self._skipping = False
+        if piece:
+            self._decode(piece, out)
 
     def _decode(self, stuffed: bytes, out: list[Message | DecodeFault]) -> None:
-        result = _decode_one(stuffed)
+        result = _decode_one(stuffed, self._version)
         if isinstance(result, DecodeFault):
             self._fault(result, out)
         elif self._in_order(result, out):
@@ -262,31 +154,34 @@ class Decoder:
         out.append(fault)
 
 
-def _decode_one(stuffed: bytes) -> Message | DecodeFault:
+def _decode_one(stuffed: bytes, version: int) -> Message | DecodeFault:
     try:
         plain = cobs.decode(stuffed)
     except cobs.DecodeError:
         return DecodeFault(FaultKind.FRAMING)
-    if len(plain) < _HEADER.size + _CRC.size:
+    if len(plain) < _SHORTEST:
         return DecodeFault(FaultKind.SHORT)
-    body, crc = plain[: -_CRC.size], plain[-_CRC.size :]
-    if _CRC.unpack(crc)[0] != zlib.crc32(body):
+    body = plain[: -_CRC.size]
+    if _CRC.unpack_from(plain, len(body))[0] != zlib.crc32(body):
         return DecodeFault(FaultKind.CRC)
-    return _unpack_message(body)
+    return _unpack_message(body, version)
 
 
-def _unpack_message(plain: bytes) -> Message | DecodeFault:
-    version, kind, flags, sequence, time_us, length = _HEADER.unpack_from(plain)
+def _unpack_message(plain: bytes, version: int) -> Message | DecodeFault:
+    said, kind, flags, sequence, time_us, length = _HEADER.unpack_from(plain)
     payload = plain[_HEADER.size :]
-    if version != VERSION:
-        return DecodeFault(FaultKind.VERSION)
+    if said != version:
+        return _unusable(FaultKind.VERSION, said, kind, payload)
     if length != len(payload):
         return DecodeFault(FaultKind.LENGTH)
-    request = _REQUEST.unpack_from(payload)[0] if len(payload) >= _REQUEST.size else None
-    unpack = _UNPACK.get(kind)
-    if unpack is None:
-        return DecodeFault(FaultKind.UNKNOWN_TYPE, type_code=kind, request_id=request)
     try:
-        return Message(sequence, time_us, unpack(payload), flags)
-    except (ValueError, struct.error):
-        return DecodeFault(FaultKind.PAYLOAD, type_code=kind, request_id=request)
+        body = unpack(kind, payload)
+    except ValueError:
+        return _unusable(FaultKind.PAYLOAD, said, kind, payload)
+    if body is None:
+        return _unusable(FaultKind.UNKNOWN_TYPE, said, kind, payload)
+    return Message(sequence, time_us, body, flags)
+
+
+def _unusable(what: FaultKind, version: int, kind: int, payload: bytes) -> DecodeFault:
+    return DecodeFault(what, type_code=kind, request_id=request_id(payload), version=version)

@@ -1,99 +1,14 @@
 """The host driver against the emulated array over a wire in memory, in virtual time."""
 
-import math
-
 import numpy as np
 import pytest
-from serial.serialutil import PortNotOpenError
+from memory_port import DESCRIPTION, MemoryPort, bench
 
-from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.messages import Description, Message, MessageType, Shape, Start
+from palpate.drivers.tactile.messages import Message, Start
 from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
-
-PITCH = math.radians(13.5)
-DESCRIPTION = Description(
-    unique_id=b"test array no. 1",
-    firmware="emulated 0.1",
-    emulated=True,
-    shape=Shape.CYLINDER,
-    rows=8,
-    cols=20,
-    bit_depth=12,
-    max_rate_hz=500.0,
-    full_scale_n=1.0,
-    counts_per_n=4095.0,
-    tip_radius_mm=5.0,
-    columns=tuple(float(np.float32((j - 9.5) * PITCH)) for j in range(20)),
-    row_heights_mm=tuple(1.0 + 2.0 * i for i in range(8)),
-)
-
-
-class MemoryPort:
-    """A wire without bit times: bytes written reach the device at once, waiting moves the clock."""
-
-    def __init__(self, device: EmulatedArray | None, clock: VirtualClock) -> None:
-        self.port: str | None = "mem://f1"
-        self.timeout: float | None = 0.0
-        self.device = device
-        self.clock = clock
-        self.buffer = bytearray()
-        self.damage: set[int] = set()  # indices of received bytes to flip
-        self.received = 0
-        self.unplugged = False
-
-    def _take(self, emissions: list[tuple[float, bytes]]) -> None:
-        for _, data in emissions:
-            for byte in data:
-                self.buffer.append(byte ^ (0x55 if self.received in self.damage else 0))
-                self.received += 1
-
-    @property
-    def in_waiting(self) -> int:
-        if self.unplugged:
-            raise PortNotOpenError
-        if self.device is not None:
-            self._take(self.device.poll(self.clock.now()))
-        return len(self.buffer)
-
-    def read(self, size: int = 1, /) -> bytes:
-        if self.in_waiting < size:
-            self.clock.sleep(self.timeout or 0.0)
-        data = bytes(self.buffer[: min(size, self.in_waiting)])
-        del self.buffer[: len(data)]
-        return data
-
-    def write(self, data: bytes, /) -> int | None:
-        if self.device is not None:
-            self._take(self.device.feed(data, self.clock.now()))
-        return len(data)
-
-
-class World:
-    """Samples an array with a fixed force at the instants it asks for."""
-
-    def __init__(self, force_n: np.ndarray | None = None) -> None:
-        self.array: EmulatedArray | None = None
-        self.force_n = np.zeros((8, 20)) if force_n is None else force_n
-
-    def advance(self, now: float) -> None:
-        array = self.array
-        while array is not None and (due := array.next_sample_s()) is not None and due <= now:
-            array.sample(due, self.force_n)
-
-
-def bench(
-    force_n: np.ndarray | None = None, **faults
-) -> tuple[TactileArray, MemoryPort, VirtualClock, EmulatedArray]:
-    world = World(force_n)
-    emulated = EmulatedArray(Taxels(DESCRIPTION, seed=5, **faults), world.advance)
-    world.array = emulated
-    clock = VirtualClock()
-    port = MemoryPort(emulated, clock)
-    return TactileArray(port, clock, "f1"), port, clock, emulated
 
 
 def test_description_comes_over_the_wire() -> None:
@@ -185,22 +100,6 @@ def test_hello_ends_a_stream_left_running() -> None:
     array.connect()
     assert emulated.next_sample_s() is None
     assert array.frames() == []
-
-
-def test_unknown_requests_get_a_nack_and_answers_do_not() -> None:
-    _, _, _, emulated = bench()
-    known = encode(Message(0, 0, Start(7, 1)))
-    assert MessageType.START == 0x02
-    import struct
-    import zlib
-
-    from cobs import cobs
-
-    for kind, reply in ((0x42, True), (0xC2, False)):
-        head = struct.pack("<BBHIQH", 1, kind, 0, 0, 0, 2) + b"\x07\x00"
-        data = cobs.encode(head + struct.pack("<I", zlib.crc32(head))) + b"\0"
-        assert bool(emulated.feed(data, 0.0)) is reply
-    assert emulated.feed(b"\x01\x02\x00" + known, 0.0)
 
 
 def test_same_seed_same_bytes_and_every_fault_shows() -> None:

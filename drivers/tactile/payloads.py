@@ -1,0 +1,229 @@
+"""Payloads of tactile messages: bodies to bytes and back. Stands between `messages` and `protocol`.
+
+Tables: `docs/tactile-protocol.md`, section 2. Little endian throughout. Both ways raise ValueError where
+something does not fit.
+"""
+
+import struct
+from collections.abc import Callable
+
+from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, unusable_places
+from palpate.drivers.tactile.messages import (
+    MAX_LISTED,
+    Ack,
+    BadTaxel,
+    Body,
+    Describe,
+    Description,
+    Frame,
+    Geometry,
+    Hello,
+    MessageType,
+    Nack,
+    NackReason,
+    Rate,
+    Report,
+    SelfTest,
+    SelfTestResult,
+    Shape,
+    Start,
+    Stop,
+    Tare,
+    TaxelFault,
+    Taxels,
+)
+
+__all__ = ["MAX_PAYLOAD", "pack", "request_id", "unpack"]
+
+_REQUEST = struct.Struct("<H")
+_RATE = struct.Struct("<HI")
+_TARE = struct.Struct("<HHH")
+_GEOMETRY = struct.Struct("<HH")
+_NACK = struct.Struct("<HB")
+_SIZE = struct.Struct("<BB")
+_DESCRIBE = struct.Struct("<H16sBBBBBIfff")
+_REPORT = struct.Struct("<HHH")
+_BAD_TAXEL = struct.Struct("<BBB")
+_TAXELS = struct.Struct("<HHB")
+MAX_PAYLOAD = _SIZE.size + 2 * MAX_TAXELS
+
+
+def request_id(payload: bytes) -> int | None:
+    """Return the number that every message but FRAME begins with, or None if there is none."""
+    number: int | None = _REQUEST.unpack_from(payload)[0] if len(payload) >= _REQUEST.size else None
+    return number
+
+
+def pack(body: Body) -> tuple[MessageType, bytes]:
+    """Return a body's type and payload. Raises ValueError if a field does not fit its place."""
+    try:
+        return _pack(body)
+    except (struct.error, OverflowError) as problem:
+        raise ValueError(f"field out of range in {body!r}: {problem}") from problem
+
+
+def unpack(kind: int, payload: bytes) -> Body | None:
+    """Return the body, or None of a type that is not known. Raises ValueError if it makes no sense."""
+    reader = _UNPACK.get(kind)
+    if reader is None:
+        return None
+    try:
+        return reader(payload)
+    except struct.error as problem:
+        raise ValueError(f"payload of another length: {problem}") from problem
+
+
+def _pack(body: Body) -> tuple[MessageType, bytes]:  # noqa: PLR0911  one line for each type
+    match body:
+        case Frame():
+            return MessageType.FRAME, _pack_frame(body)
+        case Hello() | Stop() | SelfTest() | Ack():
+            return _PLAIN[type(body)], _REQUEST.pack(body.request_id)
+        case Start():
+            return MessageType.START, _RATE.pack(body.request_id, body.rate_mhz)
+        case Rate():
+            return MessageType.RATE, _RATE.pack(body.request_id, body.rate_mhz)
+        case Tare():
+            return MessageType.TARE, _TARE.pack(body.request_id, body.samples, body.pedestal)
+        case Geometry():
+            return MessageType.GEOMETRY, _GEOMETRY.pack(body.request_id, body.first)
+        case Nack():
+            return MessageType.NACK, _NACK.pack(body.request_id, body.reason)
+        case Describe():
+            return MessageType.DESCRIBE, _pack_describe(body)
+        case Report():
+            return MessageType.REPORT, _pack_report(body)
+        case Taxels():
+            return MessageType.TAXELS, _pack_taxels(body)
+
+
+_PLAIN: dict[type, MessageType] = {
+    Hello: MessageType.HELLO,
+    Stop: MessageType.STOP,
+    SelfTest: MessageType.SELF_TEST,
+    Ack: MessageType.ACK,
+}
+
+
+def _pack_frame(body: Frame) -> bytes:
+    taxels = body.rows * body.cols
+    if len(body.taxels) != 2 * taxels or not 0 < taxels <= MAX_TAXELS:
+        raise ValueError(f"{body.rows} x {body.cols} frame with {len(body.taxels)} bytes")
+    return _SIZE.pack(body.rows, body.cols) + body.taxels
+
+
+def _unpack_frame(payload: bytes) -> Frame:
+    rows, cols = _SIZE.unpack_from(payload)
+    if not 0 < rows * cols <= MAX_TAXELS or len(payload) != _SIZE.size + 2 * rows * cols:
+        raise ValueError("frame size does not match its rows and columns")
+    return Frame(rows, cols, payload[_SIZE.size :])
+
+
+def _unpack_nack(payload: bytes) -> Nack:
+    request, reason = _NACK.unpack(payload)
+    return Nack(request, NackReason(reason))
+
+
+def _pack_describe(body: Describe) -> bytes:
+    d = body.description
+    problem = d.problem()
+    if problem is not None:
+        raise ValueError(f"unusable description: {problem}")
+    fixed = _DESCRIBE.pack(
+        body.request_id,
+        d.unique_id,
+        int(d.emulated),
+        d.shape,
+        d.bit_depth,
+        d.rows,
+        d.cols,
+        round(d.max_rate_hz * 1000),
+        d.full_scale_n,
+        d.counts_per_n,
+        d.tip_radius_mm,
+    )
+    reals = (*d.columns, *d.row_heights_mm)
+    name = d.firmware.encode()
+    return fixed + struct.pack(f"<{len(reals)}f", *reals) + bytes((len(name),)) + name
+
+
+def _unpack_describe(payload: bytes) -> Describe:
+    request, uid, flags, shape, depth, rows, cols, rate, scale, per_n, radius = _DESCRIBE.unpack_from(payload)
+    count = 0 if shape == Shape.FREE else rows + cols
+    reals = struct.unpack_from(f"<{count}f", payload, _DESCRIBE.size)
+    at = _DESCRIBE.size + 4 * count
+    if len(payload) <= at or len(payload) != at + 1 + payload[at]:
+        raise ValueError("firmware name does not end with the payload")
+    description = Description(
+        unique_id=uid,
+        firmware=payload[at + 1 :].decode(),
+        emulated=bool(flags & 1),
+        shape=Shape(shape),
+        rows=rows,
+        cols=cols,
+        bit_depth=depth,
+        max_rate_hz=rate / 1000,
+        full_scale_n=scale,
+        counts_per_n=per_n,
+        tip_radius_mm=radius,
+        columns=reals[:cols],
+        row_heights_mm=reals[cols:],
+    )
+    problem = description.problem()
+    if problem is not None:
+        raise ValueError(problem)
+    return Describe(request, description)
+
+
+def _pack_report(body: Report) -> bytes:
+    if len(body.bad) != min(body.bad_count, MAX_LISTED):
+        raise ValueError(f"a list of {len(body.bad)} taxels where {body.bad_count} are bad")
+    told = (_BAD_TAXEL.pack(bad.row, bad.col, bad.fault) for bad in body.bad)
+    return _REPORT.pack(body.request_id, body.result, body.bad_count) + b"".join(told)
+
+
+def _unpack_report(payload: bytes) -> Report:
+    request, result, count = _REPORT.unpack_from(payload)
+    told = payload[_REPORT.size :]
+    if len(told) != _BAD_TAXEL.size * min(count, MAX_LISTED):
+        raise ValueError("list of bad taxels does not end with the payload")
+    bad = tuple(BadTaxel(row, col, TaxelFault(kind)) for row, col, kind in _BAD_TAXEL.iter_unpack(told))
+    return Report(request, SelfTestResult(result), count, bad)
+
+
+def _pack_taxels(body: Taxels) -> bytes:
+    if not 1 <= body.count <= MAX_LISTED or len(body.places) % REALS_PER_TAXEL:
+        raise ValueError(f"{len(body.places)} reals, which are not six each for 1..{MAX_LISTED} taxels")
+    problem = unusable_places(body.places)
+    if problem is not None:
+        raise ValueError(problem)
+    reals = struct.pack(f"<{len(body.places)}f", *body.places)
+    return _TAXELS.pack(body.request_id, body.first, body.count) + reals
+
+
+def _unpack_taxels(payload: bytes) -> Taxels:
+    request, first, count = _TAXELS.unpack_from(payload)
+    if count == 0 or len(payload) != _TAXELS.size + 4 * REALS_PER_TAXEL * count:
+        raise ValueError("places do not end with the payload")
+    places = struct.unpack_from(f"<{REALS_PER_TAXEL * count}f", payload, _TAXELS.size)
+    problem = unusable_places(places)
+    if problem is not None:
+        raise ValueError(problem)
+    return Taxels(request, first, places)
+
+
+_UNPACK: dict[int, Callable[[bytes], Body]] = {
+    MessageType.HELLO: lambda p: Hello(*_REQUEST.unpack(p)),
+    MessageType.START: lambda p: Start(*_RATE.unpack(p)),
+    MessageType.STOP: lambda p: Stop(*_REQUEST.unpack(p)),
+    MessageType.RATE: lambda p: Rate(*_RATE.unpack(p)),
+    MessageType.TARE: lambda p: Tare(*_TARE.unpack(p)),
+    MessageType.SELF_TEST: lambda p: SelfTest(*_REQUEST.unpack(p)),
+    MessageType.GEOMETRY: lambda p: Geometry(*_GEOMETRY.unpack(p)),
+    MessageType.DESCRIBE: _unpack_describe,
+    MessageType.ACK: lambda p: Ack(*_REQUEST.unpack(p)),
+    MessageType.NACK: _unpack_nack,
+    MessageType.REPORT: _unpack_report,
+    MessageType.TAXELS: _unpack_taxels,
+    MessageType.FRAME: _unpack_frame,
+}

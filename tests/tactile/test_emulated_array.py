@@ -1,0 +1,221 @@
+"""The emulated array, request by request, against `docs/tactile-protocol.md`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from array_talk import RATE, heard, small, stream, told
+from memory_port import DESCRIPTION, emulated
+from tactile_vectors import FREE, PLACES, SMALL, VERSION_2, wire
+
+from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.messages import (
+    Ack,
+    BadTaxel,
+    Body,
+    Describe,
+    Geometry,
+    Hello,
+    Message,
+    Nack,
+    NackReason,
+    Rate,
+    Report,
+    SelfTest,
+    SelfTestResult,
+    Start,
+    Stop,
+    Tare,
+    TaxelFault,
+)
+from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
+from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.errors import DeviceError
+
+
+@pytest.mark.parametrize("streaming", [False, True])
+@pytest.mark.parametrize(
+    ("request_", "idle", "busy"),
+    [
+        (Hello(9), Describe(9, SMALL), Describe(9, SMALL)),
+        (Start(9, RATE), Ack(9), Ack(9)),
+        (Stop(9), Ack(9), Ack(9)),
+        (Rate(9, RATE), Nack(9, NackReason.BAD_STATE), Ack(9)),
+        (Tare(9, 4, 10), Ack(9), Ack(9)),
+        (Tare(9, 0, 0), Ack(9), Ack(9)),
+        (SelfTest(9), None, Nack(9, NackReason.BAD_STATE)),
+        (Start(9, 0), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
+        (Start(9, 200_001), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
+        (Rate(9, 0), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
+        (Rate(9, 200_001), Nack(9, NackReason.BAD_RATE), Nack(9, NackReason.BAD_RATE)),
+        (Tare(9, 1025, 0), Nack(9, NackReason.BAD_PAYLOAD), Nack(9, NackReason.BAD_PAYLOAD)),
+        (Tare(9, 0, 4096), Nack(9, NackReason.BAD_PAYLOAD), Nack(9, NackReason.BAD_PAYLOAD)),
+        (Geometry(9, 6), Nack(9, NackReason.BAD_PAYLOAD), Nack(9, NackReason.BAD_PAYLOAD)),
+    ],
+)
+def test_every_request_in_every_state(
+    request_: Body, idle: Body | None, busy: Body | None, streaming: bool
+) -> None:
+    array = small()
+    if streaming:
+        told(array, Start(1, 50_000))
+    want = busy if streaming else idle
+    if want is not None:
+        assert told(array, request_) == want
+    refused = isinstance(want, Nack) or isinstance(request_, Tare)
+    goes_on = streaming if refused else isinstance(request_, Start | Rate)
+    assert (array.next_sample_s() is not None) is goes_on
+    if refused and streaming:
+        assert array.next_sample_s() == 0.02  # what was going on goes on
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (wire(0x42, 0, 0, b"\x07\x00"), NackReason.UNKNOWN_TYPE),
+        (wire(0x42, 0, 0, b"\x07\x00\x01\x02\x03"), NackReason.UNKNOWN_TYPE),
+        (wire(0x02, 0, 0, b"\x07\x00\x00\x00\x00"), NackReason.BAD_PAYLOAD),
+        (wire(0x01, 0, 0, b"\x07\x00\x00"), NackReason.BAD_PAYLOAD),
+        (wire(0x42, 0, 0, b"\x07\x00", version=2), NackReason.BAD_VERSION),
+        (wire(0x01, 0, 0, b"\x07\x00", version=0, grow=3), NackReason.BAD_VERSION),
+    ],
+)
+def test_what_an_array_cannot_read_is_refused_by_number(data: bytes, reason: NackReason) -> None:
+    (answer,) = heard(small(), data)
+    assert answer.body == Nack(7, reason)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        wire(0xC2, 0, 0, b"\x07\x00"),
+        wire(0x82, 0, 0, b"\x07"),
+        wire(0x81, 0, 0, b"\x07\x00", version=2),
+        wire(0x82, 0, 0, b"\x07\x00"),
+        wire(0x01, 0, 0, b"\x07"),
+        wire(0x42, 0, 0, b""),
+        wire(0x01, 0, 0, b"\x07", version=2),
+        wire(0x01, 0, 0, b"\x07\x00", grow=1),
+        b"\x05\x01\x00",
+        b"\x01" * 100 + b"\x00",
+    ],
+)
+def test_what_is_no_request_gets_no_answer(data: bytes) -> None:
+    array = small()
+    assert heard(array, data) == []
+    assert told(array, Stop(3)) == Ack(3)
+
+
+def test_the_document_s_message_of_version_2_gets_the_document_s_answer() -> None:
+    array = small()
+    for number in range(5):
+        told(array, Stop(number))
+    (answer,) = array.feed(VERSION_2, 0.0005)
+    assert answer == (0.0005, wire(0x83, 5, 500, b"\x08\x00\x06"))
+
+
+def test_an_array_of_another_version_answers_in_its_own() -> None:
+    array = EmulatedArray(Taxels(SMALL, seed=0), version=2)
+    (answer,) = heard(array, encode(Message(0, 0, Hello(4))), version=2)
+    assert answer.body == Nack(4, NackReason.BAD_VERSION)
+    assert heard(array, VERSION_2, version=2)[0].body == Describe(8, SMALL)
+
+
+def test_a_new_rate_keeps_the_phase() -> None:
+    array = small()
+    told(array, Start(1, RATE))
+    assert told(array, Rate(2, 50_000), 0.004) == Ack(2)
+    assert [m.time_us for m in stream(array, 0.061)] == [20_000, 40_000, 60_000]
+    assert told(array, Rate(3, 200_000), 0.062) == Ack(3)
+    assert [m.time_us for m in stream(array, 0.071)] == [65_000, 70_000]
+
+
+def test_a_frame_that_would_be_late_already_comes_at_once() -> None:
+    array = small()
+    told(array, Start(1, 10_000))
+    told(array, Rate(2, RATE), 0.055)
+    assert [m.time_us for m in stream(array, 0.08)] == [55_000, 65_000, 75_000]
+
+
+def test_the_self_test_finds_dead_and_hot_taxels() -> None:
+    taxels = Taxels(
+        DESCRIPTION,
+        seed=3,
+        gain_spread=0.2,
+        offset_counts=40,
+        crosstalk=0.1,
+        dead=[(7, 19), (0, 1)],
+        hot=[(4, 4)],
+    )
+    array = emulated(taxels)
+    assert heard(array, encode(Message(0, 0, SelfTest(8))), 1.0) == []
+    assert array.next_due() == 1.25
+    (answer,) = heard(array, b"", 1.25)
+    bad = (
+        BadTaxel(0, 1, TaxelFault.STUCK_LOW),
+        BadTaxel(4, 4, TaxelFault.STUCK_HIGH),
+        BadTaxel(7, 19, TaxelFault.STUCK_LOW),
+    )
+    assert answer.body == Report(8, SelfTestResult.TAXELS, 3, bad)
+
+
+@pytest.mark.parametrize("depth", [4, 8, 12, 16])
+def test_the_self_test_of_good_taxels_finds_nothing_at_any_depth(depth: int) -> None:
+    most = (1 << depth) - 1
+    description = replace(DESCRIPTION, bit_depth=depth, counts_per_n=float(most))
+    array = emulated(Taxels(description, seed=1, noise_counts=most / 2000, gain_spread=0.3), self_test_s=0.0)
+    assert told(array, SelfTest(1)) == Report(1, SelfTestResult(0), 0, ())
+
+
+def test_the_list_of_bad_taxels_ends_at_255() -> None:
+    wide = replace(DESCRIPTION, rows=16, row_heights_mm=tuple(map(float, range(16))))
+    array = emulated(Taxels(wide, seed=1, noise_counts=400.0), self_test_s=0.0)
+    report = told(array, SelfTest(1))
+    assert isinstance(report, Report)
+    assert report.bad_count == 320
+    assert len(report.bad) == 255
+    assert set(report.bad) == {BadTaxel(k // 20, k % 20, TaxelFault.UNSTEADY) for k in range(255)}
+
+
+def test_what_arrives_during_a_self_test_waits_for_its_turn() -> None:
+    array = small([(0,) * 6] * 16 + [(3000,) * 6] * 17)
+    requests = encode(Message(0, 0, SelfTest(1))) + encode(Message(1, 0, Start(2, RATE)))
+    assert array.feed(requests, 1.0) == []
+    assert array.feed(encode(Message(2, 0, Stop(3))), 1.1) == []
+    answers = array.poll(1.3)
+    assert [at for at, _ in answers] == [1.25] * 3
+    bodies = [m.body for m in Decoder().feed(b"".join(data for _, data in answers)) if isinstance(m, Message)]
+    assert bodies == [Report(1, SelfTestResult(0), 0, ()), Ack(2), Ack(3)]
+    assert array.next_due() is None
+
+
+def test_a_broken_converter_is_reported_and_streams_nothing() -> None:
+    array = EmulatedArray(Taxels(SMALL, seed=0), broken=SelfTestResult.CONVERTER, self_test_s=0.0)
+    assert told(array, Start(1, RATE)) == Nack(1, NackReason.HARDWARE)
+    assert told(array, Start(2, 0)) == Nack(2, NackReason.BAD_RATE)
+    report = told(array, SelfTest(3))
+    assert isinstance(report, Report)
+    assert SelfTestResult.CONVERTER in report.result
+
+
+def test_places_of_a_free_array() -> None:
+    array = EmulatedArray(Taxels(replace(FREE, geometry=PLACES), seed=0))
+    assert told(array, Hello(1)) == Describe(1, FREE)
+    assert told(array, Geometry(2, 0)) == TaxelsMessage(2, 0, PLACES)
+    assert told(array, Geometry(3, 1)) == TaxelsMessage(3, 1, PLACES[6:])
+    assert told(array, Geometry(4, 2)) == Nack(4, NackReason.BAD_PAYLOAD)
+    with pytest.raises(DeviceError, match="not known"):
+        EmulatedArray(Taxels(FREE, seed=0))
+
+
+def test_places_of_a_cylinder_are_those_that_describe_implies() -> None:
+    array = EmulatedArray(Taxels(DESCRIPTION, seed=0))
+    places: list[float] = []
+    while len(places) < 6 * DESCRIPTION.taxels:
+        part = told(array, Geometry(1, len(places) // 6))
+        assert isinstance(part, TaxelsMessage)
+        places += part.places
+    got = np.reshape(places, (8, 20, 6))
+    np.testing.assert_allclose(got[..., :3], DESCRIPTION.positions_mm(), atol=1e-5)
+    np.testing.assert_allclose(got[..., 3:], DESCRIPTION.normals(), atol=1e-6)
