@@ -21,7 +21,8 @@ void palpate_begin_message(struct palpate_array *array, struct palpate_writer *w
     palpate_begin(writer, &array->ring, &header);
 }
 
-static void begin_answer(struct palpate_array *array, struct palpate_writer *writer, uint8_t type, size_t length) {
+static void begin_answer(struct palpate_array *array, struct palpate_writer *writer, uint8_t type,
+                         size_t length) {
     const struct palpate_header header = {
         .type = type,
         .time_us = palpate_port_clock_us(array->port),
@@ -122,13 +123,11 @@ void palpate_send_report(struct palpate_array *array, uint16_t result, const uin
 
 size_t palpate_answer_length(const struct palpate_array *array) {
     switch (array->receiver.bytes[1]) {
-    case PALPATE_HELLO:
-        return describe_length(array->about);
+    case PALPATE_HELLO: return describe_length(array->about);
     case PALPATE_SELF_TEST:
-        return PALPATE_REPORT_PAYLOAD(palpate_taxels(array) < PALPATE_MAX_BAD ? palpate_taxels(array) : PALPATE_MAX_BAD);
-    case PALPATE_GEOMETRY:
-        return PALPATE_TAXELS_PAYLOAD(palpate_places_told(array, 0));
-    default:
-        return 3;
+        return PALPATE_REPORT_PAYLOAD(palpate_taxels(array) < PALPATE_MAX_BAD ? palpate_taxels(array)
+                                                                              : PALPATE_MAX_BAD);
+    case PALPATE_GEOMETRY: return PALPATE_TAXELS_PAYLOAD(palpate_places_told(array, 0));
+    default: return 3;
     }
 }

@@ -5,7 +5,8 @@
 
 #include "palpate_answers.h"
 
-/* Bytes that one poll reads at most, so that a host that never stops talking cannot keep the array from sampling. */
+/* Bytes that one poll reads at most, so that a host that never stops talking cannot keep the array from
+ * sampling. */
 #define READ_AT_ONCE 64
 
 /* ---- setting up ---- */
@@ -38,7 +39,8 @@ static const char *problem(const struct palpate_description *about) {
     return NULL;
 }
 
-const char *palpate_init(struct palpate_array *array, const struct palpate_description *about, void *port) {
+const char *palpate_init(struct palpate_array *array, const struct palpate_description *about,
+                         void *port) {
     memset(array, 0, sizeof *array);
     const char *const wrong = problem(about);
     if (wrong == NULL) {
@@ -119,14 +121,10 @@ static bool is_known(const struct palpate_array *array, uint8_t type) {
     case PALPATE_START:
     case PALPATE_STOP:
     case PALPATE_RATE:
-    case PALPATE_TARE:
-        return true;
-    case PALPATE_SELF_TEST:
-        return array->about->has_self_test;
-    case PALPATE_GEOMETRY:
-        return array->about->has_geometry;
-    default:
-        return false;
+    case PALPATE_TARE: return true;
+    case PALPATE_SELF_TEST: return array->about->has_self_test;
+    case PALPATE_GEOMETRY: return array->about->has_geometry;
+    default: return false;
     }
 }
 
@@ -135,15 +133,12 @@ static bool is_payload_good(const struct palpate_array *array, uint8_t type) {
     const size_t length = palpate_request_length(&array->receiver);
     switch (type) {
     case PALPATE_START:
-    case PALPATE_RATE:
-        return length == 6;
+    case PALPATE_RATE: return length == 6;
     case PALPATE_TARE:
         return length == 6 && palpate_get_u16(bytes + 2) <= PALPATE_MAX_SAMPLES &&
                palpate_get_u16(bytes + 4) <= array->largest;
-    case PALPATE_GEOMETRY:
-        return length == 4 && palpate_get_u16(bytes + 2) < palpate_taxels(array);
-    default:
-        return length == 2;
+    case PALPATE_GEOMETRY: return length == 4 && palpate_get_u16(bytes + 2) < palpate_taxels(array);
+    default: return length == 2;
     }
 }
 
@@ -222,29 +217,20 @@ static void answer(struct palpate_array *array) {
         return;
     }
     switch (array->receiver.bytes[1]) {
-    case PALPATE_HELLO:
-        do_hello(array);
-        break;
-    case PALPATE_START:
-        do_start(array, palpate_get_u32(bytes + 2));
-        break;
+    case PALPATE_HELLO: do_hello(array); break;
+    case PALPATE_START: do_start(array, palpate_get_u32(bytes + 2)); break;
     case PALPATE_STOP:
         stop_stream(array);
         palpate_send_ack(array);
         break;
     case PALPATE_RATE:
-        palpate_pace_change(&array->pace, palpate_get_u32(bytes + 2), palpate_port_clock_us(array->port));
+        palpate_pace_change(&array->pace, palpate_get_u32(bytes + 2),
+                            palpate_port_clock_us(array->port));
         palpate_send_ack(array);
         break;
-    case PALPATE_TARE:
-        do_tare(array, palpate_get_u16(bytes + 2), palpate_get_u16(bytes + 4));
-        break;
-    case PALPATE_SELF_TEST:
-        do_self_test(array);
-        break;
-    default:
-        palpate_send_places(array, palpate_get_u16(bytes + 2));
-        break;
+    case PALPATE_TARE: do_tare(array, palpate_get_u16(bytes + 2), palpate_get_u16(bytes + 4)); break;
+    case PALPATE_SELF_TEST: do_self_test(array); break;
+    default: palpate_send_places(array, palpate_get_u16(bytes + 2)); break;
     }
 }
 

@@ -6,7 +6,8 @@
  *     palpate_init(&array, &description, NULL);
  *     for (;;) palpate_poll(&array);
  *
- * All state is in the struct. Nothing is allocated, nothing waits, and nothing is called back but the port. */
+ * All state is in the struct. Nothing is allocated, nothing waits, and nothing is called back but the
+ * port. */
 #ifndef PALPATE_ARRAY_H
 #define PALPATE_ARRAY_H
 
@@ -67,14 +68,15 @@ struct palpate_array {
 };
 
 /* Begin, as after a reset. Returns NULL, or what is wrong with the description; do not poll then. */
-const char *palpate_init(struct palpate_array *array, const struct palpate_description *about, void *port);
+const char *palpate_init(struct palpate_array *array, const struct palpate_description *about,
+                         void *port);
 
-/* Do what there is to do: read, answer, sample if it is time, write. Call it as often as possible, at least twice
- * in a frame's period. Does not wait, except for palpate_port_self_test. */
+/* Do what there is to do: read, answer, sample if it is time, write. Call it as often as possible, at
+ * least twice in a frame's period. Does not wait, except for palpate_port_self_test. */
 void palpate_poll(struct palpate_array *array);
 
-/* When the next frame is due, on the port's clock; false if no stream runs. For boards that sleep meanwhile: they
- * must also wake when a byte comes or the line has room again. */
+/* When the next frame is due, on the port's clock; false if no stream runs. For boards that sleep
+ * meanwhile: they must also wake when a byte comes or the line has room again. */
 bool palpate_next_us(const struct palpate_array *array, uint64_t *next_us);
 
 #endif

@@ -16,10 +16,12 @@ void palpate_receiver_clear(struct palpate_receiver *receiver) {
     receiver->is_waiting = false;
 }
 
-/* Whether the bytes since the last delimiter are a message that gets an answer; decodes them in place. */
+/* Whether the bytes since the last delimiter are a message that gets an answer; decodes them in place.
+ */
 static bool is_request(struct palpate_receiver *receiver) {
     const uint8_t *bytes = receiver->bytes;
-    if (receiver->is_oversized || !palpate_cobs_decode(receiver->bytes, receiver->used, &receiver->used) ||
+    if (receiver->is_oversized ||
+        !palpate_cobs_decode(receiver->bytes, receiver->used, &receiver->used) ||
         receiver->used < PALPATE_OVERHEAD) {
         return false;
     }

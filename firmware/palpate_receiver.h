@@ -1,4 +1,5 @@
-/* Bytes from the host, up to a request whose framing, CRC and length are right. What it asks is not looked at. */
+/* Bytes from the host, up to a request whose framing, CRC and length are right. What it asks is not
+ * looked at. */
 #ifndef PALPATE_RECEIVER_H
 #define PALPATE_RECEIVER_H
 

@@ -1,4 +1,5 @@
-/* Sizes of buffers, all fixed at compile time. Give others with -D, for instance -DPALPATE_MAX_TAXELS=160. */
+/* Sizes of buffers, all fixed at compile time. Give others with -D, for instance
+ * -DPALPATE_MAX_TAXELS=160. */
 #ifndef PALPATE_SIZES_H
 #define PALPATE_SIZES_H
 
@@ -7,9 +8,11 @@
 #define PALPATE_MAX_TAXELS 64
 #endif
 
-/* Rows plus columns, for the positions in DESCRIBE. The default allows for 1 x n; an 8 x 8 array needs 16. */
+/* Rows plus columns, for the positions in DESCRIBE. The default allows for 1 x n; an 8 x 8 array
+ * needs 16. */
 #ifndef PALPATE_MAX_LINES
-#define PALPATE_MAX_LINES (PALPATE_MAX_TAXELS <= 255 ? PALPATE_MAX_TAXELS + 1 : 256 + PALPATE_MAX_TAXELS / 255)
+#define PALPATE_MAX_LINES                                                                               \
+    (PALPATE_MAX_TAXELS <= 255 ? PALPATE_MAX_TAXELS + 1 : 256 + PALPATE_MAX_TAXELS / 255)
 #endif
 
 /* Bytes of the firmware's name. */
@@ -31,7 +34,8 @@
 #define PALPATE_CRC 4
 #define PALPATE_OVERHEAD (PALPATE_HEADER + PALPATE_CRC)
 
-/* Bytes on the wire of a payload of n, at most: COBS adds one, and one more every 254; then the delimiter. */
+/* Bytes on the wire of a payload of n, at most: COBS adds one, and one more every 254; then the
+ * delimiter. */
 #define PALPATE_ENCODED(n) ((n) + PALPATE_OVERHEAD + ((n) + PALPATE_OVERHEAD) / 254 + 2)
 
 #define PALPATE_MAX_BAD (PALPATE_MAX_TAXELS < 255 ? PALPATE_MAX_TAXELS : 255)
@@ -41,14 +45,14 @@
 #define PALPATE_DESCRIBE_PAYLOAD(lines, name) (40 + 4 * (lines) + (name))
 
 #define PALPATE_LARGER(a, b) ((a) > (b) ? (a) : (b))
-#define PALPATE_MAX_ANSWER                                                                                   \
-    PALPATE_LARGER(PALPATE_DESCRIBE_PAYLOAD(PALPATE_MAX_LINES, PALPATE_MAX_NAME),                            \
-                   PALPATE_LARGER(PALPATE_REPORT_PAYLOAD(PALPATE_MAX_BAD),                                   \
+#define PALPATE_MAX_ANSWER                                                                              \
+    PALPATE_LARGER(PALPATE_DESCRIBE_PAYLOAD(PALPATE_MAX_LINES, PALPATE_MAX_NAME),                       \
+                   PALPATE_LARGER(PALPATE_REPORT_PAYLOAD(PALPATE_MAX_BAD),                              \
                                   PALPATE_TAXELS_PAYLOAD(PALPATE_MAX_PLACES)))
 
 /* What waits for the line. The default holds the longest answer and a frame. */
 #ifndef PALPATE_TX_BYTES
-#define PALPATE_TX_BYTES                                                                                     \
+#define PALPATE_TX_BYTES                                                                                \
     (PALPATE_ENCODED(PALPATE_MAX_ANSWER) + PALPATE_ENCODED(PALPATE_FRAME_PAYLOAD(PALPATE_MAX_TAXELS)))
 #endif
 
@@ -61,7 +65,8 @@ PALPATE_ASSERT(name, PALPATE_MAX_NAME >= 0 && PALPATE_MAX_NAME <= 255);
 PALPATE_ASSERT(places, PALPATE_MAX_PLACES >= 1 && PALPATE_MAX_PLACES <= 255);
 PALPATE_ASSERT(requests_fit, PALPATE_RX_BYTES >= 30);
 PALPATE_ASSERT(answers_fit, PALPATE_TX_BYTES >= PALPATE_ENCODED(PALPATE_MAX_ANSWER));
-PALPATE_ASSERT(frames_fit, PALPATE_TX_BYTES >= PALPATE_ENCODED(PALPATE_FRAME_PAYLOAD(PALPATE_MAX_TAXELS)));
+PALPATE_ASSERT(frames_fit,
+               PALPATE_TX_BYTES >= PALPATE_ENCODED(PALPATE_FRAME_PAYLOAD(PALPATE_MAX_TAXELS)));
 PALPATE_ASSERT(reals_are_binary32, sizeof(float) == 4);
 
 #endif

@@ -37,7 +37,8 @@ void palpate_tare_add(struct palpate_tare *tare, const uint16_t *counts, size_t 
     tare->is_tared = true;
 }
 
-uint16_t palpate_tare_count(const struct palpate_tare *tare, size_t taxel, uint16_t raw, uint16_t largest) {
+uint16_t palpate_tare_count(const struct palpate_tare *tare, size_t taxel, uint16_t raw,
+                            uint16_t largest) {
     if (!tare->is_tared) {
         return raw;
     }

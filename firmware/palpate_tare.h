@@ -23,13 +23,16 @@ struct palpate_tare {
 /* Raw counts from now on, and no averaging. */
 void palpate_tare_clear(struct palpate_tare *tare);
 
-/* Average `samples` samples (1..PALPATE_MAX_SAMPLES). Until they are there, counts are what they were before. */
+/* Average `samples` samples (1..PALPATE_MAX_SAMPLES). Until they are there, counts are what they were
+ * before. */
 void palpate_tare_begin(struct palpate_tare *tare, uint16_t samples, uint16_t pedestal);
 
-/* Take a sample into the average, if one is being made. To be called once its own frame has been sent. */
+/* Take a sample into the average, if one is being made. To be called once its own frame has been sent.
+ */
 void palpate_tare_add(struct palpate_tare *tare, const uint16_t *counts, size_t taxels);
 
 /* What is sent for a raw count; `largest` is the largest count. */
-uint16_t palpate_tare_count(const struct palpate_tare *tare, size_t taxel, uint16_t raw, uint16_t largest);
+uint16_t palpate_tare_count(const struct palpate_tare *tare, size_t taxel, uint16_t raw,
+                            uint16_t largest);
 
 #endif

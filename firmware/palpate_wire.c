@@ -4,8 +4,9 @@
 
 /* CRC-32 of the sixteen half bytes: 64 bytes of flash instead of 1024, two steps for each byte. */
 static const uint32_t crc_of_nibble[16] = {
-    0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u, 0x4DB26158u, 0x5005713Cu,
-    0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu, 0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu,
+    0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,
+    0x4DB26158u, 0x5005713Cu, 0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu,
+    0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu,
 };
 
 uint32_t palpate_crc32(uint32_t crc, const uint8_t *bytes, size_t count) {
@@ -64,8 +65,8 @@ static void close_block(struct palpate_writer *writer) {
     writer->ring->bytes[writer->code_at] = writer->code;
 }
 
-/* A byte without its share in the CRC. A block is closed late, so that one of 254 bytes at the very end of a
- * message is not followed by an empty one. */
+/* A byte without its share in the CRC. A block is closed late, so that one of 254 bytes at the very end
+ * of a message is not followed by an empty one. */
 static void stuff(struct palpate_writer *writer, uint8_t byte) {
     if (writer->code == 0xFF) {
         close_block(writer);
@@ -107,7 +108,8 @@ void palpate_put_real(struct palpate_writer *writer, float value) {
     palpate_put_u32(writer, bits);
 }
 
-void palpate_begin(struct palpate_writer *writer, struct palpate_ring *ring, const struct palpate_header *header) {
+void palpate_begin(struct palpate_writer *writer, struct palpate_ring *ring,
+                   const struct palpate_header *header) {
     writer->ring = ring;
     writer->crc = 0;
     open_block(writer);

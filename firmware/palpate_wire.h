@@ -1,7 +1,8 @@
-/* Bytes of docs/tactile-protocol.md: COBS, CRC-32, header. Stands between the array's state and the port.
+/* Bytes of docs/tactile-protocol.md: COBS, CRC-32, header. Stands between the array's state and the
+ * port.
  *
- * Messages are encoded straight into a ring of bytes that wait for the line, so that no plain copy of a frame
- * is kept. */
+ * Messages are encoded straight into a ring of bytes that wait for the line, so that no plain copy of a
+ * frame is kept. */
 #ifndef PALPATE_WIRE_H
 #define PALPATE_WIRE_H
 
@@ -47,7 +48,8 @@ bool palpate_cobs_decode(uint8_t *bytes, size_t count, size_t *plain);
 bool palpate_ring_fits(const struct palpate_ring *ring, size_t encoded);
 
 /* Begin a message, append to its payload, close it. The payload must have header->length bytes. */
-void palpate_begin(struct palpate_writer *writer, struct palpate_ring *ring, const struct palpate_header *header);
+void palpate_begin(struct palpate_writer *writer, struct palpate_ring *ring,
+                   const struct palpate_header *header);
 void palpate_put(struct palpate_writer *writer, const uint8_t *bytes, size_t count);
 void palpate_put_u8(struct palpate_writer *writer, uint8_t value);
 void palpate_put_u16(struct palpate_writer *writer, uint16_t value);

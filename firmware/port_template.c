@@ -1,5 +1,6 @@
-/* What a new board fills in: copy this file and put your hardware in place of each remark. It compiles as it is and
- * makes an array of 8 x 8 taxels that never feels anything. palpate_port.h says what each function must do. */
+/* What a new board fills in: copy this file and put your hardware in place of each remark. It compiles
+ * as it is and makes an array of 8 x 8 taxels that never feels anything. palpate_port.h says what each
+ * function must do. */
 #include "palpate_port.h"
 
 #include <string.h>

@@ -83,15 +83,12 @@ uint32_t board_pattern(uint32_t number, uint32_t taxel) {
 static uint16_t count(struct board *board, uint32_t number, uint32_t taxel) {
     const uint32_t largest = board->array.largest;
     switch (board->kinds[taxel]) {
-    case PALPATE_STUCK_LOW:
-        return 0;
-    case PALPATE_STUCK_HIGH:
-        return (uint16_t)largest;
+    case PALPATE_STUCK_LOW: return 0;
+    case PALPATE_STUCK_HIGH: return (uint16_t)largest;
     case PALPATE_UNSTEADY:
         board->unrest = board_pattern(board->unrest, taxel) + 1u;
         return (uint16_t)(board->unrest & largest);
-    default:
-        return (uint16_t)(board_pattern(number, taxel) & largest);
+    default: return (uint16_t)(board_pattern(number, taxel) & largest);
     }
 }
 
@@ -168,7 +165,8 @@ void palpate_port_place(void *port, size_t number, float place[6]) {
     const size_t column = number % about->columns;
     const bool is_flat = about->shape == PALPATE_FLAT;
     const bool is_free = about->shape == PALPATE_FREE;
-    const float turn = is_free ? 6.2831853f * (float)column / (float)about->columns : board->columns[column];
+    const float turn =
+        is_free ? 6.2831853f * (float)column / (float)about->columns : board->columns[column];
     const float rise = is_free ? 1.5707963f * (float)row / (float)about->rows : 0.0f;
     place[3] = is_flat ? 0.0f : cosf(turn) * cosf(rise);
     place[4] = is_flat ? -1.0f : sinf(turn) * cosf(rise);

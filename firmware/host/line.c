@@ -21,7 +21,8 @@ const char *line_open(struct line *line) {
     return tcsetattr(line->other, TCSANOW, &raw) == 0 ? path : NULL;
 }
 
-/* xorshift64* by S. Vigna (An experimental exploration of Marsaglia's xorshift generators, scrambled, 2016). */
+/* xorshift64* by S. Vigna (An experimental exploration of Marsaglia's xorshift generators, scrambled,
+ * 2016). */
 static uint32_t draw(struct noise *noise) {
     uint64_t x = noise->state;
     x ^= x >> 12;

@@ -66,9 +66,15 @@ static void run(struct board *board) {
     }
 }
 
+/* Whether a poll would do something now: bytes came, or the line has got room. */
+static bool has_work(const struct board *board) {
+    const bool has_output = board->array.ring.used > 0 && board->line.used < board->line.limit;
+    return has_input(board) || has_output || is_frame_due(board);
+}
+
 /* How long nothing will happen by itself. */
 static struct timespec patience(struct board *board) {
-    uint64_t wait_us = LONGEST_WAIT_US;
+    uint64_t wait_us = has_work(board) ? 0u : LONGEST_WAIT_US;
     uint64_t next_us;
     if (palpate_next_us(&board->array, &next_us) && !board_is_done(board) && !board->options.is_fast) {
         const uint64_t now_us = palpate_port_clock_us(board);
@@ -102,11 +108,13 @@ static void tell(const struct board *board) {
     const struct palpate_counters *counters = &board->array.counters;
     const struct damage *damage = &board->line.damage;
     fprintf(stderr,
-            "{\"numbers\": %" PRIu32 ", \"sampled\": %" PRIu64 ", \"frames\": %" PRIu32 ", \"given_up\": %" PRIu32
-            ", \"answers\": %" PRIu32 ", \"faults\": %" PRIu32 ", \"flipped_bytes\": %" PRIu64
-            ", \"flipped_messages\": %" PRIu64 ", \"flipped_delimiters\": %" PRIu64 "}\n",
-            board->array.sequence, board->sampled, counters->frames, counters->given_up, counters->requests,
-            counters->faults, damage->flipped_bytes, damage->flipped_messages, damage->flipped_delimiters);
+            "{\"numbers\": %" PRIu32 ", \"sampled\": %" PRIu64 ", \"frames\": %" PRIu32
+            ", \"given_up\": %" PRIu32 ", \"answers\": %" PRIu32 ", \"faults\": %" PRIu32
+            ", \"flipped_bytes\": %" PRIu64 ", \"flipped_messages\": %" PRIu64
+            ", \"flipped_delimiters\": %" PRIu64 "}\n",
+            board->array.sequence, board->sampled, counters->frames, counters->given_up,
+            counters->requests, counters->faults, damage->flipped_bytes, damage->flipped_messages,
+            damage->flipped_delimiters);
 }
 
 int main(int argc, char **argv) {

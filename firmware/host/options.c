@@ -14,8 +14,8 @@ static const char usage[] =
     "  --shape S            flat (default), cylinder or free\n"
     "  --depth B            bits of a count, 1 to 16 (default)\n"
     "  --rate-max HZ        maximum rate, 1000 unless told otherwise\n"
-    "  --frames N           no more frames once N have been sampled; the device's clock stands still then\n"
-    "  --fast               a frame whenever the line has room; each takes a period of the device's time\n"
+    "  --frames N           sample N frames, no more; then the device's clock stands still\n"
+    "  --fast               a frame whenever the line has room, a period of the device's time each\n"
     "  --flip P             flip one bit of a share P of the bytes to the host\n"
     "  --flip-in P          the same of the bytes from the host\n"
     "  --seed N             of the flips and the unique id\n"
@@ -64,11 +64,14 @@ static void add_stuck(struct options *options, const char *text) {
     char kind[9];
     char more;
     if (options->stuck_count == MAX_STUCK ||
-        sscanf(text, "%3u,%3u,%8[a-z]%c", &row, &column, kind, &more) != 3 || row > 254 || column > 254) {
+        sscanf(text, "%3u,%3u,%8[a-z]%c", &row, &column, kind, &more) != 3 || row > 254 ||
+        column > 254) {
         fail("stuck", text);
     }
     options->stuck[options->stuck_count++] = (struct stuck){
-        (uint8_t)row, (uint8_t)column, (enum palpate_kind)word("stuck", kind, kinds),
+        (uint8_t)row,
+        (uint8_t)column,
+        (enum palpate_kind)word("stuck", kind, kinds),
     };
 }
 
@@ -79,7 +82,9 @@ static void set(struct options *options, int letter, const char *given) {
     case 'c': options->columns = (uint8_t)whole("cols", given, 1, 255); break;
     case 's': options->shape = (enum palpate_shape)word("shape", given, shapes); break;
     case 'd': options->depth = (uint8_t)whole("depth", given, 1, 16); break;
-    case 'm': options->max_rate_mhz = (uint32_t)lround(real("rate-max", given, 0.001, 1e6) * 1000.0); break;
+    case 'm':
+        options->max_rate_mhz = (uint32_t)lround(real("rate-max", given, 0.001, 1e6) * 1000.0);
+        break;
     case 'n': options->frames = whole("frames", given, 0, UINT64_MAX); break;
     case 'f': options->is_fast = true; break;
     case 'o': options->flip = real("flip", given, 0.0, 1.0); break;
@@ -95,10 +100,11 @@ static void set(struct options *options, int letter, const char *given) {
 
 struct options options_read(int argc, char **argv) {
     static const struct option known[] = {
-        {"rows", 1, NULL, 'r'},  {"cols", 1, NULL, 'c'},     {"shape", 1, NULL, 's'}, {"depth", 1, NULL, 'd'},
-        {"rate-max", 1, NULL, 'm'}, {"frames", 1, NULL, 'n'}, {"fast", 0, NULL, 'f'}, {"flip", 1, NULL, 'o'},
-        {"flip-in", 1, NULL, 'i'}, {"seed", 1, NULL, 'e'},   {"stuck", 1, NULL, 't'}, {"plain", 0, NULL, 'p'},
-        {"broken", 0, NULL, 'b'}, {"help", 0, NULL, 'h'},    {NULL, 0, NULL, 0},
+        {"rows", 1, NULL, 'r'},   {"cols", 1, NULL, 'c'},     {"shape", 1, NULL, 's'},
+        {"depth", 1, NULL, 'd'},  {"rate-max", 1, NULL, 'm'}, {"frames", 1, NULL, 'n'},
+        {"fast", 0, NULL, 'f'},   {"flip", 1, NULL, 'o'},     {"flip-in", 1, NULL, 'i'},
+        {"seed", 1, NULL, 'e'},   {"stuck", 1, NULL, 't'},    {"plain", 0, NULL, 'p'},
+        {"broken", 0, NULL, 'b'}, {"help", 0, NULL, 'h'},     {NULL, 0, NULL, 0},
     };
     struct options options = {.rows = 8, .columns = 8, .depth = 16, .max_rate_mhz = 1000000};
     int letter;

@@ -21,13 +21,13 @@ struct options {
     enum palpate_shape shape;
     uint8_t depth;
     uint32_t max_rate_mhz;
-    uint64_t frames;  /* to be sampled at most, all in all; 0: no limit */
-    double flip;      /* share of the bytes to the host that get one bit flipped */
-    double flip_in;   /* the same of those from the host */
+    uint64_t frames; /* to be sampled at most, all in all; 0: no limit */
+    double flip;     /* share of the bytes to the host that get one bit flipped */
+    double flip_in;  /* the same of those from the host */
     uint64_t seed;
     bool is_fast;
-    bool is_plain;    /* knows neither SELF_TEST nor GEOMETRY */
-    bool is_broken;   /* START and SELF_TEST are refused with HARDWARE */
+    bool is_plain;  /* knows neither SELF_TEST nor GEOMETRY */
+    bool is_broken; /* START and SELF_TEST are refused with HARDWARE */
     struct stuck stuck[MAX_STUCK];
     unsigned stuck_count;
 };

@@ -1,7 +1,8 @@
 /* Random and mutated bytes into the firmware, under sanitizers: `fuzz SEED MESSAGES`.
  *
- * Whatever comes in, what goes out must be whole messages with the right CRC and rising numbers, and a good HELLO behind
- * a delimiter must be answered. Ends with 1, and says why, if not; else prints what was tried. */
+ * Whatever comes in, what goes out must be whole messages with the right CRC and rising numbers, and a
+ * good HELLO behind a delimiter must be answered. Ends with 1, and says why, if not; else prints what
+ * was tried. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -155,7 +156,8 @@ static size_t make(struct world *world, uint8_t *to) {
     ring.first = ring.used = 0;
     palpate_begin(&writer, &ring, &header);
     for (size_t i = 0; i < length; i++) {
-        const bool is_random = i < 3 || below(world, 4) == 0; /* rates and samples that are often allowed */
+        const bool is_random =
+            i < 3 || below(world, 4) == 0; /* rates and samples that are often allowed */
         palpate_put_u8(&writer, is_random ? (uint8_t)draw(world) : 0u);
     }
     palpate_end(&writer);
@@ -228,9 +230,9 @@ int main(int argc, char **argv) {
     }
     printf("{\"bytes_in\": %lu, \"faults\": %lu, \"frames\": %lu, \"given_up\": %lu, \"acks\": %lu, "
            "\"nacks\": %lu, \"reports\": %lu, \"geometry\": %lu}\n",
-           world.bytes_in, (unsigned long)world.array.counters.faults, (unsigned long)world.array.counters.frames,
-           (unsigned long)world.array.counters.given_up, (unsigned long)world.answered[PALPATE_ACK],
-           (unsigned long)world.answered[PALPATE_NACK], (unsigned long)world.answered[PALPATE_REPORT],
-           (unsigned long)world.answered[PALPATE_PLACES]);
+           world.bytes_in, (unsigned long)world.array.counters.faults,
+           (unsigned long)world.array.counters.frames, (unsigned long)world.array.counters.given_up,
+           (unsigned long)world.answered[PALPATE_ACK], (unsigned long)world.answered[PALPATE_NACK],
+           (unsigned long)world.answered[PALPATE_REPORT], (unsigned long)world.answered[PALPATE_PLACES]);
     return 0;
 }
