@@ -49,3 +49,25 @@ def test_random_and_mutated_bytes(built: Path, seed: int) -> None:
 
 def test_the_template_compiles(built: Path) -> None:
     assert (built / "template").is_file()
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        "PALPATE_MAX_TAXELS=0",
+        "PALPATE_MAX_TAXELS=4097",
+        "PALPATE_RX_BYTES=29",
+        "PALPATE_TX_BYTES=300",
+        "PALPATE_MAX_PLACES=256",
+        "PALPATE_MAX_NAME=256",
+    ],
+)
+def test_sizes_that_cannot_be_do_not_compile(size: str) -> None:
+    ended = subprocess.run(
+        ["cc", "-std=c99", "-fsyntax-only", f"-D{size}", str(FIRMWARE / "palpate_array.c")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode != 0
+    assert "palpate_assert_" in ended.stderr

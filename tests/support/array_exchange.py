@@ -111,8 +111,8 @@ class Exchange:
 def exchange(host: ArrayHost, rows: int, columns: int, frames: int) -> tuple[Taken, int]:
     """Have the frames sent that `host` was told to sample, `frames` in all.
 
-    Returns what came, and how many messages are missing: numbers between DESCRIBE and the answer to STOP that never came (`Decoder.lost`): frames and
-    answers.
+    Returns what came, and how many messages are missing (`Decoder.lost`): numbers between DESCRIBE and the
+    answer to STOP that never came, of frames and of answers.
     """
     descriptor = os.open(host.path, os.O_RDWR | os.O_NOCTTY)
     try:
