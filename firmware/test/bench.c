@@ -62,7 +62,7 @@ const char *bench_init(struct bench *bench, const struct palpate_description *de
     }
     strncpy(bench->firmware, description->firmware, sizeof bench->firmware - 1);
     bench->description.firmware = bench->firmware;
-    bench->room = sizeof bench->out;
+    bench->room = SIZE_MAX;
     bench->can_stream = bench->can_sample = bench->can_test = true;
     return palpate_init(&bench->array, &bench->description, bench);
 }
