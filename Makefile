@@ -55,6 +55,7 @@ test: check firmware
 campaign: $(DEV)
 	$(BIN)/python benchmarks/bench_recognizer.py
 	$(BIN)/python benchmarks/bench_identify.py
+	$(BIN)/python benchmarks/bench_firmware.py
 
 clean:
 	$(MAKE) -C firmware clean

@@ -73,11 +73,13 @@ def test_rate_before_the_first_frame_counts_from_start(bench: Bench) -> None:
 
 
 def test_rate_after_the_new_period_is_over(bench: Bench) -> None:
+    """The next frame comes at once, and those in between were never due."""
     stream(bench, 1_000)
     bench.send(request(RATE, 2, 100_000))
-    ack, frame = said(bench.poll(500_000))
+    ack, frame = said(bench.poll(503_000))
     assert (ack.type, frame.type, frame.sequence) == (ACK, FRAME, 2)
-    assert instants(bench, range(500_500, 521_000, 500)) == [510_000, 520_000]
+    assert instants(bench, range(503_500, 524_000, 500)) == [513_000, 523_000]
+    assert bench.counters.given_up == 0
 
 
 def test_frames_polled_too_late_leave_a_gap(bench: Bench) -> None:
@@ -128,6 +130,21 @@ def test_an_answer_waits_for_the_line_and_goes_before_new_frames(bench: Bench) -
     assert kinds == [FRAME] * (len(told) - 2) + [DESCRIBE, ACK]
     assert [found.request for found in told[-2:]] == [7, 8]
     assert told[-2].sequence == 1 + 600, "the numbers of frames that were given up are not used again"
+
+
+def test_frames_do_not_keep_a_long_answer_waiting(bench: Bench) -> None:
+    """The line carries a frame in each period, and all that it has room for."""
+    stream(bench, 100_000)
+    bench.room(0)
+    for now in range(0, 5_000_001, 10_000):
+        bench.poll(now)
+    assert bench.counters.given_up > 0
+    bench.send(request(HELLO, 7))
+    for now in range(5_010_000, 5_200_000, 10_000):
+        bench.room(35)
+        bench.poll(now)
+    assert bench.counters.requests == 2
+    assert not bench.is_on
 
 
 def test_a_line_that_takes_a_byte_at_a_time(bench: Bench) -> None:

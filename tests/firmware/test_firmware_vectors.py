@@ -1,9 +1,11 @@
 """The page's test vectors through the C codec: requests are understood, answers come out byte for byte."""
 
+import ctypes
 import struct
 from pathlib import Path
 
 import pytest
+from cobs import cobs
 from firmware_bench import Bench, Makeup
 from wire_messages import (
     ACK,
@@ -134,3 +136,44 @@ def test_struct_and_page_agree(built: Path) -> None:
     assert request(SELF_TEST, 6, sequence=5, time_us=3000) == vector("SELF_TEST")
     frame = struct.pack("<BB6H", 2, 3, 0, 1, 255, 256, 4095, 65535)
     assert wire(1, FRAME, 3, 5250, frame) == vector("FRAME, sequence 3")
+
+
+# ---- the parts by themselves ----
+
+
+def decoded(built: Path, stuffed: bytes) -> bytes | None:
+    """What the firmware decodes; None if it says that this is not COBS."""
+    library = ctypes.CDLL(str(built / "bench.so"))
+    library.palpate_cobs_decode.restype = ctypes.c_bool
+    data = ctypes.create_string_buffer(stuffed, len(stuffed))
+    size = ctypes.c_size_t()
+    good = library.palpate_cobs_decode(data, ctypes.c_size_t(len(stuffed)), ctypes.byref(size))
+    return data.raw[: size.value] if good else None
+
+
+@pytest.mark.parametrize("length", [1, 2, 253, 254, 255, 256, 507, 508, 509, 762])
+def test_cobs_of_any_length(built: Path, length: int) -> None:
+    for plain in (
+        b"\x07" * length,
+        b"\x00" * length,
+        b"\x07" * (length - 1) + b"\x00",
+        b"\x00".rjust(length),
+    ):
+        assert decoded(built, cobs.encode(plain)) == plain
+
+
+def test_an_empty_block_may_follow_254_bytes_at_the_end(built: Path) -> None:
+    plain = b"\x07" * 254
+    assert decoded(built, b"\xff" + plain) == plain
+    assert decoded(built, b"\xff" + plain + b"\x01") == plain
+
+
+@pytest.mark.parametrize("stuffed", [b"", b"\x02", b"\x05\x01\x01", b"\x03\x01\x00", b"\x00", b"\x01\x00"])
+def test_what_is_not_cobs(built: Path, stuffed: bytes) -> None:
+    assert decoded(built, stuffed) is None
+
+
+def test_crc(built: Path) -> None:
+    library = ctypes.CDLL(str(built / "bench.so"))
+    library.palpate_crc32.restype = ctypes.c_uint32
+    assert library.palpate_crc32(0, b"123456789", ctypes.c_size_t(9)) == 0xCBF43926
