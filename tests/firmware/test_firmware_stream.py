@@ -141,7 +141,7 @@ def test_frames_do_not_keep_a_long_answer_waiting(bench: Bench) -> None:
     assert bench.counters.given_up > 0
     bench.send(request(HELLO, 7))
     for now in range(5_010_000, 5_200_000, 10_000):
-        bench.room(35)
+        bench.room(30)
         bench.poll(now)
     assert bench.counters.requests == 2
     assert not bench.is_on
