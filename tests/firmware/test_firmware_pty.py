@@ -278,7 +278,12 @@ def test_it_ends_by_sigterm_too(checked: Path) -> None:
 )
 def test_options_that_cannot_be_are_refused(checked: Path, options: tuple[str, ...]) -> None:
     ended = subprocess.run(
-        [str(checked), *options], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+        [str(checked), *options],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=20,
     )
     assert ended.returncode == 2
     assert ended.stdout == ""
