@@ -6,11 +6,12 @@ STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 OTHER  := $(VENV)/other
 
-.PHONY: help demo test lint types layers check campaign clean
+.PHONY: help demo test lint types layers check firmware campaign clean
 
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
 	@echo "make test      every check: lint, types, layers, tests"
+	@echo "make firmware  the C firmware for arrays, on this computer, and what its tests need"
 	@echo "make campaign  the long seeded benchmarks, with their tables"
 	@echo "make clean     remove what the above made"
 
@@ -41,7 +42,11 @@ layers: $(DEV)
 
 check: lint types layers
 
-test: check
+# needs a C compiler
+firmware:
+	$(MAKE) -C firmware
+
+test: check firmware
 	$(BIN)/pytest -n auto -m "not realtime"
 # Two processes share the computer in real time here. The vendor's SDK, which is tested unmodified, cannot wait longer than
 # 34 ms for an emulator that the computer does not run: a test that fails has one more chance.
@@ -50,6 +55,8 @@ test: check
 campaign: $(DEV)
 	$(BIN)/python benchmarks/bench_recognizer.py
 	$(BIN)/python benchmarks/bench_identify.py
+	$(BIN)/python benchmarks/bench_firmware.py
 
 clean:
+	$(MAKE) -C firmware clean
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
