@@ -1,7 +1,7 @@
 """Which driver speaks a protocol: the one place that knows all drivers of tactile arrays.
 
-Between who opens ports (`rig`) and the drivers. A new device adds its line here; `docs/adding-a-device.md`
-tells the rest.
+Between who opens ports (`rig`) and the drivers. A new device adds its line here; `docs/adding-a-
+device.md` tells the rest.
 """
 
 from collections.abc import Callable, Mapping
@@ -35,8 +35,8 @@ def open_array(
 ) -> ArrayDriver:
     """The driver of the array on an open port; its `connect` comes next. `name` is the finger's.
 
-    `mounting` is needed by arrays that do not describe it themselves, and None for others. Raises InputError
-    for a protocol that nothing here speaks, or without a mounting that is needed.
+    `mounting` is needed by arrays that do not describe it themselves, and None for others. Raises
+    InputError for a protocol that nothing here speaks, or without a mounting that is needed.
     """
     if protocol in _SELF_DESCRIBING:
         return _SELF_DESCRIBING[protocol](port, clock, name)

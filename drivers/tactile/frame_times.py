@@ -1,7 +1,7 @@
 """Numbers and times for frames of devices that only stamp them with a counter of 32 bits.
 
-Between a driver (`weiss`) and its frames. Lost frames are estimated: a step much longer than usual means
-that frames are missing. A device that pauses by itself looks the same.
+Between a driver (`weiss`) and its frames. Lost frames are estimated: a step much longer than usual
+means that frames are missing. A device that pauses by itself looks the same.
 """
 
 from collections import deque
@@ -26,7 +26,7 @@ class Placed:
 
 
 class FrameTimes:
-    """Unwraps stamps of `tick_s` each and numbers frames. `lost` counts the frames that seem to be missing."""
+    """Unwraps stamps of `tick_s` each and numbers frames; `lost` counts those that seem to be missing."""
 
     def __init__(self, tick_s: float) -> None:
         self.lost = 0
@@ -43,9 +43,10 @@ class FrameTimes:
         self._steps.clear()
 
     def place(self, stamp: int) -> Placed | None:
-        """Number and time of the next frame, or None for one that is repeated or has an impossible time.
+        """Number and time of the next frame; None if it is repeated or its time is impossible.
 
-        After an impossible one, times go on from it: if it was the damaged one, one more frame is refused.
+        After an impossible one, times go on from it: if it was the damaged one, one more frame is
+        refused.
         """
         last, self._last = self._last, stamp
         step = stamp if last is None else (stamp - last) % _WRAP

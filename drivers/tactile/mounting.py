@@ -1,6 +1,7 @@
 """How a matrix of texels sits on a tip: what arrays do not tell that know their cells only.
 
-Between the rig file, which says it, and drivers of such arrays (`weiss`), which describe themselves with it.
+Between the rig file, which says it, and drivers of such arrays (`weiss`), which describe themselves
+with it.
 """
 
 import enum
@@ -28,8 +29,9 @@ class Corner(enum.Enum):
 class Mounting:
     """A matrix on a tip.
 
-    `counts_per_n`: what a force on one taxel adds to its count. `matrix`: which one, of a device that has
-    several. `first`: where its first texel is; `upright`: its rows run along the tip's axis, not across.
+    `counts_per_n`: what a force on one taxel adds to its count. `matrix`: which one, of a device that
+    has several. `first`: where its first texel is; `upright`: its rows run along the tip's axis, not
+    across.
     """
 
     shape: Shape
@@ -49,7 +51,7 @@ class Mounting:
         return np.ascontiguousarray(flipped.T if self.upright else flipped)
 
     def pitch(self, texel_mm: tuple[float, float]) -> tuple[float, float]:
-        """Distance of columns (rad on a cylinder, mm on a pad) and of rows (mm), from a texel's x and y size."""
+        """Distance of columns (rad; mm on a pad) and of rows (mm), from a texel's size in x and y."""
         along, up = texel_mm[::-1] if self.upright else texel_mm
         return (along if self.shape is Shape.FLAT else along / self.tip_radius_mm), up
 
@@ -64,7 +66,7 @@ class Mounting:
         bit_depth: int,
         max_rate_hz: float,
     ) -> Description:
-        """Description of a matrix of `cells` (x, y) with texels of `texel_mm` (x, y) that sits like this.
+        """Description of a matrix of `cells` (x, y), texels of `texel_mm` (x, y), that sits like this.
 
         Raises ValueError if it cannot: no cells, or more than go round the tip.
         """

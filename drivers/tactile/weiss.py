@@ -1,7 +1,7 @@
-"""Host drivers of Weiss Robotics' tactile sensors: WTS modules and the DSA's controller, as `ArrayDriver`s.
+"""Host drivers of Weiss Robotics' tactile sensors, as `ArrayDriver`s: WTS modules and the DSA.
 
-Stand between a port and the extractor. Sources as in `weiss_codec`. What the devices do not tell, counts per N
-and how the matrix sits on the tip, comes with a `Mounting`.
+Stand between a port and the extractor. Sources as in `weiss_codec`. What the devices do not tell,
+counts per N and how the matrix sits on the tip, comes with a `Mounting`.
 """
 
 import math
@@ -22,8 +22,9 @@ _EMULATED = "emulated"  # how the tag or the descriptor of an emulated device be
 class WtsArray(WeissArray):
     """A WTS tactile sensor module on a port, as an `ArrayDriver`. Call `connect` first.
 
-    Its manual was not at hand where it gives the unit of the stamps. `connect` measures it: two frames, a tenth
-    of a second apart, tell apart milliseconds and what is ten, a hundred or a thousand times finer.
+    Its manual was not at hand where it gives the unit of the stamps. `connect` measures it: two frames,
+    a tenth of a second apart, tell apart milliseconds and what is ten, a hundred or a thousand times
+    finer.
     """
 
     _dialect = Dialect.WTS
@@ -32,10 +33,11 @@ class WtsArray(WeissArray):
 
     def stop(self) -> None:
         """Stop the stream; frames that were on their way stay readable."""
-        self._request(WtsCommand.STOP, fine=WtsStatus)  # one that rests may say so
+        self._request(WtsCommand.STOP, fine=tuple(WtsStatus))  # one that rests may say so
 
     def _begin(self, rate_hz: float) -> None:
         self.stop()  # a second START is refused
+        self._new_stream()
         period_ms = max(1, round(1000 / rate_hz))
         fine = (WtsStatus.SUCCESS, WtsStatus.ALREADY_RUNNING)  # an answer was lost, and it was asked again
         self._request(WtsCommand.START, b"\0" + period_ms.to_bytes(2, "little"), fine=fine)
@@ -47,7 +49,7 @@ class WtsArray(WeissArray):
         system = SystemInfo.parse(self._request(WtsCommand.SYSTEM_INFO))
         kind = text_of(self._inquire(WtsCommand.SENSOR_TYPE))
         tag = text_of(self._inquire(WtsCommand.GET_TAG))
-        self._request(WtsCommand.TARE, b"\0")
+        self._inquire(WtsCommand.TARE, b"\0")
         self._inquire(WtsCommand.SET_THRESHOLD, b"\0\0")
         tick_s = self._tick_s()
         name = f"{kind or 'WTS'} {system.version}"
@@ -75,10 +77,10 @@ class WtsArray(WeissArray):
 class DsaArray(WeissArray):
     """One matrix of a DSA tactile sensor on a port, as an `ArrayDriver`. Call `connect` first.
 
-    The controller sends all its matrices in each frame; those that the mounting does not name are read past. A
-    port has one owner, so that two fingers cannot share a controller yet. While it boots, for 8 s after power
-    comes on, `connect` waits for it. It streams as fast as it can, about 30 frames a second, whatever rate is
-    asked for.
+    The controller sends all its matrices in each frame; those that the mounting does not name are read
+    past. A port has one owner, so that two fingers cannot share a controller yet. While it boots, for
+    8 s after power comes on, `connect` waits for it. It streams as fast as it can, about 30 frames a
+    second, whatever rate is asked for.
     """
 
     _dialect = Dialect.DSA
@@ -96,6 +98,7 @@ class DsaArray(WeissArray):
         self._request(DsaCommand.ACQUIRE, bytes(3))
 
     def _begin(self, rate_hz: float) -> None:
+        self._new_stream()
         flags = bytes((self._ACQUIRE | self._COMPRESS,))
         self._request(DsaCommand.ACQUIRE, flags + max(1, round(rate_hz)).to_bytes(2, "little"))
 

@@ -1,11 +1,12 @@
 """What the host drivers of Weiss Robotics' tactile sensors share. Between a port and `weiss`.
 
-Asks and waits for answers, and turns packets into frames. Neither device numbers its frames: numbers and losses
-come from their stamps (`frame_times`). A texel at the matrix's full scale counts as the largest count.
+Asks and waits for answers, and turns packets into frames. Neither device numbers its frames: numbers
+and losses come from their stamps (`frame_times`). A texel at the matrix's full scale counts as the
+largest count.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Collection
 from enum import IntEnum
 
 import numpy as np
@@ -75,7 +76,8 @@ class WeissArray(ABC):
     def connect(self) -> Description:
         """Ask the array what it is; a running stream stops. Raises DeviceError if nothing answers.
 
-        What would take the zero off frames, thresholds and taring, is switched off: baselines are the host's.
+        What would take the zero off frames, thresholds and taring, is switched off: baselines are the
+        host's.
         """
         self._description = None
         self._decoder.max_payload = MAX_PAYLOAD
@@ -101,8 +103,6 @@ class WeissArray(ABC):
             raise DeviceError(
                 f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
             )
-        if self._times is not None:
-            self._times.restart()
         self._begin(rate_hz)
 
     @abstractmethod
@@ -123,13 +123,17 @@ class WeissArray(ABC):
 
     @abstractmethod
     def _begin(self, rate_hz: float) -> None:
-        """Begin a stream; one that runs gets the new rate."""
+        """Begin a stream; one that runs gets the new rate. Calls `_new_stream` before its first frame."""
+
+    def _new_stream(self) -> None:
+        if self._times is not None:
+            self._times.restart()
 
     @property
     def _cells(self) -> int:
         return sum(matrix.cells for matrix in self._matrices)
 
-    def _request(self, command: IntEnum, payload: bytes = b"", *, fine: Sequence[int] = (0,)) -> bytes:
+    def _request(self, command: IntEnum, payload: bytes = b"", *, fine: Collection[int] = (0,)) -> bytes:
         """What the answer to a command says behind its status, which has to be one of `fine`."""
         answer = self._ask(Packet(command, payload))
         if answer is None:
@@ -137,7 +141,7 @@ class WeissArray(ABC):
                 f"{self._stream.where} did not answer {_words(command)}; check its power and its cable"
             )
         status = status_of(answer)
-        if status not in fine:
+        if status is None or status not in fine:
             raise DeviceError(
                 f"{self._stream.where} refuses {_words(command)} ({self._status_name(status)}); "
                 "power it off and on, then check its firmware"
@@ -146,7 +150,7 @@ class WeissArray(ABC):
 
     def _inquire(self, command: IntEnum, payload: bytes = b"") -> bytes:
         """As `_request`, but empty where the array does not know the command."""
-        answer = self._ask(Packet(command, payload), attempts=1)
+        answer = self._ask(Packet(command, payload))
         return answer[STATUS_SIZE:] if answer is not None and status_of(answer) == 0 else b""
 
     def _ask(self, packet: Packet, attempts: int = _ATTEMPTS, timeout_s: float = _TIMEOUT_S) -> bytes | None:
@@ -169,10 +173,7 @@ class WeissArray(ABC):
         return None
 
     def _status_name(self, status: int | None) -> str:
-        try:
-            return self._statuses(status).name
-        except ValueError:
-            return f"status {status}"
+        return next((item.name for item in self._statuses if item == status), f"status {status}")
 
     def _silent(self) -> DeviceError:
         return DeviceError(

@@ -1,13 +1,14 @@
-"""Bytes to packets of Weiss Robotics' tactile sensors and back. Between a port's bytes and `weiss_messages`.
+"""Bytes to packets of Weiss Robotics' tactile sensors and back. Between a port and `weiss_messages`.
 
     AA AA AA, command u8, size u16, payload, checksum u16            little endian
 
-Two dialects: the WTS sensor modules check every packet, preamble included; the DSACON32 controller of the DSA
-(in Schunk's SDH hand) checks packets with a payload only, from the command on. Sans-IO: no port, no clock.
+Two dialects: the WTS sensor modules check every packet, preamble included; the DSACON32 controller of
+the DSA (in Schunk's SDH hand) checks packets with a payload only, from the command on. Sans-IO: no
+port, no clock.
 
-Sources: WTS family of Tactile Sensor Modules, Command Set Reference Manual (March 2013); Schunk's
-SDHLibrary-CPP (dsa.cpp, dsa.h), which follows the DSACON32 Command Set Reference Manual; the ROS package
-ksatyaki/wts_driver.
+Sources: ksatyaki/wts_driver and CNCR-NTU/wts-ft, which follow the Command Set Reference Manual of the
+WTS family of Tactile Sensor Modules (March 2013); Schunk's SDHLibrary (dsa.cpp, dsa.h, dsa.py) and
+RobWork's DSACON32 driver, which follow the DSACON32 Command Set Reference Manual.
 """
 
 import enum
@@ -71,7 +72,8 @@ class Fault:
 def encode(dialect: Dialect, packet: Packet) -> bytes:
     """Return the wire bytes. Raises ValueError if a field does not fit its place on the wire.
 
-    AA is no command of either dialect, and cannot be sent as one: it could not be told from the preamble.
+    AA is no command of either dialect, and cannot be sent as one: it could not be told from the
+    preamble.
     """
     size = len(packet.payload)
     if not 0 <= packet.command <= 0xFF or packet.command == _MARK or size > 0xFFFF:
@@ -85,11 +87,11 @@ def encode(dialect: Dialect, packet: Packet) -> bytes:
 class Decoder:
     """Bytes in, packets and faults out, in the order of the stream, however the bytes are cut.
 
-    Any bytes whatever give packets or faults, never an exception. Between calls at most a packet's length of
-    bytes is kept, and the time taken grows with the number of bytes only. Where a packet turns out to be none,
-    the search goes on behind its first byte, among the bytes that are there already: noise, a false preamble
-    or a damaged size costs no packet after it. The one exception is noise whose checksum happens to hold, once
-    in 65,536 false preambles.
+    Any bytes whatever give packets or faults, never an exception. Between calls at most a packet's
+    length of bytes is kept, and the time taken grows with the number of bytes only. Where a packet
+    turns out to be none, the search goes on behind its first byte, among the bytes that are there
+    already: noise, a false preamble or a damaged size costs no packet after it. The one exception is
+    noise whose checksum happens to hold, once in 65,536 false preambles.
 
     `faults` counts stretches that were no packet by kind, `skipped` their bytes.
     """
@@ -118,7 +120,7 @@ class Decoder:
         return out
 
     def give_up(self) -> list[Packet | Fault]:
-        """Take what is incomplete for damaged, since its rest is overdue; return the packets found inside."""
+        """Take what is incomplete for damaged, its rest being overdue; return packets inside of it."""
         out: list[Packet | Fault] = []
         at = 0
         while at < len(self._pending):

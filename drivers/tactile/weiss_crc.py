@@ -1,11 +1,12 @@
 """The checksum of Weiss Robotics' tactile sensors. Beneath `weiss_codec`; pure computation.
 
-It is no catalogued CRC: the table of CRC-16/CCITT (polynomial 0x1021, most significant bit first) is used with
-the update of a least-significant-bit-first one, beginning with 0xFFFF; "123456789" gives 0x6EB4. So do the
-sample code of the WTS command set reference manual (appendix B) and Schunk's SDHLibrary (crc.h).
+It is no catalogued CRC: the table of CRC-16/CCITT (polynomial 0x1021, most significant bit first) is
+used with the update of a least-significant-bit-first one, beginning with 0xFFFF; "123456789" gives
+0x6EB4. So does Schunk's SDHLibrary (crc.h, dsa.py), and CNCR-NTU/wts-ft for the WTS.
 
-The update is linear over bits, so the checksum of any stretch follows from the registers at its two ends. A
-decoder that tries many places in the same bytes pays for each byte once, however long the packets claim to be.
+The update is linear over bits, so the checksum of any stretch follows from the registers at its two
+ends. A decoder that tries many places in the same bytes pays for each byte once, however long the
+packets claim to be.
 """
 
 __all__ = ["INITIAL", "RunningCrc", "crc16"]
@@ -71,7 +72,7 @@ class RunningCrc:
         del self._registers[:count]
 
     def of(self, start: int, end: int) -> int:
-        """Checksum of the window's bytes `start` to `end` (places in the window, at most 131,071 apart)."""
+        """Checksum of the bytes from place `start` of the window to `end`, at most 131,071 apart."""
         register = self._registers[start] ^ INITIAL
         length = end - start
         for power, images in enumerate(_DOUBLINGS):

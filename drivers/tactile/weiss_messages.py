@@ -1,15 +1,17 @@
-"""What is in the packets of Weiss Robotics' tactile sensors. Between `weiss_codec` and driver or emulator.
+"""What is in the packets of Weiss Robotics' tactile sensors. Between `weiss_codec` and its users.
 
-Every answer begins with a status u16. A frame is a timestamp u32, flags u8 and the texels, u16 each and row by
-row, or, with bit 0 of the flags, run-length units of u16: count in bits 12 to 15, value in bits 0 to 11.
-All little endian.
+Every answer begins with a status u16. A frame is a timestamp u32, flags u8 and the texels, u16 each and
+row by row, or, with bit 0 of the flags, run-length units of u16: count in bits 12 to 15, value in bits
+0 to 11. All little endian.
 
-Sources as in `weiss_codec`. The layout of the WTS's answers is that of ksatyaki/wts_driver, which reads them;
-RobWork's DSACON32 driver confirms the DSA's, and adds the descriptor strings.
+Sources as in `weiss_codec`: wts_driver for the WTS's answers, SDHLibrary for the DSA's, RobWork for its
+descriptor strings. Where SDHLibrary and RobWork differ (type of the full scale, where compressed texels
+begin) it is as in SDHLibrary.
 """
 
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +86,7 @@ class ControllerInfo:
     release: int
 
     def pack(self) -> bytes:
-        """Bytes of the answer behind the status: 16, though the documented structure has 17 (SDHLibrary)."""
+        """Bytes of the answer behind the status: one fewer than documented, as SDHLibrary found."""
         return _DSA_CONTROLLER.pack(self.serial, self.hardware, self.release) + bytes(9)
 
     @classmethod
@@ -136,8 +138,9 @@ class MatrixInfo:
     @classmethod
     def parse_dsa(cls, data: bytes) -> "MatrixInfo":
         """Read what `pack_dsa` makes; ValueError if it is too short."""
-        width, height, x, y, uid, *_ = _unpack(_DSA_MATRIX, data, "matrix information")
-        full, _ = _unpack(_DSA_FULL_SCALE, data[_DSA_MATRIX.size :], "matrix information")
+        size = _DSA_MATRIX.size
+        width, height, x, y, uid = _unpack(_DSA_MATRIX, data, "matrix information")[:5]
+        full = _unpack(_DSA_FULL_SCALE, data[size:], "matrix information")[0]
         return cls(x, y, width, height, full, uid)
 
 
@@ -197,7 +200,7 @@ def expand(units: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return np.repeat(units & MAX_TEXEL, units >> 12).astype(np.uint16)
 
 
-def _unpack(form: struct.Struct, data: bytes, what: str) -> tuple[int, ...]:
+def _unpack(form: struct.Struct, data: bytes, what: str) -> tuple[Any, ...]:
     if len(data) < form.size:
         raise ValueError(f"{what} of {len(data)} bytes, {form.size} are needed")
     return form.unpack_from(data)
