@@ -11,10 +11,13 @@ from palpate.drivers.tactile.weiss_array import WeissArray, text_of
 from palpate.drivers.tactile.weiss_codec import Dialect, Packet
 from palpate.drivers.tactile.weiss_commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
 from palpate.drivers.tactile.weiss_messages import ControllerInfo, MatrixInfo, SystemInfo, parse_frame
+from palpate.errors import DeviceError
 
 __all__ = ["DsaArray", "WtsArray"]
 
 _BOOT_TIMEOUT_S = 1.0
+_FIRST_FRAME_S = 0.3  # a frame at 115,200 baud takes up to 0.1 s
+_ATTEMPTS = 3
 _BOOT_ATTEMPTS = 10  # a DSA takes 8 s to boot, and does not hear what is said meanwhile
 _EMULATED = "emulated"  # how the tag or the descriptor of an emulated device begins
 
@@ -33,14 +36,14 @@ class WtsArray(WeissArray):
 
     def stop(self) -> None:
         """Stop the stream; frames that were on their way stay readable."""
-        self._request(WtsCommand.STOP, fine=tuple(WtsStatus))  # one that rests may say so
+        self._command(WtsCommand.STOP, fine=tuple(WtsStatus))  # one that rests may say so
 
     def _begin(self, rate_hz: float) -> None:
         self.stop()  # a second START is refused
         self._new_stream()
         period_ms = max(1, round(1000 / rate_hz))
         fine = (WtsStatus.SUCCESS, WtsStatus.ALREADY_RUNNING)  # an answer was lost, and it was asked again
-        self._request(WtsCommand.START, b"\0" + period_ms.to_bytes(2, "little"), fine=fine)
+        self._command(WtsCommand.START, b"\0" + period_ms.to_bytes(2, "little"), fine=fine)
 
     def _introduce(self) -> tuple[Description, float]:
         if self._ask(Packet(WtsCommand.STOP)) is None:
@@ -95,12 +98,20 @@ class DsaArray(WeissArray):
 
     def stop(self) -> None:
         """Stop the stream; frames that were on their way stay readable."""
-        self._request(DsaCommand.ACQUIRE, bytes(3))
+        self._command(DsaCommand.ACQUIRE, bytes(3))
 
     def _begin(self, rate_hz: float) -> None:
+        """Ask until frames come: answers to starting and to stopping look the same."""
         self._new_stream()
         flags = bytes((self._ACQUIRE | self._COMPRESS,))
-        self._request(DsaCommand.ACQUIRE, flags + max(1, round(rate_hz)).to_bytes(2, "little"))
+        before = self._stream.received
+        for _ in range(_ATTEMPTS):
+            self._command(DsaCommand.ACQUIRE, flags + max(1, round(rate_hz)).to_bytes(2, "little"))
+            if self._stream.wait_until(lambda: self._stream.received > before, _FIRST_FRAME_S):
+                return
+        raise DeviceError(
+            f"{self._stream.where} was started and sends no frames; power it off and on, check its firmware"
+        )
 
     def _introduce(self) -> tuple[Description, float]:
         if self._ask(Packet(DsaCommand.ACQUIRE, bytes(3)), _BOOT_ATTEMPTS, _BOOT_TIMEOUT_S) is None:

@@ -35,6 +35,7 @@ from palpate.errors import DeviceError
 __all__ = ["WeissArray", "text_of"]
 
 _TIMEOUT_S = 0.5
+_COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
 _ATTEMPTS = 3
 _LONGEST_ANSWER = 256  # bytes, other than frames: tags and descriptors are the longest
 _BIT_DEPTH = 12
@@ -133,9 +134,20 @@ class WeissArray(ABC):
     def _cells(self) -> int:
         return sum(matrix.cells for matrix in self._matrices)
 
-    def _request(self, command: IntEnum, payload: bytes = b"", *, fine: Collection[int] = (0,)) -> bytes:
+    def _command(self, command: IntEnum, payload: bytes = b"", *, fine: Collection[int] = (0,)) -> None:
+        """As `_request`, without waiting long: fingers may be under way."""
+        self._request(command, payload, fine=fine, timeout_s=_COMMAND_TIMEOUT_S)
+
+    def _request(
+        self,
+        command: IntEnum,
+        payload: bytes = b"",
+        *,
+        fine: Collection[int] = (0,),
+        timeout_s: float = _TIMEOUT_S,
+    ) -> bytes:
         """What the answer to a command says behind its status, which has to be one of `fine`."""
-        answer = self._ask(Packet(command, payload))
+        answer = self._ask(Packet(command, payload), timeout_s=timeout_s)
         if answer is None:
             raise DeviceError(
                 f"{self._stream.where} did not answer {_words(command)}; check its power and its cable"
@@ -163,6 +175,7 @@ class WeissArray(ABC):
             self._answers.clear()
             return any(status_of(payload) is not None for payload in found)
 
+        self._stream.drain()  # a late answer to the same command, asked before, is none to this one
         self._answers.clear()
         for _ in range(attempts):
             self._stream.write(encode(self._dialect, packet))
