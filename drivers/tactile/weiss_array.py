@@ -36,7 +36,9 @@ __all__ = ["WeissArray", "text_of"]
 
 _TIMEOUT_S = 0.5
 _COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
-_ATTEMPTS = 3
+_ATTEMPTS = 4
+_QUIET_S = 0.01
+_LATE_S = 0.2
 _LONGEST_ANSWER = 256  # bytes, other than frames: tags and descriptors are the longest
 _BIT_DEPTH = 12
 
@@ -56,6 +58,7 @@ class WeissArray(ABC):
         self._description: Description | None = None
         self._matrices: tuple[MatrixInfo, ...] = ()
         self._times: FrameTimes | None = None
+        self._asked_again = False
         self._lost_before = 0
         self._misshapen = 0
 
@@ -175,15 +178,23 @@ class WeissArray(ABC):
             self._answers.clear()
             return any(status_of(payload) is not None for payload in found)
 
-        self._stream.drain()  # a late answer to the same command, asked before, is none to this one
-        self._answers.clear()
-        for _ in range(attempts):
+        self._let_pass()
+        for attempt in range(attempts):
+            self._asked_again |= attempt > 0
             self._stream.write(encode(self._dialect, packet))
             if not self._stream.wait_until(answered, timeout_s):
                 self._sort(self._decoder.give_up())
             if answered():
                 return next(payload for payload in found if status_of(payload) is not None)
         return None
+
+    def _let_pass(self) -> None:
+        """Hear out what is under way: an answer tells its command, not which of several askings it is for."""
+        if self._description is None:
+            self._stream.wait_until(lambda: False, _LATE_S if self._asked_again else _QUIET_S)
+            self._asked_again = False
+        self._stream.drain()
+        self._answers.clear()
 
     def _status_name(self, status: int | None) -> str:
         return next((item.name for item in self._statuses if item == status), f"status {status}")
