@@ -1,10 +1,10 @@
 """Emulated tactile sensors of Weiss Robotics: forces on taxels in, bytes out. Where a real one's port ends.
 
 Written from the sources that `drivers.tactile.weiss_codec` names. Masks, triggers, properties, sensitivity
-and the DSA's CAN and USB ports are left out. Decided, because the sources leave it open: what a command says
-with parameters that are none; that a damaged command is not answered; that STOP at rest succeeds; that frames
-asked for during a stream are refused; that one scan takes 4 ms, of a DSA 33 ms; and that gain is remembered,
-without effect.
+and the DSA's CAN and USB ports are left out. Decided, because the sources leave it open: what a command with
+wrong parameters is answered; that a damaged command is not answered, and one whose rest does not come is
+given up after 0.1 s; that STOP at rest succeeds; that single frames are refused during a stream; that a scan
+takes 4 ms, a DSA's 33 ms; and that gain is remembered without effect.
 """
 
 import struct

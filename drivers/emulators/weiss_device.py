@@ -20,6 +20,9 @@ __all__ = ["EmulatedWeiss", "Texels"]
 
 Texels = NDArray[np.uint16]
 
+_INTERRUPTED_S = 0.1  # a command whose rest takes longer is given up
+_LONGEST_COMMAND = 256
+
 
 class EmulatedWeiss(ABC):
     """A `Device` (see `drivers.transport.wire`) with a matrix of texels that it scans, each scan in turn.
@@ -49,7 +52,8 @@ class EmulatedWeiss(ABC):
         self._powered_s = powered_s
         self._tick_s = tick_s
         self._to_device = to_device
-        self._decoder = Decoder(self._dialect)
+        self._decoder = Decoder(self._dialect, _LONGEST_COMMAND)
+        self._heard_s = powered_s
         self._queue: deque[Emission] = deque()
         self._period_s: float | None = None
         self._next_s = 0.0
@@ -87,6 +91,9 @@ class EmulatedWeiss(ABC):
         """Take bytes that arrived at `now`; return answers and frames due up to `now`."""
         self._catch_up(now)
         if now >= self._powered_s + self._boot_s:
+            if now - self._heard_s > _INTERRUPTED_S:
+                self._decoder.give_up()
+            self._heard_s = now
             for item in self._decoder.feed(data):
                 if isinstance(item, Packet):
                     self._obey(item, now)
