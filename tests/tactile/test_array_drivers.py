@@ -1,174 +1,42 @@
-"""What holds for the driver of any array: a new one is a line in PROTOCOLS here and in `devices`."""
+"""Every driver of a tactile array does what all have to: a new one is a line here and one in `devices`."""
 
-import math
 from collections.abc import Callable
+from functools import partial
 
-import numpy as np
 import pytest
+from array_contract import BAUD, CHECKS, MOUNTING, Held, MakeDevice
 
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import SampledArray
-from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
-from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
 from palpate.drivers.tactile.devices import PROTOCOLS, open_array
-from palpate.drivers.tactile.messages import Shape
-from palpate.drivers.tactile.mounting import Mounting
 from palpate.drivers.tactile.weiss_messages import MatrixInfo
-from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.mock import MockHub
-from palpate.drivers.transport.port import open_port
-from palpate.errors import DeviceError, InputError
+from palpate.errors import InputError
 
-MOUNTING = Mounting(Shape.CYLINDER, 8.5, 1000.0)
 MATRIX = MatrixInfo(7, 5, 3.4, 3.4, 4095.0)
-Advance = Callable[[float], None]
 
-DEVICES: dict[str, Callable[[Taxels, Advance], SampledArray]] = {
+DEVICES: dict[str, MakeDevice] = {
     "palpate": EmulatedArray,
-    "weiss-wts": lambda taxels, advance: EmulatedWts(taxels, MATRIX, advance, baudrate=1_000_000),
-    "weiss-dsa": lambda taxels, advance: EmulatedDsa(taxels, [MATRIX], advance, baudrate=1_000_000),
+    "weiss-wts": lambda taxels, advance: EmulatedWts(taxels, MATRIX, advance, baudrate=BAUD),
+    "weiss-dsa": lambda taxels, advance: EmulatedDsa(taxels, [MATRIX], advance, baudrate=BAUD),
 }
-BAUD = 1_000_000
 
 
-class Held:
-    """An emulated array of some protocol, 5 x 7 taxels, with 1 N on one of them, and its driver."""
-
-    def __init__(self, protocol: str) -> None:
-        truth = MOUNTING.describe(
-            (MATRIX.cells_x, MATRIX.cells_y),
-            (MATRIX.width_mm, MATRIX.height_mm),
-            unique_id=b"any",
-            firmware="any",
-            emulated=True,
-            bit_depth=12,
-            max_rate_hz=100.0,
-        )
-        self.force_n = np.zeros((5, 7))
-        self.force_n[3, 1] = 1.0
-        self.device = DEVICES[protocol](
-            Taxels(truth, seed=2, noise_counts=1.0, offset_counts=50), self.advance
-        )
-        self.wire = FaultyWire(self.device, 7)
-        self.clock = VirtualClock()
-        self.hub = MockHub(self.clock, "any")
-        port = open_port(self.hub.attach("f1", self.wire, BAUD), BAUD)
-        self.array = open_array(protocol, port, self.clock, "f1", MOUNTING)
-
-    def advance(self, now: float) -> None:
-        while (due := self.device.next_sample_s()) is not None and due <= now:
-            self.device.sample(due, self.force_n)
+def held(protocol: str) -> Held:
+    return Held(DEVICES[protocol], partial(open_array, protocol))
 
 
-@pytest.fixture(params=PROTOCOLS)
-def held(request: pytest.FixtureRequest) -> Held:
-    return Held(request.param)
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_what_every_driver_does(protocol: str, check: Callable[[Held], None]) -> None:
+    check(held(protocol))
 
 
-def test_it_says_what_it_is_as_often_as_it_is_asked(held: Held) -> None:
-    with pytest.raises(
-        DeviceError, match=r"f1 on mock://\S+ has not been asked what it is; call connect\(\)"
-    ):
-        _ = held.array.description
-    told = held.array.connect()
-    assert told.problem() is None
-    assert (told.rows, told.cols, told.shape, told.emulated) == (5, 7, Shape.CYLINDER, True)
-    assert told.max_count == 4095
-    np.testing.assert_allclose(np.diff(told.columns), 0.4, rtol=1e-6)
-    assert math.isclose(told.counts_per_n, 1000.0)
-    assert held.array.connect() == told == held.array.description
-
-
-def test_it_streams_frames_of_its_taxels_in_order(held: Held) -> None:
-    held.array.connect()
-    assert held.array.frames() == []
-    held.array.start(25.0)
-    got = [held.array.wait_frame(0.2) for _ in range(30)]
-    for frame in got:
-        assert frame.counts.shape == (5, 7)
-        assert frame.counts.dtype == np.uint16
-        assert abs(int(frame.counts[3, 1]) - 1050) < 10
-        assert abs(np.delete(frame.counts.astype(int).ravel(), 3 * 7 + 1) - 50).max() < 10
-    assert np.diff([frame.sequence for frame in got]).tolist() == [1] * 29
-    steps = np.diff([frame.device_time_s for frame in got])
-    assert steps.mean() == pytest.approx(np.diff([frame.host_time_s for frame in got]).mean(), rel=0.03)
-    assert np.ptp(steps) < 0.003
-    assert 1 / steps.mean() > 24
-    counters = held.array.counters
-    assert counters.frames == 30
-    assert counters.lost == counters.faults == counters.misshapen == counters.dropped == 0
-
-
-def test_verbs_may_be_repeated_and_stopping_stops(held: Held) -> None:
-    held.array.connect()
-    held.array.stop()
-    for _ in range(2):
-        held.array.start(20.0)
-        held.array.start(25.0)
-        held.array.wait_frame(0.2)
-        held.array.stop()
-        held.array.stop()
-    held.clock.sleep(0.2)
-    held.array.frames()
-    held.clock.sleep(1.0)
-    assert held.array.frames() == []
-    with pytest.raises(DeviceError, match=r"f1 on mock://\S+ sent no frame for 0\.1 s"):
-        held.array.wait_frame(0.1)
-
-
-def test_a_stream_that_somebody_left_running_is_ended(held: Held) -> None:
-    held.array.connect()
-    held.array.start(25.0)
-    held.clock.sleep(0.5)
-    held.array.connect()
-    held.clock.sleep(0.2)
-    assert held.array.frames() == []
-
-
-def test_lost_frames_are_counted_and_show_in_the_numbers(held: Held) -> None:
-    held.array.connect()
-    held.array.start(25.0)
-    before = [held.array.wait_frame(0.2) for _ in range(10)]
-    missed = 0.21
-    held.wire.rates = WireRates(to_host=FaultRates(lost=1.0))
-    held.clock.sleep(missed)
-    held.array.frames()
-    held.wire.rates = WireRates()
-    after = held.array.wait_frame(0.2)
-    step_s = before[-1].device_time_s - before[-2].device_time_s
-    gone = round((after.device_time_s - before[-1].device_time_s) / step_s) - 1
-    assert gone >= 5
-    assert held.array.counters.lost == gone == after.sequence - before[-1].sequence - 1
-
-
-def test_rates_that_it_cannot_do_are_refused(held: Held) -> None:
-    limit = held.array.connect().max_rate_hz
-    for rate_hz in (0.0, -1.0, limit * 1.01):
-        with pytest.raises(DeviceError, match=f"cannot sample at .* Hz; choose a rate up to {limit:g} Hz"):
-            held.array.start(rate_hz)
-
-
-def test_silence_and_a_port_that_is_gone_are_named(held: Held) -> None:
-    held.wire.rates = WireRates(to_host=FaultRates(lost=1.0))
-    with pytest.raises(DeviceError, match=r"f1 on mock://\S+ does not answer; check"):
-        held.array.connect()
-    assert held.clock.now() < 12.0
-    held.wire.rates = WireRates()
-    held.array.connect()
-    held.array.start(25.0)
-    held.wire.unplugged = True
-    for verb in (held.array.frames, held.array.stop, held.array.connect, lambda: held.array.wait_frame(0.1)):
-        with pytest.raises(DeviceError, match=r"f1 on mock://\S+ is gone"):
-            verb()
-
-
-def test_a_protocol_that_nothing_speaks_and_a_mounting_that_is_missing(held: Held) -> None:
-    port = open_port(held.hub.attach("f2", held.wire, BAUD), BAUD)
+def test_a_protocol_that_nothing_speaks_and_a_mounting_that_is_missing() -> None:
+    some = held("palpate")
     with pytest.raises(InputError, match='array f2: no driver speaks "braille"; allowed: palpate, weiss-wts'):
-        open_array("braille", port, held.clock, "f2", None)
+        open_array("braille", some.port, some.clock, "f2", MOUNTING)
     with pytest.raises(InputError, match="does not tell how the array is mounted; give counts_per_n"):
-        open_array("weiss-wts", port, held.clock, "f2", None)
+        open_array("weiss-wts", some.port, some.clock, "f2", None)
 
 
 def test_every_protocol_is_tried_here() -> None:
