@@ -1,10 +1,13 @@
 """The drivers of WTS and DSA against the emulated devices on a mock wire: every quirk, and faults."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from emulated_weiss import Bench
 
 from palpate.drivers.emulators.faults import FaultRates, WireRates
+from palpate.drivers.emulators.weiss import EmulatedDsa
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.drivers.tactile.weiss import WtsArray
@@ -217,6 +220,59 @@ def test_answers_and_commands_that_get_lost_are_asked_for_again(protocol: str) -
         assert len({frame.sequence for frame in frames}) == 20, "a repeated packet is one frame"
         bench.array.stop()
     assert bench.wire.counts.to_device.lost + bench.wire.counts.to_host.lost > 0
+
+
+def test_a_texel_at_the_full_scale_of_its_matrix_has_the_largest_count() -> None:
+    bench = Bench("weiss-dsa")
+    assert isinstance(bench.device, EmulatedDsa)
+    bench.device.matrices = (replace(bench.device.matrices[0], full_scale=3000.0), *bench.device.matrices[1:])
+    bench.array.connect()
+    bench.world.force_n[0, :3] = 2.979, 2.98, 3.5
+    bench.array.start(30.0)
+    assert bench.array.wait_frame(0.2).counts[0, :4].tolist() == [2999, 4095, 4095, 20]
+
+
+@pytest.mark.parametrize("protocol", BOTH)
+def test_a_damaged_size_in_a_stream_holds_up_one_frame_at_most(protocol: str) -> None:
+    bench = Bench(protocol)
+    bench.array.connect()
+    bench.array.start(30.0)
+    for _ in range(5):
+        bench.array.wait_frame(0.2)
+    bench.device._queue.append((bench.clock.now(), b"\xaa\xaa\xaa\x00\x00\x1f"))
+    bench.clock.sleep(0.5)
+    assert len(bench.array.frames()) == 15
+    assert bench.array.counters.faults == 1
+
+
+@pytest.mark.parametrize("protocol", BOTH)
+def test_a_rest_between_streams_is_no_loss(protocol: str) -> None:
+    bench = Bench(protocol)
+    bench.array.connect()
+    sequences = []
+    for _ in range(2):
+        bench.array.start(30.0)
+        sequences += [bench.array.wait_frame(0.2).sequence for _ in range(8)]
+        bench.array.stop()
+        bench.clock.sleep(30.0)
+        sequences += [frame.sequence for frame in bench.array.frames()]
+    assert sequences == list(range(len(sequences)))
+    assert bench.array.counters.lost == bench.array.counters.misshapen == 0
+
+
+def test_a_start_whose_answer_gets_lost_is_a_start() -> None:
+    bench = Bench("weiss-wts")
+    bench.array.connect()
+    commands = bench.device._commands
+    usual = commands[WtsCommand.START]
+
+    def start_silently(data: bytes, now: float) -> None:
+        commands[WtsCommand.START] = usual
+        bench.device._start(data[1] * 1e-3, now, compressed=False)
+
+    commands[WtsCommand.START] = (3, start_silently)
+    bench.array.start(50.0)
+    assert bench.array.wait_frame(0.1).counts.shape == (4, 8)
 
 
 @pytest.mark.parametrize("protocol", BOTH)

@@ -113,6 +113,17 @@ def test_long_steps_are_frames_that_are_missing() -> None:
     assert times.lost == 2
 
 
+def test_a_slower_stream_is_no_loss() -> None:
+    times = FrameTimes(1e-3)
+    stamps = [10 * k for k in range(10)]
+    for stamp in stamps:
+        times.place(stamp)
+    times.restart()
+    for k in range(10):
+        times.place(1000 + 100 * k)
+    assert times.lost == 0
+
+
 def test_repeated_and_impossible_stamps_are_refused_and_forgotten() -> None:
     times = FrameTimes(1e-3)
     assert times.place(500) is not None
