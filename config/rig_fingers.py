@@ -114,8 +114,9 @@ class Array(FileModel):
 
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
-    protocol: Literal["palpate"] = Field(
-        description='What the array speaks; "palpate" is docs/tactile-protocol.md.'
+    protocol: Literal["palpate", "weiss-wts", "weiss-dsa"] = Field(
+        description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts" and '
+        '"weiss-dsa" are tactile sensors of Weiss Robotics.'
     )
     gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
     heading_deg: Angle = Field(
@@ -125,6 +126,43 @@ class Array(FileModel):
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
         default=270.0, description="How much of the tip's circumference has taxels."
     )
+    counts_per_n: Positive | None = Field(
+        default=None,
+        description="What 1 N on a taxel adds to its count; for arrays that do not tell (weiss-…).",
+    )
+    matrix: Annotated[int, Field(strict=True, ge=0, le=255)] | None = Field(
+        default=None,
+        description="Which of the controller's matrices is on this tip, 0 if left out (weiss-dsa).",
+    )
+    shape: Literal["cylinder", "flat"] | None = Field(
+        default=None,
+        description="Whether the matrix is bent round the tip, as it is if left out, or flat (weiss-…).",
+    )
+    first_texel: Literal["lower-left", "lower-right", "upper-left", "upper-right"] | None = Field(
+        default=None,
+        description="Corner of the matrix where the device begins to count, seen from outside with the tip "
+        "pointing up; lower-left if left out (weiss-…).",
+    )
+    first_row: Literal["across", "upright"] | None = Field(
+        default=None,
+        description="Whether the device's rows run round the tip, as they do if left out, or along its axis "
+        "(weiss-…).",
+    )
+
+    @model_validator(mode="after")
+    def _says_what_the_array_does_not(self) -> Self:
+        keys = ("counts_per_n", "matrix", "shape", "first_texel", "first_row")
+        if self.protocol == "palpate":
+            given = [key for key in keys if getattr(self, key) is not None]
+            if given:
+                raise problem('is for arrays of protocol "weiss-…"; this one describes itself', given[0])
+        elif self.counts_per_n is None:
+            raise problem(f'is missing; arrays of protocol "{self.protocol}" do not tell it', "counts_per_n")
+        elif self.protocol != "weiss-dsa" and self.matrix is not None:
+            raise problem(
+                'is for protocol "weiss-dsa"; arrays of protocol "weiss-wts" have one matrix', "matrix"
+            )
+        return self
 
 
 class Bounds(FileModel):

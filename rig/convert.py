@@ -9,6 +9,8 @@ from palpate.config import AnyFinger, ArmFinger, Closing, ContactsFile, JointSer
 from palpate.config import Finger as FingerFile
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.drivers.slide_finger import SlideKinematics
+from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.drivers.two_link import ArmKinematics, Joint
 from palpate.errors import InputError
 from palpate.recognizer import (
@@ -31,6 +33,7 @@ __all__ = [
     "grips_of",
     "kinematics_of",
     "models_of",
+    "mounting_of",
     "resolution_of",
     "slide_kinematics",
     "unfelt_mm",
@@ -92,6 +95,21 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
 def finger_of(finger: AnyFinger) -> Finger:
     """What of a finger decides which grown section it meets."""
     return Finger(finger.tip.radius_mm, finger.height_mm)
+
+
+def mounting_of(finger: AnyFinger) -> Mounting | None:
+    """How the array sits on the tip, as far as it does not tell; None for one that tells everything."""
+    array = finger.array
+    if array.counts_per_n is None:
+        return None
+    return Mounting(
+        shape=Shape.FLAT if array.shape == "flat" else Shape.CYLINDER,
+        tip_radius_mm=finger.tip.radius_mm,
+        counts_per_n=array.counts_per_n,
+        matrix=array.matrix or 0,
+        first=Corner(array.first_texel or "lower-left"),
+        upright=array.first_row == "upright",
+    )
 
 
 def kinematics_of(finger: AnyFinger) -> FingerKinematics:

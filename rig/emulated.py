@@ -5,7 +5,7 @@ virtual time or hands them out to be served on real ports.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,17 +14,20 @@ from palpate.config import AnyFinger, RigFile
 from palpate.config.rig_file import Emulation
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.emulators.array import EmulatedArray
-from palpate.drivers.emulators.bench import Bench, EmulatedFinger
+from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
 from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.weiss_messages import MatrixInfo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
+from palpate.rig.convert import mounting_of
 from palpate.rig.hidden import joint_truth, start_angles_rad, truth_of
 from palpate.rig.scene import Placement, outline_at
 
@@ -34,6 +37,7 @@ _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
+_DSA_MATRICES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             offset_counts=rig.emulation.offset_counts,
             crosstalk=rig.emulation.crosstalk,
         )
-        array = EmulatedArray(taxels, advance)
+        array = _array(finger, taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
     bench = Bench(fingers, stage)
@@ -152,9 +156,43 @@ def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedS
     return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
 
 
+def _array(finger: AnyFinger, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
+    """The array on a finger's tip, speaking what the rig file says."""
+    mounting, spec = mounting_of(finger), finger.array
+    if mounting is None:
+        return EmulatedArray(taxels, advance)
+    d = taxels.description
+    texel_mm = (_column_pitch_mm(finger), _ROW_PITCH_MM)
+    cells = (d.cols, d.rows)
+    if mounting.upright:
+        texel_mm, cells = texel_mm[::-1], cells[::-1]
+    matrix = MatrixInfo(*cells, *texel_mm, d.max_count)
+    if spec.protocol == "weiss-wts":
+        return EmulatedWts(taxels, matrix, advance, baudrate=spec.baudrate_bps, to_device=mounting.to_device)
+    count = max(_DSA_MATRICES, mounting.matrix + 1)
+    return EmulatedDsa(
+        taxels,
+        [matrix] * count,
+        advance,
+        touched=mounting.matrix,
+        baudrate=spec.baudrate_bps,
+        to_device=mounting.to_device,
+    )
+
+
+def _column_pitch_mm(finger: AnyFinger) -> float:
+    """Distance of columns round the tip; in whole 1/100 mm where the array can only tell these."""
+    pitch = math.radians(finger.array.coverage_deg) * finger.tip.radius_mm / _COLUMNS
+    return pitch if finger.array.protocol == "palpate" else round(pitch, 2)
+
+
 def _description(finger: AnyFinger) -> Description:
     """The emulated array: 8 rows of 20 taxels over what it covers of the tip's circumference."""
-    pitch = math.radians(finger.array.coverage_deg) / _COLUMNS
+    mounting = mounting_of(finger)
+    per_n = _COUNTS_PER_N if mounting is None else mounting.counts_per_n
+    if mounting is not None and mounting.shape is Shape.FLAT:
+        raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
+    pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
     return Description(
         unique_id=finger.name.encode()[:16].ljust(16, b"\0"),
         firmware="palpate emulator 1",
@@ -164,8 +202,8 @@ def _description(finger: AnyFinger) -> Description:
         cols=_COLUMNS,
         bit_depth=_BIT_DEPTH,
         max_rate_hz=1000.0,
-        full_scale_n=(2**_BIT_DEPTH - 1) / _COUNTS_PER_N,
-        counts_per_n=_COUNTS_PER_N,
+        full_scale_n=(2**_BIT_DEPTH - 1) / per_n,
+        counts_per_n=per_n,
         tip_radius_mm=finger.tip.radius_mm,
         columns=tuple((k - (_COLUMNS - 1) / 2) * pitch for k in range(_COLUMNS)),
         row_heights_mm=tuple((k + 0.5) * _ROW_PITCH_MM for k in range(_ROWS)),

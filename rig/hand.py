@@ -21,12 +21,12 @@ from palpate.drivers.dynamixel.guarded import End, Guard, wait_still
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
-from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
+from palpate.drivers.tactile.devices import open_array
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
-from palpate.rig.convert import kinematics_of
+from palpate.rig.convert import kinematics_of, mounting_of
 from palpate.rig.drives import Drive
 from palpate.rig.stage import HostStage
 from palpate.rig.waiting import home_line
@@ -242,9 +242,16 @@ class Hand:
             finger.extractor.tare(frames)
 
     def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:
-        """The next `count` frames of each finger, taken in turns so that no port waits for the others."""
+        """The next `count` frames of each finger, taken in turns so that no port waits for the others.
+
+        Servos are looked at now and then: frames of slow arrays take longer than Bus Watchdog waits.
+        """
         taken: list[list[TactileFrame]] = [[] for _ in fingers]
+        spoken_s = self.clock.now()
         for _ in range(count):
+            if self.clock.now() - spoken_s > WATCHDOG_S / 3:
+                self.states(self._servos)
+                spoken_s = self.clock.now()
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
         return taken
@@ -296,7 +303,7 @@ class Hand:
     def _finger(self, spec: AnyFinger, drive: Drive, open_port: OpenPort) -> HostFinger:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
         self._ports.append(port)
-        array = TactileArray(port, self.clock, spec.name)
+        array = open_array(spec.array.protocol, port, self.clock, spec.name, mounting_of(spec))
         self._arrays.append(array)
         description = array.connect()
         calibration = TipCalibration(

@@ -7,11 +7,11 @@ object does not move, and tips yield along their radius only. A turning stage, i
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.mechanics import (
     ArmMechanics,
     ArmTruth,
@@ -22,12 +22,31 @@ from palpate.drivers.emulators.mechanics import (
 )
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.tip import Outline, Press, press, separation_mm
+from palpate.drivers.tactile.messages import Description
+from palpate.drivers.transport.wire import Device
 
-__all__ = ["Bench", "EmulatedFinger"]
+__all__ = ["Bench", "EmulatedFinger", "SampledArray"]
 
 Floats = NDArray[np.float64]
 
 _STEP_S = 1e-3
+
+
+class SampledArray(Device, Protocol):
+    """An emulated array, whatever its protocol."""
+
+    @property
+    def description(self) -> Description:
+        """The truth about its taxels."""
+        ...
+
+    def next_sample_s(self) -> float | None:
+        """Instant at which it samples next, or None while it does not."""
+        ...
+
+    def sample(self, now: float, force_n: Floats) -> None:
+        """Sample forces, N per taxel, shape (rows, cols)."""
+        ...
 
 
 class EmulatedFinger:
@@ -41,7 +60,7 @@ class EmulatedFinger:
         self,
         truth: FingerTruth | ArmTruth,
         servos: tuple[EmulatedServo, EmulatedServo],
-        array: EmulatedArray,
+        array: SampledArray,
         outline: Outline | None,
         stage: EmulatedStage | None = None,
     ) -> None:
