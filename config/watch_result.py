@@ -29,8 +29,9 @@ class WatchedFingerOut(Out):
     """A finger's array. `counts` has a row for each row of taxels, lowest first; null before the first frame.
 
     `dead`, `hot` and `saturated` hold [row, column], from 0. `force_n` is that of all taxels, null if the
-    array is not tared or silent; `contact` is null then too, or if nothing is touched. `frames`, `lost`, `faults`,
-    `misshapen` and `dropped` count from the start or the last reset; `rate_hz`: frames that reach the host.
+    array is not tared or silent; `contact` is null then too, or if nothing is touched. `frames`, `lost`,
+    `faults`, `misshapen` and `dropped` count from the start or the last reset; `rate_hz`: frames that reach
+    the host.
     """
 
     finger: str

@@ -10,14 +10,15 @@ from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.errors import InputError
 from palpate.rig.keys import Keys
 from palpate.rig.paced_clock import PacedClock
-from palpate.rig.watch_arrays import chosen, place_of, recorded, streaming
-from palpate.rig.watch_show import How, Shown, how_to_show, shown_on, write_picture
+from palpate.rig.watch_arrays import chosen, place_of, streaming
+from palpate.rig.watch_session import recorded
+from palpate.rig.watch_show import How, Shown, forget_stdout, how_to_show, shown_on, write_picture
 from palpate.rig.watched import FingerView, WatchedFinger
 from palpate.rig.watching import end_if_silent, obey, watch
 
 __all__ = ["run_watch"]
 
-_NOTHING_TOUCHES = "emulated: nothing touches; try --session, or palpate emulate and another program"
+_NOTHING_TOUCHES = "emulated: nothing touches; try --session"
 _TARING = "tared at the start: nothing may touch the tips then"
 _NOT_TARED = "not tared: forces need it; press t with nothing touching the tips"
 
@@ -48,10 +49,10 @@ def run_watch(
     picture: Path | None = None,
     wall: Clock | None = None,
 ) -> int:
-    """Watch until q, for `seconds`, or to the end of a session; returns the exit code. `wall`: for tests.
+    """Watch until q, for `seconds`, to the end of a session, or until nobody reads stdout any more.
 
-    Raises DeviceError naming an array that is missing or goes away, InputError for options that do not go
-    together.
+    Returns the exit code. `wall`: for tests. Raises DeviceError naming an array that is missing or goes away,
+    InputError for options that do not go together.
     """
     _check(rig, session, rate_hz, seconds, speed, tare=tare)
     how = how_to_show(json=json)
@@ -66,7 +67,11 @@ def run_watch(
             )
         keys = ways_out.enter_context(Keys())
         how.say(watched.notes)
-        shown = _watch(watched, how, keys, seconds)
+        try:
+            shown = _watch(watched, how, keys, seconds)
+        except BrokenPipeError:  # of stdout: ports' own errors are DeviceErrors
+            forget_stdout()
+            return 0
     if picture is not None:
         write_picture(picture, shown)
     how.sum_up(shown)
@@ -131,9 +136,11 @@ def _session(session: Path, names: Sequence[str], pace: PaceOf) -> _Watched:
         found.tare_when_started()
         return not found.ended
 
-    notes = (f"recorded, {found.end_s:.1f} s; tared at each start of the arrays, as the run did",)
+    notes = [f"recorded, {found.end_s:.1f} s; tared at each start of the arrays, as the run did"]
+    if found.changed_line is not None:
+        notes.append(f"line {found.changed_line} of the log is not as it was written: its check sum is wrong")
     clock = pace.on(found.clock)
-    return _Watched(found.rig, found.folder, found.fingers, clock, goes_on, lambda: found.doing, notes)
+    return _Watched(found.rig, found.folder, found.fingers, clock, goes_on, lambda: found.doing, tuple(notes))
 
 
 def _watch(watched: _Watched, how: How, keys: Keys, seconds: float | None) -> Shown:

@@ -18,7 +18,7 @@ from palpate.rig.watch_lines import line_of, out_of, summary_of
 from palpate.rig.watch_view import WatchPicture, watch_view
 from palpate.rig.watched import FingerView
 
-__all__ = ["How", "Shown", "how_to_show", "shown_on", "write_picture"]
+__all__ = ["How", "Shown", "forget_stdout", "how_to_show", "shown_on", "write_picture"]
 
 _SCREEN_S = 0.05
 _LINES_S = 1.0
@@ -136,6 +136,11 @@ def write_picture(path: Path, shown: Shown) -> None:
     )
     console.print(watch_view(shown.picture, width=_PICTURE_WIDTH, colour=True))
     write_text(path, console.export_svg(code_format=_PICTURE, title="palpate watch"))
+
+
+def forget_stdout() -> None:
+    """Let nothing that is still buffered fail when the process ends: who read stdout has gone."""
+    sys.stdout = io.StringIO()
 
 
 def _has_colours(console: Console) -> bool:

@@ -40,7 +40,9 @@ def watch(
             break
         if now >= due:
             show([finger.view() for finger in fingers])
-            due = max(due + interval_s, now)  # showing may take longer than its interval
+            due += interval_s
+            if due <= clock.now():  # showing took longer than that: polls come first
+                due = clock.now() + interval_s
     show([finger.view() for finger in fingers])
 
 
