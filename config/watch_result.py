@@ -10,8 +10,8 @@ __all__ = ["PatchOut", "WatchOut", "WatchedFingerOut"]
 class PatchOut(Out):
     """A contact, in the tip frame: its direction from the tip's axis, within `angle_half_range_rad`.
 
-    `centroid_rad` is null on a flat array. `force_bound_n` is null if taxels are saturated: the force may be
-    anything then. `flags`: what the bounds had to allow for.
+    `centroid_rad` is null on a flat array. `force_bound_n` is null if taxels are saturated: the force
+    may be anything then. `flags`: what the bounds had to allow for.
     """
 
     angle_rad: Rounded
@@ -28,10 +28,10 @@ class PatchOut(Out):
 class WatchedFingerOut(Out):
     """A finger's array. `counts` has a row for each row of taxels, lowest first; null before the first frame.
 
-    `dead`, `hot` and `saturated` hold [row, column], from 0. `force_n` is that of all taxels, null if the
-    array is not tared or silent; `contact` is null then too, or if nothing is touched. `frames`, `lost`,
-    `faults`, `misshapen` and `dropped` count from the start or the last reset; `rate_hz`: frames that reach
-    the host.
+    `dead`, `hot` and `saturated` hold [row, column], from 0. `force_n` is that of all taxels, null if
+    the array is not tared or silent; `contact` is null then too, or if nothing is touched. `frames`,
+    `lost`, `faults`, `misshapen` and `dropped` count from the start or the last reset; `rate_hz`: frames
+    that reach the host.
     """
 
     finger: str

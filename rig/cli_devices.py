@@ -44,7 +44,8 @@ def _scan(
         list[int] | None, typer.Option("--baud", help="Try this baud rate only; may be repeated.")
     ] = None,
     ids: Annotated[
-        str | None, typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5.")
+        str | None,
+        typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5."),
     ] = None,
     json: _JsonOption = False,
 ) -> None:
@@ -86,10 +87,12 @@ def _watch(
         float | None, typer.Option("--speed", help="With --session: so many times as fast as it was.")
     ] = None,
     tare: Annotated[
-        bool, typer.Option("--tare/--no-tare", help="Take what arrays read at the start as nothing touched.")
+        bool,
+        typer.Option("--tare/--no-tare", help="Take what arrays read at the start as nothing touched."),
     ] = True,
     picture: Annotated[
-        Path | None, typer.Option("--picture", help="Also write what was shown last as a picture (SVG) here.")
+        Path | None,
+        typer.Option("--picture", help="Also write what was shown last as a picture (SVG) here."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a line on stdout.")] = False,
 ) -> None:

@@ -1,4 +1,4 @@
-"""`palpate watch`: what the fingers feel, live in the terminal, or from a recorded session. Moves nothing."""
+"""`palpate watch`: what the fingers feel, live or from a recorded session. Moves nothing."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -51,8 +51,8 @@ def run_watch(
 ) -> int:
     """Watch until q, for `seconds`, to the end of a session, or until nobody reads stdout any more.
 
-    Returns the exit code. `wall`: for tests. Raises DeviceError naming an array that is missing or goes away,
-    InputError for options that do not go together.
+    Returns the exit code. `wall`: for tests. Raises DeviceError naming an array that is missing or goes
+    away, InputError for options that do not go together.
     """
     _check(rig, session, rate_hz, seconds, speed, tare=tare)
     how = how_to_show(json=json)

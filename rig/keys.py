@@ -48,7 +48,7 @@ class Keys:
 
 
 def _terminal() -> int | None:
-    """The terminal on stdin if this process may read it; a background job would be stopped for trying."""
+    """The terminal on stdin if this process may read it; a background job that tries is stopped."""
     try:
         fd = sys.stdin.fileno()
         return fd if os.isatty(fd) and os.tcgetpgrp(fd) == os.getpgrp() else None

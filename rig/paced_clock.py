@@ -8,7 +8,7 @@ _MOST_LATE_S = 0.25
 
 
 class PacedClock:
-    """`clock`, whose sleeps take `speed` times less on `wall`. What was missed by much is not caught up."""
+    """`clock`, whose sleeps take `speed` times less on `wall`. What was missed by much stays missed."""
 
     def __init__(self, clock: Clock, wall: Clock, speed: float = 1.0) -> None:
         self._clock = clock

@@ -1,6 +1,7 @@
 """The arrays of a rig, opened to be watched. Between the rig file and the drivers.
 
-Nothing here knows the servos' bus: nothing can move. Arrays of a recorded session are in `watch_session`.
+Nothing here knows the servos' bus: nothing can move. Arrays of a recorded session are in
+`watch_session`.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -35,7 +36,7 @@ class Place:
 
 
 def place_of(rig: RigFile) -> Place:
-    """The ports of a rig; those of an emulated one are emulated from now on, with nothing on the table."""
+    """The ports of a rig; those of an emulated one are emulated from now on, with an empty table."""
     if not rig.emulated:
         return Place(MonotonicClock(), open_port)
     bench = set_up(rig, None, 0)
@@ -57,8 +58,8 @@ def streaming(
 ) -> Iterator[tuple[WatchedFinger, ...]]:
     """The arrays of some fingers, streaming until the block is left, by whatever way.
 
-    `clock` is the place's, perhaps paced. Raises PortTaken if another program uses a port, DeviceError if
-    one does not exist, or an array does not answer or refuses the rate.
+    `clock` is the place's, perhaps paced. Raises PortTaken if another program uses a port, DeviceError
+    if one does not exist, or an array does not answer or refuses the rate.
     """
     with ExitStack() as ways_out:
         fingers = []

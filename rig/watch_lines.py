@@ -1,4 +1,4 @@
-"""What is watched, as lines: one for a person, one JSON object for a program. From `FingerView` to text."""
+"""What is watched, as lines: for a person, or JSON for a program. From `FingerView` to text."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ def line_of(view: FingerView, t_s: float) -> str:
     if view.counts is None or view.silent:
         felt = "no frames"
     elif view.tare is Tare.DONE:
-        felt = f"{view.force_n or 0:.3f} N, {_contact_words(view)}"
+        felt = _contact_words(view)
     return (
         f"{t_s:8.2f} s  {view.name}  {felt}; {view.rate_hz:.1f} frames/s, "
         f"the last {age_words(view.age_s)} ago; {_counter_words(view.counters)}"
@@ -48,7 +48,11 @@ def flag_words(patch: ContactPatch) -> list[str]:
 
 def taxel_words(view: FingerView) -> str:
     """How many taxels are not to be trusted; "" if all are."""
-    kinds = (("dead", view.dead), ("hot", view.hot), ("at its largest count", view.saturated & ~view.hot))
+    kinds = (
+        ("dead", view.dead),
+        ("hot", view.hot),
+        ("at its largest count", view.saturated & ~view.hot),
+    )
     counts = ((name, int(mask.sum())) for name, mask in kinds)
     return ", ".join(f"{count} {name}" for name, count in counts if count)
 
@@ -66,8 +70,9 @@ def out_of(views: Sequence[FingerView], *, t_s: float, rig: str, session: str | 
 def _contact_words(view: FingerView) -> str:
     patch = view.patch
     if patch is None:
-        return "nothing touched"
+        return f"{view.force_n or 0:.3f} N, nothing touched"
     words = [
+        f"{patch.force_n:.3f} N",
         f"touched at {place_words(patch, view.description.shape)}",
         f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm",
         *flag_words(patch),

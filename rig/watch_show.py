@@ -1,4 +1,4 @@
-"""Where what is watched is shown: a screen, lines for people, or JSON lines. The end of the data's way."""
+"""How what is watched is shown: on a screen, in lines, or as JSON. The end of the data's way."""
 
 import io
 import sys
@@ -94,7 +94,7 @@ class How:
 
 
 def how_to_show(*, json: bool) -> How:
-    """A screen if there is a terminal for it, beside JSON on stderr, if stdout is not the same terminal."""
+    """A screen where a terminal can have one; beside JSON on stderr, unless stdout is a terminal too."""
     console = Console(stderr=json, soft_wrap=True)
     screen = console.is_terminal and not console.is_dumb_terminal
     return How(console, screen and not (json and sys.stdout.isatty()), json)

@@ -63,7 +63,7 @@ def watch_view(picture: WatchPicture, *, width: int, colour: bool) -> Renderable
 
 
 def _sizes(fingers: Sequence[FingerView], width: int) -> tuple[int, int]:
-    """Width of a finger, and of a taxel in it: two characters where no finger less fits in a row then."""
+    """Width of a finger, and of a taxel in it: 2 characters if as many fingers fit in a row then."""
     columns = max((view.description.cols for view in fingers), default=1)
     narrow = min(max(columns + _HEIGHTS, _LEAST_WIDTH), width)
     wide = max(2 * columns + _HEIGHTS, _LEAST_WIDTH)
@@ -167,9 +167,9 @@ def _felt_lines(view: FingerView, width: int, full_force_n: float) -> list[Text]
         return [Text(f"force  – ({_state(view)[0]})"), _bar(0.0, width, full_force_n), Text(), Text()]
     if patch is None:
         return [Text(f"force  {force:.3f} N"), _bar(force, width, full_force_n), Text(), Text()]
-    bound = f"± {patch.force_bound_n:.2f}" if math.isfinite(patch.force_bound_n) else "or more,"
+    bound = f"± {patch.force_bound_n:.2f} N" if math.isfinite(patch.force_bound_n) else "N or more"
     return [
-        Text.assemble("force  ", (f"{patch.force_n:.3f}", "bold"), f" {bound} N"),
+        Text.assemble("force  ", (f"{patch.force_n:.3f}", "bold"), f" {bound}"),
         _bar(patch.force_n, width, full_force_n),
         Text.assemble("at     ", (place_words(patch, view.description.shape), "bold")),
         Text(f"height {patch.height_mm:.1f} ± {patch.height_bound_mm:.1f} mm"),

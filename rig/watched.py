@@ -1,7 +1,7 @@
 """One finger's array while somebody watches it: frames in, a `FingerView` out whenever it is asked for.
 
-Between a driver of tactile arrays and `palpate watch`. Every frame is counted; only the newest few are looked
-at, because looking takes longer than an array takes to sample.
+Between a driver of tactile arrays and `palpate watch`. Every frame is counted; only the newest few are
+looked at, because looking takes longer than an array takes to sample.
 """
 
 from collections import deque
@@ -40,12 +40,12 @@ class Tare(Enum):
 class FingerView:
     """What is to be seen of one finger at one instant. Arrays have the shape (rows, cols), lowest row first.
 
-    `counts` are those of the newest frame, None before the first one. `taxel_n`: force on each taxel over its
-    reading at rest (N), from the newest few frames; `force_n` that of all above the noise, None if not tared.
-    `saturated` taxels are at their largest count now; `dead` and `hot` ones gave nothing, or everything, with
-    nothing touching. While the array is silent nothing is felt: `taxel_n` is 0, `force_n` and `patch` are
-    None. `age_s` is the time since the last frame, or since frames were first waited for. `counters` count
-    from the last reset.
+    `counts` are those of the newest frame, None before the first one. `taxel_n`: force on each taxel
+    over its reading at rest (N), from the newest few frames; `force_n` that of all above the noise, None
+    if not tared. `saturated` taxels are at their largest count now; `dead` and `hot` ones gave nothing,
+    or everything, with nothing touching. While the array is silent nothing is felt: `taxel_n` is 0,
+    `force_n` and `patch` are None. `age_s` is the time since the last frame, or since frames were first
+    waited for. `counters` count from the last reset.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The loop of `palpate watch`: poll often, show seldom, obey keys. Between fingers and what shows them."""
+"""The loop of `palpate watch`: poll often, show seldom, obey keys. Between fingers and screen."""
 
 from collections.abc import Callable, Sequence
 
@@ -26,8 +26,8 @@ def watch(
 ) -> None:
     """Show the fingers every `interval_s` on `clock`, and at the end.
 
-    Ends after `seconds`, or once `goes_on`, which is asked at every poll, says so. Raises what `poll` of a
-    finger and `goes_on` raise.
+    Ends after `seconds`, or once `goes_on`, which is asked at every poll, says so. Raises what `poll` of
+    a finger and `goes_on` raise.
     """
     begin = clock.now()
     due = begin + interval_s

@@ -1,7 +1,8 @@
 """A port that plays back what was once read from it, at the pace of a clock. From a recording to a driver.
 
-Unlike `replay`, which runs the recorded host again and compares it, this serves a host that does something
-else: it answers the first questions with what followed them in the recording, and then plays by time.
+Unlike `replay`, which runs the recorded host again and compares it, this serves a host that does
+something else: it answers the first questions with what followed them in the recording, and then plays
+by time.
 """
 
 from bisect import bisect_right

@@ -210,10 +210,10 @@ def test_the_head_names_the_keys_where_anybody_can_type() -> None:
 def test_a_saturated_contact_in_lines_and_as_json() -> None:
     patch = replace(PATCH, force_bound_n=math.inf, centroid_rad=math.nan)
     view = view_of(patch=patch, force_n=2.1)
-    assert "force  2.000 or more, N" in "\n".join(screen(view))
+    assert "force  2.000 N or more" in "\n".join(screen(view))
     out = out_of([view], t_s=1.0, rig="bench", session=None).fingers[0].contact
     assert out is not None
     assert (out.force_bound_n, out.centroid_rad) == (None, None)
     assert line_of(view, 1.0).startswith(
-        "    1.00 s  f1  2.100 N, touched at -20.0° ± 15.0°, height 8.1 ± 1.5 mm, a dead or hot taxel"
+        "    1.00 s  f1  2.000 N, touched at -20.0° ± 15.0°, height 8.1 ± 1.5 mm, a dead or hot taxel"
     )
