@@ -26,7 +26,7 @@ class PatchOut(Out):
 
 
 class WatchedFingerOut(Out):
-    """A finger's array. `counts` has a row for each row of taxels, lowest first; null before the first frame.
+    """A finger's array. `counts`: rows of taxels, lowest first; null before the first frame.
 
     `dead`, `hot` and `saturated` hold [row, column], from 0. `force_n` is that of all taxels, null if
     the array is not tared or silent; `contact` is null then too, or if nothing is touched. `frames`,

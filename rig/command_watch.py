@@ -138,9 +138,18 @@ def _session(session: Path, names: Sequence[str], pace: PaceOf) -> _Watched:
 
     notes = [f"recorded, {found.end_s:.1f} s; tared at each start of the arrays, as the run did"]
     if found.changed_line is not None:
-        notes.append(f"line {found.changed_line} of the log is not as it was written: its check sum is wrong")
+        line = found.changed_line
+        notes.append(f"line {line} of the log is not as it was written: its check sum is wrong")
     clock = pace.on(found.clock)
-    return _Watched(found.rig, found.folder, found.fingers, clock, goes_on, lambda: found.doing, tuple(notes))
+    return _Watched(
+        rig=found.rig,
+        session=found.folder,
+        fingers=found.fingers,
+        clock=clock,
+        goes_on=goes_on,
+        doing=lambda: found.doing,
+        notes=tuple(notes),
+    )
 
 
 def _watch(watched: _Watched, how: How, keys: Keys, seconds: float | None) -> Shown:

@@ -28,7 +28,7 @@ __all__ = ["Place", "chosen", "open_array_of", "place_of", "streaming", "watched
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a rig's arrays are: the clock, and how to open a port. `devices` live as long as this does."""
+    """Where a rig's arrays are: the clock, and how to open a port. It keeps `devices` alive."""
 
     clock: Clock
     open_port: Callable[[str, int], SerialBase]
@@ -48,7 +48,8 @@ def chosen(rig: RigFile, names: Sequence[str]) -> tuple[AnyFinger, ...]:
     there = [finger.name for finger in rig.fingers]
     unknown = next((name for name in names if name not in there), None)
     if unknown is not None:
-        raise InputError(f'--finger {unknown}: rig "{rig.name}" has no such finger, but {", ".join(there)}')
+        names_there = ", ".join(there)
+        raise InputError(f'--finger {unknown}: rig "{rig.name}" has no such finger, but {names_there}')
     return tuple(finger for finger in rig.fingers if not names or finger.name in names)
 
 
@@ -103,8 +104,9 @@ def _open(place: Place, spec: AnyFinger) -> SerialBase:
         return place.open_port(spec.array.port, spec.array.baudrate_bps)
     except PortTaken as error:
         raise PortTaken(
-            f"port {spec.array.port} of array {spec.name} is in use: another program has it, perhaps a run, "
-            "and a port serves one at a time; end that program, or watch the run afterwards with --session"
+            f"port {spec.array.port} of array {spec.name} is in use: another program has it, perhaps a "
+            "run, and a port serves one at a time; end that program, or watch the run afterwards with "
+            "--session"
         ) from error
 
 

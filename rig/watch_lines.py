@@ -30,7 +30,8 @@ def line_of(view: FingerView, t_s: float) -> str:
 
 def summary_of(view: FingerView) -> str:
     """What a finger's port has been through, at the end."""
-    return f"{view.name}: {counted(view.counters.frames, 'frame', 'frames')}, {_counter_words(view.counters)}"
+    frames = counted(view.counters.frames, "frame", "frames")
+    return f"{view.name}: {frames}, {_counter_words(view.counters)}"
 
 
 def place_words(patch: ContactPatch, shape: Shape) -> str:
@@ -64,7 +65,8 @@ def age_words(age_s: float) -> str:
 
 def out_of(views: Sequence[FingerView], *, t_s: float, rig: str, session: str | None) -> WatchOut:
     """One update as a result."""
-    return WatchOut(t_s=t_s, rig=rig, session=session, fingers=tuple(_finger_out(view) for view in views))
+    fingers = tuple(_finger_out(view) for view in views)
+    return WatchOut(t_s=t_s, rig=rig, session=session, fingers=fingers)
 
 
 def _contact_words(view: FingerView) -> str:

@@ -110,10 +110,10 @@ def _row(values: list[int], marks: list[int], cell: int, *, colour: bool) -> Tex
             continue
         value, mark = pairs[start]
         sign = ("", _SATURATED, _DEAD, _HOT)[mark] or ("" if colour else _SIGNS[value])
-        style = Style.null() if not colour else _FULL if mark == 1 else _UNTRUSTED if mark else _style(value)
+        style = (Style(), _FULL, _UNTRUSTED, _UNTRUSTED)[mark] if mark else _style(value)
         # A sign stands in one character of a wide cell; the steps' characters fill it.
         one = sign.ljust(cell) if mark or colour else sign * cell
-        text.append(one * (k - start), style)
+        text.append(one * (k - start), style if colour else None)
         start = k
     return text
 

@@ -20,7 +20,7 @@ __all__ = ["Recorded", "recorded"]
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
-    """The arrays of a session, ready to be played by `clock`, which starts with the session's own time 0.
+    """The arrays of a session, played by `clock`, which starts with the session's own time 0.
 
     `changed_line`: the first line of the log that is not as it was written, None if all are.
     """
@@ -49,7 +49,7 @@ class Recorded:
     def tare_when_started(self) -> None:
         """Tare an array that the run has just started, as the run does: with nothing touching."""
         for k, (finger, port) in enumerate(zip(self.fingers, self._ports, strict=True)):
-            if port.writes != self._writes.get(k, 0):  # what was said was START, or STOP before the next one
+            if port.writes != self._writes.get(k, 0):  # START was said, or STOP before the next START
                 self._writes[k] = port.writes
                 finger.tare()
 
@@ -71,8 +71,8 @@ def recorded(session: Path, names: Sequence[str]) -> Recorded:
             array.connect()
         except DeviceError:
             raise InputError(
-                f"{file.path}: array {spec.name} on {spec.array.port} never says what it is; choose other "
-                "fingers with --finger, or another session"
+                f"{file.path}: array {spec.name} on {spec.array.port} never says what it is; choose "
+                "other fingers with --finger, or another session"
             ) from None
         port.play()
         ports.append(port)

@@ -38,7 +38,7 @@ class Tare(Enum):
 
 @dataclass(frozen=True, eq=False)
 class FingerView:
-    """What is to be seen of one finger at one instant. Arrays have the shape (rows, cols), lowest row first.
+    """What is to be seen of one finger at one instant. Arrays: shape (rows, cols), lowest row first.
 
     `counts` are those of the newest frame, None before the first one. `taxel_n`: force on each taxel
     over its reading at rest (N), from the newest few frames; `force_n` that of all above the noise, None
@@ -121,7 +121,8 @@ class WatchedFinger:
         counts = self._newest[-1].counts if self._newest else None
         baseline = self._extractor.baseline
         # The extractor's baseline is nothing before the first tare: then maps show all that taxels read.
-        mean = np.mean([frame.counts for frame in self._newest], axis=0) if self._newest else baseline.mean
+        recent = [frame.counts for frame in self._newest]
+        mean = np.mean(recent, axis=0) if recent else baseline.mean
         tared, fresh = self._tare is Tare.DONE, counts is not None and self.age_s <= SILENT_S
         hot = ~baseline.usable & (baseline.mean >= 0.5 * description.max_count) if tared else blank
         return FingerView(

@@ -1,4 +1,4 @@
-"""A port that plays back what was once read from it, at the pace of a clock. From a recording to a driver.
+"""A port that plays back what was once read from it, by a clock. From a recording to a driver.
 
 Unlike `replay`, which runs the recorded host again and compares it, this serves a host that does
 something else: it answers the first questions with what followed them in the recording, and then plays
@@ -51,7 +51,7 @@ class PlaybackPort:
 
     @property
     def in_waiting(self) -> int:
-        """Bytes that can be read without waiting; `writes` counts the recorded ones that have gone by."""
+        """Bytes that can be read without waiting; also brings `writes`, those gone by, up to date."""
         if self._playing:
             self._pass(bisect_right(self._times_s, self._clock.now()))
         return len(self._ready)

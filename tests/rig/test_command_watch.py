@@ -46,7 +46,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a session of one grip."""
     folder = tmp_path_factory.mktemp("felt")
-    text, number = re.subn(r"max_grips = \d+", "max_grips = 1", shipped_rig().read_text(encoding="utf-8"))
+    whole = shipped_rig().read_text(encoding="utf-8")
+    text, number = re.subn(r"max_grips = \d+", "max_grips = 1", whole)
     assert number == 1
     (folder / "brief.toml").write_text(text)
     done = run("identify", "--rig", "brief.toml", "--seed", 7, "--json", cwd=folder)
@@ -89,7 +90,7 @@ def test_one_finger_in_lines_at_another_rate_untared(here: Here) -> None:
     assert len(lines) == 3
     assert [line.split()[2] for line in lines] == ["f2"] * 3
     for line in lines[1:]:
-        assert re.search(r"f2  not tared; (99|100)\.\d frames/s, the last \d+ ms ago; lost 0, faults 0", line)
+        assert re.search(r"f2  not tared; (99|100)\.\d frames/s, the last \d+ ms ago; lost 0", line)
     assert "not tared: forces need it" in done.err
 
 
@@ -120,7 +121,7 @@ def test_a_sessions_touches_are_felt_again(here: Here, session: Path) -> None:
     for touch in felt:
         patch, k = touch["patch"], touch["finger_index"]
         contacts = [
-            item["fingers"][k]["contact"] for item in found if touching <= item["t_s"] <= retracting + 0.2
+            item["fingers"][k]["contact"] for item in found if touching <= item["t_s"] < retracting + 0.2
         ]
         assert any(contact is not None and agree(contact, patch) for contact in contacts)
     before = [item for item in found if item["t_s"] < 1.0]

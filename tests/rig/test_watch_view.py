@@ -71,7 +71,8 @@ def map_of(lines: list[str]) -> list[str]:
 
 
 def test_steps_are_one_two_five_up_to_half_of_full_scale() -> None:
-    assert scale_of(2.05).starts_n == pytest.approx((0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1))
+    steps = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1)
+    assert scale_of(2.05).starts_n == pytest.approx(steps)
     assert scale_of(1.0).starts_n[-1] == pytest.approx(0.5)
     assert scale_of(39.0).starts_n[-1] == pytest.approx(10)
 
@@ -104,7 +105,8 @@ def test_signs_of_taxels_that_cannot_be_trusted_stand_on_colours_too() -> None:
 def test_stronger_taxels_are_brighter() -> None:
     taxel_n = np.zeros((8, 20))
     taxel_n[7, :10] = [start * 1.5 for start in scale_of(DESCRIPTION.full_scale_n).starts_n]
-    (row,) = [line for line in screen(view_of(taxel_n=taxel_n), colour=True) if line.count("48;2;") > 10][:1]
+    lines = screen(view_of(taxel_n=taxel_n), colour=True)
+    row = next(line for line in lines if line.count("48;2;") > 10)
     colours = [tuple(map(int, found)) for found in re.findall(r"48;2;(\d+);(\d+);(\d+)", row)]
     brightness = [0.2126 * r + 0.7152 * g + 0.0722 * b for r, g, b in colours[:10]]
     assert brightness == sorted(brightness)
@@ -133,7 +135,7 @@ def test_force_contact_and_counts_in_words_and_a_bar() -> None:
 
 
 def test_the_range_of_normals_is_bracketed_under_its_columns() -> None:
-    """Column k stands at (k - 9.5) pitches of 13.5°: -35°, -20° and -5° are nearest to columns 7, 8 and 9."""
+    """Column k stands at (k - 9.5) 13.5°: -35°, -20° and -5° are nearest to columns 7, 8 and 9."""
     lines = screen(view_of(patch=PATCH))
     (line,) = [line for line in lines if "├" in line]
     assert line.rstrip() == "       ├┼┤"

@@ -23,7 +23,8 @@ class WatchedTip:
         self.taxels_n: NDArray[np.float64] = np.zeros((ROWS, COLS))
         self.silent_from_s = np.inf
         self.clock = VirtualClock()
-        taxels = Taxels(DESCRIPTION, seed=5, gain_spread=0.1, offset_counts=20, crosstalk=0.075, **faults)
+        errors = {"gain_spread": 0.1, "offset_counts": 20.0, "crosstalk": 0.075}
+        taxels = Taxels(DESCRIPTION, seed=5, **errors, **faults)
         self.emulated = EmulatedArray(taxels, self._advance)
         self.hub = MockHub(self.clock, "watched")
         url = self.hub.attach("tip", self.emulated, BAUDRATE)
