@@ -25,6 +25,7 @@ from palpate.config.scan_result import ScanOut
 from palpate.config.scene_file import SceneFile
 from palpate.config.setup_result import SetupOut
 from palpate.config.stop_result import StopOut
+from palpate.config.watch_result import WatchOut
 
 __all__ = ["FORMATS", "schema_text", "write_schemas"]
 
@@ -42,6 +43,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "serial-ports": SerialPortsOut,
     "setup": SetupOut,
     "stop": StopOut,
+    "watch": WatchOut,
 }
 """Short name of each format and the model it is read into or written from."""
 

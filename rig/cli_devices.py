@@ -1,4 +1,4 @@
-"""The commands for people who set a rig up: `find-port`, `scan`, `setup-motors`, `check`, `stop`.
+"""The commands for people who set a rig up: `find-port`, `scan`, `setup-motors`, `check`, `watch`, `stop`.
 
 Registered on the command line's app by `add_to`.
 """
@@ -30,6 +30,7 @@ def add_to(app: typer.Typer) -> None:
         "scan": _scan,
         "setup-motors": _setup,
         "check": _check,
+        "watch": _watch,
         "stop": _stop,
     }
     for name, command in commands.items():
@@ -43,7 +44,8 @@ def _scan(
         list[int] | None, typer.Option("--baud", help="Try this baud rate only; may be repeated.")
     ] = None,
     ids: Annotated[
-        str | None, typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5.")
+        str | None,
+        typer.Option("--ids", metavar="IDS", help="Look for these only, such as 1-20 or 1,5."),
     ] = None,
     json: _JsonOption = False,
 ) -> None:
@@ -66,6 +68,54 @@ def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
 
     with if_interrupted("torque was left as it was"):
         raise typer.Exit(run_check(rig=rig, json=json))
+
+
+def _watch(
+    rig: _RigOption = None,
+    session: Annotated[
+        Path | None, typer.Option("--session", help="Play a recorded session's folder instead of a rig.")
+    ] = None,
+    finger: Annotated[
+        list[str] | None, typer.Option("--finger", help="Only this finger of the rig; may be repeated.")
+    ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option("--rate", help="Frames a second; the rig file's sample_rate_hz if left out."),
+    ] = None,
+    seconds: Annotated[float | None, typer.Option("--for", help="End after this many seconds.")] = None,
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="With --session: so many times as fast as it was.")
+    ] = None,
+    tare: Annotated[
+        bool,
+        typer.Option("--tare/--no-tare", help="Take what arrays read at the start as nothing touched."),
+    ] = True,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", help="Also write what was shown last as a picture (SVG) here."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="One JSON object a line on stdout.")] = False,
+) -> None:
+    """Show what the arrays feel, live: taxels, force, contact, frames. Moves nothing.
+
+    Keys: q ends, t tares, r resets the counts. Exit code 3: an array is missing or goes away.
+    """
+    from palpate.rig.command_watch import run_watch
+
+    with if_interrupted("nothing was moved"):
+        raise typer.Exit(
+            run_watch(
+                rig=rig,
+                session=session,
+                fingers=finger or [],
+                rate_hz=rate,
+                seconds=seconds,
+                speed=speed,
+                json=json,
+                tare=tare,
+                picture=picture,
+            )
+        )
 
 
 def _setup(

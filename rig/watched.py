@@ -1,0 +1,164 @@
+"""One finger's array while somebody watches it: frames in, a `FingerView` out whenever it is asked for.
+
+Between a driver of tactile arrays and `palpate watch`. Every frame is counted; only the newest few are
+looked at, because looking takes longer than an array takes to sample.
+"""
+
+from collections import deque
+from dataclasses import dataclass, fields
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch
+from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
+from palpate.drivers.tactile.messages import Description
+from palpate.drivers.transport.clock import Clock
+
+__all__ = ["SILENT_S", "FingerView", "Tare", "WatchedFinger"]
+
+SILENT_S = 0.5
+"""An array whose last frame is older than this does not stream, as far as people care."""
+
+_NEWEST = 4  # frames that are looked at together
+_TARE_FRAMES = 16
+_RATE_WINDOW_S = 2.0
+
+Mask = NDArray[np.bool_]
+
+
+class Tare(Enum):
+    """Whether it is known what the untouched array reads."""
+
+    NONE = "not tared"
+    UNDER_WAY = "taring"
+    DONE = "tared"
+
+
+@dataclass(frozen=True, eq=False)
+class FingerView:
+    """What is to be seen of one finger at one instant. Arrays: shape (rows, cols), lowest row first.
+
+    `counts` are those of the newest frame, None before the first one. `taxel_n`: force on each taxel
+    over its reading at rest (N), from the newest few frames; `force_n` that of all above the noise, None
+    if not tared. `saturated` taxels are at their largest count now; `dead` and `hot` ones gave nothing,
+    or everything, with nothing touching. While the array is silent nothing is felt: `taxel_n` is 0,
+    `force_n` and `patch` are None. `age_s` is the time since the last frame, or since frames were first
+    waited for. `counters` count from the last reset.
+    """
+
+    name: str
+    port: str
+    description: Description
+    tare: Tare
+    counts: NDArray[np.uint16] | None
+    taxel_n: NDArray[np.float64]
+    saturated: Mask
+    dead: Mask
+    hot: Mask
+    force_n: float | None
+    patch: ContactPatch | None
+    rate_hz: float
+    age_s: float
+    counters: ArrayCounters
+
+    @property
+    def silent(self) -> bool:
+        """Whether frames have stopped coming."""
+        return self.age_s > SILENT_S
+
+
+class WatchedFinger:
+    """An array that streams. Call `poll` often, `view` as often as somebody looks."""
+
+    def __init__(
+        self, name: str, port: str, array: ArrayDriver, extractor: ContactExtractor, clock: Clock
+    ) -> None:
+        self.name = name
+        self.port = port
+        self.array = array
+        self._extractor = extractor
+        self._clock = clock
+        self._tare = Tare.NONE
+        self._at_rest: list[TactileFrame] = []
+        self._newest: deque[TactileFrame] = deque(maxlen=_NEWEST)
+        self._last_s = clock.now()
+        self._since = ArrayCounters(0, 0, 0, 0, 0)
+        self._counted: deque[tuple[float, int]] = deque([(clock.now(), array.counters.frames)])
+
+    @property
+    def age_s(self) -> float:
+        """Time since the last frame, or since frames were first waited for."""
+        return self._clock.now() - self._last_s
+
+    def poll(self) -> None:
+        """Take the frames that have come; raises DeviceError if the array is gone."""
+        frames = self.array.frames()
+        now = self._clock.now()
+        if frames:
+            self._last_s = frames[-1].host_time_s
+            self._newest.extend(frames[-_NEWEST:])
+            self._go_on_taring(frames)
+        self._counted.append((now, self.array.counters.frames))
+        while self._counted[1][0] <= now - _RATE_WINDOW_S:
+            self._counted.popleft()
+
+    def tare(self) -> None:
+        """Take the next few frames as those of an untouched tip."""
+        self._tare = Tare.UNDER_WAY
+        self._at_rest.clear()
+
+    def reset_counters(self) -> None:
+        """Count from now on."""
+        self._since = self.array.counters
+
+    def view(self) -> FingerView:
+        """What is to be seen now."""
+        description = self.array.description
+        shape = (description.rows, description.cols)
+        blank = np.zeros(shape, dtype=bool)
+        counts = self._newest[-1].counts if self._newest else None
+        baseline = self._extractor.baseline
+        # The extractor's baseline is nothing before the first tare: then maps show all that taxels read.
+        recent = [frame.counts for frame in self._newest]
+        mean = np.mean(recent, axis=0) if recent else baseline.mean
+        tared, fresh = self._tare is Tare.DONE, counts is not None and self.age_s <= SILENT_S
+        hot = ~baseline.usable & (baseline.mean >= 0.5 * description.max_count) if tared else blank
+        return FingerView(
+            name=self.name,
+            port=self.port,
+            description=description,
+            tare=self._tare,
+            counts=counts,
+            taxel_n=(mean - baseline.mean) / description.counts_per_n if fresh else np.zeros(shape),
+            saturated=counts >= description.max_count if counts is not None and fresh else blank,
+            dead=~baseline.usable & ~hot if tared else blank,
+            hot=hot,
+            force_n=self._force_n() if tared and fresh else None,
+            patch=self._extractor.extract(tuple(self._newest)) if tared and fresh else None,
+            rate_hz=self._rate_hz(),
+            age_s=self.age_s,
+            counters=_minus(self.array.counters, self._since),
+        )
+
+    def _go_on_taring(self, frames: list[TactileFrame]) -> None:
+        if self._tare is not Tare.UNDER_WAY:
+            return
+        self._at_rest += frames
+        if len(self._at_rest) >= _TARE_FRAMES:
+            self._extractor.tare(self._at_rest)
+            self._tare = Tare.DONE
+            self._at_rest.clear()
+
+    def _force_n(self) -> float:
+        return float(np.mean([self._extractor.force_n(frame) for frame in self._newest]))
+
+    def _rate_hz(self) -> float:
+        (first_s, first), (last_s, last) = self._counted[0], self._counted[-1]
+        return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
+
+
+def _minus(now: ArrayCounters, then: ArrayCounters) -> ArrayCounters:
+    names = (item.name for item in fields(ArrayCounters))
+    return ArrayCounters(**{name: getattr(now, name) - getattr(then, name) for name in names})
