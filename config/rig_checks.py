@@ -135,6 +135,12 @@ def check_emulation(rig: RigFile) -> None:
             *_mechanical(finger, rig.emulation),
             ("gain_spread", rig.emulation.gain_spread, "array.gain_spread", finger.array.gain_spread),
             (
+                "drift_counts_per_s",
+                rig.emulation.drift_counts_per_s,
+                "array.drift_counts_per_s",
+                finger.array.drift_counts_per_s,
+            ),
+            (
                 "stiffness_spread",
                 rig.emulation.stiffness_spread,
                 "tip.stiffness_spread",

@@ -197,6 +197,7 @@ class Emulation(FileModel):
     noise_counts: Length = Field(default=0.0, description="Standard deviation of a taxel's noise.")
     offset_counts: Length = Field(default=0.0, description="Every taxel at rest reads this.")
     gain_spread: Share = Field(default=0.0, description="Taxel gains differ by up to this share.")
+    drift_counts_per_s: Length = Field(default=0.0, description="Taxels' zeros wander this fast at most.")
     crosstalk: Annotated[Length, Field(le=0.25)] = Field(
         default=0.0, description="Share of a taxel's pressure that each neighbour shows."
     )

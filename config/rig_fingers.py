@@ -119,6 +119,9 @@ class Array(FileModel):
         '"weiss-dsa" are tactile sensors of Weiss Robotics.'
     )
     gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
+    drift_counts_per_s: Length = Field(
+        default=0.0, description="Bound: no taxel's zero moves faster; 0 takes zeros as they were when tared."
+    )
     heading_deg: Angle = Field(
         default=0.0,
         description="Where the array's middle looks, from the slide's or the arm's last link's direction.",

@@ -15,12 +15,11 @@ from palpate.drivers.dynamixel.failures import PortFailed
 from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.tactile.devices import open_array
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
-from palpate.rig.convert import mounting_of
+from palpate.rig.array_of import array_of
 from palpate.rig.hand import OpenPort
 from palpate.rig.timer_words import timer_warnings
 from palpate.rig.wanted import WantedServo
@@ -91,7 +90,7 @@ def check_array(spec: AnyFinger, wanted_hz: float, clock: Clock, open_port: Open
         port = open_port(spec.array.port, spec.array.baudrate_bps)
     except DeviceError as error:
         return blank.model_copy(update={"problems": (str(error),)})
-    array = open_array(spec.array.protocol, port, clock, spec.name, mounting_of(spec))
+    array = array_of(spec, port, clock)
     try:
         told = array.connect()
         found = blank.model_copy(

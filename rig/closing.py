@@ -225,6 +225,7 @@ def _feels(hand: Hand, run: Run) -> bool:
             )
         return False
     run.heard_s = now
+    run.finger.extractor.follow(frames)
     threshold = hand.rig.closing.contact_force_n
     hard = hand.rig.closing.max_force_n
     force = run.finger.extractor.force_n(frames[-1])

@@ -94,6 +94,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             gain_spread=rig.emulation.gain_spread,
             offset_counts=rig.emulation.offset_counts,
             crosstalk=rig.emulation.crosstalk,
+            drift_counts_per_s=rig.emulation.drift_counts_per_s,
         )
         array = _array(finger, taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.config import AnyFinger, RigFile
@@ -21,12 +20,12 @@ from palpate.drivers.dynamixel.guarded import End, Guard, wait_still
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
-from palpate.drivers.tactile.devices import open_array
+from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
-from palpate.rig.convert import kinematics_of, mounting_of
+from palpate.rig.array_of import array_of, extractor_of
+from palpate.rig.convert import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.stage import HostStage
 from palpate.rig.waiting import home_line
@@ -257,7 +256,7 @@ class Hand:
         return taken
 
     def pause(self, seconds: float) -> None:
-        """Let time pass, and drop what the arrays send meanwhile.
+        """Let time pass; what the arrays send meanwhile only shows how their zeros drift.
 
         A port that nobody reads keeps the oldest frames, up to a second of them: they would be felt as now.
         """
@@ -265,7 +264,7 @@ class Hand:
         for _ in range(looks):
             self.clock.sleep(seconds / looks)
             for finger in self.fingers:
-                finger.array.frames()
+                finger.extractor.follow(finger.array.frames())
 
     def stop_arrays(self) -> None:
         """Let the arrays rest; what they sent and nobody looked at is dropped."""
@@ -303,17 +302,9 @@ class Hand:
     def _finger(self, spec: AnyFinger, drive: Drive, open_port: OpenPort) -> HostFinger:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
         self._ports.append(port)
-        array = open_array(spec.array.protocol, port, self.clock, spec.name, mounting_of(spec))
+        array = array_of(spec, port, self.clock)
         self._arrays.append(array)
-        description = array.connect()
-        calibration = TipCalibration(
-            gain=np.ones((description.rows, description.cols)),
-            gain_spread=spec.array.gain_spread,
-            contact_force_n=self.rig.closing.contact_force_n / 2,
-            stiffness_n_per_mm=spec.tip.stiffness_n_per_mm,
-            stiffness_bound=spec.tip.stiffness_spread,
-        )
-        extractor = ContactExtractor(description, calibration)
+        extractor = extractor_of(self.rig, spec, array.connect())
         return HostFinger(
             spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor
         )

@@ -8,22 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 
-import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.config import AnyFinger, RigFile
-from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.frames import ArrayDriver
-from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import PortTaken, open_port
 from palpate.errors import DeviceError, InputError
+from palpate.rig.array_of import array_of, extractor_of
 from palpate.rig.bench import set_up
 from palpate.rig.watched import WatchedFinger
 
-__all__ = ["Place", "chosen", "open_array_of", "place_of", "streaming", "watched_of"]
+__all__ = ["Place", "chosen", "place_of", "streaming", "watched_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +63,7 @@ def streaming(
         for spec in specs:
             port = _open(place, spec)
             ways_out.callback(port.close)
-            array = open_array_of(spec, port, clock)
+            array = array_of(spec, port, clock)
             array.connect()
             ways_out.callback(_stop, array)
             fingers.append(watched_of(rig, spec, array, clock))
@@ -76,26 +72,9 @@ def streaming(
         yield tuple(fingers)
 
 
-def open_array_of(spec: AnyFinger, port: SerialBase | Port, clock: Clock) -> ArrayDriver:
-    """The driver of a finger's array on its open port."""
-    return TactileArray(port, clock, spec.name)
-
-
-def _extractor(rig: RigFile, spec: AnyFinger, description: Description) -> ContactExtractor:
-    """The extractor that a run on this rig would use."""
-    calibration = TipCalibration(
-        gain=np.ones((description.rows, description.cols)),
-        gain_spread=spec.array.gain_spread,
-        contact_force_n=rig.closing.contact_force_n / 2,
-        stiffness_n_per_mm=spec.tip.stiffness_n_per_mm,
-        stiffness_bound=spec.tip.stiffness_spread,
-    )
-    return ContactExtractor(description, calibration)
-
-
 def watched_of(rig: RigFile, spec: AnyFinger, array: ArrayDriver, clock: Clock) -> WatchedFinger:
     """A finger's array, connected, with its extractor."""
-    extractor = _extractor(rig, spec, array.description)
+    extractor = extractor_of(rig, spec, array.description)
     return WatchedFinger(spec.name, spec.array.port, array, extractor, clock)
 
 

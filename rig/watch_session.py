@@ -9,10 +9,11 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.playback import Piece, PlaybackPort
 from palpate.drivers.transport.recording import Passed, Told
 from palpate.errors import DeviceError, InputError
+from palpate.rig.array_of import array_of
 from palpate.rig.session import LOG_NAME
 from palpate.rig.session_file import SessionFile, read_session
 from palpate.rig.session_inputs import kept_inputs
-from palpate.rig.watch_arrays import chosen, open_array_of, watched_of
+from palpate.rig.watch_arrays import chosen, watched_of
 from palpate.rig.watched import WatchedFinger
 
 __all__ = ["Recorded", "recorded"]
@@ -66,7 +67,7 @@ def recorded(session: Path, names: Sequence[str]) -> Recorded:
     ports, fingers = [], []
     for spec in chosen(rig, names):
         port = PlaybackPort(spec.array.port, _pieces(file, spec.array.port), clock)
-        array = open_array_of(spec, port, clock)
+        array = array_of(spec, port, clock)
         try:
             array.connect()
         except DeviceError:

@@ -78,7 +78,7 @@ class EmulatedWeiss(ABC):
 
     def sample(self, now: float, force_n: NDArray[np.float64]) -> None:
         """Scan forces (N per taxel, shape (rows, cols) of the description) at `now`."""
-        texels = self._read(self._to_device(self.taxels.counts(force_n)).ravel())
+        texels = self._read(self._to_device(self.taxels.counts(force_n, now)).ravel())
         if self._once is not None and now >= self._once[0]:
             _, use = self._once
             self._once = None
