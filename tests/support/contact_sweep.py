@@ -112,14 +112,18 @@ def dents(
 
 
 def _stretches(dent: np.ndarray) -> list[float]:
-    """Centroid of all dents and of each run of them, rad."""
-    found = [float(dent @ RAYS / dent.sum())]
+    """Centroid of all dents and of each run of them, rad; beyond ±π where the dents go on there."""
+    mean = float(np.angle(dent @ np.exp(1j * RAYS)))
+    angle = mean + (RAYS - mean + math.pi) % (2 * math.pi) - math.pi
+    order = np.argsort(angle)  # the seam lies opposite to the dents
+    angle, dent = angle[order], dent[order]
+    found = [float(dent @ angle / dent.sum())]
     begins = np.flatnonzero((dent > 0) & (np.roll(dent, 1) == 0))
     ends = np.flatnonzero((dent > 0) & (np.roll(dent, -1) == 0))
     if len(begins) > 1:
         for a, b in zip(begins, ends, strict=True):
             run = slice(a, b + 1)
-            found.append(float(dent[run] @ RAYS[run] / dent[run].sum()))
+            found.append(float(dent[run] @ angle[run] / dent[run].sum()))
     return found
 
 
