@@ -4,11 +4,13 @@ One row for each way a recorded stream of 8 x 8 taxels of 16 bit goes; each is r
 least processor time counts. The plain loop does what cannot be left out, with the same libraries: cut at the
 delimiter, COBS, CRC, header, array. A decoder that also says what was wrong with each stretch takes longer:
 the last column. Below, the contact extractor's `process` over recordings of emulated contacts
-(tests/support/contact_sweep.py), in which nine tenths of the frames are untouched or none is; its plain loop takes the zero off, sums the columns and takes the centroid.
+(tests/support/contact_sweep.py), in which nine tenths of the frames are untouched or none is; its plain loop
+takes the zero off, sums the columns and takes the centroid.
 """
 
 import argparse
 import json
+import os
 import struct
 import sys
 import time
@@ -17,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # one core is what is measured
 import numpy as np
 from cobs import cobs
 

@@ -149,7 +149,7 @@ def cylinder_session(seed: int, contacts: int, **fixed: float) -> Session:
         seed=seed,
         noise_counts=noise,
         gain_spread=spread,
-        offset_counts=30,
+        offset_counts=250,  # so that no zero wanders below 0, where it would not show
         crosstalk=rng.uniform(0.05, 0.10),
         drift_counts_per_s=drift,
         dead=dead,
@@ -201,7 +201,7 @@ def pad_session(seed: int, contacts: int, **fixed: float) -> Session:
         seed=seed,
         noise_counts=noise,
         gain_spread=spread,
-        offset_counts=30,
+        offset_counts=250,  # so that no zero wanders below 0, where it would not show
         crosstalk=rng.uniform(0.05, 0.10),
         drift_counts_per_s=drift,
         dead=[divmod(int(p), cols) for p in places],
