@@ -111,7 +111,7 @@ def runs_of(columns: Columns) -> Runs:
     alive = np.bincount(flat.ravel(), columns.seen.ravel(), size).reshape(n, c + 1) > 0
     alive[:, 0] = False
     best = np.where(alive, total, -np.inf).argmax(axis=1)
-    found = alive.any(axis=1)
+    found: Mask = np.logical_or.reduce(alive, axis=1)
     inside: Mask = (label == best[:, None]) & found[:, None]
     first = inside.argmax(axis=1)
     last = c - 1 - inside[:, ::-1].argmax(axis=1)
@@ -152,7 +152,7 @@ def _fitted_rows(taxel_n: Floats, usable: Floats) -> Floats:
 
 def _row_shares(taxel_n: Floats, usable: Mask, noise_n: float) -> Floats:
     """Share of the load that each row carries, shape (n, r), from columns whose rows can all be seen."""
-    whole: Mask = usable.all(axis=1)
+    whole: Mask = np.logical_and.reduce(usable, axis=1)
     rows = np.einsum("nrc,nc->nr", taxel_n, whole.astype(float))
     least = 10 * noise_n * np.sqrt(np.maximum(whole.sum(axis=1), 1))
     weak = (rows.max(axis=1) < least) | (_strongest(taxel_n, whole) < 0.5)

@@ -123,8 +123,8 @@ class ContactExtractor:
         """Every frame of a recording: `counts` (n, rows, cols), sampled at `time_s` (n,), the array's time.
 
         The baseline follows its drift on the way, as `follow` lets it. Normal ranges are a little wider than
-        `extract`'s, and much wider where the array's edge cuts the patch. Raises InputError if the frames are not
-        this array's.
+        `extract`'s, and much wider where the array's edge cuts the patch. Raises InputError if the frames are
+        not this array's.
         """
         d = self._description
         if counts.ndim != 3 or counts.shape[1:] != (d.rows, d.cols) or time_s.shape != counts.shape[:1]:

@@ -117,7 +117,7 @@ class CylinderTip:
                 height_bound_mm=height_bound,
                 force_n=force,
                 force_bound_n=force_bound,
-                extent_rad=(runs.last - runs.first + 1.0) * self._pitch,
+                extent_rad=np.multiply(runs.last - runs.first + 1, self._pitch),
                 area_mm2=loaded.sum(axis=(1, 2)) * self._cell_mm2(),
                 flags=flags.astype(np.uint8),
             )
