@@ -59,8 +59,9 @@ def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usabl
     """The baseline from still, untouched frames (n, rows, cols).
 
     `noise_counts` is the calibration's, taken where there are too few frames to measure it. A taxel that
-    reads its largest count, or always the same although noise would have moved a live one, is left out from
-    here on, and so is one that is not `usable`. Raises InputError without frames.
+    reads its largest count, or always the same although noise would have moved a live one, or always 0 where
+    most others rest well above it, is left out from here on, and so is one that is not `usable`. Raises
+    InputError without frames.
     """
     if not len(counts):
         raise InputError("tactile tare: no frames; start the array and keep the tip off everything")
@@ -72,6 +73,7 @@ def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usabl
     enough = len(counts) >= _ENOUGH_FRAMES
     if noise_counts > 0 and math.erf(0.5 / (noise_counts * math.sqrt(2))) ** len(counts) < _NEVER:
         alive &= spread > 0
+    alive &= (values > 0).any(axis=0) | (np.median(mean) <= SIGMAS * max(noise_counts, 1.0))
     measured = float(np.sqrt((spread[alive] ** 2).mean())) if alive.any() else 0.0
     noise = max(measured, 0.3) if enough else max(measured, noise_counts)
     return Baseline(mean, noise * math.sqrt(1 + 1 / len(counts)), alive)
