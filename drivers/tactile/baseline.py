@@ -5,9 +5,9 @@ to rest on a part very slowly looks the same at first. So the zero is not filter
 zero is known to lie in an interval; the interval grows by the drift that the calibration allows, and is cut
 with what the taxel reads (four standard deviations either way) as long as the two have something in common. A
 taxel that reads something else is touched: it and its neighbours are held, and their intervals only grow. It
-is let go when it has come back by more than half of the way, or was never far away. So of a contact that grows by `r` counts per
-second, no more is taken for drift than drift · (interval) / (r - drift) counts; one that grows no faster than
-the drift cannot be told from it by anybody who looks at counts alone.
+is let go when it has come back by more than half of the way, or was never far away. So of a contact that
+grows by `r` counts per second, no more is taken for drift than drift · interval / (r - drift) counts; one
+that grows no faster than the drift cannot be told from it by anybody who looks at counts alone.
 """
 
 import math
@@ -26,7 +26,8 @@ _BLOCK_S = 0.1
 _MOST_FRAMES = 64  # of a block
 _SLIGHT = 2 * SIGMAS  # standard deviations: a touch that was never more is soon taken for drift
 _AROUND = np.ones((3, 3), dtype=bool)
-_ENOUGH_FRAMES = 8  # to judge a taxel's noise
+_ENOUGH_FRAMES = 8  # to judge the noise
+_NEVER = 1e-6  # chance for a live taxel to read the same all the time
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -58,8 +59,9 @@ def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usabl
     """The baseline from still, untouched frames (n, rows, cols).
 
     `noise_counts` is the calibration's, taken where there are too few frames to measure it. A taxel that
-    reads its largest count, or never moves although the calibration says that it is noisy, is left out from
-    here on, and so is one that is not `usable`. Raises InputError without frames.
+    reads its largest count, or always the same although noise would have moved a live one, or always 0 where
+    most others rest well above it, is left out from here on, and so is one that is not `usable`. Raises
+    InputError without frames.
     """
     if not len(counts):
         raise InputError("tactile tare: no frames; start the array and keep the tip off everything")
@@ -69,8 +71,9 @@ def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usabl
     if usable is not None:
         alive &= usable
     enough = len(counts) >= _ENOUGH_FRAMES
-    if enough and noise_counts >= 1:
+    if noise_counts > 0 and math.erf(0.5 / (noise_counts * math.sqrt(2))) ** len(counts) < _NEVER:
         alive &= spread > 0
+    alive &= (values > 0).any(axis=0) | (np.median(mean) <= SIGMAS * max(noise_counts, 1.0))
     measured = float(np.sqrt((spread[alive] ** 2).mean())) if alive.any() else 0.0
     noise = max(measured, 0.3) if enough else max(measured, noise_counts)
     return Baseline(mean, noise * math.sqrt(1 + 1 / len(counts)), alive)

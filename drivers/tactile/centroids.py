@@ -1,6 +1,6 @@
 """Where the load of a patch is centred, and within what. Forces of cells in, an interval out.
 
-Used by `contact` for the columns of a cylinder and by `pads` for the taxels of a flat pad, one axis at a time.
+Used by `cylinder` for columns and by `pads` for the taxels of a flat pad, one axis at a time.
 
 The bound rule. A cell says how much load it bears, not where in it: the centroid is within half a cell of the
 cells' own. On top come the gains' spread (four standard deviations, at most its limit), noise, the crosstalk
@@ -25,10 +25,11 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Load on k cells in n frames. `force_n` (n, k); `noise_n` (n, k): its standard deviation; `drift_n` (n, k):
-    bound of what zeros are off by; `patch` (n, k): cells of the patch; `around` (n, k): those and what may
-    belong to it; `soft_n` (n,): taken off each cell before the centroid; `gain_spread` (n, k): half-width of the
-    relative error.
+    """Load on k cells in n frames, all (n, k).
+
+    `noise_n`: standard deviation of `force_n`; `drift_n`: bound of what zeros are off by; `patch`: cells of
+    the patch; `around`: those and what may belong to it; `gain_spread`: half-width of the relative error.
+    `soft_n` (n,) is taken off each cell before the centroid.
     """
 
     force_n: Floats
@@ -42,7 +43,7 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class Unseen:
-    """Load that the array does not show: on m places at most `most_n` (n, m) N within [`low`, `high`] (n, m)."""
+    """Load that the array does not show: on m places at most `most_n` N between `low` and `high`, (n, m)."""
 
     most_n: Floats
     low: Floats
@@ -67,13 +68,22 @@ def centroids(
     bearing = np.maximum(force, 0.0) * load.gain_spread
     likely = SIGMAS / math.sqrt(3) * np.sqrt(((bearing * arm) ** 2).sum(axis=1))
     gain = np.minimum(likely, (bearing * arm).sum(axis=1))
-    noise = SIGMAS * np.sqrt(((load.noise_n * arm) ** 2).sum(axis=1)) + (load.drift_n * arm).sum(axis=1)
+    noise = SIGMAS * np.sqrt(((load.noise_n * arm) ** 2).sum(axis=1))
+    noise += _drift(load, place[None, :] - plain[:, None])
     half = half_cell + (gain + noise) / whole + edge_shift
     low, high = plain - half, plain + half
     for most, begin, end in zip(unseen.most_n.T, unseen.low.T, unseen.high.T, strict=True):
         low = np.minimum(low, _mixed(low, whole, begin, most))
         high = np.maximum(high, _mixed(high, whole, end, most))
     return centre, np.maximum(high - centre, centre - low)
+
+
+def _drift(load: Load, away: Floats) -> Floats:
+    """Moment of what zeros may be off by, (n,): each by itself and all alike, at most all at their worst."""
+    moment = np.where(load.around, load.drift_n * away, 0.0)
+    alone = SIGMAS / math.sqrt(3) * np.sqrt((moment**2).sum(axis=1))
+    result: Floats = np.minimum(alone + np.abs(moment.sum(axis=1)), np.abs(moment).sum(axis=1))
+    return result
 
 
 def _mixed(here: Floats, weight: Floats, there: Floats, most: Floats) -> Floats:

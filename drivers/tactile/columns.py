@@ -1,7 +1,7 @@
 """Column forces of a cylindrical tip and what is known of their errors. Counts in, sums along the tip out.
 
-Stands between `contact` and what it makes of columns: the runs that are touched, `templates` and `moments`. All
-arrays begin with the frames: n is their number, r the rows, c the columns.
+Stands between counts and `cylinder`, which asks `templates` or `slabs` about them. All arrays begin with the
+frames: n is their number, r the rows, c the columns.
 """
 
 import math
@@ -25,8 +25,10 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """`taxel_n` (n, r, c) N, 0 where not `usable` (n, r, c); `force_n` and its `variance` (n, c); `floor_n` (n,):
-    less than this in a column may be noise or drift; `noise_n`: standard deviation of one taxel in N;
+    """Forces of taxels and columns in n frames.
+
+    `taxel_n` (n, r, c) N, 0 where not `usable` (n, r, c); `force_n` and its `variance` (n, c); `floor_n`
+    (n,): less than this in a column may be noise or drift; `noise_n`: standard deviation of one taxel in N;
     `seen` (n, c): enough of the column's load can be seen. The variance is infinite where it cannot.
     """
 
@@ -109,12 +111,12 @@ def runs_of(columns: Columns) -> Runs:
     alive = np.bincount(flat.ravel(), columns.seen.ravel(), size).reshape(n, c + 1) > 0
     alive[:, 0] = False
     best = np.where(alive, total, -np.inf).argmax(axis=1)
-    found = alive.any(axis=1)
-    inside = (label == best[:, None]) & found[:, None]
+    found: Mask = np.logical_or.reduce(alive, axis=1)
+    inside: Mask = (label == best[:, None]) & found[:, None]
     first = inside.argmax(axis=1)
     last = c - 1 - inside[:, ::-1].argmax(axis=1)
-    real = np.take_along_axis(alive, label, axis=1)
-    return Runs(first, last, found, alive.sum(axis=1), real & ~inside)
+    other: Mask = np.take_along_axis(alive, label, axis=1) & ~inside
+    return Runs(first, last, found, alive.sum(axis=1), other)
 
 
 def _bend(force: Floats, calibration: TipCalibration) -> Floats:
@@ -138,7 +140,7 @@ def _strongest(taxel_n: Floats, whole: Mask) -> Floats:
 
 def _fitted_rows(taxel_n: Floats, usable: Floats) -> Floats:
     """Rows (n, r) of the product of a row and a column that comes nearest to the taxels that can be seen."""
-    rows = taxel_n.sum(axis=2) / np.maximum(usable.sum(axis=2), 1)
+    rows: Floats = taxel_n.sum(axis=2) / np.maximum(usable.sum(axis=2), 1)
     for _ in range(3):
         rows = np.maximum(rows, 0.0)
         norm = np.maximum(np.einsum("nrc,nr->nc", usable, rows**2), 1e-30)
@@ -150,7 +152,7 @@ def _fitted_rows(taxel_n: Floats, usable: Floats) -> Floats:
 
 def _row_shares(taxel_n: Floats, usable: Mask, noise_n: float) -> Floats:
     """Share of the load that each row carries, shape (n, r), from columns whose rows can all be seen."""
-    whole = usable.all(axis=1)
+    whole: Mask = np.logical_and.reduce(usable, axis=1)
     rows = np.einsum("nrc,nc->nr", taxel_n, whole.astype(float))
     least = 10 * noise_n * np.sqrt(np.maximum(whole.sum(axis=1), 1))
     weak = (rows.max(axis=1) < least) | (_strongest(taxel_n, whole) < 0.5)

@@ -5,16 +5,15 @@ tip. Each has an error made of the gain spread (shared out over the rows that ca
 drift, the crosstalk's spread and what the templates cannot resolve. `extract`, for a contact that is to be
 measured: the normal range is the hull of all directions from which some contact of `templates` (flat edge,
 vertex, edge that ends, notch of two edges) gives these columns with a misfit at most `MISFIT_SLACK` above the
-best one's: four standard deviations. `process`, for whole recordings, keeps the contacts whose first three
-moments are within four standard deviations instead (`moments`), and asks the templates only where columns are
-missing. Taxels that cannot be trusted (dead, hot or saturated) are not looked at, and columns beyond the
-array's edge are unknown: both widen the range by themselves. If no single edge fits, the contact is probably
-in a notch: the range is the extent of the patch, which holds the normals of both edges, and the flag `WIDE`
-says so. Flat and free arrays: see `pads`.
+best one's: four standard deviations. `process`, for whole recordings, does the same for many frames at once
+(`slabs`), except where columns are missing: there the range is the patch and what may lie beyond. Taxels that
+cannot be trusted (dead, hot or saturated) are not looked at, and columns beyond the array's edge are unknown:
+both widen the range by themselves. If no single edge fits, the contact is probably in a notch: the range is
+the extent of the patch, which holds the normals of both edges, and the flag `WIDE` says so. Flat and free
+arrays: see `pads`.
 """
 
 from collections.abc import Sequence
-from dataclasses import fields
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +24,7 @@ from palpate.drivers.tactile.cylinder import CylinderTip
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.tactile.pads import Taxels, pad_patches
-from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, joined
 from palpate.drivers.tactile.surface import Surface, surface_of
 from palpate.errors import InputError
 
@@ -121,10 +120,11 @@ class ContactExtractor:
         return patches.patch(0)
 
     def process(self, counts: Counts, time_s: Floats) -> Patches:
-        """Every frame of a recording: `counts` (n, rows, cols), sampled at `time_s` (n,) on the array's clock.
+        """Every frame of a recording: `counts` (n, rows, cols), sampled at `time_s` (n,), the array's time.
 
-        The baseline follows its drift on the way, as `follow` lets it. Normal ranges are about a quarter
-        wider than `extract`'s. Raises InputError if the frames are not this array's.
+        The baseline follows its drift on the way, as `follow` lets it. Normal ranges are a little wider than
+        `extract`'s, and much wider where the array's edge cuts the patch. Raises InputError if the frames are
+        not this array's.
         """
         d = self._description
         if counts.ndim != 3 or counts.shape[1:] != (d.rows, d.cols) or time_s.shape != counts.shape[:1]:
@@ -139,7 +139,7 @@ class ContactExtractor:
             pieces.append(self._patches(piece - zeros, doubt, piece >= d.max_count, exact=False))
         if not pieces:
             pieces = [self._patches(np.zeros((0, d.rows, d.cols)), None, np.zeros((0, d.rows, d.cols), bool))]
-        return _joined(pieces)
+        return joined(pieces)
 
     def _zeros(self, counts: Counts, time_s: Floats) -> tuple[Floats, Floats | None]:
         if self._tracker is None:
@@ -166,7 +166,3 @@ class ContactExtractor:
     @cached_property
     def _surface(self) -> Surface:
         return surface_of(self._description)
-
-
-def _joined(pieces: Sequence[Patches]) -> Patches:
-    return Patches(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Patches)})

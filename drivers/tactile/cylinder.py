@@ -1,6 +1,6 @@
 """Patches on a cylindrical tip: from counts above zero to normals, centroid, force and their bounds.
 
-Stands between `contact` and the steps that it puts together: `columns`, `moments` or `templates`, `centroids`.
+Stands between `contact` and the steps that it puts together: `columns`, `slabs` or `templates`, `centroids`.
 """
 
 import math
@@ -14,7 +14,7 @@ from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
 from palpate.drivers.tactile.hidden import beyond
 from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known
 from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
 from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
 from palpate.errors import InputError
@@ -104,27 +104,23 @@ class CylinderTip:
         weakest = np.maximum(SIGMAS * columns.noise_n, _SOFT_SHARE * columns.taxel_n.max(axis=(1, 2)))
         loaded = (columns.taxel_n > weakest[:, None, None]) & span[:, None, :]
 
-        def known(values: Floats) -> Floats:
-            result: Floats = np.where(touched.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
-            return result
-
-        return Patches(
-            touched=touched,
-            angle_rad=known(angle),
-            angle_half_range_rad=known(half),
-            centroid_rad=known(centroid),
-            centroid_bound_rad=known(centroid_bound),
-            position_mm=known(
-                np.stack([radius * np.cos(centroid), radius * np.sin(centroid), height], axis=1)
-            ),
-            position_bound_mm=known(np.stack([across, across, height_bound], axis=1)),
-            height_mm=known(height),
-            height_bound_mm=known(height_bound),
-            force_n=known(force),
-            force_bound_n=known(force_bound),
-            extent_rad=known((runs.last - runs.first + 1) * self._pitch),
-            area_mm2=known(loaded.sum(axis=(1, 2)) * self._cell_mm2()),
-            flags=np.where(touched, flags, 0).astype(np.uint8),
+        return known(
+            Patches(
+                touched=touched,
+                angle_rad=angle,
+                angle_half_range_rad=half,
+                centroid_rad=centroid,
+                centroid_bound_rad=centroid_bound,
+                position_mm=np.stack([radius * np.cos(centroid), radius * np.sin(centroid), height], axis=1),
+                position_bound_mm=np.stack([across, across, height_bound], axis=1),
+                height_mm=height,
+                height_bound_mm=height_bound,
+                force_n=force,
+                force_bound_n=force_bound,
+                extent_rad=np.multiply(runs.last - runs.first + 1, self._pitch),
+                area_mm2=loaded.sum(axis=(1, 2)) * self._cell_mm2(),
+                flags=flags.astype(np.uint8),
+            )
         )
 
     def _cell_mm2(self) -> float:
@@ -227,12 +223,9 @@ class CylinderTip:
         first, last = columns.force_n[:, 0] * span[:, 0], columns.force_n[:, -1] * span[:, -1]
         shift = (c.crosstalk + c.crosstalk_bound) * pitch * np.maximum(first + last, 0.0) / total
         saturated = (flags & PatchFlag.SATURATED.bit)[:, None] > 0
-        blind = span & np.where(saturated, self._suspect(columns), ~columns.seen)
+        suspect = ~columns.usable.all(axis=1)  # what is left of a saturated column says nothing of its force
+        blind: Mask = span & np.where(saturated, suspect, ~columns.seen)
         return centroids(load, self._columns, pitch / 2, shift, self._unseen(blind, columns, error, span))
-
-    def _suspect(self, columns: Columns) -> Mask:
-        """Columns in which some taxel is not used, (n, c)."""
-        return ~columns.usable.all(axis=1)
 
     def _unseen(self, blind: Mask, columns: Columns, error_n: Floats, span: Mask) -> Unseen:
         """Columns whose load is unknown, and what lies beyond the array's edges."""
@@ -271,7 +264,7 @@ class CylinderTip:
         return centre, half + reach + SIGMAS * np.hypot(gain, noise) / total
 
     def _force_bound(self, columns: Columns, span: Mask, beside: Mask, doubt_counts: Floats | None) -> Floats:
-        """Bound of the force (n,) N: gain errors of all taxels, at most their common limit, noise and drift."""
+        """Bound of the force (n,) N: gain errors of taxels, at most their common limit, noise and drift."""
         g = self._calibration.gain_spread
         patch = columns.taxel_n * span[:, None, :]
         force = np.where(span, columns.force_n, 0.0)
@@ -313,7 +306,7 @@ def _profiles(
 def _past_edge(
     force_n: Floats, variance: Floats, edge: int, inner: int, loaded: Mask
 ) -> tuple[Floats, Floats]:
-    """Load beyond a column at the array's edge where it is `loaded` (n,), and how far out: (n,) N, columns."""
+    """Load beyond a column at the array's edge where it is `loaded` (n,), and how far out: N, columns."""
     outer = np.maximum(force_n[:, edge] + SIGMAS * np.sqrt(variance[:, edge]), 0.0)
     least = force_n[:, inner] - SIGMAS * np.sqrt(variance[:, inner])
     load, cells = beyond(np.where(loaded, outer, 0.0), np.where(loaded, least, 1.0))

@@ -1,10 +1,11 @@
-"""How much load an array may not show: on taxels that cannot be seen, and beyond its edge. Loads in, limits out.
+"""How much load an array may not show: on taxels that cannot be seen, and beyond its edge.
 
-Used by `pads` and `cylinder` for the bounds of centroid and force. Two things limit hidden load. Crosstalk: a
-share of it shows on the neighbours. And the shape of one contact: the pressure between a convex part and an
-elastic skin is log-concave, and so are the loads of cells in a line, F(j)² ≥ F(j-1) F(j+1) (Prékopa, Acta
-Scientiarum Mathematicarum 34, 1973: marginals and convolutions of log-concave functions are log-concave). So
-a load that has fallen from cell to cell goes on falling, at least by the same ratio.
+Loads in, limits out. Used by `pads` and `cylinder` for the bounds of centroid and force. Two things limit
+hidden load. Crosstalk: a share of it shows on the neighbours. And the shape of one contact: the pressure
+between a convex part and an elastic skin is log-concave, and so are the loads of cells in a line,
+F(j)² ≥ F(j-1) F(j+1) (Prékopa, Acta Scientiarum Mathematicarum 34, 1973: marginals and convolutions of
+log-concave functions are log-concave). So a load that has fallen from cell to cell goes on falling, at least
+by the same ratio.
 """
 
 import numpy as np
@@ -21,8 +22,8 @@ Mask = NDArray[np.bool_]
 def by_crosstalk(shown_n: Floats, least_share: float) -> Floats:
     """The most that each cell can bear, (n, r, c) N.
 
-    `shown_n` (n, r, c): the most that its neighbours really show, inf where they cannot be seen; `least_share`:
-    the least share of a load that appears on each neighbour.
+    `shown_n` (n, r, c): the most that its neighbours really show, inf where they cannot be seen;
+    `least_share`: the least share of a load that appears on each neighbour.
     """
     if least_share <= 0:
         return np.full_like(shown_n, np.inf)

@@ -6,7 +6,7 @@ among those of the patch's taxels and half a step to their neighbours.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_fi
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.hidden import beyond, by_crosstalk, by_shape
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known, spread_out
 from palpate.drivers.tactile.surface import Surface
 
 __all__ = ["Taxels", "pad_patches"]
@@ -32,13 +32,15 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """Masks (n, k): cells of the strongest patch; `around`: those, their neighbours, and what cells beside show
-    together although no one of them does; `others`: patches besides.
+    """Masks (n, k): cells of the strongest patch; `around`: those, their neighbours, and what cells beside
+    show together although no one of them does; `others`: patches besides. `cut` (4, n): it goes on beyond a
+    side.
     """
 
     cells: Mask
     around: Mask
     others: Mask
+    cut: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,10 @@ class Taxels:
     usable: Mask
     full: Mask
 
+    def frames(self, which: Ints) -> "Taxels":
+        """Some of the frames."""
+        return Taxels(**{f.name: getattr(self, f.name)[which] for f in fields(Taxels)})
+
     @property
     def doubt_n(self) -> Floats:
         """Less than this may be nothing."""
@@ -63,7 +69,13 @@ class Taxels:
 
 def pad_patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> Patches:
     """Patches of n frames."""
-    found = _strongest(taxels)
+    # Most frames of a recording show nothing at all.
+    some = np.flatnonzero((taxels.force_n > taxels.doubt_n).any(axis=(1, 2)))
+    return spread_out(_patches(taxels.frames(some), surface, calibration), some, len(taxels.force_n))
+
+
+def _patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> Patches:
+    found = _strongest(taxels, surface, calibration)
     n = len(taxels.force_n)
     force = taxels.force_n.reshape(n, -1)
     seen = taxels.usable.reshape(n, -1)
@@ -73,35 +85,31 @@ def pad_patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -
     position, bound = _position(taxels, found, hidden, surface, calibration)
     angle, half, extent = _directions(force, found, surface)
     full = taxels.full.reshape(n, -1)
-    flags = _flags(found, seen, full, surface)
+    flags = _flags(found, seen, full)
     force_bound = _force_bound(taxels, found, hidden, calibration)
     force_bound[(full & found.around).any(axis=1)] = np.inf
     nothing = np.full(n, np.nan)
-
-    def known(values: Floats) -> Floats:
-        keep = touched.reshape(-1, *[1] * (values.ndim - 1))
-        result: Floats = np.where(keep, values, np.nan)
-        return result
-
-    return Patches(
-        touched=touched,
-        angle_rad=known(angle),
-        angle_half_range_rad=known(half),
-        centroid_rad=nothing,
-        centroid_bound_rad=nothing,
-        position_mm=known(position),
-        position_bound_mm=known(bound),
-        height_mm=known(position[:, 2]),
-        height_bound_mm=known(bound[:, 2]),
-        force_n=known(total),
-        force_bound_n=known(force_bound),
-        extent_rad=known(extent),
-        area_mm2=known((found.cells & seen) @ surface.area_mm2),
-        flags=np.where(touched, flags, 0).astype(np.uint8),
+    return known(
+        Patches(
+            touched=touched,
+            angle_rad=angle,
+            angle_half_range_rad=half,
+            centroid_rad=nothing,
+            centroid_bound_rad=nothing,
+            position_mm=position,
+            position_bound_mm=bound,
+            height_mm=position[:, 2],
+            height_bound_mm=bound[:, 2],
+            force_n=total,
+            force_bound_n=force_bound,
+            extent_rad=extent,
+            area_mm2=(found.cells & seen) @ surface.area_mm2,
+            flags=flags.astype(np.uint8),
+        )
     )
 
 
-def _strongest(taxels: Taxels) -> _Patch:
+def _strongest(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> _Patch:
     """Connected cells above the noise; ones that cannot be seen join what is beside them."""
     taxel_n = taxels.force_n
     n = len(taxel_n)
@@ -123,7 +131,23 @@ def _strongest(taxels: Taxels) -> _Patch:
     weak = _shown_together(taxels) & ~others.reshape(shape)
     reached = binary_propagation(cells.reshape(shape), structure=_IN_FRAME, mask=weak | cells.reshape(shape))
     around = binary_dilation(reached, structure=_IN_FRAME).reshape(n, -1) & ~others
-    return _Patch(cells, around, others)
+    return _Patch(cells, around, others, _cut(taxels, cells, surface, calibration))
+
+
+def _cut(taxels: Taxels, cells: Mask, surface: Surface, calibration: TipCalibration) -> Mask:
+    """Where a patch's cells on a side bear more than crosstalk from the next ones explains, (4, n)."""
+    n = len(cells)
+    force, doubt = taxels.force_n.reshape(n, -1), taxels.doubt_n.reshape(n, -1)
+    seen, g = taxels.usable.reshape(n, -1), calibration.gain_spread
+    share = (calibration.crosstalk + calibration.crosstalk_bound) * (1 + g) / (1 - g)
+    out = np.zeros((len(surface.sides), n), dtype=bool)
+    for number, (side, inner) in enumerate(zip(surface.sides, surface.inner, strict=True)):
+        on = np.flatnonzero(side)
+        # Lines of cells stand in the same order; a side without a next line explains nothing.
+        next_n = np.maximum(force[:, inner], 0.0) if inner.any() else np.zeros((n, len(on)))
+        loaded = (force[:, on] > share * next_n + doubt[:, on]) | ~seen[:, on]
+        out[number] = (loaded & cells[:, on]).any(axis=1)
+    return out
 
 
 def _shown_together(taxels: Taxels) -> Mask:
@@ -167,14 +191,16 @@ def _position(
         place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
         edge = sum(np.where(found.cells & side, force, 0.0).clip(min=0).sum(axis=1) for side in surface.sides)
         shift = most * 2 * half * np.asarray(edge) / total
-        unseen = _unseen(taxels, found, hidden, surface, axis)
+        unseen = _unseen(taxels, found, hidden, surface, axis, calibration.gain_spread)
         centre, bound = centroids(load, place, half, shift, unseen)
         places.append(centre)
         bounds.append(bound)
     return np.stack(places, axis=1), np.stack(bounds, axis=1)
 
 
-def _unseen(taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, axis: int) -> Unseen:
+def _unseen(
+    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, axis: int, gain_spread: float
+) -> Unseen:
     """Load on cells that cannot be seen, and beyond the array's four sides."""
     place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
     n = len(hidden)
@@ -182,7 +208,8 @@ def _unseen(taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, axi
     most = [hidden[:, k] for k in blind]
     low = [np.full(n, place[k] - half) for k in blind]
     high = [np.full(n, place[k] + half) for k in blind]
-    for side, load, reach in zip(range(4), *_beyond_sides(taxels, found, surface), strict=True):
+    sides = _beyond_sides(taxels, found, hidden, surface, gain_spread)
+    for side, (load, reach) in enumerate(sides):
         at = found.cells & surface.sides[side]
         hit = at.any(axis=1)
         least, largest = surface.step_mm[side, :, axis]
@@ -197,25 +224,27 @@ def _unseen(taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, axi
     return Unseen(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
 
 
-def _beyond_sides(taxels: Taxels, found: _Patch, surface: Surface) -> tuple[list[Floats], list[Floats]]:
+def _beyond_sides(
+    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, gain_spread: float
+) -> list[tuple[Floats, Floats]]:
     """For each side the load beyond it, and how far out it is centred at most, each (n,): N, cells."""
     n = len(found.cells)
     force, noise = taxels.force_n.reshape(n, -1), taxels.noise_n.reshape(n, -1)
     drift = taxels.drift_n.reshape(n, -1)
-    loads, reaches = [], []
-    for side, inner in zip(surface.sides, surface.inner, strict=True):
-        limits = []
-        for line, sign in ((side, 1.0), (inner, -1.0)):
-            at = found.around & line
-            doubt = SIGMAS * np.sqrt(np.where(at, noise**2, 0.0).sum(axis=1)) + np.where(at, drift, 0.0).sum(
-                axis=1
-            )
-            limits.append(np.maximum(np.where(at, force, 0.0).sum(axis=1) + sign * doubt, 0.0))
-        cut = (found.cells & side).any(axis=1)
-        load, reach = beyond(limits[0], limits[1])
-        loads.append(np.where(cut, load, 0.0))
-        reaches.append(np.where(cut, reach, 0.0))
-    return loads, reaches
+
+    def line(at: Mask) -> tuple[Floats, Floats]:
+        load = np.where(at, np.maximum(force, 0.0), 0.0)
+        doubt = SIGMAS * np.sqrt(np.where(at, noise**2 + (gain_spread * load) ** 2 / 3, 0.0).sum(axis=1))
+        return np.where(at, force, 0.0).sum(axis=1), doubt + np.where(at, drift, 0.0).sum(axis=1)
+
+    sides = []
+    for side, inner, cut in zip(surface.sides, surface.inner, found.cut, strict=True):
+        outer_n, outer_doubt = line(found.around & side)
+        inner_n, inner_doubt = line(found.around & inner)
+        most = np.maximum(outer_n + outer_doubt, 0.0) + np.where(side, hidden, 0.0).sum(axis=1)
+        load, reach = beyond(np.where(cut, most, 0.0), np.maximum(inner_n - inner_doubt, 0.0))
+        sides.append((load, reach))
+    return sides
 
 
 def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats, Floats, Floats]:
@@ -230,16 +259,16 @@ def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats,
     low = np.where(found.cells, away, np.inf).min(axis=1)
     high = np.where(found.cells, away, -np.inf).max(axis=1)
     step = surface.turn_rad / 2
-    cut = (found.cells & surface.sides.any(axis=0)).any(axis=1)
+    cut = found.cut.any(axis=0)
     margin = np.where(cut, _BEYOND_STEPS * step, step)
     upright = (found.cells & np.isnan(surface.azimuth_rad)).any(axis=1)
     half = np.where(upright, math.pi, np.minimum((high - low) / 2 + margin, math.pi))
     return middle + (low + high) / 2, half, high - low + 2 * step
 
 
-def _flags(found: _Patch, seen: Mask, full: Mask, surface: Surface) -> Ints:
+def _flags(found: _Patch, seen: Mask, full: Mask) -> Ints:
     """Bits of `PatchFlag`, (n,)."""
-    cut = (found.cells & surface.sides.any(axis=0)).any(axis=1)
+    cut = found.cut.any(axis=0)
     single = (found.cells & seen).sum(axis=1) == 1
     saturated = (found.around & full).any(axis=1)
     dead = (found.around & ~seen & ~full).any(axis=1)
@@ -263,4 +292,5 @@ def _force_bound(taxels: Taxels, found: _Patch, hidden: Floats, calibration: Tip
     gains = np.minimum(likely, g * patch.sum(axis=1)) / (1 - g)
     noise = SIGMAS * np.sqrt(np.where(found.around, noise_n**2, 0.0).sum(axis=1))
     drift = np.where(found.around, drift_n, 0.0).sum(axis=1)
-    return gains + noise + drift + hidden.sum(axis=1)
+    bound: Floats = gains + noise + drift + hidden.sum(axis=1)
+    return bound

@@ -1,16 +1,18 @@
-"""What the contact extractor says: one touched place, or one for each frame of a recording. And what it rests on.
+"""What the contact extractor says: one touched place, or one for each frame of a recording.
 
 The values between `contact` and those who use it. Tip frame throughout: z along the tip's axis, upwards, 0 at
 the tip's lower end; angle 0 at the array's middle, counter-clockwise seen from above.
 """
 
 import enum
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
+__all__ = ["ContactPatch", "PatchFlag", "Patches", "TipCalibration", "joined", "known", "spread_out"]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -118,20 +120,40 @@ class Patches:
         """The patch of one frame, None if nothing was touched."""
         if not self.touched[index]:
             return None
-        x, y, z = self.position_mm[index].tolist()
-        bx, by, bz = self.position_bound_mm[index].tolist()
-        return ContactPatch(
-            angle_rad=float(self.angle_rad[index]),
-            angle_half_range_rad=float(self.angle_half_range_rad[index]),
-            centroid_rad=float(self.centroid_rad[index]),
-            centroid_bound_rad=float(self.centroid_bound_rad[index]),
-            position_mm=(x, y, z),
-            position_bound_mm=(bx, by, bz),
-            height_mm=float(self.height_mm[index]),
-            height_bound_mm=float(self.height_bound_mm[index]),
-            force_n=float(self.force_n[index]),
-            force_bound_n=float(self.force_bound_n[index]),
-            extent_rad=float(self.extent_rad[index]),
-            area_mm2=float(self.area_mm2[index]),
-            flags=frozenset(flag for flag in PatchFlag if int(self.flags[index]) & flag.bit),
+        said = {f.name: getattr(self, f.name)[index].tolist() for f in fields(ContactPatch)}
+        said["position_mm"], said["position_bound_mm"] = map(
+            tuple, (said["position_mm"], said["position_bound_mm"])
         )
+        said["flags"] = frozenset(flag for flag in PatchFlag if int(self.flags[index]) & flag.bit)
+        return ContactPatch(**said)
+
+
+def known(patches: Patches) -> Patches:
+    """The same with nan, and no flags, where nothing is touched."""
+    return _kept(patches, patches.touched)
+
+
+def spread_out(patches: Patches, rows: NDArray[np.int64], count: int) -> Patches:
+    """The same as rows of `count` frames, of which the others are not touched."""
+    place = np.full(count, -1)
+    place[rows] = np.arange(len(rows))
+    if not len(rows):
+        patches = Patches(
+            **{f.name: np.zeros((1, *getattr(patches, f.name).shape[1:])) for f in fields(Patches)}
+        )
+    all_rows = Patches(**{f.name: getattr(patches, f.name)[place] for f in fields(Patches)})
+    return _kept(all_rows, (place >= 0) & all_rows.touched.astype(bool))
+
+
+def joined(pieces: Sequence[Patches]) -> Patches:
+    """One after the other."""
+    return Patches(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Patches)})
+
+
+def _kept(patches: Patches, keep: Mask) -> Patches:
+    out: dict[str, Any] = {}
+    for f in fields(Patches):
+        values = getattr(patches, f.name)
+        out[f.name] = np.where(keep.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
+    out["touched"], out["flags"] = keep, np.where(keep, patches.flags, 0).astype(np.uint8)
+    return Patches(**out)

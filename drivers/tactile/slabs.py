@@ -1,11 +1,12 @@
 """`templates` for many profiles at once: only those that can fit are looked at, and those in one product.
 
 Beside `templates`, for whole recordings. A template can only fit if its force is possible and if its centroid
-is where the profile's is: within six standard deviations, for by Cauchy and Schwarz's inequality any other has
-a misfit above 36, and a best one above 20 counts for nothing. So templates are kept by force, in slabs, and in
-each slab in the order of the fraction of a column that their centroid is at. Profiles with the same force and
-fraction share one stretch of a slab. Templates that differ by less than some hundredths of their strongest column
-are taken as one, with all their directions, and what they differ by is added to the profile's errors.
+is where the profile's is: within six standard deviations, for by Cauchy and Schwarz's inequality any other
+has a misfit above 36, and a best one above 20 counts for nothing. So templates are kept by force, in slabs,
+and in each slab in the order of the fraction of a column that their centroid is at. Profiles with the same
+force and fraction share one stretch of a slab. Templates that differ by less than some hundredths of their
+strongest column are taken as one, with all their directions, and what they differ by is added to the
+profile's errors.
 """
 
 import math
@@ -23,7 +24,7 @@ _FORCES = 24
 _PHASES = 16
 _WIDEST = 0.5  # columns: half the circle of fractions
 _AT_ONCE = 1 << 17  # misfits that fit a processor's cache
-_GRAIN = 0.04  # of the strongest column: templates alike within half of it are one
+_GRAIN = 0.03  # of the strongest column: templates alike within half of it are one
 _TAIL = 1e-4  # of a template's force: less than this in an outer column is left off
 
 Floats = NDArray[np.float64]
@@ -50,8 +51,8 @@ class Profiles:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Directions that explain profiles, `low` … `high` (n,) in columns from column 0, and the best `misfit` (n,),
-    infinite where there is none. `one_edge` (n,): a single edge is among what fits.
+    """Directions that explain profiles, `low` … `high` (n,) in columns from column 0, and the best `misfit`
+    (n,), infinite where there is none. `one_edge` (n,): a single edge is among what fits.
     """
 
     low: Floats

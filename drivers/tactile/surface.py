@@ -76,6 +76,6 @@ def surface_of(description: Description) -> Surface:
 
 
 def _steps(pair: Floats, axis: int) -> Floats:
-    """Least and largest step (2, 3) outward, from the second line of cells to the first; `pair` holds both."""
+    """Least and largest step (2, 3) outward, from the second line of cells to the first, both in `pair`."""
     steps = -np.diff(pair, axis=axis).reshape(-1, 3)
     return np.stack([steps.min(axis=0), steps.max(axis=0)]) if len(steps) else np.zeros((2, 3))

@@ -112,18 +112,18 @@ def dents(
 
 
 def _stretches(dent: np.ndarray) -> list[float]:
-    """Centroid of all dents and of each run of them, rad; beyond ±π where the dents go on there."""
-    mean = float(np.angle(dent @ np.exp(1j * RAYS)))
-    angle = mean + (RAYS - mean + math.pi) % (2 * math.pi) - math.pi
-    order = np.argsort(angle)  # the seam lies opposite to the dents
-    angle, dent = angle[order], dent[order]
-    found = [float(dent @ angle / dent.sum())]
-    begins = np.flatnonzero((dent > 0) & (np.roll(dent, 1) == 0))
-    ends = np.flatnonzero((dent > 0) & (np.roll(dent, -1) == 0))
-    if len(begins) > 1:
-        for a, b in zip(begins, ends, strict=True):
-            run = slice(a, b + 1)
-            found.append(float(dent[run] @ angle[run] / dent[run].sum()))
+    """Centroid of all dents and of each run of them, rad."""
+    found = [float(dent @ RAYS / dent.sum())]
+    empty = np.flatnonzero(dent == 0)
+    if not len(empty):
+        return found
+    # Turned so that no stretch runs over the end.
+    dent, rays = np.roll(dent, -empty[0]), np.roll(np.unwrap(RAYS), -empty[0])
+    label = np.cumsum((dent > 0) & (np.roll(dent, 1) == 0)) * (dent > 0)
+    for number in range(1, int(label.max()) + 1):
+        run = label == number
+        away = (rays[run] - rays[run][0] + math.pi) % (2 * math.pi) - math.pi
+        found.append(float(rays[run][0] + dent[run] @ away / dent[run].sum()))
     return found
 
 
@@ -190,11 +190,11 @@ def cylinder_session(seed: int, contacts: int, **fixed: float) -> Session:
 def pad_session(seed: int, contacts: int, **fixed: float) -> Session:
     """A session of one flat pad: round and square-edged blobs of load, anywhere on it."""
     rng = np.random.default_rng([705, seed])
-    rows, cols = int(fixed.get("rows", rng.integers(4, 13))), int(fixed.get("cols", rng.integers(4, 17)))
+    rows, cols = int(fixed.get("rows", rng.integers(8, 21))), int(fixed.get("cols", rng.integers(8, 21)))
     pitch, row_pitch = rng.uniform(1.0, 4.0), rng.uniform(1.0, 4.0)
     noise, spread = rng.uniform(0.5, 5.0), fixed.get("gain_spread", rng.uniform(0.0, 0.3))
     drift = fixed.get("drift", rng.uniform(0, 2.0))
-    description = describe(Shape.FLAT, rows, cols, pitch, row_pitch, counts_per_n=rng.uniform(500, 1500))
+    description = describe(Shape.FLAT, rows, cols, pitch, row_pitch, counts_per_n=rng.uniform(1000, 4000))
     places = rng.choice(rows * cols, int(fixed.get("dead", rng.integers(0, 4))), replace=False)
     taxels = Taxels(
         description,
@@ -219,7 +219,7 @@ def pad_session(seed: int, contacts: int, **fixed: float) -> Session:
     loads, truths = [], []
     while len(truths) < contacts:
         cx, cz = rng.uniform(-cols / 2, cols / 2) * pitch, rng.uniform(0, rows) * row_pitch
-        a, b = rng.uniform(0.15, 2.5) * pitch, rng.uniform(0.15, 2.5) * row_pitch
+        a, b = rng.uniform(0.15, 1.5) * pitch, rng.uniform(0.15, 1.5) * row_pitch
         turn, force = rng.uniform(0, math.pi), math.exp(rng.uniform(math.log(0.3), math.log(3.0)))
         u = (x[None, :] - cx) * math.cos(turn) + (z[:, None] - cz) * math.sin(turn)
         v = (z[:, None] - cz) * math.cos(turn) - (x[None, :] - cx) * math.sin(turn)
