@@ -156,8 +156,8 @@ def section(tip: str, results: Sequence[Result], *, listed: int) -> tuple[list[s
     false, quiet = sum(r.false for r in results), sum(r.quiet for r in results)
     lines += [
         "",
-        f"False contacts: {false} in {quiet} untouched frames. {frames} frames, {frames / seconds:.0f} a second,",
-        "each session's templates included.",
+        f"False contacts: {false} in {quiet} untouched frames.",
+        f"{frames} frames, {frames / seconds:.0f} a second, each session's templates included.",
     ]
     return lines, good
 

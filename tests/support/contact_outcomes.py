@@ -108,7 +108,7 @@ def outcome(session: Session, seed: int, index: int, patch: ContactPatch | None)
         half = patch.position_bound_mm[0]
         beyond["centroid"] = abs(patch.position_mm[0] - truth.centroids[0]) - half
     # Two stretches of load may be one patch or two: then the truth is not one force.
-    if len(truth.centroids) == 1 and PatchFlag.SEVERAL_PATCHES not in patch.flags:
+    if len(truth.centroids) <= 2 and PatchFlag.SEVERAL_PATCHES not in patch.flags:
         beyond["force"] = abs(patch.force_n - truth.force_n) - patch.force_bound_n
     outside = {name: excess for name, excess in beyond.items() if not excess <= 1e-9}
     normal_half = patch.angle_half_range_rad / limit if cylinder else math.nan

@@ -24,7 +24,7 @@ def load_of(
 
 
 def points(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, float]:
-    """Point loads anywhere in a stretch of cells: forces on cells, their own centroids, the whole centroid."""
+    """Point loads anywhere in a stretch of cells: forces on cells, their places, their centroid."""
     begin, end = np.sort(rng.choice(CELLS + 1, 2, replace=False))
     where = rng.uniform(PLACE[0] + 2 * begin - 1, PLACE[0] + 2 * end - 1, rng.integers(1, 20))
     weight = rng.exponential(size=len(where))
@@ -45,7 +45,7 @@ def test_load_may_be_anywhere_within_its_cell(seed: int) -> None:
 
 @given(seeds, st.floats(0.0, 0.4))
 def test_gains_may_be_anything_within_their_spread(seed: int, spread: float) -> None:
-    """At most four standard deviations of independent gains, or their limit: here all are at it, as they like."""
+    """Four standard deviations of independent gains, at most their limit."""
     rng = np.random.default_rng(seed)
     force, _, truth = points(rng)
     gain = 1 + spread * rng.uniform(-1, 1, CELLS)

@@ -12,7 +12,7 @@ from palpate.drivers.tactile.templates import Profile, TemplateSet, template_set
 PITCH = math.radians(13.5)
 COLS = 14
 SLACK, LIMIT = 16.0, 20.0
-GRAIN_COLUMNS = 0.5  # templates that are taken as one differ by no more
+GRAIN_COLUMNS = 0.2  # what the templates taken as one may differ by
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +33,14 @@ def slabs(templates: TemplateSet) -> Slabs:
 
 
 def drawn(templates: TemplateSet, count: int, seed: int, noise: float = 0.01) -> Profiles:
-    """Profiles of templates, anywhere on the array, with noise."""
+    """Profiles of templates with one edge, anywhere on the array, with noise."""
     rng = np.random.default_rng(seed)
+    kinds = np.flatnonzero(templates.one_edge)
     least, most = templates.force_range_n
     force = np.zeros((count, COLS))
     reach = templates.cells.shape[1] // 2
     for i in range(count):
-        k = int(rng.integers(len(templates.cells)))
+        k = int(rng.choice(kinds))
         total = rng.uniform(max(least[k], 0.3), max(min(most[k], 5.0), 0.31))
         middle = int(rng.integers(4, COLS - 4))
         wide = np.zeros(COLS + 2 * reach)
@@ -52,35 +53,64 @@ def drawn(templates: TemplateSet, count: int, seed: int, noise: float = 0.01) ->
 
 def profiles(force: np.ndarray, variance: np.ndarray) -> Profiles:
     place = np.arange(COLS)
-    total = force.sum(axis=1)
-    centroid = force @ place / total
-    error = (np.where(np.isfinite(variance), variance, 0.0) * (place - centroid[:, None]) ** 2).sum(axis=1)
+    near = (
+        np.abs(place - force.argmax(axis=1)[:, None]) <= 4
+    )  # as the extractor, which leaves other columns out
+    beside = np.where(near, force, 0.0)
+    total = beside.sum(axis=1)
+    centroid = beside @ place / total
+    variance_beside = np.where(near, variance, 0.0)
+    error = (
+        np.where(np.isfinite(variance_beside), variance_beside, 0.0) * (place - centroid[:, None]) ** 2
+    ).sum(axis=1)
     return Profiles(force, variance, total, np.zeros(len(force)), centroid, 6 * np.sqrt(error) / total)
+
+
+def run(force: np.ndarray) -> tuple[int, int]:
+    """First and last column of the patch."""
+    first = last = int(force.argmax())
+    limit = max(0.04 * force.max(), 0.04)
+    while first > 0 and force[first - 1] > limit:
+        first -= 1
+    while last < COLS - 1 and force[last + 1] > limit:
+        last += 1
+    return first, last
 
 
 def some(p: Profiles, which: np.ndarray) -> Profiles:
     return Profiles(**{f.name: getattr(p, f.name)[which] for f in fields(Profiles)})
 
 
-def test_the_hull_contains_what_single_templates_give(templates: TemplateSet, slabs: Slabs) -> None:
-    p = drawn(templates, 120, 1)
-    found = slabs.match(p, SLACK)
-    narrower, compared = [], 0
+def narrowings(templates: TemplateSet, slabs: Slabs, p: Profiles) -> list[float]:
+    """By how many columns the hulls of many profiles are narrower than those of one at a time."""
+    found, narrower = slabs.match(p, SLACK), []
     for i in range(len(p.total_n)):
-        one = templates.match(Profile(p.force_n[i], p.variance[i], 0, COLS - 1, 0.0), SLACK)
-        if one is None or one.misfit > LIMIT or found.misfit[i] > LIMIT:
-            continue
-        compared += 1
-        low, high = one.low_rad / PITCH, one.high_rad / PITCH
-        narrower.append(max(found.low[i] - low, high - found.high[i]))
-    assert compared > 60
+        one = templates.match(Profile(p.force_n[i], p.variance[i], *run(p.force_n[i]), 0.0), SLACK)
+        if one is not None and max(one.misfit, found.misfit[i]) <= LIMIT:
+            low, high = one.low_rad / PITCH, one.high_rad / PITCH
+            narrower.append(float(max(found.low[i] - low, high - found.high[i])))
+    return narrower
+
+
+def test_the_hull_contains_what_single_templates_give(templates: TemplateSet, slabs: Slabs) -> None:
+    narrower = narrowings(templates, slabs, drawn(templates, 120, 1))
+    assert len(narrower) > 100
     assert max(narrower) <= GRAIN_COLUMNS
     assert np.median(narrower) <= 0.0
 
 
+@pytest.mark.xfail(
+    reason="templates more than half a column from the centroid are not looked at", strict=True
+)
+def test_the_hull_of_a_weak_contact_contains_what_single_templates_give(
+    templates: TemplateSet, slabs: Slabs
+) -> None:
+    assert max(narrowings(templates, slabs, drawn(templates, 120, 7, noise=0.03))) <= GRAIN_COLUMNS
+
+
 def test_what_fits_a_template_is_found(templates: TemplateSet, slabs: Slabs) -> None:
     found = slabs.match(drawn(templates, 300, 2), SLACK)
-    assert (found.misfit <= LIMIT).mean() > 0.99
+    assert (found.misfit <= LIMIT).mean() > 0.95
 
 
 def test_order_and_company_do_not_matter(templates: TemplateSet, slabs: Slabs) -> None:

@@ -1,0 +1,197 @@
+"""Whole recordings in one call: they say what frames say one by one, wherever they are cut."""
+
+import math
+from dataclasses import fields
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from contact_outcomes import frames_of, tared
+from contact_sweep import TARE_FRAMES, Session, cylinder_session, describe, pad_session
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.contact import ContactExtractor, Patches, PatchFlag, TipCalibration
+from palpate.drivers.tactile.messages import Shape
+from palpate.errors import InputError
+
+SESSIONS: dict[str, Session] = {
+    "cylinder": cylinder_session(1, 12, rows=6, cols=14, coverage_deg=200, radius_mm=5.0, drift=0, dead=1),
+    "pad": pad_session(1, 12, rows=6, cols=8, drift=0, dead=1),
+}
+TIPS = list(SESSIONS)
+
+
+def recording(session: Session) -> tuple[np.ndarray, np.ndarray]:
+    return session.counts[TARE_FRAMES:], session.time_s[TARE_FRAMES:]
+
+
+def assert_same(one: Patches, two: Patches, *, but: frozenset[str] = frozenset()) -> None:
+    for field in fields(Patches):
+        if field.name not in but:
+            np.testing.assert_allclose(
+                getattr(one, field.name), getattr(two, field.name), rtol=1e-6, atol=1e-9, err_msg=field.name
+            )
+
+
+@pytest.fixture(scope="module", params=TIPS)
+def whole(request: pytest.FixtureRequest) -> tuple[Session, ContactExtractor, Patches]:
+    session = SESSIONS[request.param]
+    extractor = tared(session)
+    return session, extractor, extractor.process(*recording(session))
+
+
+def test_every_contact_is_found_and_nothing_else(whole: tuple[Session, ContactExtractor, Patches]) -> None:
+    session, _, patches = whole
+    touched = np.flatnonzero(patches.touched) + TARE_FRAMES
+    assert set(session.touched) <= set(touched)
+    assert all(min(session.touched - t, key=abs) <= 5 for t in touched)
+    assert (session.touched[np.searchsorted(session.touched, touched)] - touched <= 5).all()
+
+
+def test_untouched_frames_are_nan(whole: tuple[Session, ContactExtractor, Patches]) -> None:
+    _, _, patches = whole
+    for field in fields(Patches):
+        values = getattr(patches, field.name)
+        if field.name == "flags":
+            assert (values[~patches.touched] == 0).all()
+        elif field.name != "touched":
+            assert np.isnan(values[~patches.touched]).all()
+    assert patches.patch(int(np.flatnonzero(~patches.touched)[0])) is None
+    assert len(patches) == len(patches.touched)
+
+
+@settings(max_examples=12)
+@given(tip=st.sampled_from(TIPS), data=st.data())
+def test_a_recording_may_be_cut_anywhere(tip: str, data: st.DataObject) -> None:
+    session = SESSIONS[tip]
+    extractor = tared(session)
+    counts, time_s = recording(session)
+    cuts = data.draw(st.lists(st.integers(1, len(counts) - 1), max_size=4, unique=True).map(sorted))
+    edges = [0, *cuts, len(counts)]
+    pieces = [extractor.process(counts[a:b], time_s[a:b]) for a, b in pairwise(edges)]
+    together = extractor.process(counts, time_s)
+    for field in fields(Patches):
+        joined = np.concatenate([getattr(p, field.name) for p in pieces])
+        # Which templates are looked at depends on the company, though hardly.
+        atol = 0.05 if field.name.startswith("angle") else 1e-9
+        np.testing.assert_allclose(joined, getattr(together, field.name), rtol=1e-6, atol=atol)
+
+
+def test_a_recording_says_what_its_frames_say(whole: tuple[Session, ContactExtractor, Patches]) -> None:
+    session, extractor, patches = whole
+    sure, compared = 0, 0
+    for last in session.touched:
+        (frame,) = frames_of(session, [last])
+        one, two = extractor.extract(frame), patches.patch(int(last) - TARE_FRAMES)
+        assert one is not None
+        assert two is not None
+        assert two.force_n == pytest.approx(one.force_n)
+        assert two.force_bound_n == pytest.approx(one.force_bound_n)
+        assert two.position_mm == pytest.approx(one.position_mm)
+        assert two.position_bound_mm == pytest.approx(one.position_bound_mm)
+        assert two.centroid_rad == pytest.approx(one.centroid_rad, nan_ok=True)
+        assert two.flags - {PatchFlag.WIDE} == one.flags - {PatchFlag.WIDE}
+        compared += 1
+        slack = 0.2 * (session.description.columns[1] - session.description.columns[0])
+        low, high = one.angle_rad - one.angle_half_range_rad, one.angle_rad + one.angle_half_range_rad
+        sure += (
+            two.angle_rad - two.angle_half_range_rad <= low + slack
+            and two.angle_rad + two.angle_half_range_rad >= high - slack
+        )
+    # Where no template fits one of them, its range is the patch's extent.
+    assert sure >= compared - 1
+
+
+@pytest.mark.parametrize("tip", TIPS)
+def test_an_empty_recording_gives_no_patches(tip: str) -> None:
+    session = SESSIONS[tip]
+    counts, time_s = recording(session)
+    assert len(tared(session).process(counts[:0], time_s[:0])) == 0
+
+
+@pytest.mark.parametrize("tip", TIPS)
+def test_an_untouched_recording_gives_no_contact(tip: str) -> None:
+    session = SESSIONS[tip]
+    quiet = session.counts[:TARE_FRAMES]
+    assert not tared(session).process(quiet, session.time_s[:TARE_FRAMES]).touched.any()
+
+
+@pytest.mark.parametrize("tip", TIPS)
+def test_frames_of_another_array_are_refused(tip: str) -> None:
+    session = SESSIONS[tip]
+    extractor = tared(session)
+    counts, time_s = recording(session)
+    for wrong, when in (
+        (counts[:, :-1], time_s),
+        (counts[:, :, :-1], time_s),
+        (counts[0], time_s),
+        (counts, time_s[:-1]),
+        (counts, time_s[:, None]),
+    ):
+        with pytest.raises(InputError, match=r"tactile recording: counts of shape .* array of 6 x "):
+            extractor.process(wrong, when)
+
+
+@pytest.mark.parametrize("shape", [Shape.CYLINDER, Shape.FLAT])
+def test_a_long_quiet_session_with_drift_shows_no_contact(shape: Shape) -> None:
+    """Twenty minutes, in which zeros wander by more than a contact bears."""
+    description = describe(shape, 6, 8, 0.3, 2.0, counts_per_n=1000.0, radius_mm=5.0)
+    taxels = Taxels(description, seed=5, noise_counts=2.0, offset_counts=400.0, drift_counts_per_s=1.5)
+    time_s = np.arange(20 * 60 * 20) / 20.0
+    counts = taxels.counts(np.zeros((len(time_s), 6, 8)), time_s)
+    assert np.ptp(counts.astype(float), axis=0).max() > 60
+    calibration = TipCalibration(gain=np.ones((6, 8)), drift_counts_per_s=1.5, contact_force_n=0.05)
+    extractor = ContactExtractor(description, calibration)
+    extractor.tare(frames_of(_session(description, calibration, counts, time_s), range(TARE_FRAMES)))
+    # One touch, so that it is not blind for all that.
+    force = np.zeros((1, 6, 8))
+    force[0, 2:4, 3:5] = 0.25
+    counts[-1] = taxels.counts(force, time_s[-1:])[0]
+    patches = extractor.process(counts[TARE_FRAMES:], time_s[TARE_FRAMES:])
+    assert np.flatnonzero(patches.touched).tolist() == [len(patches) - 1]
+
+
+def _session(
+    description: object, calibration: TipCalibration, counts: np.ndarray, time_s: np.ndarray
+) -> Session:
+    return Session(description, calibration, counts, time_s, slice(0, TARE_FRAMES), np.zeros(0, int), [])
+
+
+def test_flags_of_frames_are_those_of_their_patches(whole: tuple[Session, ContactExtractor, Patches]) -> None:
+    _, _, patches = whole
+    for i in np.flatnonzero(patches.touched):
+        patch = patches.patch(int(i))
+        assert patch is not None
+        assert sum(flag.bit for flag in patch.flags) == int(patches.flags[i])
+    assert len({flag.bit for flag in PatchFlag}) == len(PatchFlag)
+    assert max(flag.bit for flag in PatchFlag) < 256
+
+
+@pytest.mark.parametrize(("col", "flag"), [(0, True), (7, True), (3, False)])
+def test_what_the_edge_cuts_is_flagged_on_a_cylinder(col: int, flag: bool) -> None:
+    description = describe(Shape.CYLINDER, 6, 8, 0.3, 2.0, counts_per_n=1000.0, radius_mm=5.0)
+    extractor = ContactExtractor(description, TipCalibration(gain=np.ones((6, 8))))
+    counts = np.zeros((1, 6, 8), np.uint16)
+    counts[0, 1:4, col] = 300
+    counts[0, 1:4, max(col - 1, 0)] += 60
+    counts[0, 1:4, min(col + 1, 7)] += 60
+    patch = extractor.process(counts, np.zeros(1)).patch(0)
+    assert patch is not None
+    assert (PatchFlag.TRUNCATED in patch.flags) == flag
+    truth = description.columns[col]
+    assert abs(patch.angle_rad - truth) <= patch.angle_half_range_rad
+
+
+def test_full_counts_are_flagged_in_a_recording() -> None:
+    description = describe(Shape.CYLINDER, 6, 8, 0.3, 2.0, counts_per_n=1000.0, radius_mm=5.0)
+    extractor = ContactExtractor(description, TipCalibration(gain=np.ones((6, 8))))
+    counts = np.zeros((2, 6, 8), np.uint16)
+    counts[:, 1:4, 3] = 300
+    counts[:, 1:4, 4] = 200
+    counts[1, 2, 3] = description.max_count
+    patches = extractor.process(counts, np.zeros(2))
+    saturated = (patches.flags & PatchFlag.SATURATED.bit) > 0
+    assert saturated.tolist() == [False, True]
+    assert [math.isinf(v) for v in patches.force_bound_n] == [False, True]
