@@ -99,6 +99,7 @@ class WatchedFinger:
         if frames:
             self._last_s = frames[-1].host_time_s
             self._newest.extend(frames[-_NEWEST:])
+            self._extractor.follow(frames)
             self._go_on_taring(frames)
         self._counted.append((now, self.array.counters.frames))
         while self._counted[1][0] <= now - _RATE_WINDOW_S:

@@ -122,8 +122,8 @@ class Slabs:
         phase = np.floor((p.centroid - np.floor(p.centroid)) * _PHASES).astype(np.int64)
         group = (first * _FORCES + np.minimum(last, _FORCES - 1)) * _PHASES + phase
         order = asked[np.argsort(group[asked], kind="stable")]
-        starts = np.flatnonzero(np.diff(group[order], prepend=-1))
-        for begin, end in zip(starts, [*starts[1:], len(order)], strict=True):
+        ends = np.flatnonzero(np.diff(group[order], append=-1)) + 1
+        for begin, end in zip([0, *ends], ends, strict=False):
             rows = order[begin:end]
             stretch = self._stretch(p, rows, int(first[rows[0]]), min(int(last[rows[0]]), _FORCES - 1))
             count = max(_AT_ONCE // max(len(stretch.phase), 1), 1)
