@@ -38,7 +38,7 @@ def extractor_of(rig: RigFile, spec: AnyFinger, description: Description) -> Con
 def _rehearse(extractor: ContactExtractor, description: Description) -> None:
     """Let the extractor see a contact that nobody made.
 
-    At its first contact it computes what it compares contacts with, which takes longer than Bus Watchdog waits.
+    At its first contact it computes what it compares contacts with: longer than Bus Watchdog waits.
     """
     counts = np.zeros((description.rows, description.cols), np.uint16)
     counts[:, description.cols // 2] = description.max_count // 2
