@@ -44,15 +44,21 @@ class ServoCheckOut(Out):
 
 
 class ArrayCheckOut(Out):
-    """A finger's tactile array. `rate_hz`: frames that reached the host."""
+    """A finger's tactile array. `rate_hz`: frames that reached the host.
+
+    `bad_taxels`: how many its self-test found; null if it has none, or could not do it.
+    """
 
     finger: str
     port: str
+    protocol: str
     answers: bool
     firmware: str | None = None
     emulated: bool | None = None
     rows: int | None = None
     columns: int | None = None
+    shape: str | None = None
+    bad_taxels: int | None = None
     wanted_hz: Rounded
     rate_hz: Rounded | None = None
     lost: int | None = None

@@ -59,7 +59,7 @@ size_t palpate_port_write(void *port, const uint8_t *bytes, size_t count);
 uint64_t palpate_port_clock_us(void *port);
 
 /* Get ready to sample (`on`), or rest. False if something is broken: START is then refused with
- * HARDWARE. May be called twice with the same value. */
+ * HARDWARE, and a stream that runs already goes on. May be called twice with the same value. */
 bool palpate_port_stream(void *port, bool on);
 
 /* Sample all taxels, `count` = rows x columns of them, lowest row first. Should take much less than a

@@ -6,7 +6,7 @@ from serial.serialutil import SerialBase
 from palpate.config import AnyFinger, RigFile
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.devices import open_array
-from palpate.drivers.tactile.frames import ArrayDriver
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
@@ -30,4 +30,16 @@ def extractor_of(rig: RigFile, spec: AnyFinger, description: Description) -> Con
         stiffness_bound=spec.tip.stiffness_spread,
         drift_counts_per_s=spec.array.drift_counts_per_s,
     )
-    return ContactExtractor(description, calibration)
+    extractor = ContactExtractor(description, calibration)
+    _rehearse(extractor, description)
+    return extractor
+
+
+def _rehearse(extractor: ContactExtractor, description: Description) -> None:
+    """Let the extractor see a contact that nobody made.
+
+    At its first contact it computes what it compares contacts with: longer than Bus Watchdog waits.
+    """
+    counts = np.zeros((description.rows, description.cols), np.uint16)
+    counts[:, description.cols // 2] = description.max_count // 2
+    extractor.extract(TactileFrame(0, 0.0, 0.0, counts))

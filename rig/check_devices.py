@@ -1,4 +1,4 @@
-"""Looking at one device of a rig without moving it: a servo, an array, or the loop over all servos.
+"""Looking at the servos of a rig without moving them: one servo, or the loop over all.
 
 Between the drivers and `checking`. Torque stays as it is found, and nothing is written to EEPROM.
 """
@@ -7,31 +7,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.config import AnyFinger
-from palpate.config.check_result import ArrayCheckOut, LoopOut, ServoCheckOut, SettingOut
+from palpate.config.check_result import LoopOut, ServoCheckOut, SettingOut
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S
 from palpate.drivers.dynamixel.failures import PortFailed
 from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
-from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
-from palpate.rig.array_of import array_of
-from palpate.rig.hand import OpenPort
-from palpate.rig.timer_words import timer_warnings
 from palpate.rig.wanted import WantedServo
 
-__all__ = ["LOOP_S", "check_array", "check_loop", "check_servo"]
+__all__ = ["LOOP_S", "check_loop", "check_servo"]
 
 LOOP_S = 1.0
-"""How long servos are read over and over, and arrays listened to."""
+"""How long servos are read over and over."""
 
 _WARM_C = 10  # below the limit
-_POLL_S = 0.02
-_RATE_SHARE = 0.95  # of the wanted rate that must arrive
 
 
 def check_servo(bus: Bus, wanted: WantedServo) -> ServoCheckOut:
@@ -74,57 +66,6 @@ def check_servo(bus: Bus, wanted: WantedServo) -> ServoCheckOut:
     )
 
 
-def check_array(spec: AnyFinger, wanted_hz: float, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
-    """Let one array stream for a while, and count what arrives."""
-    timer = latency_timer_s(spec.array.port)
-    timer_ms = None if timer is None else timer * 1e3
-    blank = ArrayCheckOut(
-        finger=spec.name,
-        port=spec.array.port,
-        answers=False,
-        wanted_hz=wanted_hz,
-        latency_timer_ms=timer_ms,
-        warnings=tuple(timer_warnings(spec.array.port, timer)),
-    )
-    try:
-        port = open_port(spec.array.port, spec.array.baudrate_bps)
-    except DeviceError as error:
-        return blank.model_copy(update={"problems": (str(error),)})
-    array = array_of(spec, port, clock)
-    try:
-        told = array.connect()
-        found = blank.model_copy(
-            update={
-                "answers": True,
-                "firmware": told.firmware,
-                "emulated": told.emulated,
-                "rows": told.rows,
-                "columns": told.cols,
-            }
-        )
-        try:
-            array.start(wanted_hz)
-            frames = _listen(array, clock)
-        finally:
-            array.stop()
-    except DeviceError as error:
-        return blank.model_copy(update={"problems": (str(error),)})
-    finally:
-        port.close()
-    rate = _rate_hz(frames)
-    problems = () if frames else ("it sends no frames; power it off and on, then check its firmware",)
-    slow = bool(frames) and rate < _RATE_SHARE * wanted_hz
-    warning = (f"{rate:.0f} frames arrive in a second instead of {wanted_hz:g}; check its cable and port",)
-    return found.model_copy(
-        update={
-            "rate_hz": rate,
-            "lost": array.counters.lost,
-            "problems": problems,
-            "warnings": blank.warnings + (warning if slow else ()),
-        }
-    )
-
-
 def check_loop(
     bus: Bus, clock: Clock, servos: Sequence[Servo], baudrate: int, return_delays_s: Sequence[float]
 ) -> tuple[LoopOut, dict[int, ServoState]]:
@@ -152,22 +93,6 @@ def check_loop(
         wire_ms=reader.wire_time_s(baudrate, return_delays_s) * 1e3,
     )
     return loop, states
-
-
-def _listen(array: ArrayDriver, clock: Clock) -> list[TactileFrame]:
-    frames: list[TactileFrame] = []
-    end = clock.now() + LOOP_S
-    while clock.now() < end:
-        clock.sleep(_POLL_S)
-        frames += array.frames()
-    return frames
-
-
-def _rate_hz(frames: Sequence[TactileFrame]) -> float:
-    if len(frames) < 2:
-        return 0.0
-    span_s = frames[-1].device_time_s - frames[0].device_time_s
-    return (len(frames) - 1) / span_s if span_s > 0 else 0.0
 
 
 def _servo_problems(health: Health) -> list[str]:

@@ -13,7 +13,7 @@ __all__ = ["show"]
 
 _FINE, _WARNING, _WRONG = "[green]✓[/]", "[yellow]![/]", "[red]✗[/]"
 _UNKNOWN = "[dim]–[/]"
-_WIDE = 100  # columns from which limits are shown beside what was measured
+_WIDE = 100  # columns from which limits and protocols are shown, too
 
 
 def show(out: CheckOut, console: Console) -> None:
@@ -22,7 +22,7 @@ def show(out: CheckOut, console: Console) -> None:
     console.print(f"rig [bold]{escape(out.rig)}[/]{kind}\n", highlight=False)
     console.print(_servos(out.servos, wide=console.width >= _WIDE))
     console.print()
-    console.print(_arrays(out.arrays))
+    console.print(_arrays(out.arrays, wide=console.width >= _WIDE))
     console.print()
     for line in _bus_lines(out):
         console.print(line, highlight=False)
@@ -57,20 +57,30 @@ def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
     return table
 
 
-def _arrays(arrays: tuple[ArrayCheckOut, ...]) -> Table:
-    table = _table(("lost",), "", "array", "taxels", "frames/s", "lost", "firmware")
+def _arrays(arrays: tuple[ArrayCheckOut, ...], *, wide: bool) -> Table:
+    protocol = ["protocol"] if wide else []
+    columns = "", "array", "taxels", "self-test", "frames/s", "lost", *protocol, "firmware"
+    table = _table(("lost",), *columns)
     for item in arrays:
-        taxels = _UNKNOWN if item.rows is None else f"{item.rows} × {item.columns}"
+        taxels = _UNKNOWN if item.rows is None else f"{item.rows} × {item.columns} {item.shape}"
         rate = _UNKNOWN if item.rate_hz is None else f"{item.rate_hz:.0f} of {item.wanted_hz:g}"
         table.add_row(
             _mark(item.problems, item.warnings),
             escape(item.finger),
             taxels,
+            _self_test(item),
             rate,
             _or(item.lost, "{}"),
+            *([item.protocol] if wide else []),
             _UNKNOWN if item.firmware is None else escape(item.firmware),
         )
     return table
+
+
+def _self_test(item: ArrayCheckOut) -> str:
+    if item.bad_taxels is None:
+        return _UNKNOWN
+    return f"[red]{item.bad_taxels} bad[/]" if item.bad_taxels else "done"
 
 
 def _bus_lines(out: CheckOut) -> list[str]:

@@ -1,7 +1,7 @@
 """Looking at a whole rig without moving it. Between the drivers and `palpate check`.
 
-Each device is looked at by itself (`check_devices`), so that a silent one hides no other; then all servos are
-read over and over, as a run does.
+Each device is looked at by itself (`check_devices`, `check_array`), so that a silent one hides no other; then
+all servos are read over and over, as a run does.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,7 +21,8 @@ from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.errors import DeviceError, InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace
-from palpate.rig.check_devices import check_array, check_loop, check_servo
+from palpate.rig.check_array import check_array
+from palpate.rig.check_devices import check_loop, check_servo
 from palpate.rig.timer_words import timer_warnings
 from palpate.rig.wanted import WantedFinger, WantedServo, wanted_fingers, wanted_servos
 from palpate.rig.wiring import start_problem

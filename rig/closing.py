@@ -16,7 +16,7 @@ from palpate.drivers.tactile.contact import ContactPatch
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.concluding import Touch, concluded
 from palpate.rig.drives import AIM_TOLERANCE_RAD, Drive, Goals
-from palpate.rig.hand import Hand, HostFinger
+from palpate.rig.hand import SPEAK_S, Hand, HostFinger
 from palpate.rig.reach import Close
 from palpate.rig.room import gap_mm, pieces_of
 from palpate.rig.run import Run
@@ -24,10 +24,11 @@ from palpate.rig.stage import planned_turn
 
 __all__ = ["Close", "Stage", "Touch", "close_fingers"]
 
-_STATE_EVERY = 5  # samples between looks at the servos while nothing is touched
+_STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
 _ARRIVED_MM = 0.8
 _STALLED_S = 0.6
 _SILENT_S = 0.15
+_SILENT_FRAMES = 3  # that long at least, for slow arrays
 _OFF_WAY_MM = 3.0
 _SETTLE_S = 0.08
 _MEASURE_FRAMES = 8
@@ -196,6 +197,7 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
     _look(hand, runs)
     count = 0
     period = 1 / hand.rig.closing.sample_rate_hz
+    look_every = max(1, min(_STATE_EVERY, int(SPEAK_S / period)))
     while active := [run for run in runs if not run.done]:
         hand.clock.sleep(period)
         touched = [run for run in active if _feels(hand, run)]
@@ -206,7 +208,7 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
         _write(hand, [run.finger for run in runs if not run.done])
         count += 1
         streaming = [run for run in runs if run.finger.drive.streams]
-        if count % _STATE_EVERY == 0:
+        if count % look_every == 0:
             _look(hand, runs)
             _watch(hand, runs)
         elif streaming:
@@ -218,10 +220,11 @@ def _feels(hand: Hand, run: Run) -> bool:
     frames = run.finger.array.frames()
     now = hand.clock.now()
     if not frames:
-        if now - run.heard_s > _SILENT_S:
+        allowed = max(_SILENT_S, _SILENT_FRAMES / hand.rig.closing.sample_rate_hz)
+        if now - run.heard_s > allowed:
             raise DeviceError(
                 f"tactile array {run.finger.name} on {run.finger.spec.array.port} has sent nothing for "
-                f"{_SILENT_S:g} s while its finger moved; fingers were stopped; check its cable"
+                f"{allowed:g} s while its finger moved; fingers were stopped; check its cable"
             )
         return False
     run.heard_s = now

@@ -31,12 +31,15 @@ from palpate.rig.stage import HostStage
 from palpate.rig.waiting import home_line
 from palpate.rig.wiring import drive_of, start_problem
 
-__all__ = ["Hand", "HostFinger", "OpenPort"]
+__all__ = ["SPEAK_S", "Hand", "HostFinger", "OpenPort"]
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
 
 WATCHDOG_S = 0.5
+SPEAK_S = WATCHDOG_S / 3
+"""How long servos may hear nothing while Bus Watchdog is armed, with room for a lost packet or two."""
+
 _TARE_FRAMES = 16
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
@@ -248,7 +251,7 @@ class Hand:
         taken: list[list[TactileFrame]] = [[] for _ in fingers]
         spoken_s = self.clock.now()
         for _ in range(count):
-            if self.clock.now() - spoken_s > WATCHDOG_S / 3:
+            if self.clock.now() - spoken_s > SPEAK_S:
                 self.states(self._servos)
                 spoken_s = self.clock.now()
             for finger, frames in zip(fingers, taken, strict=True):

@@ -58,7 +58,9 @@ class Taxels:
     def counts(
         self, force_n: NDArray[np.float64], now: float | NDArray[np.float64] = 0.0
     ) -> NDArray[np.uint16]:
-        """Counts at `now` (s) for forces (N per taxel), both (rows, cols), or (n, rows, cols) at n instants.
+        """Counts at `now` (s) for forces (N per taxel), both of shape (rows, cols).
+
+        For n instants `now` has shape (n,), forces and counts (n, rows, cols).
 
         Raises ValueError on another shape.
         """
@@ -83,7 +85,7 @@ class Taxels:
         return counts.astype("<u2")
 
     def _wandering(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Size (counts), angular speed (1/s) and phase of each zero's way: once in one to five minutes."""
+        """Size (counts), angular speed (1/s) and phase of each zero's wandering; a round takes 1 to 5 min."""
         shape = self._gain_counts.shape
         speed = 2 * math.pi / self._rng.uniform(60.0, 300.0, shape)
         return rate / speed, speed, self._rng.uniform(0.0, 2 * math.pi, shape)

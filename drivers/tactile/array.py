@@ -143,10 +143,14 @@ class TactileArray:
 
     def self_test(self) -> Report:
         """Let the array examine itself, which takes up to 2 s; it must not be streaming."""
-        answer = self._exchange.ask(SelfTest, Report, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
-        if isinstance(answer, Nack) and answer.reason is NackReason.BAD_STATE:
-            raise DeviceError(f"{self._stream.where} cannot test itself while it streams; stop it first")
-        return self._granted(answer, "test itself")
+        return self._tested(self._test())
+
+    def self_test_if_known(self) -> Report | None:
+        """The same; None if the array cannot examine anything."""
+        answer = self._test()
+        if isinstance(answer, Nack) and answer.reason is NackReason.UNKNOWN_TYPE:
+            return None
+        return self._tested(answer)
 
     def frames(self) -> list[TactileFrame]:
         """Return every frame that has arrived, oldest first, without waiting."""
@@ -155,6 +159,14 @@ class TactileArray:
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
         return self._stream.wait_frame(timeout_s)
+
+    def _test(self) -> Report | Nack | None:
+        return self._exchange.ask(SelfTest, Report, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
+
+    def _tested(self, answer: Report | Nack | None) -> Report:
+        if isinstance(answer, Nack) and answer.reason is NackReason.BAD_STATE:
+            raise DeviceError(f"{self._stream.where} cannot test itself while it streams; stop it first")
+        return self._granted(answer, "test itself")
 
     def _rate_mhz(self, rate_hz: float) -> int:
         limit = self.description.max_rate_hz

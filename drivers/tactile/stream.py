@@ -20,6 +20,7 @@ __all__ = ["FrameStream", "Port"]
 _POLL_S = 0.005
 _CHUNK = 64  # bytes of a frame that are worth looking at; far fewer than a frame has
 _MAX_WAITING_FRAMES = 4096
+_MOST_AT_ONCE = 1 << 20  # bytes: an array that sends faster than it is read must not hold the program up
 
 
 class Port(Protocol):
@@ -81,15 +82,15 @@ class FrameStream:
         self._frames.clear()
 
     def frames(self) -> list[TactileFrame]:
-        """Return every frame that has arrived, oldest first, without waiting."""
-        self.drain()
+        """Return every frame that has arrived, oldest first, without waiting; after 2048 ask again."""
+        self.drain(self._is_half_full)
         taken = list(self._frames)
         self._frames.clear()
         return taken
 
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
-        self.drain()
+        self.drain(self._is_half_full)
         self.wait_until(lambda: bool(self._frames), timeout_s, _CHUNK)
         if not self._frames:
             raise DeviceError(
@@ -103,7 +104,7 @@ class FrameStream:
         while not done():
             if self._clock.now() >= deadline:
                 return False
-            self._wait(deadline, chunk)
+            self._wait(deadline, chunk, done)
         return True
 
     def write(self, data: bytes) -> None:
@@ -113,25 +114,25 @@ class FrameStream:
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
 
-    def drain(self) -> bool:
-        """Take what has arrived, without waiting; returns whether that was anything.
+    def drain(self, done: Callable[[], bool] = lambda: False) -> bool:
+        """Take what has arrived, up to where `done()`, without waiting; returns whether that was anything.
 
         Raises DeviceError if the port is gone.
         """
-        anything = False
+        taken = 0
         try:
-            while waiting := self._port.in_waiting:
+            while taken < _MOST_AT_ONCE and not done() and (waiting := self._port.in_waiting):
                 data = self._port.read(waiting)
                 if not data:
                     break
-                anything = True
+                taken += len(data)
                 self._take(data)
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
-        return anything
+        return taken > 0
 
-    def _wait(self, deadline: float, chunk: int) -> None:
-        """Wait for `chunk` bytes, or for a few milliseconds; then take all that is there."""
+    def _wait(self, deadline: float, chunk: int, done: Callable[[], bool]) -> None:
+        """Wait for `chunk` bytes, or for a few milliseconds; then take what is there, until `done()`."""
         before = self._clock.now()
         step = min(_POLL_S, deadline - before)
         data = b""
@@ -142,8 +143,12 @@ class FrameStream:
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
         self._take(data)
-        if not self.drain() and not data and self._clock.now() <= before:
+        if not self.drain(done) and not data and self._clock.now() <= before:
             self._clock.sleep(step)  # a port that returns at once must not turn waiting into a spin
+
+    def _is_half_full(self) -> bool:
+        """Whether to stop reading for now, while there is room for what one more read brings."""
+        return len(self._frames) >= _MAX_WAITING_FRAMES // 2
 
     def _gone(self, problem: Exception) -> DeviceError:
         return DeviceError(f"{self.where} is gone ({problem}); check its cable and open it again")

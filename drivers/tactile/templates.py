@@ -30,8 +30,8 @@ _DEEPEST = 0.29  # penetration in tip radii
 _DEPTHS_PER_E_FOLD = 6.6
 _RECEDE = tuple(math.radians(a) for a in (0.0, 6.0, 12.0, 20.0, 30.0, 42.0, 58.0, 88.0))
 _SHARPEST = math.radians(155.0)  # vertices down to 25°
-_ENDS = tuple(math.radians(a) for a in (5.0, 10.0, 16.0, 24.0))
-_END_FALL = math.radians(50.0)
+_ENDS = tuple(math.radians(a) for a in (3.0, 6.0, 10.0, 14.0, 19.0, 24.0, 30.0))
+_END_FALLS = tuple(math.radians(a) for a in (25.0, 60.0))
 _NOTCH_TURNS = tuple(
     math.radians(a) for a in (3.0, 6.0, 10.0, 15.0, 22.0, 30.0, 45.0, 60.0, 75.0, 90.0, 120.0)
 )
@@ -222,15 +222,22 @@ def _flat(angle: Floats, depth: float) -> Floats:
     return np.where(np.abs(angle) < math.pi / 2, np.maximum(0.0, 1 - (1 - depth) / _cos(angle)), 0.0)
 
 
+def _kinds(depth: float) -> list[tuple[float, float]]:
+    """How a side may go on, (fall, end): it recedes by `fall` from `end` on; ends beyond the dent are none."""
+    width = math.acos(1 - depth)
+    ends = [(fall, end) for end in _ENDS if end < width for fall in _END_FALLS]
+    return [(recede, 0.0) for recede in _RECEDE] + ends
+
+
 def _side(angle: Floats, depth: float, recede: float, end: float) -> Floats:
     """Depth on one side (angle >= 0) of the closest direction.
 
-    The surface recedes from the closest point by `recede`, or stays flat up to `end` and falls off there.
+    The surface is flat from the closest point to `end`, and recedes by `recede` from there.
     """
-    if math.isfinite(end):
+    if end > 0:
         start = (1 - depth) / math.cos(end)
-        beyond = 1 - start * math.cos(end + _END_FALL) / _cos(angle + _END_FALL)
-        falling = np.where(angle + _END_FALL < math.pi / 2, np.maximum(0.0, beyond), 0.0)
+        beyond = 1 - start * math.cos(end + recede) / _cos(angle + recede)
+        falling = np.where(angle + recede < math.pi / 2, np.maximum(0.0, beyond), 0.0)
         return np.where(angle <= end, _flat(angle, depth), falling)
     slope = 1 - (1 - depth) * math.cos(recede) / _cos(angle + recede)
     return np.where(angle + recede < math.pi / 2, np.maximum(0.0, slope), 0.0)
@@ -242,18 +249,18 @@ def _cos(angle: Floats) -> Floats:
 
 def _all_shapes(grid: Floats, levels: list[float]) -> tuple[Floats, Floats, Floats]:
     """Depth profiles (n, grid), their penetration and that of a second edge (n,), in tip radii."""
-    kinds = [(recede, math.inf) for recede in _RECEDE] + [(0.0, end) for end in _ENDS]
     positive = np.maximum(grid, 0.0)
     shapes: list[Floats] = []
     depths: list[float] = []
     others: list[float] = []
     tip = int(np.abs(grid).argmin())
     for depth in levels:
+        kinds = _kinds(depth)
         right = [np.where(grid >= 0, _side(positive, depth, *kind), 0.0) for kind in kinds]
         left = [side[::-1] for side in right]
         for a, (recede_left, _) in zip(left, kinds, strict=True):
             for b, (recede_right, _) in zip(right, kinds, strict=True):
-                if recede_left + recede_right > _SHARPEST:
+                if recede_left + recede_right > _SHARPEST:  # ends may be as sharp as they like
                     continue
                 shapes.append(np.maximum(a, b))
                 shapes[-1][tip] = depth

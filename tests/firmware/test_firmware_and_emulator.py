@@ -45,7 +45,7 @@ class Skin:
         self.description = description
         self.raw = np.zeros(SIZE, np.uint16)
 
-    def counts(self, force_n: NDArray[np.float64]) -> NDArray[np.uint16]:
+    def counts(self, force_n: NDArray[np.float64], now: float = 0.0) -> NDArray[np.uint16]:  # noqa: ARG002
         return np.full(SIZE, LARGEST, np.uint16) if force_n.any() else self.raw
 
 

@@ -120,6 +120,28 @@ def test_broken_hardware(bench: Bench) -> None:
     assert frames(bench, 100_000) == []
 
 
+def test_a_start_that_the_hardware_refuses_leaves_the_stream_as_it_is(streaming: Bench) -> None:
+    streaming.health(stream=False)
+    assert streaming.ask(1, START, 7, 50_000).reason == Reason.HARDWARE
+    assert [found.time_us for found in frames(streaming, 2 * PERIOD_US)] == [PERIOD_US, 2 * PERIOD_US]
+
+
+def test_numbers_begin_with_0_and_hello_does_not_set_them_back(bench: Bench) -> None:
+    assert [bench.ask(0, HELLO, 1).sequence for _ in range(3)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("length", "heard"), [(64, True), (65, False)])
+def test_messages_of_64_bytes_without_the_delimiter_are_listened_to(
+    bench: Bench, length: int, heard: bool
+) -> None:
+    data = wire(1, 0x33, 0, 0, b"\x07\x00".ljust(length - 23, b"\x01"))
+    assert len(data) == length + 1
+    bench.send(data)
+    told = said(bench.poll(1) + bench.poll(2))
+    assert [found.reason for found in told] == [Reason.UNKNOWN_TYPE] * heard
+    assert bench.counters.faults == (not heard)
+
+
 @pytest.mark.parametrize("kind", [0x00, 0x08, 0x7F])
 def test_unknown_requests(bench: Bench, kind: int) -> None:
     (told,) = send(bench, wire(1, kind, 0, 0, b"\x07\x00 and more"))

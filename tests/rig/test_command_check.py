@@ -14,7 +14,10 @@ from serial.serialutil import SerialBase
 from palpate.config import load_rig, shipped_rig
 from palpate.config.check_result import CheckOut
 from palpate.config.schema import schema_text
+from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.bus_place import BusPlace, bus_of
@@ -87,11 +90,14 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
     assert out["arrays"][0] == {
         "finger": "f1",
         "port": "mock://f1",
+        "protocol": "palpate",
         "answers": True,
         "firmware": "palpate emulator 1",
         "emulated": True,
         "rows": 8,
         "columns": 20,
+        "shape": "cylinder",
+        "bad_taxels": 0,
         "wanted_hz": 250.0,
         "rate_hz": 250.0,
         "lost": 0,
@@ -227,6 +233,36 @@ def test_a_slow_latency_timer_is_said_with_what_to_type() -> None:
     assert "16 ms" in warning
     assert warning.endswith("echo 1 | sudo tee /sys/class/tty/ttyUSB7/device/latency_timer")
     assert timer_warnings("/dev/ttyUSB7", 0.001) == timer_warnings("/dev/ttyUSB7", None) == []
+
+
+def array_of_finger(place: BusPlace, number: int) -> EmulatedArray:
+    assert isinstance(place.devices, BenchRig)
+    assert place.devices.mock is not None
+    array = place.devices.mock.rig.bench.fingers[number].array
+    assert isinstance(array, EmulatedArray)
+    return array
+
+
+def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    place = bus_of(RIG)
+    sick, broken = array_of_finger(place, 0), array_of_finger(place, 1)
+    sick.taxels = Taxels(sick.description, seed=1, dead=[(0, 1)], hot=[(7, 19)])
+    broken.broken = SelfTestResult.SUPPLY
+    out = check_rig(RIG, place)
+    assert not out.well
+    assert [array.bad_taxels for array in out.arrays] == [2, 0, 0]
+    rates = [array.rate_hz for array in out.arrays]
+    assert rates == pytest.approx([250.0] * 3), "they are listened to all the same"
+    taxels, supply = out.problems
+    assert taxels.startswith("array f1: its self-test finds 2 bad taxels (row 0 column 1 stuck low, row 7 ")
+    assert supply == "array f2: its self-test finds fault with its supply; repair or replace it"
+    show(out, Console(width=160, soft_wrap=True))
+    rows = [line for line in capsys.readouterr().out.splitlines() if "8 × 20 cylinder" in line]
+    assert [("2 bad" in row, "done" in row, "palpate  " in row) for row in rows] == [
+        (True, False, True),
+        (False, True, True),
+        (False, True, True),
+    ]
 
 
 def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,11 +22,15 @@ PATCH = ContactPatch(
     angle_rad=math.radians(-20.0),
     angle_half_range_rad=math.radians(15.0),
     centroid_rad=-0.35,
+    centroid_bound_rad=0.05,
+    position_mm=(4.7, -1.7, 8.1),
+    position_bound_mm=(0.2, 0.3, 1.5),
     height_mm=8.1,
     height_bound_mm=1.5,
     force_n=2.0,
     force_bound_n=0.19,
     extent_rad=0.7,
+    area_mm2=12.0,
     flags=frozenset({PatchFlag.WIDE, PatchFlag.DEAD_NEIGHBOUR}),
 )
 

@@ -199,6 +199,20 @@ def test_a_broken_converter_is_reported_and_streams_nothing() -> None:
     assert SelfTestResult.CONVERTER in report.result
 
 
+def test_a_start_that_the_hardware_refuses_leaves_the_stream_as_it_is() -> None:
+    array = small()
+    told(array, Start(1, RATE))
+    array.broken = SelfTestResult.CONVERTER
+    assert told(array, Start(2, 50_000), 0.001) == Nack(2, NackReason.HARDWARE)
+    assert array.next_sample_s() == 0.01
+
+
+def test_numbers_begin_with_0_and_hello_does_not_set_them_back() -> None:
+    array = small()
+    hello = encode(Message(0, 0, Hello(4)))
+    assert [heard(array, hello)[0].sequence for _ in range(3)] == [0, 1, 2]
+
+
 def test_places_of_a_free_array() -> None:
     array = EmulatedArray(Taxels(replace(FREE, geometry=PLACES), seed=0))
     assert told(array, Hello(1)) == Describe(1, FREE)

@@ -15,6 +15,7 @@ from palpate.drivers.tactile.messages import (
     Description,
     Hello,
     Message,
+    Report,
     SelfTestResult,
     Shape,
     TaxelFault,
@@ -152,6 +153,18 @@ def test_the_self_test_reports_bad_taxels() -> None:
     array.start(100.0)
     with pytest.raises(DeviceError, match="cannot test itself while it streams; stop it first"):
         array.self_test()
+
+
+def test_a_self_test_that_an_array_does_not_know_is_none() -> None:
+    array, port, _, _ = bench()
+    array.connect()
+    assert array.self_test_if_known() == Report(2, SelfTestResult(0), 0, ())
+    number = len(port.written) + 1
+    port.device = always(wire(0x83, 1, 0, bytes((number, 0, 1))))
+    assert array.self_test_if_known() is None
+    port.device = always(wire(0x83, 1, 0, bytes((number + 1, 0, 4))))
+    with pytest.raises(DeviceError, match=r"refuses to test itself \(HARDWARE\)"):
+        array.self_test_if_known()
 
 
 def test_a_self_test_may_take_two_seconds_and_is_asked_for_once_more() -> None:

@@ -1,0 +1,97 @@
+"""An array that sends faster than it is read: no verb waits for the end of it, and none drops frames."""
+
+import numpy as np
+from tactile_vectors import SMALL
+
+from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.messages import Ack, Body, Describe, Frame, Hello, Message
+from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.transport.clock import VirtualClock
+
+COUNTS = np.zeros((SMALL.rows, SMALL.cols), np.uint16).tobytes()
+AT_ONCE = 100  # frames that every read finds
+
+
+class FloodPort:
+    """A port that answers HELLO, and that is never empty once anything else has been asked."""
+
+    def __init__(self, *, answers: bool = True) -> None:
+        self.port: str | None = "mem://flood"
+        self.timeout: float | None = 0.0
+        self.answers = answers
+        self.decoder = Decoder()
+        self.out = bytearray()
+        self.sequence = 0
+        self.flows = False
+        self.reads = 0
+
+    def say(self, body: Body) -> None:
+        self.out += encode(Message(self.sequence, 0, body))
+        self.sequence += 1
+
+    @property
+    def in_waiting(self) -> int:
+        if self.flows and not self.out:
+            for _ in range(AT_ONCE):
+                self.say(Frame(SMALL.rows, SMALL.cols, COUNTS))
+        return len(self.out)
+
+    def read(self, size: int = 1, /) -> bytes:
+        self.reads += 1
+        assert self.reads < 20_000, "nobody ends this"
+        data = bytes(self.out[: min(size, self.in_waiting)])
+        del self.out[: len(data)]
+        return data
+
+    def write(self, data: bytes, /) -> int | None:
+        for item in self.decoder.feed(data):
+            assert isinstance(item, Message)
+            if isinstance(item.body, Hello):
+                self.say(Describe(item.body.request_id, SMALL))
+            else:
+                self.flows = True
+                if self.answers:
+                    self.say(Ack(item.body.request_id))  # type: ignore[union-attr]
+        return len(data)
+
+
+def flooded() -> tuple[TactileArray, FloodPort]:
+    port = FloodPort()
+    array = TactileArray(port, VirtualClock(), "f1")
+    array.connect()
+    return array, port
+
+
+def test_start_and_stop_end_with_their_answer() -> None:
+    array, port = flooded()
+    array.start(100)
+    assert port.reads < 10
+    array.stop()
+    assert port.reads < 20
+    assert array.counters.dropped == 0
+
+
+def test_frames_come_by_and_by_and_none_is_dropped() -> None:
+    array, _ = flooded()
+    array.start(100)
+    numbers = [frame.sequence for _ in range(3) for frame in array.frames()]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert len(numbers) > 3 * 1000
+    assert (array.counters.dropped, array.counters.lost) == (0, 0)
+
+
+def test_frames_that_are_waited_for_come_in_order() -> None:
+    array, _ = flooded()
+    array.start(100)
+    numbers = [array.wait_frame(1.0).sequence for _ in range(5000)]
+    assert numbers == list(range(numbers[0], numbers[0] + 5000))
+    assert array.counters.dropped == 0
+
+
+def test_noise_without_end_is_left_alone_after_a_while() -> None:
+    array, port = flooded()
+    array.start(100)
+    port.say = lambda _: port.out.extend(b"\x01" * 10_000)  # type: ignore[method-assign]
+    array.frames()
+    assert array.frames() == []
+    assert array.counters.faults > 0
