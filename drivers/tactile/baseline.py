@@ -2,12 +2,14 @@
 
 Stands between frames and `contact`. A taxel's zero wanders with temperature and wear, and a finger that comes
 to rest on a part very slowly looks the same at first. So the zero is not filtered, it is bounded: a taxel's
-zero is known to lie in an interval; the interval grows by the drift that the calibration allows, and is cut
-with what the taxel reads (four standard deviations either way) as long as the two have something in common. A
-taxel that reads something else is touched: it and its neighbours are held, and their intervals only grow. It
-is let go when it has come back by more than half of the way, or was never far away. So of a contact that
-grows by `r` counts per second, no more is taken for drift than drift · interval / (r - drift) counts; one
-that grows no faster than the drift cannot be told from it by anybody who looks at counts alone.
+zero is known to lie in an interval, which grows by the drift that the calibration allows and is cut with what
+the taxel reads, four standard deviations either way. Load only adds, so a zero is never above what its taxel
+reads. It is not below either, unless the taxel is touched: where reading and interval have nothing in common,
+it and its neighbours are held, and nothing cuts their intervals from below. A taxel is let go when it has come
+back by more than half of the way, or was never far away. So of a contact that grows by `r` counts per second,
+about drift · (interval + noise) / (r - drift) counts are taken for drift; one that grows no faster than the
+drift cannot be told from it by anybody who looks at counts alone. What was taken is given back when the taxel is
+let go.
 """
 
 import math
@@ -82,28 +84,31 @@ def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usabl
 class BaselineTracker:
     """The zeros of one array from its tare on, in blocks of a tenth of a second.
 
-    `drift_counts_per_s` bounds how fast a taxel's zero may move.
+    `drift_counts_per_s` bounds how fast a taxel's zero may move; `tared_s`: when it was tared, by the array's
+    clock.
     """
 
-    def __init__(self, baseline: Baseline, drift_counts_per_s: float) -> None:
+    def __init__(self, baseline: Baseline, drift_counts_per_s: float, tared_s: float | None = None) -> None:
         self._usable = baseline.usable
         self._noise = baseline.noise_counts
         self._drift = drift_counts_per_s
-        self._mean = baseline.mean.copy()
-        self._bound = np.full_like(self._mean, self._noise)
-        self._held = np.zeros(self._mean.shape, dtype=bool)
-        self._furthest = np.zeros_like(self._mean)
-        self._then: float | None = None
+        self._lower = baseline.mean - self._noise
+        self._upper = baseline.mean + self._noise
+        self._held = np.zeros(baseline.mean.shape, dtype=bool)
+        self._furthest = np.zeros_like(baseline.mean)
+        self._then = tared_s
 
     @property
     def mean(self) -> Floats:
         """Zeros as far as they have been followed, (rows, cols) counts."""
-        return self._mean
+        result: Floats = (self._lower + self._upper) / 2
+        return result
 
     @property
     def bound(self) -> Floats:
         """They are within this of `mean`, (rows, cols) counts."""
-        return self._bound
+        result: Floats = (self._upper - self._lower) / 2
+        return result
 
     def follow(self, counts: NDArray[np.uint16], time_s: Floats) -> Zeros:
         """Go on through frames (n, rows, cols), sampled at `time_s` (n,), touched or not.
@@ -114,9 +119,10 @@ class BaselineTracker:
         starts = _blocks(time_s)
         means, bounds = [], []
         for begin, end in zip(starts, [*starts[1:], len(counts)], strict=True):
-            means.append(self._mean.copy())
-            bounds.append(self._bound + self._drift * self._passed(float(time_s[end - 1])))
-            self._step(counts[begin:end].mean(axis=0), end - begin, float(time_s[end - 1]))
+            means.append(self.mean)
+            bounds.append(self.bound + self._drift * self._passed(float(time_s[end - 1])))
+            # What is seen is the mean of the block, at its middle.
+            self._step(counts[begin:end].mean(axis=0), end - begin, float(time_s[begin:end].mean()))
         sizes = np.diff([*starts, len(counts)])
         return Zeros(np.stack(means), np.stack(bounds), np.repeat(np.arange(len(starts)), sizes))
 
@@ -125,21 +131,23 @@ class BaselineTracker:
         return 0.0 if self._then is None else max(now - self._then, 0.0)
 
     def _step(self, mean: Floats, frames: int, now: float) -> None:
-        self._bound += self._drift * self._passed(now)
+        grown = self._drift * self._passed(now)
         self._then = now
         seen = SIGMAS * self._noise / math.sqrt(frames)
-        away = mean - self._mean
-        lower = np.maximum(self._mean - self._bound, mean - seen)
-        upper = np.minimum(self._mean + self._bound, mean + seen)
+        lower, upper = self._lower - grown, self._upper + grown
+        away = mean - (lower + upper) / 2
+        touched = self._usable & (mean - seen > upper)
         back = np.abs(away) < np.maximum(0.5 * self._furthest, _SLIGHT * self._noise)
-        disturbed = self._usable & ((lower > upper) | (self._held & ~back))
-        self._furthest = np.where(disturbed, np.maximum(self._furthest, np.abs(away)), 0.0)
-        self._held = disturbed
-        near = binary_dilation(disturbed, structure=_AROUND) if disturbed.any() else disturbed
-        free = ~near & (lower <= upper)
-        self._mean = np.where(free, (lower + upper) / 2, self._mean)
-        narrow = np.maximum((upper - lower) / 2, self._noise / math.sqrt(frames))
-        self._bound = np.where(free, np.minimum(narrow, self._bound), self._bound)
+        self._held = touched | (self._held & ~back)
+        self._furthest = np.where(self._held, np.maximum(self._furthest, np.abs(away)), 0.0)
+        near = binary_dilation(self._held, structure=_AROUND) if self._held.any() else self._held
+        # Load only adds: whatever touches it, a zero is not above what its taxel reads.
+        upper = np.minimum(upper, mean + seen)
+        lower = np.where(near, lower, np.maximum(lower, mean - seen))
+        # A zero that was thought to be higher had been mistaken: it begins anew.
+        lower = np.where(lower > upper, mean - seen, lower)
+        spare = np.maximum(self._noise / math.sqrt(frames) - (upper - lower) / 2, 0.0)
+        self._lower, self._upper = lower - spare, upper + spare
 
 
 def _blocks(time_s: Floats) -> list[int]:

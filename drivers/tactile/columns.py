@@ -15,7 +15,7 @@ from palpate.drivers.tactile.patches import TipCalibration
 
 __all__ = ["Columns", "Runs", "columns_of", "runs_of"]
 
-_TEMPLATE_ERROR = 0.01  # of the strongest column
+_TEMPLATE_ERROR = 0.02  # of the strongest column
 _LEAST_COVERED = 0.3  # of the load: a column of which less can be seen is not seen
 
 Floats = NDArray[np.float64]

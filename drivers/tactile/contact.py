@@ -73,13 +73,14 @@ class ContactExtractor:
         """
         c = self._calibration
         counts = np.stack([f.counts for f in frames]) if frames else np.zeros((0, 1, 1), np.uint16)
-        self._use(tared(counts, self._description.max_count, c.noise_counts, c.usable))
+        baseline = tared(counts, self._description.max_count, c.noise_counts, c.usable)
+        self._use(baseline, float(np.mean([f.device_time_s for f in frames])))
         return self._baseline
 
-    def _use(self, baseline: Baseline) -> None:
+    def _use(self, baseline: Baseline, tared_s: float | None = None) -> None:
         self._baseline = baseline
         drift = self._calibration.drift_counts_per_s
-        self._tracker = BaselineTracker(baseline, drift) if drift > 0 else None
+        self._tracker = BaselineTracker(baseline, drift, tared_s) if drift > 0 else None
         self._set_guard()
 
     def _set_guard(self) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
-from palpate.drivers.tactile.hidden import beyond
+from palpate.drivers.tactile.hidden import beyond, by_shape
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known
 from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
@@ -269,11 +269,15 @@ class CylinderTip:
         patch = columns.taxel_n * span[:, None, :]
         force = np.where(span, columns.force_n, 0.0)
         total = force.sum(axis=1)
+        doubt = np.where(columns.seen, SIGMAS * np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0)
         likely = SIGMAS * g / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc->n", patch, patch))
-        noise = SIGMAS * columns.noise_n * math.sqrt(patch[0].size)
+        noise = SIGMAS * columns.noise_n * math.sqrt(patch.shape[1] * patch.shape[2])
         tails = np.abs(np.where(beside & ~span, columns.force_n, 0.0).sum(axis=1))
         guessed = np.abs(total - patch.sum(axis=(1, 2)))
         bound: Floats = np.minimum(likely, g * total) / (1 - g) + noise + tails + guessed
+        low, high = np.maximum(force - doubt, 0.0), np.where(columns.seen, force + doubt, np.inf)
+        hidden = by_shape(low[:, None], high[:, None])[:, 0]
+        bound += np.where(span & ~columns.seen, hidden, 0.0).sum(axis=1)
         if doubt_counts is not None:
             bound += (doubt_counts * self._n_per_count * span[:, None, :]).sum(axis=(1, 2))
         return bound

@@ -15,13 +15,14 @@ from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_fi
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.hidden import beyond, by_crosstalk, by_shape
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known, spread_out
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known, spread_out, untouched
 from palpate.drivers.tactile.surface import Surface
 
 __all__ = ["Taxels", "pad_patches"]
 
 _PATCH_SHARE = 0.04  # of the strongest taxel: less does not belong to the patch
 _BEYOND_STEPS = 5.0  # half steps between normals that a patch may go on for beyond an edge
+_FLAT_RAD = math.radians(1.0)
 _IN_FRAME = np.zeros((3, 3, 3), dtype=bool)
 _IN_FRAME[1] = True
 
@@ -71,6 +72,8 @@ def pad_patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -
     """Patches of n frames."""
     # Most frames of a recording show nothing at all.
     some = np.flatnonzero((taxels.force_n > taxels.doubt_n).any(axis=(1, 2)))
+    if not len(some):
+        return untouched(len(taxels.force_n))
     return spread_out(_patches(taxels.frames(some), surface, calibration), some, len(taxels.force_n))
 
 
@@ -258,6 +261,8 @@ def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats,
     away = (azimuth[None, :] - middle[:, None] + math.pi) % (2 * math.pi) - math.pi
     low = np.where(found.cells, away, np.inf).min(axis=1)
     high = np.where(found.cells, away, -np.inf).max(axis=1)
+    if surface.turn_rad < _FLAT_RAD:  # told taxel by taxel, but flat all the same
+        return middle, np.full(n, math.pi / 2), np.zeros(n)
     step = surface.turn_rad / 2
     cut = found.cut.any(axis=0)
     margin = np.where(cut, _BEYOND_STEPS * step, step)

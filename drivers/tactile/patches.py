@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ContactPatch", "PatchFlag", "Patches", "TipCalibration", "joined", "known", "spread_out"]
+__all__ = [
+    "ContactPatch",
+    "PatchFlag",
+    "Patches",
+    "TipCalibration",
+    "joined",
+    "known",
+    "spread_out",
+    "untouched",
+]
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -135,14 +144,19 @@ def known(patches: Patches) -> Patches:
 
 def spread_out(patches: Patches, rows: NDArray[np.int64], count: int) -> Patches:
     """The same as rows of `count` frames, of which the others are not touched."""
-    place = np.full(count, -1)
-    place[rows] = np.arange(len(rows))
-    if not len(rows):
-        patches = Patches(
-            **{f.name: np.zeros((1, *getattr(patches, f.name).shape[1:])) for f in fields(Patches)}
-        )
-    all_rows = Patches(**{f.name: getattr(patches, f.name)[place] for f in fields(Patches)})
-    return _kept(all_rows, (place >= 0) & all_rows.touched.astype(bool))
+    out = untouched(count)
+    for f in fields(Patches):
+        getattr(out, f.name)[rows] = getattr(patches, f.name)
+    return out
+
+
+def untouched(count: int) -> Patches:
+    """`count` frames in which nothing is touched."""
+    nothing = {f.name: np.full(count, np.nan) for f in fields(Patches)}
+    sides = {name: np.full((count, 3), np.nan) for name in ("position_mm", "position_bound_mm")}
+    return Patches(
+        **{**nothing, **sides, "touched": np.zeros(count, bool), "flags": np.zeros(count, np.uint8)}
+    )
 
 
 def joined(pieces: Sequence[Patches]) -> Patches:

@@ -22,8 +22,9 @@ __all__ = ["WINDOW_SIGMAS", "Matches", "Profiles", "Slabs"]
 WINDOW_SIGMAS = 6.0
 _FORCES = 24
 _PHASES = 16
-_WIDEST = 0.5  # columns: half the circle of fractions
+_WIDTHS = (0.25, 0.5, 1.0)  # columns: profiles whose windows are about as wide go together
 _AT_ONCE = 1 << 17  # misfits that fit a processor's cache
+_SIDEWAYS = 1  # columns: as far as the widest window reaches, in whole ones
 _GRAIN = 0.03  # of the strongest column: templates alike within half of it are one
 _TAIL = 1e-4  # of a template's force: less than this in an outer column is left off
 
@@ -93,7 +94,7 @@ class Slabs:
         centred = _moved(np.pad(cells, ((0, 0), (most, most))), -whole)
         middle = reach + most
         loaded = np.flatnonzero((centred > _TAIL).any(axis=0))
-        self._half = int(np.abs(loaded - middle).max()) + 1  # and one to move by
+        self._half = int(np.abs(loaded - middle).max()) + _SIDEWAYS  # to move by
         centred = centred[:, middle - self._half : middle + self._half + 1]
         one, count = _alike(centred)
         least, largest = templates.force_range_n
@@ -120,7 +121,10 @@ class Slabs:
         first, last = (self._force_bin(each) for each in (p.total_n, p.total_n + p.missing_n))
         asked = np.flatnonzero((first >= 0) & (first < _FORCES))
         phase = np.floor((p.centroid - np.floor(p.centroid)) * _PHASES).astype(np.int64)
+        width = np.searchsorted(_WIDTHS, p.window)
+        asked = asked[width[asked] < len(_WIDTHS)]
         group = (first * _FORCES + np.minimum(last, _FORCES - 1)) * _PHASES + phase
+        group = group * len(_WIDTHS) + width
         order = asked[np.argsort(group[asked], kind="stable")]
         ends = np.flatnonzero(np.diff(group[order], append=-1)) + 1
         for begin, end in zip([0, *ends], ends, strict=False):
@@ -141,7 +145,7 @@ class Slabs:
         if slab is None:
             slab = self._slabs[first, last] = self._slab(first, last)
         fraction = p.centroid[rows] - np.floor(p.centroid[rows])
-        width = min(float(p.window[rows].max()), _WIDEST)
+        width = float(p.window[rows].max())
         part = slice(*np.searchsorted(slab.phase, [fraction.min() - width, fraction.max() + width]))
         return slab.rows(part)
 
@@ -149,11 +153,12 @@ class Slabs:
         """Templates whose force can be from bin `first` to bin `last`."""
         every = self._all
         here = np.flatnonzero((every.least_n <= self._edges[last + 1]) & (every.most_n >= self._edges[first]))
-        # Twice, so that fractions near 0 and near 1 are neighbours.
-        rows = np.concatenate([here, here])
-        turn = np.concatenate([np.zeros(len(here), np.int64), np.where(every.phase[here] < _WIDEST, 1, -1)])
+        # One column to the left and to the right of where they are, and on as far as windows reach.
+        turns = np.arange(-_SIDEWAYS, _SIDEWAYS + 1)
+        rows, turn = np.tile(here, len(turns)), np.repeat(turns, len(here))
         phase = every.phase[rows] + turn
         order = np.argsort(phase, kind="stable")
+        order = order[(phase[order] >= -_WIDTHS[-1]) & (phase[order] < 1 + _WIDTHS[-1])]
         rows, turn = rows[order], turn[order]
         slab = every.rows(rows)
         return replace(
@@ -177,7 +182,8 @@ class Slabs:
         gain = (near * np.take_along_axis(force, place, axis=1)).astype(np.float32) @ stretch.cells.T
         np.maximum(gain, 0, out=gain)
         gain *= gain
-        gain /= near.astype(np.float32) @ (stretch.cells**2).T
+        norm = near.astype(np.float32) @ (stretch.cells**2).T
+        gain /= np.maximum(norm, np.float32(1e-20), out=norm)
         total = p.total_n[rows, None].astype(np.float32)
         most = total + p.missing_n[rows, None].astype(np.float32)
         gain[(stretch.least_n > most) | (total > stretch.most_n)] = -np.inf

@@ -14,6 +14,7 @@ Pure arrays: no device, no clock. Angles in rad, lengths in mm, templates normal
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,11 +223,21 @@ def _flat(angle: Floats, depth: float) -> Floats:
     return np.where(np.abs(angle) < math.pi / 2, np.maximum(0.0, 1 - (1 - depth) / _cos(angle)), 0.0)
 
 
-def _kinds(depth: float) -> list[tuple[float, float]]:
-    """How a side may go on, (fall, end): it recedes by `fall` from `end` on; ends beyond the dent are none."""
+def _kinds(depth: float) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """How the two sides of a contact may go on, each (fall, end): it recedes by `fall` from `end` on.
+
+    Vertices; a flat edge that ends on one side, finely; on both sides; and short edges beside a vertex. Ends
+    beyond the dent are none.
+    """
     width = math.acos(1 - depth)
-    ends = [(fall, end) for end in _ENDS if end < width for fall in _END_FALLS]
-    return [(recede, 0.0) for recede in _RECEDE] + ends
+    fine = [(fall, end) for end in _ENDS if end < width for fall in _END_FALLS]
+    ends = [(_END_FALLS[-1], end) for end in _ENDS if end < width]
+    few = ends[1::2]
+    faces = [(recede, 0.0) for recede in _RECEDE]
+    flat, slants = faces[0], faces[1:]
+    pairs = [*product(faces, faces), *product(ends, ends), *product([flat], fine), *product(fine, [flat])]
+    pairs += [*product(slants, few), *product(few, slants)]
+    return [pair for pair in pairs if pair[0][0] + pair[1][0] <= _SHARPEST]
 
 
 def _side(angle: Floats, depth: float, recede: float, end: float) -> Floats:
@@ -255,17 +266,13 @@ def _all_shapes(grid: Floats, levels: list[float]) -> tuple[Floats, Floats, Floa
     others: list[float] = []
     tip = int(np.abs(grid).argmin())
     for depth in levels:
-        kinds = _kinds(depth)
-        right = [np.where(grid >= 0, _side(positive, depth, *kind), 0.0) for kind in kinds]
-        left = [side[::-1] for side in right]
-        for a, (recede_left, _) in zip(left, kinds, strict=True):
-            for b, (recede_right, _) in zip(right, kinds, strict=True):
-                if recede_left + recede_right > _SHARPEST:  # ends may be as sharp as they like
-                    continue
-                shapes.append(np.maximum(a, b))
-                shapes[-1][tip] = depth
-                depths.append(depth)
-                others.append(0.0)
+        for left, right in _kinds(depth):
+            shape = np.where(grid >= 0, _side(positive, depth, *right), 0.0)
+            shape = np.maximum(shape, np.where(grid >= 0, _side(positive, depth, *left), 0.0)[::-1])
+            shape[tip] = depth
+            shapes.append(shape)
+            depths.append(depth)
+            others.append(0.0)
         first = _flat(grid, depth)
         for turn in _NOTCH_TURNS:
             for share in _NOTCH_SHARES:

@@ -113,18 +113,14 @@ def dents(
 
 def _stretches(dent: np.ndarray) -> list[float]:
     """Centroid of all dents and of each run of them, rad."""
-    found = [float(dent @ RAYS / dent.sum())]
-    empty = np.flatnonzero(dent == 0)
-    if not len(empty):
-        return found
-    # Turned so that no stretch runs over the end.
-    dent, rays = np.roll(dent, -empty[0]), np.roll(np.unwrap(RAYS), -empty[0])
+    # Begun where there is no dent, so that no stretch runs over the end.
+    begin = int(np.flatnonzero(dent == 0)[0])
+    rays = np.concatenate([RAYS[begin:], RAYS[:begin] + 2 * math.pi])
+    dent = np.roll(dent, -begin)
     label = np.cumsum((dent > 0) & (np.roll(dent, 1) == 0)) * (dent > 0)
-    for number in range(1, int(label.max()) + 1):
-        run = label == number
-        away = (rays[run] - rays[run][0] + math.pi) % (2 * math.pi) - math.pi
-        found.append(float(rays[run][0] + dent[run] @ away / dent[run].sum()))
-    return found
+    runs = [label > 0, *(label == number for number in range(1, int(label.max()) + 1))]
+    found = [float(dent[run] @ rays[run] / dent[run].sum()) for run in runs]
+    return [(angle + math.pi) % (2 * math.pi) - math.pi for angle in found]
 
 
 def cylinder_session(seed: int, contacts: int, **fixed: float) -> Session:
