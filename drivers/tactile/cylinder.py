@@ -294,9 +294,11 @@ def _profiles(
     away = np.where(beside[at], place - centroid[:, None], 0.0)
     error = np.where(columns.seen, columns.variance, 0.0)[at]
     window = WINDOW_SIGMAS * np.sqrt((error * away**2).sum(axis=1)) / whole
-    # Beyond an edge the rest is centred at most two columns out.
-    unseen = missing[at] / (missing[at] + whole)
-    window += unseen * (np.maximum(centroid, place[-1] - centroid) + 2)
+    # Beyond an edge the rest is centred at most two columns out: it can only pull the centroid there.
+    ends = 2 * np.maximum(force[:, [0, -1]] * span[at][:, [0, -1]], 0.0)
+    pull = ends / (ends + whole[:, None]) * (np.stack([centroid, place[-1] - centroid], axis=1) + 2)
+    centroid = centroid + (pull[:, 1] - pull[:, 0]) / 2
+    window += pull.sum(axis=1) / 2
     return Profiles(
         force_n=columns.force_n[at],
         variance=variance[at],
