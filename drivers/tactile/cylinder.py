@@ -85,7 +85,9 @@ class CylinderTip:
         `exact`: normal ranges from all columns rather than from their moments.
         """
         cols = counts.shape[2]
-        columns = columns_of(counts, usable, self._n_per_count, noise_counts, doubt_counts, self._calibration)
+        columns = columns_of(
+            counts, usable, self._n_per_count, noise_counts, doubt_counts, self._calibration, self._pitch
+        )
         runs = runs_of(columns)
         place = np.arange(cols)
         span = (place >= runs.first[:, None]) & (place <= runs.last[:, None]) & runs.found[:, None]

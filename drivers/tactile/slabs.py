@@ -22,10 +22,10 @@ __all__ = ["WINDOW_SIGMAS", "Matches", "Profiles", "Slabs"]
 WINDOW_SIGMAS = 6.0
 _FORCES = 24
 _PHASES = 16
-_WIDTHS = (0.25, 0.5, 1.0)  # columns: profiles whose windows are about as wide go together
+_WIDTHS = (0.25, 0.5, 1.0, 2.0)  # columns: profiles whose windows are about as wide go together
 _FAR = np.float32(64)  # columns, more than any direction is from its window's middle
 _AT_ONCE = 1 << 17  # misfits that fit a processor's cache
-_SIDEWAYS = 1  # columns: as far as the widest window reaches, in whole ones
+_SIDEWAYS = 2  # columns: as far as the widest window reaches, in whole ones
 _GRAIN = 0.03  # of the strongest column: templates alike within half of it are one
 _TAIL = 1e-4  # of a template's force: less than this in an outer column is left off
 

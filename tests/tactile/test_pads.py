@@ -184,9 +184,6 @@ def test_a_flat_pad_given_by_taxels_says_the_same(seed: int) -> None:
     assert two.area_mm2 == pytest.approx(one.area_mm2)
 
 
-@pytest.mark.xfail(
-    reason="where taxels look one way, a free array says that it knows the normal", strict=True
-)
 def test_a_flat_pad_given_by_taxels_does_not_know_the_normal() -> None:
     patch = touch(extractor(per_taxel(FLAT)), loads((2, 3, 0.5), (2, 4, 0.5)))
     assert patch.angle_half_range_rad >= math.radians(45)

@@ -99,9 +99,6 @@ def test_the_hull_contains_what_single_templates_give(templates: TemplateSet, sl
     assert np.median(narrower) <= 0.0
 
 
-@pytest.mark.xfail(
-    reason="templates more than half a column from the centroid are not looked at", strict=True
-)
 def test_the_hull_of_a_weak_contact_contains_what_single_templates_give(
     templates: TemplateSet, slabs: Slabs
 ) -> None:
