@@ -6,10 +6,10 @@ zero is known to lie in an interval, which grows by the drift that the calibrati
 the taxel reads, four standard deviations either way. Load only adds, so a zero is never above what its taxel
 reads. It is not below either, unless the taxel is touched: where reading and interval have nothing in common,
 it and its neighbours are held, and nothing cuts their intervals from below. A taxel is let go when it has
-come back by more than half of the way, or was never far away. So of a contact that grows by `r` counts a second,
-about drift · (interval + noise) / (r - drift) counts are taken for drift; one that grows no faster than the
-drift cannot be told from it by anybody who looks at counts alone. What was taken is given back when the
-taxel is let go.
+come back by more than half of the way, or was never far away. So of a contact that grows by `r` counts per
+second, about drift · (interval + noise) / (r - drift) counts are taken for drift; one that grows no faster
+than the drift cannot be told from it by anybody who looks at counts alone. What was taken is given back when
+the taxel is let go.
 """
 
 import math
