@@ -176,7 +176,7 @@ def main() -> int:
         {
             "case": f"extract, {speed.name}",
             "frames_per_s": speed.frames_per_s,
-            "target_per_s": EXTRACTION_TARGET,
+            "target_per_s": EXTRACTION_TARGET if "8 x 8" in speed.name else None,
             "times_plain": speed.times_plain,
         }
         for speed in extraction_speeds(options.repeats)
