@@ -266,9 +266,12 @@ def _all_shapes(grid: Floats, levels: list[float]) -> tuple[Floats, Floats, Floa
     others: list[float] = []
     tip = int(np.abs(grid).argmin())
     for depth in levels:
-        for left, right in _kinds(depth):
-            shape = np.where(grid >= 0, _side(positive, depth, *right), 0.0)
-            shape = np.maximum(shape, np.where(grid >= 0, _side(positive, depth, *left), 0.0)[::-1])
+        pairs = _kinds(depth)
+        sides = {
+            kind: np.where(grid >= 0, _side(positive, depth, *kind), 0.0) for pair in pairs for kind in pair
+        }
+        for left, right in pairs:
+            shape = np.maximum(sides[right], sides[left][::-1])
             shape[tip] = depth
             shapes.append(shape)
             depths.append(depth)

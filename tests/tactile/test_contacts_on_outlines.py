@@ -65,7 +65,7 @@ def test_the_true_normal_is_in_the_range_wherever_a_finger_meets_a_part() -> Non
     tip = TactileTip(0, description=FAINT, crosstalk=0.06)
     outside, halves = [], []
     for number, (direction, taxels, true) in enumerate(pressed(rng, outlines())):
-        if number == 1500:
+        if number == 750:
             break
         if number % 100 == 0:
             tip = TactileTip(number, description=FAINT, crosstalk=0.06)
@@ -77,5 +77,5 @@ def test_the_true_normal_is_in_the_range_wherever_a_finger_meets_a_part() -> Non
         if off > patch.angle_half_range_rad:
             outside.append((number, math.degrees(off), math.degrees(patch.angle_half_range_rad), patch.flags))
     assert outside == []
-    assert len(halves) > 1400
+    assert len(halves) > 700
     assert np.median(halves) < math.radians(10.5)
