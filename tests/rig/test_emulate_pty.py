@@ -84,7 +84,7 @@ def test_the_vendors_sdk_moves_a_servo_from_its_own_process(tmp_path: Path) -> N
 @pytest.mark.timeout(200)
 def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
     """The rig file that the emulator writes has no emulation in it: to the host, the rig is a real one."""
-    with served(tmp_path, "--pty", "--seed", 7, "--rig-out", "real.toml") as (process, told):
+    with served(tmp_path, "--pty", "--seed", 5, "--rig-out", "real.toml") as (process, told):
         text = (tmp_path / "real.toml").read_text(encoding="utf-8")
         assert "[emulation]" not in text
         assert "mock://" not in text
@@ -94,7 +94,7 @@ def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
         assert process.poll() is None
     assert done.code == 0, done.err
     answer = done.json
-    truth = drawn(7)
+    truth = drawn(5)
     assert (answer["verdict"], answer["object"]) == ("identified", truth.model.name)
     assert answer["emulated"] is True, "the arrays say so"
     assert answer["truth"] is None, "nobody told the host"
