@@ -92,7 +92,7 @@ class Slabs:
         reach = cells.shape[1] // 2
         centroid = cells @ np.arange(-reach, reach + 1) / cells.sum(axis=1)
         whole = np.floor(centroid).astype(np.int64)
-        most = int(np.abs(whole).max()) + 1
+        most = int(np.abs(whole).max()) + 1 + _SIDEWAYS
         centred = _moved(np.pad(cells, ((0, 0), (most, most))), -whole)
         middle = reach + most
         loaded = np.flatnonzero((centred > _TAIL).any(axis=0))

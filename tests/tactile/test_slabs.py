@@ -160,3 +160,26 @@ def test_columns_that_are_not_looked_at_do_not_spoil_the_rest(templates: Templat
     assert np.isfinite(found.misfit[np.isfinite(whole.misfit)]).all()
     wider = (found.high - found.low) - (whole.high - whole.low)
     assert np.median(wider[np.isfinite(wider)]) >= 0
+
+
+@pytest.mark.parametrize("pitch_deg", [6.0, 37.0])
+def test_columns_of_any_width_keep_their_templates_whole(pitch_deg: float) -> None:
+    """Few columns reach as far as templates do, and are moved by two more."""
+    made = template_set(
+        pitch_rad=math.radians(pitch_deg),
+        radius_mm=12.0,
+        stiffness_n_per_mm=3.0,
+        stiffness_bound=0.3,
+        crosstalk=0.075,
+        least_depth=0.012,
+    )
+    some_slabs = Slabs(made)
+    force = np.zeros((1, COLS))
+    reach = made.cells.shape[1] // 2
+    k = int(np.flatnonzero(made.one_edge)[0])
+    wide = np.zeros(COLS + 2 * reach)
+    wide[7 : 7 + 2 * reach + 1] = made.cells[k] * made.force_range_n[0][k] * 1.1
+    force[0] = wide[reach:-reach]
+    found = some_slabs.match(profiles(force, np.full_like(force, 1e-4 * force.max() ** 2)), SLACK)
+    assert found.misfit[0] <= LIMIT
+    assert found.low[0] - 0.2 <= 7 + made.angle_columns[k] <= found.high[0] + 0.2
