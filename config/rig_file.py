@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text
+from palpate.config.fields import Count, FileModel, Length, Name, Number, Point, Positive, Text
 from palpate.config.loading import Source, load_toml
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
@@ -209,6 +209,15 @@ class Emulation(FileModel):
         default=0.0, description="Bases are up to this far from where they should be."
     )
     heading_error_deg: Length = Field(default=0.0, description="Headings are off by up to this.")
+    tip_radius_error_mm: Length = Field(default=0.0, description="Radii of tips are off by up to this.")
+    array_heading_error_deg: Length = Field(
+        default=0.0, description="Arrays sit turned on their tips by up to this."
+    )
+    zero_error_mm: Length = Field(default=0.0, description="Zeros of slides are off by up to this.")
+    mm_per_turn_error: Share = Field(
+        default=0.0, description="Travels per turn of slides are off by up to this share."
+    )
+    dead_taxels: Count = Field(default=0, description="So many taxels of each array are stuck at 0.")
     stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
     stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from palpate.config.fields import FileModel, Length, Name, Number, Point, Positive, Text, in_order
+from palpate.config.fields import Count, FileModel, Length, Name, Number, Point, Positive, Text, in_order
 from palpate.config.problems import TAG, problem
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "ServoModel",
     "Share",
     "SlideServo",
+    "Taxels",
     "Tip",
     "check_one_turn",
 ]
@@ -86,6 +87,15 @@ class SlideServo(FileModel):
         description="Bound: the distance is off by at most this through play, either way."
     )
     zero_mm: Number = Field(description="Distance at Goal Position 0.")
+    zero_bound_mm: Length = Field(default=0.0, description="Bound: zero_mm is off by at most this.")
+    mm_per_turn_spread: Share = Field(
+        default=0.0, description="Bound: mm_per_turn is off by at most this share."
+    )
+    stops_mm: LengthRange | None = Field(
+        default=None,
+        description="[back, front]: distance from base to tip centre where the slide meets its hard stops; "
+        "calibration homes against them.",
+    )
 
     @model_validator(mode="after")
     def _within_the_servo(self) -> Self:
@@ -105,8 +115,36 @@ class Tip(FileModel):
     """The cylindrical fingertip."""
 
     radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
+    radius_bound_mm: Length = Field(default=0.0, description="Bound: the radius is off by at most this.")
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
+
+
+class Taxels(FileModel):
+    """What calibration found of an array's taxels, row by row from the tip's lower end up."""
+
+    gain: list[list[Positive]] = Field(description="Relative gain of every taxel, 1 where unknown.")
+    gain_bound: list[list[Share]] = Field(description="Bound: each gain is off by at most this share of it.")
+    unusable: list[tuple[Count, Count]] = Field(
+        default=[], description="[row, column] of dead and hot taxels."
+    )
+    noise_counts: Positive = Field(description="Standard deviation of a taxel's noise.")
+    crosstalk: Annotated[Length, Field(le=0.25)] = Field(
+        description="Share of a taxel's force that each neighbour shows."
+    )
+    crosstalk_bound: Length = Field(description="Bound: crosstalk is off by at most this.")
+
+    @model_validator(mode="after")
+    def _is_a_matrix(self) -> Self:
+        shape = (len(self.gain), len(self.gain[0]) if self.gain else 0)
+        for key in ("gain", "gain_bound"):
+            rows = getattr(self, key)
+            if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows) or 0 in shape:
+                raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
+        for row, col in self.unusable:
+            if row >= shape[0] or col >= shape[1]:
+                raise problem(f"names taxel [{row}, {col}] of {shape[0]} x {shape[1]}", "unusable")
+        return self
 
 
 class Array(FileModel):
@@ -125,6 +163,12 @@ class Array(FileModel):
     heading_deg: Angle = Field(
         default=0.0,
         description="Where the array's middle looks, from the slide's or the arm's last link's direction.",
+    )
+    heading_bound_deg: Annotated[Length, Field(le=45)] = Field(
+        default=0.0, description="Bound: heading_deg is off by at most this."
+    )
+    taxels: Taxels | None = Field(
+        default=None, description="Gains and faults of single taxels; calibration finds them."
     )
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
         default=270.0, description="How much of the tip's circumference has taxels."
@@ -174,6 +218,15 @@ class Bounds(FileModel):
     base_mm: Length = Field(description="Bound: the base is within this distance of base_mm.")
     heading_deg: Annotated[Length, Field(le=45)] = Field(
         description="Bound: the heading is off by at most this."
+    )
+    position_mm: Positive | None = Field(
+        default=None,
+        description="Bound on the tip centre's place anywhere in the workspace, as calibration finds it; "
+        "takes the place of what base_mm, heading_deg, backlash and radius_bound_mm add up to.",
+    )
+    direction_deg: Annotated[Positive, Field(le=45)] | None = Field(
+        default=None,
+        description="Bound on the direction that carries the array, as calibration finds it; likewise.",
     )
 
 
