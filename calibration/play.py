@@ -60,7 +60,7 @@ def backlash_of(press: Press, force: Floats, mm_per_rad: float) -> Play:
     root = np.sqrt(weight)
     found = np.linalg.lstsq(columns * root[:, None], place * root, rcond=None)[0]
     off = (place - columns @ found) * side * weight
-    by_slice = np.bincount(slice_of, off, minlength=_SLICES)[np.unique(slice_of)] / 2  # legs' halves, mean 0
+    by_slice = np.bincount(slice_of, off, minlength=_SLICES)[np.unique(slice_of)] / 2
     steps = len(np.unique(np.round(press.slide_rad[chosen] / TICK_RAD)))
     step_mm = abs(mm_per_rad) * TICK_RAD / math.sqrt(12 * steps)
     scatter = math.sqrt(float((by_slice**2).sum()) / (len(by_slice) - 1))
