@@ -46,8 +46,8 @@ def backlash_of(press: Press, force: Floats, mm_per_rad: float) -> Play:
     What else is lost between servo and tip, a drive that winds up under its friction, cannot be told from
     play and is counted: it is lost motion all the same. A skin that pushes back less than it was pushed
     hides play instead, by half the difference of its dents at one force; the deviation, which is that of
-    single slices, shows such a thing in part. A time between the readings of servo and array counts by speed × time, either
-    way: press slowly.
+    single slices, shows such a thing in part. A time between the readings of servo and array counts by
+    speed × time, either way: press slowly.
     Raises InputError if the two legs have too little in common.
     """
     place = mm_per_rad * press.slide_rad
