@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.config.calibration_numbers import (
+    Gain,
     Measured,
     MeasuredLength,
     MeasuredPositive,
@@ -52,7 +53,7 @@ class UnusableTaxel(FileModel):
 class TactileCalibration(FileModel):
     """What was found of a finger's array and of the skin under it."""
 
-    gain: list[list[MeasuredPositive]] = Field(
+    gain: list[list[Gain]] = Field(
         description="Relative gain of every taxel, row by row from the tip's lower end up; 1 where unknown."
     )
     gain_bound: list[list[ShareUp]] = Field(

@@ -1,7 +1,7 @@
 """Numbers of a calibration file: rounded when a value is made, so that file and memory hold the same ones.
 
-What was measured keeps seven digits, bounds and standard deviations four, which are rounded up: a bound that
-was rounded inward would no longer be one. Rounding a rounded number changes nothing.
+What was measured keeps seven digits (gains five), bounds and standard deviations four, which are rounded up:
+a bound that was rounded inward would no longer be one. Rounding a rounded number changes nothing.
 """
 
 from datetime import UTC, datetime, timedelta
@@ -14,6 +14,7 @@ from palpate.config.fields import Length, Number, Positive
 from palpate.config.problems import problem, shown
 
 __all__ = [
+    "Gain",
     "Hash",
     "Measured",
     "MeasuredLength",
@@ -27,6 +28,7 @@ __all__ = [
 
 _DIGITS = 7
 _BOUND_DIGITS = 4
+_GAIN_DIGITS = 5
 _PRECISE_DIGITS = 12
 
 
@@ -39,6 +41,10 @@ def _rounded(value: float, digits: int, rounding: str) -> float:
 
 def _near(value: float) -> float:
     return _rounded(value, _DIGITS, ROUND_HALF_EVEN)
+
+
+def _gain(value: float) -> float:
+    return _rounded(value, _GAIN_DIGITS, ROUND_HALF_EVEN)
 
 
 def _up(value: float) -> float:
@@ -69,6 +75,9 @@ MeasuredLength = Annotated[Length, AfterValidator(_near)]
 
 MeasuredPositive = Annotated[Positive, AfterValidator(_near)]
 """A measured value above zero."""
+
+Gain = Annotated[Positive, AfterValidator(_gain)]
+"""A gain of one taxel: a matrix of them is to be read by people, and five digits are plenty."""
 
 UpLength = Annotated[Length, AfterValidator(_up)]
 """A bound or a standard deviation."""

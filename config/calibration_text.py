@@ -30,9 +30,9 @@ def calibration_toml(file: CalibrationFile) -> str:
 
 def _fill(table: Any, model: FileModel) -> None:
     """Put a model's values into a table: plain ones and lists first, as TOML wants it, then tables."""
-    for key in type(model).model_fields:
+    for key, field in type(model).model_fields.items():
         value = getattr(model, key)
-        if value is None or value == []:
+        if value is None or (value == [] and field.default == []):
             continue
         if isinstance(value, FileModel):
             table.add(key, _table(value))

@@ -38,7 +38,7 @@ def test_what_was_measured_takes_the_place_of_what_was_described() -> None:
         assert isinstance(new, Finger)
         assert isinstance(old, Finger)
         assert found.tactile is not None
-        assert new.base_mm == (old.base_mm[0] + 0.02, old.base_mm[1] - 0.01)
+        assert new.base_mm == pytest.approx((old.base_mm[0] + 0.02, old.base_mm[1] - 0.01))
         assert new.heading_deg == old.heading_deg + 0.01
         assert new.slide.zero_mm == 40.05  # of the place, not of homing
         assert new.slide.mm_per_turn == 100.02
@@ -129,7 +129,9 @@ REFUSED = [
 def test_a_calibration_of_another_rig_is_refused(
     tmp_path: Path, change: tuple[str, str], message: str
 ) -> None:
-    with pytest.raises(InputError, match="calibrate again with `palpate calibrate --rig rig.toml`") as caught:
+    with pytest.raises(
+        InputError, match=r"calibrate again with `palpate calibrate --rig rig\.toml`"
+    ) as caught:
         check_calibration(full_calibration(RIG), rig_with(tmp_path, change), "c.toml", "rig.toml")
     assert str(caught.value).startswith("c.toml: ")
     assert message in str(caught.value)

@@ -26,7 +26,7 @@ def refusal(folder: Path, text: str) -> str:
     return message.removeprefix(f"{file}: ")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_written_is_what_is_read(tmp_path: Path, seed: int) -> None:
     for number, file in enumerate((full_calibration(RIG, seed), empty_calibration(RIG))):
         written = tmp_path / f"{number}.toml"
@@ -79,10 +79,10 @@ def test_times_are_kept_to_the_second() -> None:
 
 CASES = [
     (("gain_bound = [\n    [", "gain_bound = [\n    [0.01, "), "rows of different lengths; both matrices"),
-    (("{row = 1, col = 10", "{row = 8, col = 10"), "unusable[0]: names taxel [8, 10] of 8 x 20"),
+    (("{row = 1, col = 10", "{row = 8, col = 10"), 'unusable[0] ("f1"): names taxel [8, 10] of 8 x 20'),
     (('what = "dead"', 'what = "cold"'), 'is "cold"; allowed: "dead", "hot", "unresponsive"'),
     (("mm_per_turn_sigma = 0.004", "mm_per_turn_sigma = -0.004"), "is -0.004; it must be at least 0"),
-    (("mm_per_turn = 100.02", "mm_per_turn = 0"), "mm_per_turn: is 0; it must not be"),
+    (("mm_per_turn = 100.02", "mm_per_turn = 0"), 'slide.mm_per_turn ("f1"): is 0; it must not be'),
     (("made = 2026-05-04T12:30:00Z", "made = 2026-05-04T12:30:00+02:00"), "must be a date and time in UTC"),
     (("made = 2026-05-04T12:30:00Z", "made = 7"), "made: is 7; it must be a date and time in UTC"),
     (('sha256 = "aaaa', 'sha256 = "AAAA'), "a SHA-256 is 64 characters"),
@@ -90,7 +90,10 @@ CASES = [
     (('name = "f2"', 'name = "f1"'), 'fingers[1].name ("f1"): fingers[0] has this name already'),
     (('finger = "f1"', 'finger = "f9"'), 'touches_seen[0].finger: is "f9"; fingers: f1, f2, f3'),
     (("[fingers.place]", "[fingers.palce]"), 'unknown key "palce"; did you mean "place"?'),
-    (("covariance = [\n", "covariance = [\n    [0, 0, 0, 0, 0],\n"), "covariance: must have 5 rows of 5"),
+    (
+        ("covariance = [\n", "covariance = [\n    [0, 0, 0, 0, 0],\n"),
+        'place.covariance ("f1"): must have 5 rows of 5',
+    ),
     (("covariance = [\n    [0.000121, 0.0", "covariance = [\n    [0.000121, 0.1"), "must be symmetric"),
     (
         ('format = "palpate/calibration@1"', 'format = "palpate/rig@1"'),
