@@ -1,0 +1,116 @@
+"""Play of a slide, from presses that go in slowly and come back slowly.
+
+From `measured.Press` to `backlash_mm` of the rig file and the bounds of positions. Going back, the tip
+stands still until the drive has used up the play, so that one force is met at two servo angles; they are
+twice the half play apart. Nothing has to be known of the force but that it grows with the dent.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.measured import FREE, IN, OUT, Press
+from palpate.drivers.finger import TICK_RAD
+from palpate.errors import InputError
+
+__all__ = ["Play", "backlash_of", "combined"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_SLICES = 8  # of the force, each of which weighs the same
+_FEWEST_SLICES = 4  # that both legs must have met
+_LOWEST, _HIGHEST = 0.15, 0.9  # of the largest force: near it, servo and skin are turning back
+_NOISES = 4.0  # standard deviations that keep the turning point's samples out
+_DEGREE = 3  # of the curve from force to place
+
+
+@dataclass(frozen=True)
+class Play:
+    """Play of a slide, either way (half of what lies between its flanks), ± a standard deviation; mm."""
+
+    half_mm: float
+    sigma_mm: float
+
+
+def backlash_of(press: Press, force: Floats, mm_per_rad: float) -> Play:
+    """The half play that one press shows; `force` (n,): any measure of the load that grows with it.
+
+    Place is fitted as one curve of the force for both legs, plus the half play going in, less it going
+    back. Every slice of the force weighs the same in each leg, so that neither an uneven pace nor noise of
+    the force, which flattens the curve, moves one leg against the other. Encoder steps average out.
+    What else is lost between servo and tip, a drive that winds up under its friction, cannot be told from
+    play and is counted: it is lost motion all the same. A skin that pushes back less than it was pushed
+    hides play instead, by half the difference of its dents at one force; the deviation, which is that of
+    single slices, shows such a thing in part. A time between the readings of servo and array counts by
+    speed × time, either way: press slowly.
+    Raises InputError if the two legs have too little in common.
+    """
+    place = mm_per_rad * press.slide_rad
+    chosen, leg, slice_of = _usable(press, force)
+    place, load = place[chosen], force[chosen]
+    weight = 1 / np.bincount(leg * _SLICES + slice_of, minlength=2 * _SLICES)[leg * _SLICES + slice_of]
+    side = np.where(leg == 0, 1.0, -1.0)
+    curve = np.polynomial.chebyshev.chebvander(_unit(load), _DEGREE)
+    columns = np.column_stack([side, curve])
+    root = np.sqrt(weight)
+    found = np.linalg.lstsq(columns * root[:, None], place * root, rcond=None)[0]
+    off = (place - columns @ found) * side * weight
+    by_slice = np.bincount(slice_of, off, minlength=_SLICES)[np.unique(slice_of)] / 2
+    steps = len(np.unique(np.round(press.slide_rad[chosen] / TICK_RAD)))
+    step_mm = abs(mm_per_rad) * TICK_RAD / math.sqrt(12 * steps)
+    scatter = math.sqrt(float((by_slice**2).sum()) / (len(by_slice) - 1))
+    return Play(max(0.0, float(found[0])), math.hypot(scatter, step_mm))
+
+
+def combined(plays: Sequence[Play]) -> Play:
+    """The play of a slide from several presses: their median, and how far one more may be off it.
+
+    The deviation is that of the presses among one another, because play differs from place to place, and
+    what a single one is uncertain by. ValueError for none.
+    """
+    if not plays:
+        raise ValueError("play is combined from at least one press")
+    half = np.array([play.half_mm for play in plays])
+    middle = float(np.median(half))
+    spread = 1.4826 * float(np.median(np.abs(half - middle)))
+    own = float(np.median([play.sigma_mm for play in plays]))
+    return Play(middle, math.hypot(spread, own / math.sqrt(len(plays))))
+
+
+def _usable(press: Press, force: Floats) -> tuple[Bools, Ints, Ints]:
+    """Which samples (n,) say something; of those the leg (0 in, 1 out) and the slice of force."""
+    noise = float(np.std(force[press.leg == FREE])) if (press.leg == FREE).sum() > 1 else 0.0
+    legs = [force[press.leg == leg] for leg in (IN, OUT)]
+    if min(len(leg) for leg in legs) < _SLICES:
+        raise _too_little(press)
+    largest = min(float(np.quantile(leg, 0.98)) for leg in legs)
+    hi = min(_HIGHEST * largest, largest - _NOISES * noise)
+    lo = max(_LOWEST * largest, _NOISES * noise)
+    if not lo < hi:
+        raise _too_little(press)
+    slice_of = np.floor((force - lo) / (hi - lo) * _SLICES).astype(np.int64)
+    both = np.intersect1d(slice_of[press.leg == IN], slice_of[press.leg == OUT])
+    both = both[(both >= 0) & (both < _SLICES)]
+    if len(both) < _FEWEST_SLICES:
+        raise _too_little(press)
+    chosen: Bools = np.isin(press.leg, [IN, OUT]) & np.isin(slice_of, both)
+    return chosen, (press.leg[chosen] == OUT).astype(np.int64), slice_of[chosen]
+
+
+def _unit(values: Floats) -> Floats:
+    """Values moved to -1 … 1."""
+    middle = (values.min() + values.max()) / 2
+    result: Floats = (values - middle) / max(float(np.ptp(values)) / 2, 1e-12)
+    return result
+
+
+def _too_little(press: Press) -> InputError:
+    return InputError(
+        f"finger {press.finger}, placing {press.placing}: going in and going back, its press felt too few of "
+        "the same forces to show the slide's play; press harder or more slowly"
+    )

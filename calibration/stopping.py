@@ -1,0 +1,102 @@
+"""How far slides run on after a contact: their latency, and bounds on what it costs at each speed.
+
+From `measured.Stop`s to the calibration file and the bounds of positions. A slide that meets something
+runs on for as long as the contact takes to be felt, the stop to be sent and the slide to stand: its
+latency. Part of that is the wait between two looks at the array, anything from nothing to all of it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from palpate.calibration.measured import Stop
+from palpate.drivers.finger import TICK_RAD
+from palpate.errors import InputError
+
+__all__ = ["AtSpeed", "Overshoot", "overshoot_of"]
+
+Floats = NDArray[np.float64]
+
+_FEWEST = 3  # stops that are faster than a touch
+_FASTER = 1.5  # times as fast as a touch, to count
+
+
+@dataclass(frozen=True)
+class AtSpeed:
+    """Overshoot at one speed: the largest seen, and the bound; mm beyond where the slowest touch stands."""
+
+    speed_mm_s: float
+    largest_mm: float
+    bound_mm: float
+
+
+@dataclass(frozen=True)
+class Overshoot:
+    """Overshoot of a slide: speed × latency. `latency_s` is the mean, `latency_bound_s` bounds single stops.
+
+    The table goes by growing speed. It speaks of the speeds that were tried: faster, braking adds to it.
+    """
+
+    latency_s: float
+    latency_bound_s: float
+    table: tuple[AtSpeed, ...]
+
+
+def overshoot_of(
+    stops: Sequence[Stop], mm_per_rad: float, touch_speed_mm_s: float, coverage: float
+) -> Overshoot:
+    """Fit one latency to the stops of a finger; `touch_speed_mm_s`: that of the touches at `contact_rad`.
+
+    A slow touch runs on as well, and dents what it touches, so a stop is further than it by (speed − touch
+    speed) × latency. Stops weigh as the wait for the next look and the encoder's steps let them. The bound
+    covers one more stop with probability `coverage`: Student's, one-sided, with a deviation of no less than
+    that wait has, and no less than the mean plus half the wait. Raises InputError for too few stops.
+    """
+    used = [stop for stop in stops if stop.speed_mm_s > _FASTER * touch_speed_mm_s]
+    if len(used) < _FEWEST:
+        name = stops[0].finger if stops else "?"
+        raise InputError(
+            f"finger {name}: {len(used)} stops were faster than {_FASTER:g} times a touch; {_FEWEST} are "
+            "needed to tell its latency; stop it more often at closing.approach_speed_mm_s"
+        )
+    speed = np.array([stop.speed_mm_s for stop in used])
+    wait = np.array([stop.samples_s for stop in used])
+    further = mm_per_rad * np.array([stop.stood_rad - stop.contact_rad for stop in used])
+    step_mm = abs(mm_per_rad) * TICK_RAD
+    known = _known_deviation_s(speed, touch_speed_mm_s, wait, step_mm)
+    each = further / (speed - touch_speed_mm_s)
+    latency = max(0.0, float(np.average(each, weights=known**-2.0)))
+    bound = _bound_s(each, latency, known, float(wait.max()), coverage)
+    return Overshoot(latency, bound, _table(speed, further + touch_speed_mm_s * latency, bound, step_mm))
+
+
+def _known_deviation_s(speed: Floats, touch_speed: float, wait: Floats, step_mm: float) -> Floats:
+    """Standard deviations (n,) of single latencies: waits of both touches, steps of both angles."""
+    waits = (speed**2 + touch_speed**2) * wait**2 / 12
+    result: Floats = np.sqrt(waits + step_mm**2 / 6) / (speed - touch_speed)
+    return result
+
+
+def _bound_s(each: Floats, latency: float, known: Floats, wait: float, coverage: float) -> float:
+    """Prediction bound on the latency of one more stop.
+
+    What the readings' steps add to the scatter makes the mean uncertain, but is no part of a stop.
+    """
+    n = len(each)
+    worse = max(1.0, math.sqrt(float((((each - latency) / known) ** 2).sum()) / (n - 1)))
+    own, of_mean = wait / math.sqrt(12), 1 / math.sqrt(float((known**-2.0).sum()))
+    reach = float(stdtrit(n - 1, coverage)) * worse * math.hypot(own, of_mean)
+    return latency + max(reach, wait / 2)
+
+
+def _table(speed: Floats, beyond: Floats, bound_s: float, step_mm: float) -> tuple[AtSpeed, ...]:
+    """One line a speed; the bound has room for an encoder step and is never below what was seen."""
+    rows = []
+    for each in np.unique(speed):
+        largest = float(beyond[speed == each].max())
+        rows.append(AtSpeed(float(each), largest, max(float(each) * bound_s + step_mm, largest)))
+    return tuple(rows)

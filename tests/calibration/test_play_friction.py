@@ -1,0 +1,180 @@
+"""Play and friction from simulated presses: closed forms, and the emulated servo with its mechanics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from servo_console import Console
+
+from palpate.calibration.friction import friction_of
+from palpate.calibration.measured import FREE, IN, OUT, Press
+from palpate.calibration.play import Play, backlash_of, combined
+from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.finger import TICK_RAD
+from palpate.errors import InputError
+
+Floats = NDArray[np.float64]
+MM_PER_RAD = 100 / (2 * np.pi)
+TOUCH_MM = 60.0  # where a tip without play begins to be dented
+STIFFNESS = 3.0
+DENT_MM = 1.2
+
+
+def press_of(drive_mm: Floats, leg: NDArray[np.int64], mm_per_rad: float, current_a: Floats) -> Press:
+    """The press that a servo with encoder steps reports for a drive at `drive_mm`."""
+    slide = np.round(drive_mm / mm_per_rad / TICK_RAD) * TICK_RAD
+    return Press("f1", 0, 0.0, slide, current_a, leg, np.zeros((len(leg), 1, 1)))
+
+
+def simulated(
+    half_mm: float,
+    seed: int,
+    *,
+    noise_n: float = 0.05,
+    mm_per_rad: float = MM_PER_RAD,
+    power: float = 1.0,
+    out_speed: float = 1.0,
+) -> tuple[Press, Floats]:
+    """A press by the definition of play: the tip is behind the drive, half of it on either flank.
+
+    Force grows with the dent's `power`. The way back has `out_speed` times the samples, unevenly spread.
+    """
+    rng = np.random.default_rng(seed)
+    top = TOUCH_MM + half_mm + DENT_MM
+    goes_in = np.arange(TOUCH_MM - 2, top, 0.008) + rng.uniform(0, 0.008)
+    back = np.sort(rng.uniform(TOUCH_MM - 2, top, int(400 * out_speed)))[::-1]
+    drive = np.concatenate([goes_in, np.full(40, top), back])
+    tip_in, tip_out = goes_in - half_mm, np.minimum(back + half_mm, top - half_mm)
+    tip = np.concatenate([tip_in, np.full(40, top - half_mm), tip_out])
+    dent = np.maximum(0.0, tip - TOUCH_MM)
+    leg = np.concatenate([np.where(tip_in < TOUCH_MM, FREE, IN), np.full(40, IN), np.full(len(back), OUT)])
+    force = STIFFNESS * DENT_MM * (dent / DENT_MM) ** power + rng.normal(0, noise_n, len(dent))
+    return press_of(drive, leg, mm_per_rad, np.full(len(leg), 0.03)), force
+
+
+@settings(max_examples=40)
+@given(
+    half=st.floats(0.02, 0.2),
+    power=st.floats(0.7, 1.6),
+    out_speed=st.floats(0.3, 3.0),
+    noise=st.floats(0.0, 0.1),
+    mm_per_rad=st.sampled_from([MM_PER_RAD, -MM_PER_RAD, MM_PER_RAD / 2]),
+    seed=st.integers(0, 1000),
+)
+def test_half_play_within_a_hundredth(
+    half: float, power: float, out_speed: float, noise: float, mm_per_rad: float, seed: int
+) -> None:
+    plays = []
+    for trial in range(3):
+        press, force = simulated(
+            half, seed + trial, power=power, out_speed=out_speed, noise_n=noise, mm_per_rad=mm_per_rad
+        )
+        plays.append(backlash_of(press, force, mm_per_rad))
+    assert combined(plays).half_mm == pytest.approx(half, abs=0.01)
+    assert all(abs(play.half_mm - half) < max(5 * play.sigma_mm, 0.005) for play in plays)
+
+
+def test_no_play_is_nearly_none() -> None:
+    press, force = simulated(0.0, 1)
+    assert backlash_of(press, force, MM_PER_RAD).half_mm < 0.01
+
+
+def test_a_drive_that_winds_up_counts_as_lost_motion() -> None:
+    press, force = simulated(0.05, 2)
+    wound = np.select([press.leg == IN, press.leg == OUT], [0.02, -0.02]) / MM_PER_RAD
+    wound_up = replace(press, slide_rad=press.slide_rad + wound)
+    assert backlash_of(wound_up, force, MM_PER_RAD).half_mm == pytest.approx(0.05 + 0.02, abs=0.005)
+
+
+def test_a_skin_with_hysteresis_hides_play_and_widens_the_deviation() -> None:
+    press, force = simulated(0.1, 2)
+    full = force.max()
+    lost = np.where(press.leg == OUT, 0.15 * 4 * force * (full - force) / full**2, 0.0)  # N, none at the ends
+    plain, hidden = (backlash_of(press, each, MM_PER_RAD) for each in (force, force - lost))
+    # on average over the slices 0.12 N less going back, at 3 N/mm
+    assert plain.half_mm - hidden.half_mm == pytest.approx(0.02, abs=0.005)
+    assert hidden.sigma_mm > plain.sigma_mm
+
+
+def test_a_press_without_a_way_back_is_refused() -> None:
+    press, force = simulated(0.05, 3)
+    cut = press.leg != OUT
+    short = Press("f1", 4, 0.0, press.slide_rad[cut], press.current_a[cut], press.leg[cut], press.counts[cut])
+    with pytest.raises(InputError, match=r"finger f1, placing 4: .* press harder or more slowly"):
+        backlash_of(short, force[cut], MM_PER_RAD)
+
+
+def test_a_press_that_felt_nothing_is_refused() -> None:
+    press, _ = simulated(0.05, 3)
+    with pytest.raises(InputError, match="too few"):
+        backlash_of(press, np.zeros(len(press.leg)), MM_PER_RAD)
+
+
+def test_one_bad_press_does_not_carry_the_day() -> None:
+    presses = [
+        Play(0.05, 0.003),
+        Play(0.054, 0.003),
+        Play(0.4, 0.003),
+        Play(0.051, 0.003),
+        Play(0.053, 0.003),
+    ]
+    found = combined(presses)
+    assert found.half_mm == 0.053
+    assert 0.002 < found.sigma_mm < 0.006
+    with pytest.raises(ValueError, match="at least one"):
+        combined([])
+
+
+def emulated_press(half_mm: float) -> tuple[Press, Floats]:
+    """A press at 4 mm/s by an emulated servo, its play and a springy tip, sampled every 4 ms."""
+    console = Console()
+    truth = FingerTruth((0.0, 0.0), 0.0, 10.0, 5.0, 0.0, 0.0, MM_PER_RAD, 50.0, half_mm, 5.0, STIFFNESS, 0.0)
+    mechanics = SlideMechanics(truth, EmulatedServo(2), console.servo)
+    console.start(5, current=400, velocity=11)  # current-based position; 0.229 rpm a unit
+    leg, slide, current, force = [], [], [], []
+    for goal, way in ((2048 + 470, IN), (2048, OUT)):
+        console.write(116, goal, 4)
+        for _ in range(700):
+            for _ in range(4):
+                push = STIFFNESS * max(0.0, float(mechanics.centre_mm[0]) - TOUCH_MM)
+                mechanics.step(1e-3, np.array([-push, 0.0]))
+            leg.append(FREE if way == IN and push == 0 else way)
+            slide.append((console.read(132, 4) - 2048) * TICK_RAD)
+            current.append(console.read(126, 2) * 2.69e-3)
+            force.append(push)
+    legs = np.array(leg)
+    press = Press("f1", 0, 0.0, np.array(slide), np.array(current), legs, np.zeros((len(legs), 1, 1)))
+    return press, np.array(force)
+
+
+def test_emulated_servo_and_mechanics() -> None:
+    press, force = emulated_press(0.08)
+    assert force.max() > 2.0
+    assert backlash_of(press, force, MM_PER_RAD).half_mm == pytest.approx(0.08, abs=0.01)
+    friction = friction_of([press], MM_PER_RAD)
+    # gear friction of the emulated motor by its torque constant: 0.05 N·m / (4.1 N·m / 2.3 A)
+    assert friction.current_a == pytest.approx(0.05 * 2.3 / 4.1, abs=0.006)
+    assert friction.way == 1
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_friction_of_moving_samples_only(sign: float) -> None:
+    rng = np.random.default_rng(5)
+    drive = np.concatenate([np.zeros(100), np.linspace(0, 3, 200), np.full(100, 3.0)])
+    current = np.where((drive > 0) & (drive < 3), 0.05, 0.4) + rng.normal(0, 0.01, 400)
+    press = press_of(drive, np.full(400, FREE), sign * MM_PER_RAD, current)
+    found = friction_of([press], sign * MM_PER_RAD)
+    assert found.current_a == pytest.approx(0.05, abs=0.005)
+    assert found.sigma_a == pytest.approx(0.01, rel=0.3)
+    assert found.way == 1
+    assert friction_of([press_of(drive, np.full(400, FREE), MM_PER_RAD, -current)], MM_PER_RAD).way == -1
+
+
+def test_friction_needs_motion() -> None:
+    press = press_of(np.zeros(100), np.full(100, FREE), MM_PER_RAD, np.zeros(100))
+    with pytest.raises(InputError, match=r"finger f1: .* in 0 samples only"):
+        friction_of([press], MM_PER_RAD)
