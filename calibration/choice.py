@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from palpate.calibration.finger_fit import (
     BASE,
     HEADING,
-    Fit,
     FingerModel,
+    Fit,
     Placing,
     Touches,
     predicted,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.calibration.choice import choose, foresee, towards
-from palpate.calibration.finger_fit import HEADING, Fit, FingerModel, Placing, Touches, fit_fingers
+from palpate.calibration.finger_fit import FingerModel, Fit, Placing, Touches, fit_fingers
 from palpate.calibration.measured import Touched
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.reference import Reference

@@ -9,7 +9,7 @@ from typing import Protocol
 from palpate.calibration.measured import Idle, Press, Stop, Touched
 from palpate.calibration.reference import Reference
 
-__all__ = ["Approach", "Prober", "Probe"]
+__all__ = ["Approach", "Probe", "Prober"]
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Approach:
 
 @dataclass(frozen=True)
 class Probe:
-    """An approach, by its number, that goes no further than where the slide's servo stands at `end_rad`."""
+    """An approach, by its number, up to where the slide's servo stands at `end_rad`."""
 
     approach: int
     end_rad: float
@@ -50,18 +50,21 @@ class Prober(Protocol):
         """Touch with several fingers at once, each once at most; None for what met nothing."""
         ...
 
-    def press(self, approach: int, contact_rad: float, placing: int) -> Press:
-        """Press slowly where the slide's servo stands at `contact_rad` when it touches, and go back."""
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+        """Press slowly on contacts that are known, with several fingers at once, and go back.
+
+        `end_rad` of each is where its slide's servo stood when it touched there.
+        """
         ...
 
-    def stop(self, approach: int, contact_rad: float, speed_mm_s: float) -> Stop:
-        """Run into a contact that is known, at a speed, and stop."""
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+        """Run into contacts that are known, at a speed, and stop."""
         ...
 
     def idle(self, seconds: float) -> list[Idle]:
         """What every array says when nothing touches it."""
         ...
 
-    def home(self, finger: int, *, front: bool) -> float:
-        """Servo angle at which a slide stalls against its hard stop, driven gently."""
+    def home(self, finger: int, stop_mm: float) -> float:
+        """Servo angle at which a slide stalls, gently driven against the hard stop at a distance from its base."""
         ...

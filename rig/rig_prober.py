@@ -15,15 +15,13 @@ from palpate.calibration.prober import Approach, Probe
 from palpate.calibration.reference import Reference
 from palpate.rig.closing import Close, Stage, Touch, close_fingers
 from palpate.rig.hand import Hand
-from palpate.rig.pressing import PressLimits, press, run_into, slide_of, stall
+from palpate.rig.pressing import press, run_into
 from palpate.rig.reach import Reach, reach_of
+from palpate.rig.stalling import slide_of, stall
 
 __all__ = ["HandProber", "Table"]
 
 _AIMS = 81
-_HOMING_SHARE = 0.6  # of the largest current
-_HOMING_MM_S = 5.0
-_PAST_STOP_MM = 2.0
 _SURE_MOVE_RAD = math.radians(1.0)  # of an aim's servo: less may not take up its play
 
 
@@ -67,15 +65,17 @@ class HandProber:
         found = [touches[close.finger_index] for close in closes]
         return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
 
-    def press(self, approach: int, contact_rad: float, placing: int) -> Press:
-        """Press, as hard as `PressLimits` says."""
-        close, contact = self._to_contact(approach, contact_rad)
-        return press(self._hand, close, contact, placing, PressLimits())
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+        """Press with fingers on contacts, all at once."""
+        return press(
+            self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], placing
+        )
 
-    def stop(self, approach: int, contact_rad: float, speed_mm_s: float) -> Stop:
-        """Run into a contact."""
-        close, contact = self._to_contact(approach, contact_rad)
-        return run_into(self._hand, close, contact, speed_mm_s)
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+        """Run into contacts, all at once."""
+        return run_into(
+            self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], speed_mm_s
+        )
 
     def idle(self, seconds: float) -> list[Idle]:
         """Read all arrays for a time, fingers waiting."""
@@ -94,15 +94,9 @@ class HandProber:
             for finger, frames in zip(hand.fingers, taken, strict=True)
         ]
 
-    def home(self, finger: int, *, front: bool) -> float:
+    def home(self, finger: int, stop_mm: float) -> float:
         """Stall against a hard stop that the rig file tells."""
-        spec = self._hand.fingers[finger].spec
-        stops = getattr(getattr(spec, "slide", None), "stops_mm", None)
-        assert stops is not None
-        goal = stops[1] + _PAST_STOP_MM if front else stops[0] - _PAST_STOP_MM
-        host = self._hand.fingers[finger]
-        current = host.drive.limits()[host.drive.closing_servos[0]].current_a
-        return stall(self._hand, host, goal, _HOMING_SHARE * current, _HOMING_MM_S)
+        return stall(self._hand, self._hand.fingers[finger], stop_mm)
 
     def _approach(self, index: int) -> Approach:
         candidate = self._reach.candidates[index]
@@ -116,7 +110,7 @@ class HandProber:
         return self._to_contact(probe.approach, probe.end_rad)[0]
 
     def _to_contact(self, approach: int, slide_rad: float) -> tuple[Close, float]:
-        """The way of an approach up to its end, or to `slide_rad` if that comes first, and how far that is."""
+        """The way of an approach up to `slide_rad` or its end, and how far that is."""
         item = self.approaches[approach]
         travel = (slide_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
         return self._reach.close(self._number[approach], travel), travel
