@@ -168,6 +168,9 @@ class PlaceCalibration(FileModel):
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
     )
+    mm_per_turn: Measured = Field(
+        description="Travel per turn of the slide's servo that belongs to this fit."
+    )
     covariance: list[list[Precise]] = Field(
         description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."
     )
