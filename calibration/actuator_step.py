@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.calibration.finding import Found, at_bearing, find
 from palpate.calibration.finger_fit import FingerModel, Placing
-from palpate.calibration.finger_model import Homed, finger_model, mm_per_rad_of, zero_in_file_mm
+from palpate.calibration.finger_model import Homed, finger_model, mm_per_rad_of, touching, zero_in_file_mm
 from palpate.calibration.friction import friction_of
 from palpate.calibration.homing import Described, homed
 from palpate.calibration.measured import Press, Stop
@@ -29,7 +29,7 @@ from palpate.config.calibration_finger import (
 )
 from palpate.errors import InputError
 
-__all__ = ["Actuators", "Stalls", "homed_of", "measure_actuators"]
+__all__ = ["measure_actuators"]
 
 _STALLS = 3
 _BEARINGS_DEG = (-20.0, 0.0, 20.0)
@@ -37,19 +37,11 @@ _REPEATS = 2
 
 
 @dataclass(frozen=True)
-class Stalls:
+class _Stalls:
     """Where a slide's servo (rad) stalled against its back and front stops, time and again."""
 
     back_rad: tuple[float, ...]
     front_rad: tuple[float, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Actuators:
-    """What was found of one finger's actuators; `stalls` is None for a slide without declared stops."""
-
-    found: ActuatorsCalibration
-    stalls: Stalls | None
 
 
 def measure_actuators(
@@ -61,7 +53,7 @@ def measure_actuators(
     approach_speed_mm_s: float,
     coverage: float,
     tell: Callable[[str], None],
-) -> list[Actuators]:
+) -> list[ActuatorsCalibration]:
     """Measure every finger's actuators. Raises InputError for what is not as described."""
     prober.clear()
     tell("aims: friction")
@@ -69,7 +61,7 @@ def measure_actuators(
     stalls = [_stalled(prober, index, spec, tell) for index, spec in enumerate(specs)]
     tell("disc in the middle: play, friction and stopping")
     prober.put(disc, (0.0, 0.0))
-    models = [finger_model(spec, None, None) for spec in specs]
+    models = [finger_model(spec, touching(spec, None, None)) for spec in specs]
     found = find(
         prober, models, [Placing(disc, (0.0, 0.0))], [], [spec.tip.stiffness_n_per_mm for spec in specs]
     )
@@ -93,7 +85,7 @@ def measure_actuators(
     ]
 
 
-def homed_of(spec: Finger, stalls: Stalls | None, play: Play) -> Homed | None:
+def _homed(spec: Finger, stalls: _Stalls | None, play: Play) -> Homed | None:
     """What stalls say of a slide, for the prior of its place."""
     if stalls is None or spec.slide.stops_mm is None:
         return None
@@ -103,7 +95,7 @@ def homed_of(spec: Finger, stalls: Stalls | None, play: Play) -> Homed | None:
     return Homed(float(back.mean()), float(front.mean()), sigma, spec.slide.stops_mm, play)
 
 
-def _stalled(prober: Prober, index: int, spec: Finger, tell: Callable[[str], None]) -> Stalls | None:
+def _stalled(prober: Prober, index: int, spec: Finger, tell: Callable[[str], None]) -> _Stalls | None:
     stops = spec.slide.stops_mm
     if stops is None:
         tell(f"{spec.name}: no slide.stops_mm in the rig file, so travel and zero are taken as described")
@@ -111,7 +103,7 @@ def _stalled(prober: Prober, index: int, spec: Finger, tell: Callable[[str], Non
     tell(f"{spec.name}: homing against {stops[0]:g} and {stops[1]:g} mm")
     back = [prober.home(index, stops[0]) for _ in range(_STALLS)]
     front = [prober.home(index, stops[1]) for _ in range(_STALLS)]
-    return Stalls(tuple(back), tuple(front))
+    return _Stalls(tuple(back), tuple(front))
 
 
 def _presses(
@@ -157,13 +149,13 @@ def _aim_turns(spec: Finger, found: Found) -> bool:
 
 def _result(
     spec: Finger,
-    stalls: Stalls | None,
+    stalls: _Stalls | None,
     presses: Sequence[Press],
     overshoot: OvershootFit,
     *,
     aim_turns: bool,
     aim_friction_a: float,
-) -> Actuators:
+) -> ActuatorsCalibration:
     if not presses:
         raise InputError(
             f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle and begin again"
@@ -180,16 +172,18 @@ def _result(
         scale, scale_sigma, zero, zero_sigma = (
             home.mm_per_rad, home.mm_per_rad_sigma, home.zero_mm, home.zero_sigma_mm,
         )  # fmt: skip
-    at_zero = zero_in_file_mm(zero, scale)
+    seen = touching(spec, play, _homed(spec, stalls, play))
     slide = SlideCalibration(
         direction_confirmed=friction.way > 0,
         mm_per_turn=2 * math.pi * scale,
         mm_per_turn_sigma=2 * math.pi * scale_sigma,
-        zero_mm=at_zero,
+        zero_mm=zero_in_file_mm(zero, scale),
         zero_sigma_mm=math.hypot(zero_sigma, scale_sigma * math.pi),
         homed=stalls is not None,
         backlash_mm=play.half_mm,
         backlash_sigma_mm=play.sigma_mm,
+        touch_zero_mm=seen.zero_mm,
+        touch_covariance=seen.covariance.tolist(),
         friction_a=abs(friction.current_a),
         latency_s=overshoot.latency_s,
         latency_bound_s=overshoot.latency_bound_s,
@@ -205,4 +199,4 @@ def _result(
         backlash_sigma_deg=half / math.sqrt(3),
         friction_a=aim_friction_a,
     )
-    return Actuators(ActuatorsCalibration(slide=slide, aim=aim), stalls)
+    return ActuatorsCalibration(slide=slide, aim=aim)

@@ -214,10 +214,16 @@ class _Problem:
 
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
+        def off(u: Floats) -> Floats:
+            return self._weighed(u, used)[0]
+
+        def slope(u: Floats) -> Floats:
+            return self._weighed(u, used)[1]
+
         found = least_squares(
-            lambda u: self._weighed(u, used)[0],
+            off,
             x,
-            jac=lambda u: self._weighed(u, used)[1],
+            jac=slope,
             loss="cauchy" if robust else "linear",
             f_scale=3.0 if robust else 1.0,
             x_scale="jac",
@@ -256,7 +262,7 @@ class _Problem:
         """What has been found."""
         values, poses = self.split(x)
         slope = self._weighed(x, used)[1]
-        covariance: Floats = np.linalg.pinv(slope.T @ slope, hermitian=True)
+        covariance = np.asarray(np.linalg.pinv(slope.T @ slope, hermitian=True), dtype=np.float64)
         residual, normal, room, centre = self.evaluated(x)
         square = float(((residual[used] / self.touches.sigma_mm[used]) ** 2).sum())
         # Fitted touches less the unknowns that they, not the priors, have determined.

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from palpate.calibration.finger_fit import COLUMNS, FingerModel
 from palpate.calibration.play import Play
 from palpate.config import Finger
+from palpate.config.calibration_finger import SlideCalibration
 from palpate.drivers.finger import TICK_RAD
 
-__all__ = ["Homed", "finger_model", "mm_per_rad_of", "zero_in_file_mm"]
+__all__ = ["Homed", "Touching", "finger_model", "mm_per_rad_of", "touching", "touching_of", "zero_in_file_mm"]
 
 Floats = NDArray[np.float64]
 
@@ -37,21 +38,39 @@ class Homed:
     play: Play
 
 
-def finger_model(spec: Finger, play: Play | None, homed: Homed | None) -> FingerModel:
-    """The prior of a finger: the rig file's numbers and bounds, and what its actuators have shown."""
-    per_rad = mm_per_rad_of(spec)
-    zero = spec.slide.zero_mm + per_rad * math.pi
-    variance = np.zeros((2, 2))  # of zero (mm) and scale
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """A slide as touches see it, its play taken up: distance = zero + mm_per_rad · servo.
+
+    `covariance` (2, 2): of the zero (mm) and of the error of mm_per_rad, as a share.
+    """
+
+    zero_mm: float
+    mm_per_rad: float
+    covariance: Floats
+
+
+def touching(spec: Finger, play: Play | None, homed: Homed | None) -> Touching:
+    """What is known of a slide by the rig file, its play and its stops, as far as they were measured."""
     if homed is not None:
-        zero, per_rad, variance = _from_stops(homed)
-    else:
-        half, sigma = _half_mm(spec, play)
-        zero -= half
-        variance[0, 0] = sigma**2 + spec.slide.zero_bound_mm**2 / 3
-        variance[1, 1] = spec.slide.mm_per_turn_spread**2 / 3
+        return _from_stops(homed)
+    per_rad = mm_per_rad_of(spec)
+    half, sigma = _half_mm(spec, play)
+    variances = (sigma**2 + spec.slide.zero_bound_mm**2 / 3, spec.slide.mm_per_turn_spread**2 / 3)
+    return Touching(spec.slide.zero_mm + per_rad * math.pi - half, per_rad, np.diag(variances))
+
+
+def touching_of(found: SlideCalibration) -> Touching:
+    """What a calibration says of a slide."""
+    per_rad = found.mm_per_turn / (2 * math.pi)
+    return Touching(found.touch_zero_mm, per_rad, np.array(found.touch_covariance))
+
+
+def finger_model(spec: Finger, slide: Touching) -> FingerModel:
+    """The prior of a finger: the rig file's numbers and bounds, and what is known of its slide."""
     aim_play = math.radians(spec.aim.backlash_deg)
     prior = np.array(
-        [*spec.base_mm, math.radians(spec.heading_deg), spec.tip.radius_mm, zero, aim_play / 2, 0.0]
+        [*spec.base_mm, math.radians(spec.heading_deg), spec.tip.radius_mm, slide.zero_mm, aim_play / 2, 0.0]
     )
     sigma = np.array(
         [
@@ -65,10 +84,15 @@ def finger_model(spec: Finger, play: Play | None, homed: Homed | None) -> Finger
         ]
     )
     covariance = np.zeros((COLUMNS, COLUMNS))
-    covariance[np.ix_([4, 6], [4, 6])] = variance
+    covariance[np.ix_([4, 6], [4, 6])] = slide.covariance
     covariance += np.diag(np.maximum(sigma, _LEAST) ** 2)
     return FingerModel(
-        spec.name, spec.aim.gear_ratio, math.radians(spec.aim.zero_deg) - math.pi, per_rad, prior, covariance
+        spec.name,
+        spec.aim.gear_ratio,
+        math.radians(spec.aim.zero_deg) - math.pi,
+        slide.mm_per_rad,
+        prior,
+        covariance,
     )
 
 
@@ -89,8 +113,8 @@ def _half_mm(spec: Finger, play: Play | None) -> tuple[float, float]:
     return spec.slide.backlash_mm / 2, spec.slide.backlash_mm / math.sqrt(12)
 
 
-def _from_stops(homed: Homed) -> tuple[float, float, Floats]:
-    """Zero of the touching side, travel per rad, and the covariance of that zero and the travel's share.
+def _from_stops(homed: Homed) -> Touching:
+    """The touching side by the stops.
 
     At the front stop the carriage is pushed back, as in a touch; at the back stop it is on the other flank,
     a whole play away: zero + travel · angle = front there, and back − 2 half here.
@@ -102,5 +126,4 @@ def _from_stops(homed: Homed) -> tuple[float, float, Floats]:
     errors = np.diag([step**2 + 4 * homed.play.sigma_mm**2, step**2])
     covariance = inverse @ errors @ inverse.T
     scale = np.array([1.0, 1 / per_rad])
-    result: Floats = covariance * np.outer(scale, scale)
-    return float(zero), float(per_rad), result
+    return Touching(float(zero), float(per_rad), covariance * np.outer(scale, scale))

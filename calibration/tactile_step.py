@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from palpate.calibration.finding import at_bearing, find
 from palpate.calibration.finger_fit import FingerModel, Placing
-from palpate.calibration.finger_model import finger_model, mm_per_rad_of
+from palpate.calibration.finger_model import finger_model, mm_per_rad_of, touching
 from palpate.calibration.gains import Expected, GainFit, PressedAt, gains_of
 from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
 from palpate.calibration.prober import Prober
@@ -42,7 +42,7 @@ def measure_tactile(
     prober.clear()
     tell(f"arrays untouched for {_IDLE_S:g} s")
     idles = prober.idle(_IDLE_S)
-    models = [finger_model(spec, None, None) for spec in specs]
+    models = [finger_model(spec, touching(spec, None, None)) for spec in specs]
     presses: dict[str, list[PressedAt]] = {spec.name: [] for spec in specs}
     for placing, (reference, bearings) in enumerate(((disc, _DISC_DEG), (plate, _PLATE_DEG))):
         tell(f"{reference.name} in the middle: {len(bearings)} presses of each finger")
