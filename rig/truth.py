@@ -2,12 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.config import RigFile
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.scene import Placement
 
-__all__ = ["Comparison", "compare"]
+__all__ = ["Comparison", "compare", "in_hand_frame"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,17 @@ def compare(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Compariso
     if not found:
         return Comparison(None, truth, False, None, None)
     return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm))
+
+
+def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTruth | ArmTruth]) -> Placement:
+    """The placement as a calibrated rig speaks of it: in the frame where fingers stand nearest to the drawing.
+
+    `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
+    """
+    drawn = [Place(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
+    moved = hand_frame(drawn, [Place(truth.base_mm, truth.heading_rad) for truth in truths])
+    x, y = moved.point_mm((placement.x_mm, placement.y_mm))
+    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)
 
 
 def _compared(placement: Placement, hypothesis: Hypothesis) -> Comparison:
