@@ -3,14 +3,28 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from palpate.calibration.hand_frame import Place, hand_frame
 from palpate.config import RigFile
-from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.scene import Placement
 
-__all__ = ["Comparison", "compare", "in_hand_frame"]
+__all__ = ["Comparison", "Standing", "compare", "in_hand_frame"]
+
+
+class Standing(Protocol):
+    """What of a finger's truth says where it stands in W."""
+
+    @property
+    def base_mm(self) -> tuple[float, float]:
+        """Its base."""
+        ...
+
+    @property
+    def heading_rad(self) -> float:
+        """Its direction at aim 0, or of its first link at shoulder angle 0."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -41,8 +55,8 @@ def compare(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Compariso
     return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm))
 
 
-def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTruth | ArmTruth]) -> Placement:
-    """The placement as a calibrated rig speaks of it: in the frame where fingers stand nearest to the drawing.
+def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[Standing]) -> Placement:
+    """The placement as a calibrated rig speaks of it: fingers stand nearest to the drawing there.
 
     `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
     """

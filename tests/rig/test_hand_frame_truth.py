@@ -28,7 +28,7 @@ def moved(point: tuple[float, float], angle: float, shift: tuple[float, float]) 
 
 
 def test_a_hand_that_stands_as_drawn_but_elsewhere_takes_the_part_along() -> None:
-    """All fingers turned and shifted as one, and the part with them: the hand sees what it would have seen."""
+    """All fingers turned and shifted as one, and the part with them: the hand sees no difference."""
     angle, shift = 0.04, (2.0, -1.5)
     truths = [
         replace(
