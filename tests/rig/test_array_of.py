@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.config import RigFile, shipped_rig
+from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
@@ -56,9 +57,7 @@ def test_calibrated_taxels_are_used_one_by_one() -> None:
     assert told.stiffness_n_per_mm == file.fingers[0].tip.stiffness_n_per_mm
     # And so a taxel of twice the gain shows the same force with twice the counts.
     counts = np.array([[0, 1000, 0], [0, 500, 0]], np.uint16)
-    assert extractor_of(file, file.fingers[0], SMALL).force_n(
-        TactileFrame(0, 0.0, 0.0, counts)
-    ) == pytest.approx(1.0)
+    assert ContactExtractor(SMALL, told).force_n(TactileFrame(0, 0.0, 0.0, counts)) == pytest.approx(1.0)
 
 
 def test_an_array_that_was_not_calibrated_has_one_bound_for_all() -> None:
