@@ -201,7 +201,7 @@ def _fit_mm(
 
 
 def residuals_of(
-    touches: Touches, fit: Fit, without: Fit, held_out: Bools, names: Sequence[str], frame: Rigid
+    touches: Touches, fit: Fit, without: Fit, held_out: Bools, names: list[str], frame: Rigid
 ) -> Residuals:
     """How well touches agree; `without`: the fit that does not know those `held_out` (n,)."""
     used = ~fit.outlier

@@ -13,13 +13,16 @@ import numpy as np
 from palpate.calibration.measured import Idle, Press, Stop, Touched
 from palpate.calibration.prober import Approach, Probe
 from palpate.calibration.reference import Reference
+from palpate.config import Finger, RigFile
+from palpate.drivers.slide_finger import SlideKinematics
 from palpate.rig.closing import Close, Stage, Touch, close_fingers
+from palpate.rig.convert import slide_kinematics
 from palpate.rig.hand import Hand
 from palpate.rig.pressing import press, run_into
 from palpate.rig.reach import Reach, reach_of
 from palpate.rig.stalling import slide_of, stall, swing
 
-__all__ = ["HandProber", "Table"]
+__all__ = ["HandProber", "Table", "approaches_of"]
 
 _AIMS = 81
 _SURE_MOVE_RAD = math.radians(1.0)  # of an aim's servo: less may not take up its play
@@ -46,7 +49,9 @@ class HandProber:
         self._kinematics = [slide_of(finger) for finger in hand.fingers]
         self._reach: Reach = reach_of(hand.rig, aims=_AIMS)
         self._number = self._reach.of_stage(self._reach.middle_rad)
-        self.approaches: Sequence[Approach] = [self._approach(index) for index in self._number]
+        self.approaches: Sequence[Approach] = [
+            _approach(self._reach, index, self._kinematics) for index in self._number
+        ]
         self._aims: dict[int, tuple[float, int]] = {}
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
@@ -102,14 +107,6 @@ class HandProber:
         """Stall against a hard stop that the rig file tells."""
         return stall(self._hand, self._hand.fingers[finger], stop_mm)
 
-    def _approach(self, index: int) -> Approach:
-        candidate = self._reach.candidates[index]
-        kinematics, line = self._kinematics[candidate.finger_index], self._reach.close(index, math.inf).line
-        aim, start = kinematics.servos_rad(line, 0.0)
-        return Approach(
-            candidate.finger_index, aim, start, kinematics.servos_rad(line, candidate.approach.travel_mm)[1]
-        )
-
     def _close(self, probe: Probe) -> Close:
         return self._to_contact(probe.approach, probe.end_rad)[0]
 
@@ -145,3 +142,18 @@ class HandProber:
             patch.force_n,
             patch.force_bound_n,
         )
+
+
+def approaches_of(rig: RigFile) -> list[Approach]:
+    """Every way that the slides of a rig can go; InputError for a finger that is not a slide."""
+    reach = reach_of(rig, aims=_AIMS)
+    kinematics = [slide_kinematics(finger) for finger in rig.fingers if isinstance(finger, Finger)]
+    return [_approach(reach, index, kinematics) for index in reach.of_stage(reach.middle_rad)]
+
+
+def _approach(reach: Reach, index: int, kinematics: Sequence[SlideKinematics]) -> Approach:
+    candidate = reach.candidates[index]
+    own, line = kinematics[candidate.finger_index], reach.close(index, math.inf).line
+    aim, start = own.servos_rad(line, 0.0)
+    end = own.servos_rad(line, candidate.approach.travel_mm)[1]
+    return Approach(candidate.finger_index, aim, start, end)
