@@ -14,7 +14,7 @@ from palpate.calibration.measured import FREE, IN, OUT, Press, Stop
 from palpate.drivers.dynamixel.servo import stop_at
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.closing import aim, begin, go_to, look, retract_all
-from palpate.rig.hand import Hand, HostFinger
+from palpate.rig.hand import SPEAK_S, Hand, HostFinger
 from palpate.rig.reach import Close
 from palpate.rig.run import Run
 from palpate.rig.stage import planned_turn
@@ -81,8 +81,12 @@ def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Stop]:
 def _felt(hand: Hand, runs: Sequence[Run], deadline_s: float) -> dict[Run, float]:
     """Stop each finger when it feels something; the angles (rad) of slides' servos then."""
     felt: dict[Run, float] = {}
+    spoken_s = hand.clock.now()
     while len(felt) < len(runs):
         hand.clock.sleep(1 / hand.rig.closing.sample_rate_hz)
+        if hand.clock.now() - spoken_s > SPEAK_S:
+            look(hand, runs)
+            spoken_s = hand.clock.now()
         for run in [run for run in runs if run not in felt]:
             frames = run.finger.array.frames()
             run.finger.extractor.follow(frames)

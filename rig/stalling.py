@@ -11,6 +11,7 @@ from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.errors import DeviceError, InputError
 from palpate.rig.closing import retract_all
+from palpate.rig.drives import ACCELERATION_RAD_S2
 from palpate.rig.hand import Hand, HostFinger
 
 __all__ = ["slide_of", "stall", "swing"]
@@ -93,7 +94,7 @@ def slide_of(finger: HostFinger) -> SlideKinematics:
 
 def _drive(hand: Hand, finger: HostFinger, to_mm: float, speed_mm_s: float) -> None:
     slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
-    slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), 0.0)
+    slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
     write_goals(hand.bus, {slide: kinematics.slide_servo_rad(to_mm)}, confirm=True)
 
 
