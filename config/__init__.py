@@ -4,6 +4,30 @@ Files are read once at the start of the data's way and become frozen values. A f
 an `InputError` with one line that names the file, the place, what is wrong and what is allowed.
 """
 
+from palpate.config.calibrated import calibrated, check_calibration, geometry_sha256
+from palpate.config.calibration_file import (
+    CalibrationDevice,
+    CalibrationFile,
+    CalibrationReference,
+    Residuals,
+    TouchSeen,
+    calibration_path,
+    load_calibration,
+)
+from palpate.config.calibration_finger import (
+    ActuatorsCalibration,
+    AimCalibration,
+    CalibratedBounds,
+    CalibratedFinger,
+    DirectionParts,
+    Overshoot,
+    PlaceCalibration,
+    PositionParts,
+    SlideCalibration,
+    TactileCalibration,
+    UnusableTaxel,
+)
+from palpate.config.calibration_text import calibration_toml
 from palpate.config.contacts_file import ContactEntry, ContactsFile, GripEntry, Travel, load_contacts
 from palpate.config.objects_file import ObjectModel, ObjectsFile, Polygon, Section, State, load_objects
 from palpate.config.rig_checks import ARM_MARGIN_MM
@@ -33,15 +57,23 @@ from palpate.config.shipped import shipped_objects, shipped_rig
 
 __all__ = [
     "ARM_MARGIN_MM",
+    "ActuatorsCalibration",
+    "AimCalibration",
     "AimServo",
     "AnyFinger",
     "ArmFinger",
     "Array",
     "Bounds",
     "Bus",
+    "CalibratedBounds",
+    "CalibratedFinger",
+    "CalibrationDevice",
+    "CalibrationFile",
+    "CalibrationReference",
     "Closing",
     "ContactEntry",
     "ContactsFile",
+    "DirectionParts",
     "Emulation",
     "Finger",
     "GripEntry",
@@ -50,17 +82,31 @@ __all__ = [
     "ObjectModel",
     "ObjectsFile",
     "Obstacle",
+    "Overshoot",
+    "PlaceCalibration",
     "Polygon",
+    "PositionParts",
+    "Residuals",
     "RigFile",
     "Scene",
     "Search",
     "Section",
+    "SlideCalibration",
     "SlideServo",
     "Stage",
     "State",
+    "TactileCalibration",
     "Tip",
+    "TouchSeen",
     "Travel",
+    "UnusableTaxel",
     "Workspace",
+    "calibrated",
+    "calibration_path",
+    "calibration_toml",
+    "check_calibration",
+    "geometry_sha256",
+    "load_calibration",
     "load_contacts",
     "load_objects",
     "load_rig",

@@ -133,26 +133,7 @@ def check_emulation(rig: RigFile) -> None:
     for index, finger in enumerate(rig.fingers):
         for key, drawn, declared, bound in (
             *_mechanical(finger, rig.emulation),
-            ("gain_spread", rig.emulation.gain_spread, "array.gain_spread", finger.array.gain_spread),
-            (
-                "drift_counts_per_s",
-                rig.emulation.drift_counts_per_s,
-                "array.drift_counts_per_s",
-                finger.array.drift_counts_per_s,
-            ),
-            (
-                "stiffness_spread",
-                rig.emulation.stiffness_spread,
-                "tip.stiffness_spread",
-                finger.tip.stiffness_spread,
-            ),
-            ("base_error_mm", rig.emulation.base_error_mm, "bounds.base_mm", finger.bounds.base_mm),
-            (
-                "heading_error_deg",
-                rig.emulation.heading_error_deg,
-                "bounds.heading_deg",
-                finger.bounds.heading_deg,
-            ),
+            *_any(finger, rig.emulation),
         ):
             if drawn > bound:
                 raise problem(
@@ -177,8 +158,23 @@ def _check_stage(stage: Stage | None, drawn: Emulation) -> None:
             )
 
 
+def _any(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:
+    """What the emulation draws of fingers of any type: its key, how much, and the declared bound's key."""
+    tip, array, bounds = finger.tip, finger.array, finger.bounds
+    turned, drift = drawn.array_heading_error_deg, drawn.drift_counts_per_s
+    return [
+        ("gain_spread", drawn.gain_spread, "array.gain_spread", array.gain_spread),
+        ("drift_counts_per_s", drift, "array.drift_counts_per_s", array.drift_counts_per_s),
+        ("array_heading_error_deg", turned, "array.heading_bound_deg", array.heading_bound_deg),
+        ("stiffness_spread", drawn.stiffness_spread, "tip.stiffness_spread", tip.stiffness_spread),
+        ("tip_radius_error_mm", drawn.tip_radius_error_mm, "tip.radius_bound_mm", tip.radius_bound_mm),
+        ("base_error_mm", drawn.base_error_mm, "bounds.base_mm", bounds.base_mm),
+        ("heading_error_deg", drawn.heading_error_deg, "bounds.heading_deg", bounds.heading_deg),
+    ]
+
+
 def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:
-    """What the emulation draws of a finger's mechanics: its key, how much, and the declared bound's key."""
+    """What the emulation draws of a finger's mechanics; likewise."""
     if finger.type == "two-link":
         play, length = drawn.joint_backlash_deg, drawn.link_error_mm
         return [
@@ -186,9 +182,12 @@ def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, s
             ("joint_backlash_deg", play, "elbow.backlash_deg", finger.elbow.backlash_deg),
             ("link_error_mm", length, "links.bound_mm", finger.links.bound_mm),
         ]
+    slide, travel = finger.slide, drawn.mm_per_turn_error
     return [
-        ("backlash_mm", drawn.backlash_mm, "slide.backlash_mm", finger.slide.backlash_mm),
+        ("backlash_mm", drawn.backlash_mm, "slide.backlash_mm", slide.backlash_mm),
         ("aim_backlash_deg", drawn.aim_backlash_deg, "aim.backlash_deg", finger.aim.backlash_deg),
+        ("zero_error_mm", drawn.zero_error_mm, "slide.zero_bound_mm", slide.zero_bound_mm),
+        ("mm_per_turn_error", travel, "slide.mm_per_turn_spread", slide.mm_per_turn_spread),
     ]
 
 

@@ -32,8 +32,8 @@ from palpate.config.rig_fingers import (
     Share,
     SlideServo,
     Tip,
-    check_one_turn,
 )
+from palpate.config.servo_turns import check_one_turn
 
 __all__ = [
     "BUS_BAUDRATES",

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from palpate.config.fields import Count, FileModel, Length, Name, Number, Point, Positive, Text, in_order
 from palpate.config.problems import TAG, problem
+from palpate.config.servo_turns import check_one_turn, check_slide, check_turns
 
 __all__ = [
     "AimServo",
@@ -28,11 +29,7 @@ __all__ = [
     "SlideServo",
     "Taxels",
     "Tip",
-    "check_one_turn",
 ]
-
-_TURNS = 256
-"""Turns either way in Extended Position Control Mode (e-Manual, Operating Mode (11))."""
 
 ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
 DxlId = Annotated[int, Field(strict=True, ge=0, le=252)]
@@ -70,7 +67,7 @@ class AimServo(FileModel):
     @model_validator(mode="after")
     def _within_the_servo(self) -> Self:
         turns = [(self.zero_deg + self.gear_ratio * aim) / 360 for aim in self.range_deg]
-        _check_turns(turns, "range_deg")
+        check_turns(turns, "range_deg")
         return self
 
 
@@ -99,16 +96,12 @@ class SlideServo(FileModel):
 
     @model_validator(mode="after")
     def _within_the_servo(self) -> Self:
-        turns = [(distance - self.zero_mm) / self.mm_per_turn for distance in self.range_mm]
-        _check_turns(turns, "range_mm")
-        # After power-up a servo knows its angle within one turn, so the finger must start in that one.
-        if not 0 <= turns[0] < 1:
-            raise problem(
-                f"is {self.zero_mm:g}: retracted, at {self.range_mm[0]:g} mm, the servo would stand at turn "
-                f"{turns[0]:.2f}; it must be in 0 … 1, because a servo starts within one turn",
-                "zero_mm",
-            )
+        check_slide(self)
         return self
+
+    def off_mm(self, distance_mm: float) -> float:
+        """How far zero and travel per turn may put the tip off, where it should be at a distance."""
+        return self.zero_bound_mm + self.mm_per_turn_spread * abs(distance_mm - self.zero_mm)
 
 
 class Tip(FileModel):
@@ -118,6 +111,14 @@ class Tip(FileModel):
     radius_bound_mm: Length = Field(default=0.0, description="Bound: the radius is off by at most this.")
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
+
+    @model_validator(mode="after")
+    def _is_there(self) -> Self:
+        if self.radius_bound_mm >= self.radius_mm:
+            raise problem(
+                f"is {self.radius_bound_mm:g}, not below radius_mm ({self.radius_mm:g})", "radius_bound_mm"
+            )
+        return self
 
 
 class Taxels(FileModel):
@@ -335,22 +336,3 @@ AnyFinger = Annotated[
     ),
 ]
 """A finger of either type, by its key `type`."""
-
-
-def check_one_turn(gear_ratio: float, zero_deg: float, range_deg: tuple[float, float]) -> None:
-    """Refuse a range that leaves the one turn within which a servo knows its angle at power-up."""
-    turns = [(zero_deg + gear_ratio * angle) / 360 for angle in range_deg]
-    if min(turns) < 0 or max(turns) >= 1:
-        raise problem(
-            f"needs servo turns {min(turns):.2f} to {max(turns):.2f}; this servo must stay within 0 … 1, "
-            "because it knows its angle within one turn when it starts",
-            "range_deg",
-        )
-
-
-def _check_turns(turns: list[float], key: str) -> None:
-    if max(abs(turn) for turn in turns) > _TURNS:
-        raise problem(
-            f"needs servo turns {min(turns):.0f} to {max(turns):.0f}; a servo reaches {_TURNS} either way",
-            key,
-        )

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from palpate.config.calibration_file import CalibrationFile
 from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.grip_result import GripOut
@@ -30,6 +31,7 @@ from palpate.config.watch_result import WatchOut
 __all__ = ["FORMATS", "schema_text", "write_schemas"]
 
 FORMATS: Mapping[str, type[BaseModel]] = {
+    "calibration": CalibrationFile,
     "check": CheckOut,
     "contacts": ContactsFile,
     "grip": GripOut,

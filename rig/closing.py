@@ -22,7 +22,7 @@ from palpate.rig.room import gap_mm, pieces_of
 from palpate.rig.run import Run
 from palpate.rig.stage import planned_turn
 
-__all__ = ["Close", "Stage", "Touch", "close_fingers"]
+__all__ = ["Close", "Stage", "Touch", "aim", "begin", "close_fingers", "go_to", "look", "retract_all"]
 
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
 _ARRIVED_MM = 0.8
@@ -57,8 +57,8 @@ def close_fingers(hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], Non
         hand.notice(f"{tripped}; the grip is begun again")
     hand.arm()
     if under_way:
-        _look(hand, under_way)
-        _go_to(hand, dict.fromkeys(under_way, 0.0))
+        look(hand, under_way)
+        go_to(hand, dict.fromkeys(under_way, 0.0))
     return _carry_out(hand, grip, tell, [])
 
 
@@ -68,10 +68,10 @@ def _carry_out(
     """Carry out a grip; `under_way` is filled with the fingers that have left where they wait."""
     tell(Stage.AIMING)
     hand.arm()
-    _retract_all(hand)
+    retract_all(hand)
     turn = _turn(hand, {item.stage_rad for item in grip})
     runs = [Run.of(hand.fingers[item.finger_index], item, turn) for item in grip]
-    _aim(hand, runs)
+    aim(hand, runs)
     under_way += runs
     hand.tare()
     tell(Stage.CLOSING)
@@ -88,12 +88,12 @@ def _carry_out(
     touches = [concluded(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(Stage.RETRACTING)
     hand.stop_arrays()
-    _go_to(hand, dict.fromkeys(runs, 0.0))
+    go_to(hand, dict.fromkeys(runs, 0.0))
     hand.disarm()
     return touches
 
 
-def _retract_all(hand: Hand) -> None:
+def retract_all(hand: Hand) -> None:
     """Let every finger go back to where it waits, also those that take no part."""
     goals = {servo: goal for finger in hand.fingers for servo, goal in finger.drive.retract().items()}
     if goals:
@@ -127,39 +127,40 @@ def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
     present = hand.servos_of(fingers)
     now = hand.clock.now()
     goals = _every(finger.drive.aim(lines[finger], present[finger], now) for finger in fingers)
-    _begin(hand, goals, fingers)
+    begin(hand, goals, fingers)
     _stream(hand, fingers)
     hand.wait_still(_every(finger.drive.targets() for finger in fingers), lambda _: AIM_TOLERANCE_RAD)
 
 
-def _aim(hand: Hand, runs: Sequence[Run]) -> None:
+def aim(hand: Hand, runs: Sequence[Run]) -> None:
+    """Turn fingers to where their lines start, outside of the workspace."""
     _to_lines(hand, {run.finger: run.line for run in runs})
     found = hand.servos_of([run.finger for run in runs])
     for run in runs:
         run.begin(found[run.finger])
 
 
-def _go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
+def go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
     """Move along lines through space that is known to be free, and wait until fingers are there."""
     now = hand.clock.now()
     speed = hand.rig.closing.approach_speed_mm_s
     goals = [run.finger.drive.go(run.line, run.travel_mm, to, speed, now) for run, to in travels_mm.items()]
     fingers = [run.finger for run in travels_mm]
-    _begin(hand, _every(goals), fingers)
+    begin(hand, _every(goals), fingers)
     _stream(hand, fingers)
     _wait(
         hand,
         _every(run.finger.drive.targets() for run in travels_mm),
         {servo: run.finger.drive for run in travels_mm for servo in run.finger.drive.servos},
     )
-    _look(hand, list(travels_mm))
+    look(hand, list(travels_mm))
 
 
 def _wait(hand: Hand, goals: Goals, drive_of: Mapping[Servo, Drive]) -> None:
     hand.wait_still(goals, lambda servo: drive_of[servo].reached_rad(servo, _ARRIVED_MM))
 
 
-def _begin(hand: Hand, goals: Goals, fingers: Sequence[HostFinger]) -> None:
+def begin(hand: Hand, goals: Goals, fingers: Sequence[HostFinger]) -> None:
     """Write the first goals of a move. One that is followed by others need not be confirmed."""
     streamed = {servo for finger in fingers if finger.drive.streams for servo in finger.drive.servos}
     write_goals(hand.bus, {s: goal for s, goal in goals.items() if s in streamed})
@@ -193,8 +194,8 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
         run.touched = run.done = False
         run.moved_s = run.heard_s = now
     goals = [run.finger.drive.go(run.line, run.travel_mm, run.limit_mm, speed_mm_s, now) for run in runs]
-    _begin(hand, _every(goals), [run.finger for run in runs])
-    _look(hand, runs)
+    begin(hand, _every(goals), [run.finger for run in runs])
+    look(hand, runs)
     count = 0
     period = 1 / hand.rig.closing.sample_rate_hz
     look_every = max(1, min(_STATE_EVERY, int(SPEAK_S / period)))
@@ -209,10 +210,10 @@ def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> N
         count += 1
         streaming = [run for run in runs if run.finger.drive.streams]
         if count % look_every == 0:
-            _look(hand, runs)
+            look(hand, runs)
             _watch(hand, runs)
         elif streaming:
-            _look(hand, streaming)
+            look(hand, streaming)
 
 
 def _feels(hand: Hand, run: Run) -> bool:
@@ -247,7 +248,8 @@ def _stop(hand: Hand, runs: Sequence[Run]) -> None:
     stop_at(hand.bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in servos})
 
 
-def _look(hand: Hand, runs: Sequence[Run]) -> None:
+def look(hand: Hand, runs: Sequence[Run]) -> None:
+    """Note where fingers are; raises if one of their servos has died or is off."""
     # Servos that only hold are looked at too: one that has died or is pushed aside spoils what is measured.
     found = hand.servos_of([run.finger for run in runs])
     now = hand.clock.now()
@@ -290,7 +292,7 @@ def _measure(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | 
     """Back off, touch again slowly, let everything settle, and look."""
     _settle(hand, runs)
     back = hand.rig.closing.back_off_mm
-    _go_to(hand, {run: max(0.0, run.travel_mm - back) for run in runs})
+    go_to(hand, {run: max(0.0, run.travel_mm - back) for run in runs})
     _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
     _settle(hand, runs)
     measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
@@ -302,4 +304,4 @@ def _measure(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | 
 
 def _settle(hand: Hand, runs: Sequence[Run]) -> None:
     hand.pause(_SETTLE_S)
-    _look(hand, runs)
+    look(hand, runs)

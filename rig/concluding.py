@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from palpate.config import Closing
-from palpate.drivers.finger import Line, Turn
+from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.convert import finger_of, unfelt_mm
@@ -17,18 +17,22 @@ _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
 @dataclass(frozen=True)
 class Touch:
-    """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss)."""
+    """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
+
+    `servos`: angles (rad) at which the finger's servos stood then.
+    """
 
     finger_index: int
     contact: Contact
     patch: ContactPatch | None
+    servos: Servos
 
 
 def concluded(run: Run, patch: ContactPatch | None, closing: Closing, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
     if patch is None:
-        return Touch(run.close.finger_index, _miss(run, closing, turn), None)
-    return Touch(run.close.finger_index, _contact(run, patch, closing, turn), patch)
+        return Touch(run.close.finger_index, _miss(run, closing, turn), None, run.servos)
+    return Touch(run.close.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
 
 
 def _bound_mm(run: Run, turn: Turn) -> float:

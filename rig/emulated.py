@@ -4,6 +4,7 @@ Builds the emulated servos, arrays and mechanics with their hidden truth, and pu
 virtual time or hands them out to be served on real ports.
 """
 
+import hashlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +29,7 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
 from palpate.rig.convert import mounting_of
-from palpate.rig.hidden import joint_truth, start_angles_rad, truth_of
+from palpate.rig.hidden import dead_taxels, joint_truth, start_angles_rad, truth_of
 from palpate.rig.scene import Placement, outline_at
 
 __all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
@@ -80,21 +81,24 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         bench_of[0].advance(now)
 
     stage = _stage(rig, seed)
-    for finger in rig.fingers:
-        truth = truth_of(finger, rig.emulation, rng)
-        starts = start_angles_rad(finger, rig, truth)
+    for index, finger in enumerate(rig.fingers):
+        newer = np.random.default_rng([seed, 4, index])
+        truth = truth_of(finger, rig.emulation, rng, newer)
+        description = _description(finger, seed)
+        starts = start_angles_rad(finger, rig)
         near, far = (
             _servo(rig, servo.dxl_id, servo.model, start)
             for servo, start in zip(finger.servos.values(), starts, strict=True)
         )
         taxels = Taxels(
-            _description(finger),
+            description,
             seed=int(rng.integers(2**63)),
             noise_counts=rig.emulation.noise_counts,
             gain_spread=rig.emulation.gain_spread,
             offset_counts=rig.emulation.offset_counts,
             crosstalk=rig.emulation.crosstalk,
             drift_counts_per_s=rig.emulation.drift_counts_per_s,
+            dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
         )
         array = _array(finger, taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)
@@ -187,15 +191,19 @@ def _column_pitch_mm(finger: AnyFinger) -> float:
     return pitch if finger.array.protocol == "palpate" else round(pitch, 2)
 
 
-def _description(finger: AnyFinger) -> Description:
-    """The emulated array: 8 rows of 20 taxels over what it covers of the tip's circumference."""
+def _description(finger: AnyFinger, seed: int) -> Description:
+    """What the emulated array believes: 8 rows of 20 taxels over what it covers of the tip's circumference.
+
+    Another seed is another array, and its id tells.
+    """
     mounting = mounting_of(finger)
     per_n = _COUNTS_PER_N if mounting is None else mounting.counts_per_n
     if mounting is not None and mounting.shape is Shape.FLAT:
         raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
     pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
+    name = finger.name.encode()
     return Description(
-        unique_id=finger.name.encode()[:16].ljust(16, b"\0"),
+        unique_id=name[:8].ljust(8, b"\0") + hashlib.sha256(b"%d %s" % (seed, name)).digest()[:8],
         firmware="palpate emulator 1",
         emulated=True,
         shape=Shape.CYLINDER,

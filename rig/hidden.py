@@ -1,19 +1,55 @@
 """What emulated mechanics really are: drawn within what a rig file's `[emulation]` allows."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from palpate.config import AnyFinger, ArmFinger, Emulation, Finger, JointServo, RigFile
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
+from palpate.drivers.tactile.messages import Description
+from palpate.errors import InputError
 from palpate.rig.convert import arm_kinematics, slide_kinematics
 from palpate.rig.waiting import on_circle, wait_radius_mm
 
-__all__ = ["joint_truth", "start_angles_rad", "truth_of"]
+__all__ = ["dead_taxels", "joint_truth", "start_angles_rad", "truth_of"]
+
+_FELT_RAD = math.radians(60.0)
 
 
-def truth_of(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth | ArmTruth:
-    """How this finger really is built."""
+def truth_of(
+    finger: AnyFinger, emulation: Emulation, rng: np.random.Generator, newer: np.random.Generator
+) -> FingerTruth | ArmTruth:
+    """How this finger really is built.
+
+    `newer` draws the errors of tips, arrays and slides: they came later, and a seed keeps what it has drawn
+    from `rng`.
+    """
+    built = _as_placed(finger, emulation, rng)
+    radius = finger.tip.radius_mm + emulation.tip_radius_error_mm * newer.uniform(-1, 1)
+    turned = math.radians(emulation.array_heading_error_deg) * newer.uniform(-1, 1)
+    built = replace(built, tip_radius_mm=radius, array_heading_rad=built.array_heading_rad + turned)
+    return built if isinstance(built, ArmTruth) else _with_slide_off(built, emulation, newer)
+
+
+def dead_taxels(
+    description: Description, count: int, rng: np.random.Generator
+) -> tuple[tuple[int, int], ...]:
+    """Rows and columns of `count` taxels that are dead, drawn where touches are felt: near the middle.
+
+    InputError if the array has not so many there.
+    """
+    columns = np.flatnonzero(np.abs(description.columns) <= _FELT_RAD)
+    felt = [(row, int(col)) for row in range(description.rows) for col in columns]
+    if count > len(felt):
+        raise InputError(
+            f"emulation.dead_taxels: is {count}; an emulated array has {len(felt)} taxels within 60° of its "
+            "middle; let fewer be dead"
+        )
+    return tuple(felt[k] for k in rng.choice(len(felt), count, replace=False))
+
+
+def _as_placed(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth | ArmTruth:
     away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
     base = (
@@ -33,16 +69,27 @@ def joint_truth(gear_ratio: float, zero_deg: float, play_deg: float, rng: np.ran
     )
 
 
-def start_angles_rad(finger: AnyFinger, rig: RigFile, truth: FingerTruth | ArmTruth) -> tuple[float, float]:
-    """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them."""
+def start_angles_rad(finger: AnyFinger, rig: RigFile) -> tuple[float, float]:
+    """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them.
+
+    They go by what the servos read, because that is how they are told to. The truth may be a little off.
+    """
     if isinstance(finger, ArmFinger):
         home = on_circle(
             wait_radius_mm(finger, rig.clear_radius_mm),
             math.atan2(finger.base_mm[1], finger.base_mm[0]),
         )
         return arm_kinematics(finger).servos_at(home)
-    assert isinstance(truth, FingerTruth)
-    return truth.aim_zero_rad, (finger.slide.range_mm[0] + 1.0 - truth.zero_mm) / truth.mm_per_rad
+    nominal = slide_kinematics(finger)
+    return nominal.aim_servo_rad(0.0), nominal.slide_servo_rad(finger.slide.range_mm[0] + 1.0)
+
+
+def _with_slide_off(truth: FingerTruth, emulation: Emulation, rng: np.random.Generator) -> FingerTruth:
+    """With zero and travel per turn off; the file's zero holds half a turn before the shaft's."""
+    zero_off = emulation.zero_error_mm * rng.uniform(-1, 1)
+    mm_per_rad = truth.mm_per_rad * (1 + emulation.mm_per_turn_error * rng.uniform(-1, 1))
+    zero = truth.zero_mm + zero_off + (mm_per_rad - truth.mm_per_rad) * math.pi
+    return replace(truth, mm_per_rad=mm_per_rad, zero_mm=zero)
 
 
 def _slide(

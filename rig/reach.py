@@ -68,6 +68,10 @@ class Reach:
             wanted &= self.stage_rad == stage_rad
         return np.flatnonzero(wanted).tolist()
 
+    def of_stage(self, stage_rad: float) -> list[int]:
+        """Indices of all candidates at one stage angle."""
+        return np.flatnonzero(self.stage_rad == stage_rad).tolist()
+
     @property
     def middle_rad(self) -> float:
         """The stage angle that is nearest to 0; all of a grip must have the same one."""

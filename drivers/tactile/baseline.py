@@ -110,6 +110,13 @@ class BaselineTracker:
         result: Floats = (self._upper - self._lower) / 2
         return result
 
+    def bound_at(self, time_s: float) -> Floats:
+        """They are within this of `mean` at `time_s`, by the array's clock: what may have drifted since the
+        last frame that was followed comes on top. (rows, cols) counts.
+        """
+        result: Floats = self.bound + self._drift * self._passed(time_s)
+        return result
+
     def follow(self, counts: NDArray[np.uint16], time_s: Floats) -> Zeros:
         """Go on through frames (n, rows, cols), sampled at `time_s` (n,), touched or not.
 
@@ -120,7 +127,7 @@ class BaselineTracker:
         means, bounds = [], []
         for begin, end in zip(starts, [*starts[1:], len(counts)], strict=True):
             means.append(self.mean)
-            bounds.append(self.bound + self._drift * self._passed(float(time_s[end - 1])))
+            bounds.append(self.bound_at(float(time_s[end - 1])))
             # What is seen is the mean of the block, at its middle.
             self._step(counts[begin:end].mean(axis=0), end - begin, float(time_s[begin:end].mean()))
         sizes = np.diff([*starts, len(counts)])

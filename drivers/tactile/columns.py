@@ -29,15 +29,15 @@ class Columns:
     """Forces of taxels and columns in n frames.
 
     `taxel_n` (n, r, c) N, 0 where not `usable` (n, r, c); `force_n` and its `variance` (n, c); `floor_n`
-    (n,): less than this in a column may be noise or drift; `noise_n`: standard deviation of one taxel in N;
-    `seen` (n, c): enough of the column's load can be seen. The variance is infinite where it cannot.
+    (n,): less than this in a column may be noise or drift; `noise_n` (r, c): standard deviation of each taxel
+    in N; `seen` (n, c): enough of the column's load can be seen. The variance is infinite where it cannot.
     """
 
     taxel_n: Floats
     usable: Mask
     force_n: Floats
     variance: Floats
-    noise_n: float
+    noise_n: Floats
     floor_n: Floats
     seen: Mask
 
@@ -71,31 +71,44 @@ def columns_of(
     """
     taxel_n = counts * n_per_count
     taxel_n *= usable
-    noise_n = noise_counts * float(n_per_count.mean())
-    share = _row_shares(taxel_n, usable, noise_n)
+    noise_n = noise_counts * n_per_count
+    share = _row_shares(taxel_n, usable, noise_counts * float(n_per_count.mean()))
     covered = np.einsum("nrc,nr->nc", usable.astype(float), share)
     seen = covered > _LEAST_COVERED
     rim = np.maximum(covered, _LEAST_COVERED)
     scale = np.where(seen, 1 / rim, 0.0)
     force = taxel_n.sum(axis=1) * scale
-    rows = rim / (share**2).sum(axis=1, keepdims=True)  # rows that share out the gain errors
-    gain = calibration.gain_spread / math.sqrt(3) / np.sqrt(np.maximum(rows, 1.0))
+    gain_variance = _gain_variance(share, usable, rim, calibration.spreads)
     guess = np.where(covered < 0.999, 0.1, 0.0)
     strongest = force.max(axis=1, keepdims=True)
     variance = (
-        (gain**2 + guess**2) * np.maximum(force, 0.0) ** 2
-        + (noise_n * scale) ** 2 * usable.sum(axis=1)
+        (gain_variance + guess**2) * np.maximum(force, 0.0) ** 2
+        + scale**2 * np.einsum("nrc,rc->nc", usable, noise_n**2)
         + (_template_error(pitch_rad) * strongest) ** 2
         + (calibration.crosstalk_bound / math.sqrt(3) * _bend(force, calibration)) ** 2
         + 1e-12
     )
-    floor = np.full(len(counts), SIGMAS * noise_n * math.sqrt(counts.shape[1]))
+    floor = np.full(len(counts), SIGMAS * math.sqrt((noise_n**2).sum(axis=0).max()))
     if drift_counts is not None:
         drift_n = (drift_counts * n_per_count * usable).sum(axis=1) * scale
         variance += (drift_n / 2) ** 2  # bounds of one sign: four standard deviations are twice of them
         floor += drift_n.max(axis=1)
     variance[~seen] = np.inf
     return Columns(taxel_n, usable, force, variance, noise_n, floor, seen)
+
+
+def _gain_variance(share: Floats, usable: Mask, covered: Floats, spreads: Floats) -> Floats:
+    """Variance (n, c) of columns' forces through their taxels' gains, relative.
+
+    Gains are anywhere within their `spreads` (r, c), each by itself, so that the rows that carry a column's
+    load share out their errors: by its `share` (n, r) each, of which the part `covered` (n, c) can be seen.
+    """
+    weight = share**2
+    rows = covered / weight.sum(axis=1, keepdims=True)
+    seen = np.maximum(np.einsum("nrc,nr->nc", usable, weight), 1e-30)
+    mean = np.einsum("nrc,nr,rc->nc", usable, weight, spreads**2) / seen
+    result: Floats = mean / 3 / np.maximum(rows, 1.0)
+    return result
 
 
 def _template_error(pitch_rad: float) -> float:

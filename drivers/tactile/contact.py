@@ -40,21 +40,18 @@ Mask = NDArray[np.bool_]
 class ContactExtractor:
     """Turns frames of one array into contact patches. `tare` first, with nothing touching.
 
-    Raises InputError if the calibration does not fit the array or a cylinder's columns are not evenly spaced.
+    Raises InputError if the calibration does not fit the array, or a cylinder has one column or its columns
+    are not evenly spaced.
     """
 
     def __init__(self, description: Description, calibration: TipCalibration) -> None:
         shape = (description.rows, description.cols)
-        if calibration.gain.shape != shape or not (calibration.gain > 0).all():
-            raise InputError(
-                f"tactile calibration: gain of shape {calibration.gain.shape} for an array of {shape[0]} x "
-                f"{shape[1]}, or a gain that is not positive; calibrate this tip again"
-            )
+        _check(calibration, shape)
         self._description = description
         self._calibration = calibration
         self._n_per_count = 1 / (calibration.gain * description.counts_per_n)
         self._cylinder = None
-        if description.shape is Shape.CYLINDER and description.cols > 1:
+        if description.shape is Shape.CYLINDER:
             self._cylinder = CylinderTip(description, calibration, self._n_per_count)
         usable = calibration.usable if calibration.usable is not None else np.ones(shape, dtype=bool)
         self._use(Baseline(np.zeros(shape), calibration.noise_counts, usable))
@@ -99,6 +96,11 @@ class ContactExtractor:
         )
         self._set_guard()
 
+    def prepare(self) -> None:
+        """Make what contacts are compared with; if this is left out, the first contact waits for it."""
+        if self._cylinder is not None:
+            self._cylinder.prepare()
+
     def force_n(self, frame: TactileFrame) -> float:
         """Force (N) of all taxels above the noise: quick, for the closing loop."""
         counts = frame.counts - self._guard_base
@@ -111,10 +113,10 @@ class ContactExtractor:
         if not group:
             raise InputError("tactile contact: no frames to look at; wait for a frame first")
         raw = np.stack([f.counts for f in group])
-        tracker = self._tracker
+        tracker, now = self._tracker, max(f.device_time_s for f in group)
         patches = self._patches(
             raw.mean(axis=0)[None] - self.baseline.mean,
-            None if tracker is None else tracker.bound[None],
+            None if tracker is None else tracker.bound_at(now)[None],
             (raw.max(axis=0) >= self._description.max_count)[None],
             exact=True,
         )
@@ -167,3 +169,18 @@ class ContactExtractor:
     @cached_property
     def _surface(self) -> Surface:
         return surface_of(self._description)
+
+
+def _check(calibration: TipCalibration, shape: tuple[int, int]) -> None:
+    """Raise InputError if the calibration is not one of an array of this shape."""
+    gain, spread = calibration.gain, np.asarray(calibration.gain_spread)
+    if gain.shape != shape or not (gain > 0).all():
+        raise InputError(
+            f"tactile calibration: gain of shape {gain.shape} for an array of {shape[0]} x {shape[1]}, or a "
+            "gain that is not positive; calibrate this tip again"
+        )
+    if spread.shape not in ((), shape) or not ((spread >= 0) & (spread < 1)).all():
+        raise InputError(
+            f"tactile calibration: gain_spread of shape {spread.shape} for an array of {shape[0]} x "
+            f"{shape[1]}, or one that is not a share from 0 to less than 1; calibrate this tip again"
+        )

@@ -24,6 +24,8 @@ __all__ = ["MISFIT_LIMIT", "MISFIT_SLACK", "CylinderTip"]
 MISFIT_SLACK = 16.0
 MISFIT_LIMIT = 20.0
 _SOFT_SHARE = 0.1  # of the strongest column, taken off before the centroid
+_LEAST_COLUMNS = 2
+_GAINS_SHARE = 0.4  # of the gains' spread: so much may a patch's force be off by, being shared out over it
 _LEAST_DEPTH = 0.012  # tip radii; softer contacts only on larger tips
 _BESIDE = 2  # columns on either side of a run that may belong to it
 _BEYOND_RAD = math.radians(60.0)  # how far a patch may go on beyond the array
@@ -36,15 +38,22 @@ Mask = NDArray[np.bool_]
 class CylinderTip:
     """A cylinder with evenly spaced columns of taxels.
 
-    `n_per_count` (rows, cols). Raises InputError if the columns are not evenly spaced.
+    `n_per_count` (rows, cols). Raises InputError if there is one column only, or they are not evenly
+    spaced.
     """
 
     def __init__(self, description: Description, calibration: TipCalibration, n_per_count: Floats) -> None:
         self._description = description
         self._calibration = calibration
         self._n_per_count = n_per_count
+        self._spreads = calibration.spreads
         self._columns = np.asarray(description.columns)
         self._heights = np.asarray(description.row_heights_mm)
+        if len(self._columns) < _LEAST_COLUMNS:
+            raise InputError(
+                "tactile array: a cylinder of one column; it takes two to tell a direction: describe the "
+                "array as flat, or as free with the places of its taxels"
+            )
         steps = np.diff(self._columns)
         self._pitch = float(steps.mean())
         if float(np.abs(steps - self._pitch).max()) > 0.01 * self._pitch:
@@ -61,10 +70,24 @@ class CylinderTip:
             pitch_rad=self._pitch,
             radius_mm=d.tip_radius_mm,
             stiffness_n_per_mm=c.stiffness_n_per_mm,
-            stiffness_bound=min(0.9, c.stiffness_bound + 0.4 * c.gain_spread),
+            stiffness_bound=min(0.9, c.stiffness_bound + _GAINS_SHARE * self._widest_spread()),
             crosstalk=c.crosstalk,
             least_depth=min(_LEAST_DEPTH, 2 * softest),
         )
+
+    def _widest_spread(self) -> float:
+        """The largest spread of the gains that are used.
+
+        Templates are made once, for patches anywhere, and one may lie on the worst taxels alone: a mean over
+        the array would promise too much there.
+        """
+        usable = self._calibration.usable
+        spreads = self._spreads if usable is None else self._spreads[usable]
+        return float(spreads.max(initial=0.0))
+
+    def prepare(self) -> None:
+        """Make the templates, if they are not made yet."""
+        _ = self._templates
 
     @cached_property
     def _slabs(self) -> Slabs:
@@ -82,7 +105,7 @@ class CylinderTip:
     ) -> Patches:
         """Patches from counts above zero (n, r, c), zeros being off by at most `doubt_counts`.
 
-        `exact`: normal ranges from all columns rather than from their moments.
+        `exact`: normal ranges from all templates, one frame after the other, rather than from `slabs`.
         """
         cols = counts.shape[2]
         columns = columns_of(
@@ -103,8 +126,9 @@ class CylinderTip:
         force_bound[(flags & PatchFlag.SATURATED.bit) > 0] = np.inf
         radius = self._description.tip_radius_mm
         across = np.minimum(radius * centroid_bound, 2 * radius)
-        weakest = np.maximum(SIGMAS * columns.noise_n, _SOFT_SHARE * columns.taxel_n.max(axis=(1, 2)))
-        loaded = (columns.taxel_n > weakest[:, None, None]) & span[:, None, :]
+        strongest = columns.taxel_n.max(axis=(1, 2), keepdims=True)
+        weakest = np.maximum(SIGMAS * columns.noise_n, _SOFT_SHARE * strongest)
+        loaded = (columns.taxel_n > weakest) & span[:, None, :]
 
         return known(
             Patches(
@@ -256,10 +280,10 @@ class CylinderTip:
         total = np.maximum(rows.sum(axis=1), 1e-12)
         centre = rows @ z / total
         arm = z[None, :] - centre[:, None]
-        squares = np.einsum("nrc,nrc->nr", patch, patch)
-        gain = self._calibration.gain_spread / math.sqrt(3) * np.sqrt((squares * arm**2).sum(axis=1))
+        squares = np.einsum("nrc,nrc,rc->nr", patch, patch, self._spreads**2)
+        gain = np.sqrt((squares * arm**2).sum(axis=1) / 3)
         width = span.sum(axis=1)
-        noise = columns.noise_n * np.sqrt((arm**2).sum(axis=1) * width)
+        noise = np.sqrt(((span @ (columns.noise_n**2).T) * arm**2).sum(axis=1))
         lost = (~columns.usable & span[:, None, :]).sum(axis=(1, 2)) / np.maximum(width * len(z), 1)
         reach = np.abs(arm).max(axis=1) * lost
         half = 0.5 * float(np.diff(z).max()) if len(z) > 1 else 0.0
@@ -267,16 +291,18 @@ class CylinderTip:
 
     def _force_bound(self, columns: Columns, span: Mask, beside: Mask, doubt_counts: Floats | None) -> Floats:
         """Bound of the force (n,) N: gain errors of taxels, at most their common limit, noise and drift."""
-        g = self._calibration.gain_spread
+        spread = self._spreads / (1 - self._spreads)  # of a gain: its force may be wrong by this share
         patch = columns.taxel_n * span[:, None, :]
         force = np.where(span, columns.force_n, 0.0)
         total = force.sum(axis=1)
         doubt = np.where(columns.seen, SIGMAS * np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0)
-        likely = SIGMAS * g / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc->n", patch, patch))
-        noise = SIGMAS * columns.noise_n * math.sqrt(patch.shape[1] * patch.shape[2])
+        likely = SIGMAS / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc,rc->n", patch, patch, spread**2))
+        loaded = np.maximum(patch, 0.0)
+        mean = np.einsum("nrc,rc->n", loaded, spread) / np.maximum(loaded.sum(axis=(1, 2)), 1e-12)
+        noise = SIGMAS * math.sqrt((columns.noise_n**2).sum())
         tails = np.abs(np.where(beside & ~span, columns.force_n, 0.0).sum(axis=1))
         guessed = np.abs(total - patch.sum(axis=(1, 2)))
-        bound: Floats = np.minimum(likely, g * total) / (1 - g) + noise + tails + guessed
+        bound: Floats = np.minimum(likely, mean * total) + noise + tails + guessed
         low, high = np.maximum(force - doubt, 0.0), np.where(columns.seen, force + doubt, np.inf)
         hidden = by_shape(low[:, None], high[:, None])[:, 0]
         bound += np.where(span & ~columns.seen, hidden, 0.0).sum(axis=1)

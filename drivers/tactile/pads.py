@@ -1,6 +1,6 @@
 """Patches on flat and free arrays: connected taxels, wherever they are. Counts in, patches out.
 
-Stands beside `columns`, `templates` and `moments`, which do it for cylinders. A flat pad cannot tell the
+Stands beside `columns`, `templates` and `slabs`, which do it for cylinders. A flat pad cannot tell the
 object's normal: the range is the half circle in front of it. On a free array the contact's direction lies
 among those of the patch's taxels and half a step to their neighbours.
 """
@@ -141,14 +141,17 @@ def _cut(taxels: Taxels, cells: Mask, surface: Surface, calibration: TipCalibrat
     """Where a patch's cells on a side bear more than crosstalk from the next ones explains, (4, n)."""
     n = len(cells)
     force, doubt = taxels.force_n.reshape(n, -1), taxels.doubt_n.reshape(n, -1)
-    seen, g = taxels.usable.reshape(n, -1), calibration.gain_spread
-    share = (calibration.crosstalk + calibration.crosstalk_bound) * (1 + g) / (1 - g)
+    seen, spread = taxels.usable.reshape(n, -1), calibration.spreads.ravel()
+    most = calibration.crosstalk + calibration.crosstalk_bound
     out = np.zeros((len(surface.sides), n), dtype=bool)
     for number, (side, inner) in enumerate(zip(surface.sides, surface.inner, strict=True)):
         on = np.flatnonzero(side)
         # Lines of cells stand in the same order; a side without a next line explains nothing.
-        next_n = np.maximum(force[:, inner], 0.0) if inner.any() else np.zeros((n, len(on)))
-        loaded = (force[:, on] > share * next_n + doubt[:, on]) | ~seen[:, on]
+        shown = np.zeros((n, len(on)))
+        if inner.any():
+            share = most * (1 + spread[on]) / (1 - spread[inner])
+            shown = share * np.maximum(force[:, inner], 0.0)
+        loaded = (force[:, on] > shown + doubt[:, on]) | ~seen[:, on]
         out[number] = (loaded & cells[:, on]).any(axis=1)
     return out
 
@@ -164,10 +167,10 @@ def _shown_together(taxels: Taxels) -> Mask:
 
 def _hidden_n(taxels: Taxels, calibration: TipCalibration) -> Floats:
     """The most that each cell can bear without being seen, (n, r, c) N; inf if nothing says."""
-    g, doubt = calibration.gain_spread, taxels.doubt_n
+    spread, doubt = calibration.spreads, taxels.doubt_n
     force = np.maximum(taxels.force_n, 0.0)
-    high = np.where(taxels.usable, (force + doubt) / (1 - g), np.inf)
-    low = np.where(taxels.usable, np.maximum(force - doubt, 0.0) / (1 + g), 0.0)
+    high = np.where(taxels.usable, (force + doubt) / (1 - spread), np.inf)
+    low = np.where(taxels.usable, np.maximum(force - doubt, 0.0) / (1 + spread), 0.0)
     shared = by_crosstalk(high, calibration.crosstalk - calibration.crosstalk_bound)
     return np.minimum(shared, by_shape(low, high))
 
@@ -186,15 +189,16 @@ def _position(
         patch=found.cells,
         around=found.around,
         soft_n=taxels.doubt_n.max(axis=(1, 2)),
-        gain_spread=np.full_like(force, calibration.gain_spread),
+        gain_spread=np.broadcast_to(calibration.spreads.ravel(), force.shape),
     )
     places, bounds = [], []
     most = calibration.crosstalk + calibration.crosstalk_bound
+    beyond_sides = _beyond_sides(taxels, found, hidden, surface, calibration)
     for axis in range(3):
         place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
         edge = sum(np.where(found.cells & side, force, 0.0).clip(min=0).sum(axis=1) for side in surface.sides)
         shift = most * 2 * half * np.asarray(edge) / total
-        unseen = _unseen(taxels, found, hidden, surface, axis, calibration.gain_spread)
+        unseen = _unseen(found, hidden, surface, axis, beyond_sides)
         centre, bound = centroids(load, place, half, shift, unseen)
         places.append(centre)
         bounds.append(bound)
@@ -202,17 +206,16 @@ def _position(
 
 
 def _unseen(
-    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, axis: int, gain_spread: float
+    found: _Patch, hidden: Floats, surface: Surface, axis: int, beyond_sides: list[tuple[Floats, Floats]]
 ) -> Unseen:
-    """Load on cells that cannot be seen, and beyond the array's four sides."""
+    """Load on cells that cannot be seen, and beyond the array's four sides, along one axis."""
     place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
     n = len(hidden)
     blind = np.flatnonzero((hidden > 0).any(axis=0))
     most = [hidden[:, k] for k in blind]
     low = [np.full(n, place[k] - half) for k in blind]
     high = [np.full(n, place[k] + half) for k in blind]
-    sides = _beyond_sides(taxels, found, hidden, surface, gain_spread)
-    for side, (load, reach) in enumerate(sides):
+    for side, (load, reach) in enumerate(beyond_sides):
         at = found.cells & surface.sides[side]
         hit = at.any(axis=1)
         least, largest = surface.step_mm[side, :, axis]
@@ -228,16 +231,16 @@ def _unseen(
 
 
 def _beyond_sides(
-    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, gain_spread: float
+    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, calibration: TipCalibration
 ) -> list[tuple[Floats, Floats]]:
     """For each side the load beyond it, and how far out it is centred at most, each (n,): N, cells."""
     n = len(found.cells)
     force, noise = taxels.force_n.reshape(n, -1), taxels.noise_n.reshape(n, -1)
-    drift = taxels.drift_n.reshape(n, -1)
+    drift, spread = taxels.drift_n.reshape(n, -1), calibration.spreads.ravel()
 
     def line(at: Mask) -> tuple[Floats, Floats]:
         load = np.where(at, np.maximum(force, 0.0), 0.0)
-        doubt = SIGMAS * np.sqrt(np.where(at, noise**2 + (gain_spread * load) ** 2 / 3, 0.0).sum(axis=1))
+        doubt = SIGMAS * np.sqrt(np.where(at, noise**2 + (spread * load) ** 2 / 3, 0.0).sum(axis=1))
         return np.where(at, force, 0.0).sum(axis=1), doubt + np.where(at, drift, 0.0).sum(axis=1)
 
     sides = []
@@ -289,12 +292,12 @@ def _flags(found: _Patch, seen: Mask, full: Mask) -> Ints:
 
 def _force_bound(taxels: Taxels, found: _Patch, hidden: Floats, calibration: TipCalibration) -> Floats:
     """Bound of the force (n,) N: gains, noise, drift and unseen cells."""
-    n, g = len(hidden), calibration.gain_spread
+    n, spread = len(hidden), calibration.spreads.ravel()
     force = taxels.force_n.reshape(n, -1)
     noise_n, drift_n = taxels.noise_n.reshape(n, -1), taxels.drift_n.reshape(n, -1)
     patch = np.where(found.around, np.maximum(force, 0.0), 0.0)
-    likely = SIGMAS * g / math.sqrt(3) * np.sqrt((patch**2).sum(axis=1))
-    gains = np.minimum(likely, g * patch.sum(axis=1)) / (1 - g)
+    wrong = patch * (spread / (1 - spread))
+    gains = np.minimum(SIGMAS / math.sqrt(3) * np.sqrt((wrong**2).sum(axis=1)), wrong.sum(axis=1))
     noise = SIGMAS * np.sqrt(np.where(found.around, noise_n**2, 0.0).sum(axis=1))
     drift = np.where(found.around, drift_n, 0.0).sum(axis=1)
     bound: Floats = gains + noise + drift + hidden.sum(axis=1)

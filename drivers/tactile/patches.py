@@ -47,16 +47,16 @@ class PatchFlag(enum.Enum):
 class TipCalibration:
     """What is known of one tip.
 
-    `gain`: relative gain per taxel, shape (rows, cols), 1 where unknown; `gain_spread`: half-width of what
-    is unknown of it. `noise_counts`: standard deviation of one count. `contact_force_n`: less than this is no
-    contact. `stiffness_bound` and `crosstalk_bound` are the half-widths of `stiffness_n_per_mm` (relative)
-    and `crosstalk` (absolute; share of a taxel's force that each neighbour takes). `usable`: False for taxels
-    known to be dead or hot. `drift_counts_per_s`: no taxel's zero moves faster; 0 leaves zeros as they were
-    when tared.
+    `gain`: relative gain per taxel, shape (rows, cols), 1 where unknown; `gain_spread`: share of it that it
+    is off by at most, the same for all taxels or (rows, cols). `noise_counts`: standard deviation of one
+    count. `contact_force_n`: less than this is no contact. `stiffness_bound` and `crosstalk_bound` are the
+    half-widths of `stiffness_n_per_mm` (relative) and `crosstalk` (absolute; share of a taxel's force that
+    each neighbour takes). `usable`: False for taxels known to be dead or hot. `drift_counts_per_s`: no
+    taxel's zero moves faster; 0 leaves zeros as they were when tared.
     """
 
     gain: Floats
-    gain_spread: float = 0.2
+    gain_spread: float | Floats = 0.2
     noise_counts: float = 2.0
     contact_force_n: float = 0.1
     stiffness_n_per_mm: float = 3.0
@@ -65,6 +65,11 @@ class TipCalibration:
     crosstalk_bound: float = 0.03
     usable: Mask | None = None
     drift_counts_per_s: float = 0.0
+
+    @property
+    def spreads(self) -> Floats:
+        """`gain_spread` of every taxel, (rows, cols)."""
+        return np.broadcast_to(np.asarray(self.gain_spread, dtype=np.float64), self.gain.shape)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ something does not fit.
 
 import struct
 from collections.abc import Callable
+from typing import Any
 
 from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, unusable_places
 from palpate.drivers.tactile.messages import (
@@ -56,8 +57,9 @@ def request_id(payload: bytes) -> int | None:
 
 def pack(body: Body) -> tuple[MessageType, bytes]:
     """Return a body's type and payload. Raises ValueError if a field does not fit its place."""
+    kind, writer = _PACK[type(body)]
     try:
-        return _pack(body)
+        return kind, writer(body)
     except (struct.error, OverflowError) as problem:
         raise ValueError(f"field out of range in {body!r}: {problem}") from problem
 
@@ -71,38 +73,6 @@ def unpack(kind: int, payload: bytes) -> Body | None:
         return reader(payload)
     except struct.error as problem:
         raise ValueError(f"payload of another length: {problem}") from problem
-
-
-def _pack(body: Body) -> tuple[MessageType, bytes]:  # noqa: PLR0911  one line for each type
-    match body:
-        case Frame():
-            return MessageType.FRAME, _pack_frame(body)
-        case Hello() | Stop() | SelfTest() | Ack():
-            return _PLAIN[type(body)], _REQUEST.pack(body.request_id)
-        case Start():
-            return MessageType.START, _RATE.pack(body.request_id, body.rate_mhz)
-        case Rate():
-            return MessageType.RATE, _RATE.pack(body.request_id, body.rate_mhz)
-        case Tare():
-            return MessageType.TARE, _TARE.pack(body.request_id, body.samples, body.pedestal)
-        case Geometry():
-            return MessageType.GEOMETRY, _GEOMETRY.pack(body.request_id, body.first)
-        case Nack():
-            return MessageType.NACK, _NACK.pack(body.request_id, body.reason)
-        case Describe():
-            return MessageType.DESCRIBE, _pack_describe(body)
-        case Report():
-            return MessageType.REPORT, _pack_report(body)
-        case Taxels():
-            return MessageType.TAXELS, _pack_taxels(body)
-
-
-_PLAIN: dict[type, MessageType] = {
-    Hello: MessageType.HELLO,
-    Stop: MessageType.STOP,
-    SelfTest: MessageType.SELF_TEST,
-    Ack: MessageType.ACK,
-}
 
 
 def _pack_frame(body: Frame) -> bytes:
@@ -211,6 +181,22 @@ def _unpack_taxels(payload: bytes) -> Taxels:
         raise ValueError(problem)
     return Taxels(request, first, places)
 
+
+_PACK: dict[type[Body], tuple[MessageType, Callable[[Any], bytes]]] = {
+    Hello: (MessageType.HELLO, lambda b: _REQUEST.pack(b.request_id)),
+    Start: (MessageType.START, lambda b: _RATE.pack(b.request_id, b.rate_mhz)),
+    Stop: (MessageType.STOP, lambda b: _REQUEST.pack(b.request_id)),
+    Rate: (MessageType.RATE, lambda b: _RATE.pack(b.request_id, b.rate_mhz)),
+    Tare: (MessageType.TARE, lambda b: _TARE.pack(b.request_id, b.samples, b.pedestal)),
+    SelfTest: (MessageType.SELF_TEST, lambda b: _REQUEST.pack(b.request_id)),
+    Geometry: (MessageType.GEOMETRY, lambda b: _GEOMETRY.pack(b.request_id, b.first)),
+    Describe: (MessageType.DESCRIBE, _pack_describe),
+    Ack: (MessageType.ACK, lambda b: _REQUEST.pack(b.request_id)),
+    Nack: (MessageType.NACK, lambda b: _NACK.pack(b.request_id, b.reason)),
+    Report: (MessageType.REPORT, _pack_report),
+    Taxels: (MessageType.TAXELS, _pack_taxels),
+    Frame: (MessageType.FRAME, _pack_frame),
+}
 
 _UNPACK: dict[int, Callable[[bytes], Body]] = {
     MessageType.HELLO: lambda p: Hello(*_REQUEST.unpack(p)),

@@ -2,7 +2,9 @@
 
 Beside `templates`, for whole recordings. A template can only fit if its force is possible and if its centroid
 is where the profile's is: within six standard deviations, for by Cauchy and Schwarz's inequality any other
-has a misfit above 36, and a best one above 20 counts for nothing. So templates are kept by force, in slabs,
+has a misfit above 36, and a best one above 20 counts for nothing. (The window is that of the errors without
+what alike templates differ by. That adds at most 0.75 of a column's variance, since templates' own error is
+in it, so that 36 becomes 36 / 1.75: still above 20.) So templates are kept by force, in slabs,
 and in each slab in the order of the fraction of a column that their centroid is at. Profiles with the same
 force and fraction share one stretch of a slab. Templates that differ by less than some hundredths of their
 strongest column are taken as one, with all their directions, and what they differ by is added to the

@@ -22,12 +22,12 @@ class Surface:
 
     `place_mm` (k, 3) are their middles; within `half_mm` (3,) of it, by axis, a cell's load lies. `area_mm2`
     (k,). `azimuth_rad` (k,) is where their normals point, nan where they point up or down; neighbours differ
-    by at most `turn_rad`. `sides` (4, k): cells on the first and last column, on the first and last row.
+    by at most `turn_rad`. `sides` (4, k): cells on the first and last column, on the first and last row;
+    `inner` (4, k): cells on the line next to each, none where there is no other line. `step_mm` (4, 2, 3):
+    least and largest step outward from there to the side, by axis.
     """
 
     flat: bool
-    rows: int
-    cols: int
     place_mm: Floats
     half_mm: Floats
     area_mm2: Floats
@@ -55,8 +55,6 @@ def surface_of(description: Description) -> Surface:
     row, col = np.indices((d.rows, d.cols)).reshape(2, -1)
     return Surface(
         flat=d.shape is Shape.FLAT,
-        rows=d.rows,
-        cols=d.cols,
         place_mm=place.reshape(-1, 3),
         half_mm=half,
         area_mm2=np.full(d.taxels, side[0] * side[1]),

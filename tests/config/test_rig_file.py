@@ -12,6 +12,7 @@ from palpate.errors import InputError
 ROOT = Path(__file__).resolve().parents[2]
 BENCH = shipped_rig().read_text(encoding="utf-8")
 ARMS = (ROOT / "examples" / "two-link-rig.toml").read_text(encoding="utf-8")
+FRESH = (ROOT / "examples" / "fresh-rig.toml").read_text(encoding="utf-8")
 REAL = (ROOT / "examples" / "real-rig.toml").read_text(encoding="utf-8")
 
 
@@ -48,6 +49,12 @@ def test_the_example_with_arms_is_emulated_and_has_three() -> None:
     assert [finger.type for finger in rig.fingers] == ["two-link"] * 3
     ids = [[servo.dxl_id for servo in finger.servos.values()] for finger in rig.fingers]
     assert ids == [[11, 12], [21, 22], [31, 32]]
+
+
+def test_the_example_of_a_fresh_rig_is_emulated_and_knows_its_stops() -> None:
+    rig = load_rig(ROOT / "examples" / "fresh-rig.toml")
+    assert rig.emulated
+    assert [finger.slide.stops_mm for finger in rig.fingers] == [(43.0, 255.0)] * 3
 
 
 def test_the_example_of_a_real_rig_is_accepted() -> None:
@@ -140,6 +147,48 @@ CASES = [
     (
         changed(BENCH, "zero_mm = 40.0", "zero_mm = 240.0"),
         'fingers[0].slide.zero_mm ("f1"): is 240: retracted, at 45 mm, the servo would stand at turn -1.95',
+    ),
+    (
+        changed(FRESH, "[43.0, 255.0]", "[44.2, 255.0]"),
+        'fingers[0].slide.stops_mm ("f1"): is [44.2, 255]; range_mm [45, 250] needs stops at 43.98 or less '
+        "and 251.6 or more: 0.5 mm clear by all that",
+    ),
+    (
+        changed(FRESH, "[43.0, 255.0]", "[43.0, 251.0]"),
+        'fingers[0].slide.stops_mm ("f1"): is [43, 251]; range_mm [45, 250] needs stops at 43.98 or less',
+    ),
+    (
+        changed(FRESH, "[43.0, 255.0]", "[255.0, 43.0]"),
+        'fingers[0].slide.stops_mm ("f1"): is [255, 43]; the first',
+    ),
+    (
+        changed(FRESH, "[43.0, 255.0]", "[40.4, 255.0]"),
+        'fingers[0].slide.stops_mm ("f1"): is [40.4, 255]: at the back stop the servo would stand at turn '
+        "0.004, ± 0.005; it must be in 0 … 1",
+    ),
+    (
+        changed(FRESH, "[43.0, 255.0]", "[43.0, 26000.0]"),
+        'fingers[0].slide.stops_mm ("f1"): needs servo turns 0 to 260; a servo reaches 256 either way',
+    ),
+    (
+        changed(FRESH, "radius_bound_mm = 0.3", "radius_bound_mm = 5.0"),
+        'fingers[0].tip.radius_bound_mm ("f1"): is 5, not below radius_mm (5)',
+    ),
+    (
+        changed(FRESH, "tip_radius_error_mm = 0.3", "tip_radius_error_mm = 0.4"),
+        "emulation.tip_radius_error_mm: is 0.4, beyond the bound fingers[0].tip.radius_bound_mm = 0.3;",
+    ),
+    (
+        changed(FRESH, "array_heading_error_deg = 3.0", "array_heading_error_deg = 4.0"),
+        "emulation.array_heading_error_deg: is 4, beyond the bound fingers[0].array.heading_bound_deg = 3;",
+    ),
+    (
+        changed(FRESH, "zero_error_mm = 0.5", "zero_error_mm = 0.6"),
+        "emulation.zero_error_mm: is 0.6, beyond the bound fingers[0].slide.zero_bound_mm = 0.5;",
+    ),
+    (
+        changed(FRESH, "mm_per_turn_error = 0.003", "mm_per_turn_error = 0.004"),
+        "emulation.mm_per_turn_error: is 0.004, beyond the bound fingers[0].slide.mm_per_turn_spread = 0.003",
     ),
     (changed(BENCH, "radius_mm = 125.0", "radius = 125.0"), 'workspace: unknown key "radius"; did you mean'),
     (

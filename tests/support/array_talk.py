@@ -22,7 +22,7 @@ class Scripted(Taxels):
         shape = (description.rows, description.cols)
         self.script = [np.array(counts, "<u2").reshape(shape) for counts in script]
 
-    def counts(self, force_n: np.ndarray, now: float = 0.0) -> np.ndarray:  # noqa: ARG002  the script knows
+    def counts(self, _force_n: np.ndarray, _now: float = 0.0) -> np.ndarray:
         return self.script.pop(0) if len(self.script) > 1 else self.script[0]
 
 

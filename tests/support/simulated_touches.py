@@ -55,7 +55,7 @@ class SimulatedTouches:
             half_range=self.normal_half_rad,
             at_bound=self.at_bound,
         )
-        return Touch(candidate.finger_index, contact, None)
+        return Touch(candidate.finger_index, contact, None, (math.nan, math.nan))
 
 
 def felt_along(

@@ -1,0 +1,171 @@
+"""Which touches say most about where fingers stand. From a fit so far to the next grips.
+
+Every touch that could be made has a row of derivatives; the one that shrinks the covariance most is taken,
+again and again (D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would slip, or
+that might meet a corner, are not offered.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.finger_fit import (
+    BASE,
+    HEADING,
+    FingerModel,
+    Fit,
+    Placing,
+    Touches,
+    predicted,
+)
+from palpate.calibration.prober import Approach, Probe
+
+__all__ = ["Foreseen", "choose", "foresee", "towards"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+_MOST_OBLIQUE = math.radians(48.0)
+"""Further from head-on a tip may slip, and load its aim sideways."""
+_ROOM_MM = 4.0
+"""A face must go on so far on both sides of a contact."""
+_BEYOND_MM = 12.0
+_SAMPLES = 160
+_HALVINGS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Foreseen:
+    """Where each approach should meet a reference: `slide_rad` (m,) of its slide, nan where it does not.
+
+    `oblique_rad` (m,): from head-on, positive counter-clockwise; `room_mm` (m,): to the end of the face; `rows` (m, unknowns):
+    derivatives of the residual by all values and poses.
+    """
+
+    slide_rad: Floats
+    oblique_rad: Floats
+    room_mm: Floats
+    rows: Floats
+
+    @property
+    def good(self) -> Bools:
+        """Approaches that meet a face well inside of it, not too obliquely."""
+        result: Bools = (
+            np.isfinite(self.slide_rad)
+            & (np.abs(self.oblique_rad) <= _MOST_OBLIQUE)
+            & (self.room_mm >= _ROOM_MM)
+        )
+        return result
+
+
+def foresee(
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    fit: Fit,
+    number: int,
+    approaches: Sequence[Approach],
+) -> Foreseen:
+    """Where approaches meet the reference of placing `number`, as far as a fit can tell."""
+    finger = np.array([item.finger for item in approaches])
+    lo = np.array([item.start_rad for item in approaches])
+    hi = np.array([item.end_rad for item in approaches])
+
+    def at(slide: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        touches = Touches(
+            finger,
+            np.full(len(finger), number),
+            np.array([item.aim_rad for item in approaches]),
+            slide,
+            np.zeros(len(finger)),
+            np.zeros(len(finger)),
+            np.ones(len(finger)),
+            np.ones(len(finger), dtype=bool),
+        )
+        return predicted(models, placings, touches, fit.values, fit.poses)
+
+    shares = np.linspace(0.0, 1.0, _SAMPLES)
+    gaps = np.array([at(lo + share * (hi - lo))[0] for share in shares])
+    inside = gaps < 0
+    first = inside.argmax(axis=0)
+    meets = inside.any(axis=0) & (first > 0)
+    step = (hi - lo) / (_SAMPLES - 1)
+    near, far = lo + (first - 1) * step, lo + first * step
+    for _ in range(_HALVINGS):
+        middle = (near + far) / 2
+        through = at(middle)[0] < 0
+        near, far = np.where(through, near, middle), np.where(through, middle, far)
+    _, normal, room, rows = at(near)
+    values = fit.values[finger]
+    angle = values[:, HEADING] + np.array(
+        [
+            (item.aim_rad - models[item.finger].aim_zero_rad) / models[item.finger].gear_ratio
+            for item in approaches
+        ]
+    )
+    # The outward normal of what is met head-on points back along the way.
+    oblique = np.angle(-(normal[:, 0] + 1j * normal[:, 1]) * np.exp(-1j * angle))
+    return Foreseen(np.where(meets, near, np.nan), oblique, room, rows)
+
+
+def choose(
+    foreseen: Foreseen,
+    approaches: Sequence[Approach],
+    models: Sequence[FingerModel],
+    covariance: Floats,
+    sigma_mm: float,
+    count: int,
+) -> list[list[Probe]]:
+    """`count` grips, each with one touch of every finger that has a good one; the most telling touches first."""
+    left = foreseen.good.copy()
+    spread = covariance.copy()
+    finger = np.array([item.finger for item in approaches])
+    grips: list[list[Probe]] = []
+    for _ in range(count):
+        grip = []
+        for index in range(len(models)):
+            own = np.flatnonzero(left & (finger == index))
+            if not len(own):
+                continue
+            rows = foreseen.rows[own]
+            told = np.einsum("ij,jk,ik->i", rows, spread, rows)
+            best = int(own[told.argmax()])
+            row = foreseen.rows[best]
+            carried = spread @ row
+            spread -= np.outer(carried, carried) / (sigma_mm**2 + row @ carried)
+            left[best] = False
+            grip.append(_probe(best, approaches[best], foreseen.slide_rad[best], models[index]))
+        if grip:
+            grips.append(grip)
+    return grips
+
+
+def towards(
+    point_mm: tuple[float, float],
+    aside_mm: float,
+    approaches: Sequence[Approach],
+    models: Sequence[FingerModel],
+    values: Floats,
+) -> list[Probe]:
+    """For each finger the approach that passes nearest to `aside_mm` to the left of a point, as far as it goes."""
+    found = []
+    for index, model in enumerate(models):
+        own = [k for k, item in enumerate(approaches) if item.finger == index]
+        x, y = np.asarray(point_mm) - values[index, BASE]
+        away = []
+        for k in own:
+            angle = values[index, HEADING] + (approaches[k].aim_rad - model.aim_zero_rad) / model.gear_ratio
+            away.append(abs(x * math.sin(angle) - y * math.cos(angle) + aside_mm))
+        if own:
+            best = own[int(np.argmin(away))]
+            found.append(Probe(best, approaches[best].end_rad))
+    return found
+
+
+def _probe(number: int, approach: Approach, slide_rad: float, model: FingerModel) -> Probe:
+    further = slide_rad + _BEYOND_MM / model.mm_per_rad
+    way = math.copysign(1.0, approach.end_rad - approach.start_rad)
+    return Probe(number, min(further * way, approach.end_rad * way) * way)

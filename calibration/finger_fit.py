@@ -1,0 +1,302 @@
+"""The fit of all fingers in one frame: from touches of references at unknown places to where fingers stand.
+
+Takes `Touched` values and what the rig file says, gives values with a covariance. Every touch says one thing:
+the tip's centre is as far from the reference's surface as the tip's radius less its dent. The estimate is the
+most probable one under the rig file's bounds as wide priors, found by robust least squares (Huber's and
+Cauchy's losses; Triggs et al., Bundle Adjustment, 2000, sections 4 and 9 for outliers and free networks).
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.reference import Reference
+
+__all__ = ["AIM_PLAY", "BASE", "COLUMNS", "HEADING", "RADIUS", "SCALE", "ZERO"]
+__all__ += ["FingerModel", "Fit", "Placing", "Touches", "fit_fingers", "predicted"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+COLUMNS = 7
+"""Values of a finger: base x, base y (mm), heading (rad), tip radius, zero (mm), aim play (rad), scale."""
+BASE, HEADING, RADIUS, ZERO, AIM_PLAY, SCALE = slice(0, 2), 2, 3, 4, 5, 6
+
+_OUTLIER = 4.5  # standard deviations
+_STARTS = 12  # orientations from which a plate's is looked for
+_ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class FingerModel:
+    """What of a slide finger is known, and how well its values are known beforehand.
+
+    aim = (servo − aim_zero_rad) / gear_ratio; distance = zero + mm_per_rad · (1 + scale) · servo. `prior` and
+    `sigma` (7,): values and their standard deviations, in the order of `COLUMNS`.
+    """
+
+    name: str
+    gear_ratio: float
+    aim_zero_rad: float
+    mm_per_rad: float
+    prior: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Placing:
+    """A reference as it lay: about where, in W."""
+
+    reference: Reference
+    about_mm: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """n touches as arrays: whose, of which placing, servo angles (rad), way of the aim, dent (mm) and noise.
+
+    `sigma_mm` (n,): what a touch's distance is expected to be off by. `used` (n,): those that are fitted.
+    """
+
+    finger: Ints
+    placing: Ints
+    aim_rad: Floats
+    slide_rad: Floats
+    way: Floats
+    dent_mm: Floats
+    sigma_mm: Floats
+    used: Bools
+
+    def with_used(self, used: Bools) -> "Touches":
+        """The same, with others fitted."""
+        return replace(self, used=used)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Values (fingers, 7) and poses (placings, 3: x, y, θ) that explain touches best.
+
+    `covariance` is that of all fingers' values in their order, then all poses; `residual_mm` (n,): how much
+    further than the tip's radius each touch was from the surface; `normal` (n, 2): the surface's outward normal there, in W;
+    `room_mm` (n,): from there to the face's end. `outlier` (n,): touches that were left out. `chi_square` of the
+    fitted touches, with `freedom` degrees.
+    """
+
+    values: Floats
+    poses: Floats
+    covariance: Floats
+    residual_mm: Floats
+    normal: Floats
+    room_mm: Floats
+    centre_mm: Floats
+    outlier: Bools
+    chi_square: float
+    freedom: int
+
+
+def fit_fingers(
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    touches: Touches,
+    start: tuple[Floats, Floats] | None = None,
+) -> Fit:
+    """Fit everything at once; `start`: values and poses to begin with, poses of the first placings at least.
+
+    Touches that are more than 4.5 standard deviations off are left out and marked, one placing after the
+    other as long as half of it stays.
+    """
+    problem = _Problem(models, placings, touches)
+    values = np.array([model.prior for model in models]) if start is None else start[0]
+    poses = _first_poses(problem, values, np.empty((0, 3)) if start is None else start[1])
+    outlier = np.zeros(len(touches.finger), dtype=bool)
+    x = problem.packed(values, poses)
+    x = problem.solved(x, touches.used, robust=True)
+    for _ in range(_ROUNDS):
+        used = touches.used & ~outlier
+        x = problem.solved(x, used, robust=False)
+        off = np.abs(problem.evaluated(x)[0]) / problem.deviation(x, used)
+        found = touches.used & (off > _OUTLIER)
+        if (found == outlier).all():
+            break
+        outlier = found
+    return problem.result(x, touches.used & ~outlier, outlier)
+
+
+def predicted(
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    touches: Touches,
+    values: Floats,
+    poses: Floats,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Residuals (n,) mm, normals (n, 2), room (n,) mm and derivatives (n, 7 · fingers + 3 · placings)."""
+    problem = _Problem(models, placings, touches)
+    return problem.derived(problem.packed(values, poses))
+
+
+class _Problem:
+    """Residuals of touches and priors, and their derivatives, for one vector of all unknowns."""
+
+    def __init__(self, models: Sequence[FingerModel], placings: Sequence[Placing], touches: Touches) -> None:
+        self.placings, self.touches = placings, touches
+        self._count = len(models)
+        self._gear = np.array([model.gear_ratio for model in models])
+        self._aim_zero = np.array([model.aim_zero_rad for model in models])
+        self._mm_per_rad = np.array([model.mm_per_rad for model in models])
+        self._prior = np.array([model.prior for model in models])
+        self._sigma = np.array([model.sigma for model in models])
+
+    def packed(self, values: Floats, poses: Floats) -> Floats:
+        return np.concatenate([values.ravel(), poses.ravel()])
+
+    def split(self, x: Floats) -> tuple[Floats, Floats]:
+        cut = self._count * COLUMNS
+        return x[:cut].reshape(-1, COLUMNS), x[cut:].reshape(-1, 3)
+
+    def centres(self, values: Floats) -> tuple[Floats, Floats, Floats]:
+        """Tip centres (n, 2), directions of travel (n, 2) and distances from the bases (n,)."""
+        t, mine = self.touches, values[self.touches.finger]
+        reach = self._mm_per_rad[t.finger] * t.slide_rad
+        distance = mine[:, ZERO] + (1 + mine[:, SCALE]) * reach
+        angle = mine[:, HEADING] - t.way * mine[:, AIM_PLAY]
+        angle += (t.aim_rad - self._aim_zero[t.finger]) / self._gear[t.finger]
+        along = np.column_stack([np.cos(angle), np.sin(angle)])
+        return mine[:, BASE] + distance[:, None] * along, along, distance
+
+    def evaluated(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Residuals (n,), normals (n, 2) in W, room (n,), centres (n, 2)."""
+        values, poses = self.split(x)
+        t = self.touches
+        centre, _, _ = self.centres(values)
+        distance, room = np.zeros(len(centre)), np.zeros(len(centre))
+        normal = np.zeros_like(centre)
+        for number, placing in enumerate(self.placings):
+            mine = t.placing == number
+            turn = _turn(poses[number, 2])
+            found = placing.reference.distance_mm((centre[mine] - poses[number, :2]) @ turn)
+            distance[mine], normal[mine], room[mine] = found[0], found[1] @ turn.T, found[2]
+        residual = distance - values[t.finger, RADIUS] + t.dent_mm
+        return residual, normal, room, centre
+
+    def derived(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Residuals, normals, room, and the derivatives of residuals (n, unknowns)."""
+        values, poses = self.split(x)
+        t = self.touches
+        residual, normal, room, centre = self.evaluated(x)
+        _, along, distance = self.centres(values)
+        rows, first = np.arange(len(residual)), t.finger * COLUMNS
+        across = np.column_stack([-along[:, 1], along[:, 0]])
+        out, side = (normal * along).sum(axis=1), (normal * across).sum(axis=1) * distance
+        result = np.zeros((len(residual), len(x)))
+        for column, value in (
+            (0, normal[:, 0]),
+            (1, normal[:, 1]),
+            (HEADING, side),
+            (RADIUS, -np.ones(len(residual))),
+            (ZERO, out),
+            (AIM_PLAY, -t.way * side),
+            (SCALE, out * self._mm_per_rad[t.finger] * t.slide_rad),
+        ):
+            result[rows, first + column] = value
+        at = self._count * COLUMNS + 3 * t.placing
+        rel = centre - poses[t.placing, :2]
+        turning = np.array([float(p.reference.turns) for p in self.placings])[t.placing]
+        result[rows, at], result[rows, at + 1] = -normal[:, 0], -normal[:, 1]
+        result[rows, at + 2] = turning * (normal[:, 0] * rel[:, 1] - normal[:, 1] * rel[:, 0])
+        return residual, normal, room, result
+
+    def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
+        """Unknowns that fit the used touches and the priors best, from `x` on."""
+        from scipy.optimize import least_squares
+
+        found = least_squares(
+            lambda u: self._weighed(u, used)[0],
+            x,
+            jac=lambda u: self._weighed(u, used)[1],
+            loss="cauchy" if robust else "linear",
+            f_scale=3.0 if robust else 1.0,
+            x_scale="jac",
+        )
+        result: Floats = found.x
+        return result
+
+    def _weighed(self, x: Floats, used: Bools) -> tuple[Floats, Floats]:
+        values, poses = self.split(x)
+        residual, _, _, slope = self.derived(x)
+        weight = 1 / self.touches.sigma_mm[used]
+        prior = ((values - self._prior) / self._sigma).ravel()
+        own = np.zeros((len(prior), len(x)))
+        own[np.arange(len(prior)), np.arange(len(prior))] = 1 / self._sigma.ravel()
+        # A disc's orientation cannot be felt: its own prior keeps it where it is.
+        rest = np.array([0.0 if p.reference.turns else 1.0 for p in self.placings])
+        still = np.zeros((len(poses), len(x)))
+        still[np.arange(len(poses)), len(prior) + 3 * np.arange(len(poses)) + 2] = rest
+        return (
+            np.concatenate([residual[used] * weight, prior, rest * poses[:, 2]]),
+            np.vstack([slope[used] * weight[:, None], own, still]),
+        )
+
+    def deviation(self, x: Floats, used: Bools) -> Floats:
+        """Expected standard deviation (n,) of residuals: as declared, or as the used touches show if larger."""
+        share = np.abs(self.evaluated(x)[0][used]) / self.touches.sigma_mm[used]
+        factor = max(1.0, 1.4826 * float(np.median(share))) if used.any() else 1.0
+        result: Floats = self.touches.sigma_mm * factor
+        return result
+
+    def result(self, x: Floats, used: Bools, outlier: Bools) -> Fit:
+        values, poses = self.split(x)
+        weighed, slope = self._weighed(x, used)
+        covariance: Floats = np.linalg.pinv(slope.T @ slope, hermitian=True)
+        residual, normal, room, centre = self.evaluated(x)
+        square = float(((residual[used] / self.touches.sigma_mm[used]) ** 2).sum())
+        # Fitted touches less the unknowns that they, not the priors, have determined.
+        touched = slope[: int(used.sum())]
+        bound = float(np.trace(touched @ covariance @ touched.T))
+        return Fit(
+            values, poses, covariance, residual, normal, room, centre, outlier, square,
+            max(int(used.sum()) - math.ceil(bound), 1),
+        )  # fmt: skip
+
+
+def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:
+    """Poses of all placings: those that are known, and the best of several starts for the others."""
+    poses = np.zeros((len(problem.placings), 3))
+    poses[: len(known)] = known
+    for number in range(len(known), len(poses)):
+        poses[number] = _found_pose(problem, values, poses, number)
+    return poses
+
+
+def _found_pose(problem: _Problem, values: Floats, poses: Floats, number: int) -> Floats:
+    """The pose of one placing that suits its touches best, the fingers being where `values` says."""
+    from scipy.optimize import least_squares
+
+    placing = problem.placings[number]
+    mine = problem.touches.used & (problem.touches.placing == number)
+    sigma = problem.touches.sigma_mm[mine]
+
+    def off(pose: Floats) -> Floats:
+        trial = poses.copy()
+        trial[number] = pose
+        residual = problem.evaluated(problem.packed(values, trial))[0]
+        result: Floats = residual[mine] / sigma
+        return result
+
+    starts = _STARTS if placing.reference.turns else 1
+    turns = 2 * math.pi / placing.reference.repeats / starts * np.arange(starts)
+    found = [
+        least_squares(off, np.array([*placing.about_mm, turn]), loss="soft_l1", x_scale=[1.0, 1.0, 0.02])
+        for turn in turns
+    ]
+    best: Floats = min(found, key=lambda item: float(item.cost)).x
+    return best
+
+
+def _turn(angle_rad: float) -> Floats:
+    """Rotation matrix."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])

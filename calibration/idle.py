@@ -1,0 +1,170 @@
+"""What an untouched array tells of itself: zeros, noise, drift, and taxels that are stuck.
+
+The first of the fits of an array: recordings of it, with nothing near the tip, come in; `gains` takes what
+it says of noise and of stuck taxels.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.measured import Idle
+from palpate.drivers.tactile.baseline import SIGMAS
+from palpate.errors import InputError
+
+__all__ = ["COVERAGE_SIGMAS", "LEAST_FRAMES", "IdleFit", "idle_of", "least_contact_force_n"]
+
+COVERAGE_SIGMAS = 3.3
+"""Bounds are this many standard deviations: 99.9 % of a normal distribution."""
+
+LEAST_FRAMES = 8
+"""Fewer frames of a recording say nothing about noise."""
+
+_WINDOW_S = 10.0
+"""Zeros are taken to move evenly for so long: they wander with temperature, in minutes."""
+
+_NEVER = 1e-6  # chance for a live taxel to read the same all the time
+_HOT = 0.95  # of the largest count: no taxel rests there
+_QUANTISATION = 1 / math.sqrt(12)  # standard deviation of rounding, counts
+_SMOOTHS = 0.4  # noise in counts that makes the mean of rounded counts true to a hundredth
+_TOUCHED_COLUMNS = 3  # of a light contact, wherever it stands between the columns
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class IdleFit:
+    """An untouched array.
+
+    `zero_counts` (rows, cols): mean counts. `noise_counts`: standard deviation of a live taxel.
+    `drift_counts_per_s`: no zero of a live taxel moved faster in the recordings. `dead` and `hot`: (row, col)
+    of taxels that never move and of those at the largest count.
+    """
+
+    zero_counts: Floats
+    noise_counts: float
+    drift_counts_per_s: float
+    dead: tuple[tuple[int, int], ...]
+    hot: tuple[tuple[int, int], ...]
+
+    @property
+    def live(self) -> Mask:
+        """Taxels that are neither dead nor hot, (rows, cols)."""
+        live = np.ones(self.zero_counts.shape, dtype=bool)
+        for row, col in (*self.dead, *self.hot):
+            live[row, col] = False
+        return live
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """A stretch of a recording: n frames in `span_s`, mean at its middle, slope and what is left of it.
+
+    `mean`, `slope_per_s` and `spread` (standard deviation from the straight line) have shape (rows, cols).
+    """
+
+    n: int
+    middle_s: float
+    slope_sigma_s: float
+    span_s: float
+    mean: Floats
+    slope_per_s: Floats
+    spread: Floats
+
+
+def idle_of(idles: Sequence[Idle], max_count: int) -> IdleFit:
+    """What one finger's idle recordings, in any order but by one clock, say; the array counts to `max_count`.
+
+    Noise is the median of the live taxels' standard deviations about straight lines of ten seconds, and
+    never less than that of rounding. Drift is the largest slope of a line, or of a zero from one line to
+    the next, with `COVERAGE_SIGMAS` of its own uncertainty added. Raises InputError for recordings that are
+    too short to say anything, and for an array without a live taxel.
+    """
+    if not idles or any(len(idle.counts) < LEAST_FRAMES for idle in idles):
+        raise InputError(
+            f"idle array: a recording has fewer than {LEAST_FRAMES} frames; record a few seconds with "
+            "nothing near the tip"
+        )
+    windows = sorted((w for idle in idles for w in _windows(idle)), key=lambda w: w.middle_s)
+    frames = sum(w.n for w in windows)
+    zero: Floats = sum((w.mean * w.n for w in windows), np.zeros_like(windows[0].mean)) / frames
+    hot = zero >= _HOT * max_count
+    still = np.all([(i.counts == idles[0].counts[0]).all(axis=0) for i in idles], axis=0) & ~hot
+    spread = np.sqrt(sum((w.spread**2 * w.n for w in windows), np.zeros_like(zero)) / frames)
+    dead = still & _is_suspicious(spread[~still & ~hot], still.sum(), frames)
+    live = ~dead & ~hot
+    if not live.any():
+        raise InputError(f"idle array {idles[0].finger}: no taxel is alive; check the array and its cable")
+    noise = max(float(np.median(spread[live])), _QUANTISATION)
+    return IdleFit(zero, noise, _drift(windows, live, noise), _places(dead), _places(hot))
+
+
+def least_contact_force_n(idle: IdleFit, counts_per_n: float) -> float:
+    """Force (N) that stands out of the noise: `SIGMAS` of it in the sum over all rows of three columns.
+
+    That many columns a light contact touches wherever it is; drift is not in it.
+    """
+    taxels = _TOUCHED_COLUMNS * idle.zero_counts.shape[0]
+    return SIGMAS * idle.noise_counts * math.sqrt(taxels) / counts_per_n
+
+
+def _windows(idle: Idle) -> list[_Window]:
+    """Cut a recording into stretches of at most `_WINDOW_S`, each long enough to be judged."""
+    length = float(idle.time_s[-1] - idle.time_s[0])
+    pieces = min(max(math.ceil(length / _WINDOW_S), 1), len(idle.counts) // LEAST_FRAMES)
+    counts = np.array_split(idle.counts.astype(float), pieces)
+    times = np.array_split(idle.time_s, pieces)
+    return [_line(c, t) for c, t in zip(counts, times, strict=True)]
+
+
+def _line(counts: Floats, time_s: Floats) -> _Window:
+    """A straight line through frames (n, rows, cols), taxel by taxel."""
+    n, middle = len(counts), float(time_s.mean())
+    since = time_s - middle
+    square = float(since @ since)
+    if square == 0:
+        raise InputError("idle array: all frames of a recording have one time; record them with their times")
+    mean = counts.mean(axis=0)
+    slope = np.tensordot(since, counts, axes=(0, 0)) / square
+    rest = counts - mean - since[:, None, None] * slope
+    spread = np.sqrt((rest**2).sum(axis=0) / (n - 2))
+    return _Window(n, middle, 1 / math.sqrt(square), float(np.ptp(time_s)), mean, slope, spread)
+
+
+def _is_suspicious(others: Floats, still: int, frames: int) -> bool:
+    """Whether noise like that of other taxels would have moved a taxel that never moved."""
+    if not still or not len(others):
+        return False
+    noise = max(float(np.median(others)), 1e-3)
+    return math.erf(0.5 / (noise * math.sqrt(2))) ** frames < _NEVER
+
+
+def _drift(windows: list[_Window], live: Mask, noise: float) -> float:
+    """Bound on the speed of any live zero, counts/s, from lines and from what lies between them."""
+    rounding = 1.0 if noise < _SMOOTHS else 0.0  # without noise a zero moves by a count before it shows
+    speeds = [
+        (
+            w.span_s,
+            float(np.abs(w.slope_per_s[live]).max())
+            + COVERAGE_SIGMAS * noise * w.slope_sigma_s
+            + rounding / w.span_s,
+        )
+        for w in windows
+    ]
+    for before, after in pairwise(windows):
+        passed = after.middle_s - before.middle_s
+        moved = float(np.abs((after.mean - before.mean)[live]).max())
+        unsure = COVERAGE_SIGMAS * noise * math.sqrt(1 / before.n + 1 / after.n) + rounding
+        speeds.append((passed, (moved + unsure) / passed))
+    # Short stretches show little but noise: they are asked only where there is nothing else.
+    long = [speed for seconds, speed in speeds if seconds >= _WINDOW_S / 2]
+    return max(long or [speed for _, speed in speeds])
+
+
+def _places(mask: Mask) -> tuple[tuple[int, int], ...]:
+    return tuple((int(row), int(col)) for row, col in np.argwhere(mask))

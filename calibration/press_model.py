@@ -1,0 +1,255 @@
+"""What columns and the slide's current must read at the levels of presses, and the fit of what is unknown.
+
+Between `ramps` and `gains`. Travel past first contact gives the dent, the dent and the bearing give the
+columns' shares (`pattern`), stiffness gives forces, gains give counts. Presses at different bearings move one
+patch over the columns, and each patch grows with its dent: both tell where the array's middle looks without
+knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from palpate.calibration.pattern import approach, pattern
+from palpate.calibration.ramps import LEVELS, PressedAt, Ramps
+
+__all__ = ["Known", "Solution", "solve"]
+
+_MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
+_WEAK = 0.2  # of a press's strongest level: levels below are as uncertain as that one
+_STEP = 1e-5  # of differences in place of derivatives
+_LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
+_SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
+_CROSSTALK_SIGMA = 0.1
+_FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
+_SHARED = 4  # unknowns of the finger as a whole, of which these are the places
+_PHASE, _FIRM, _SCALE, _CROSSTALK = range(_SHARED)
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a fit is told of the finger.
+
+    `columns_rad` (cols,), `pitch_rad` and `rows`: the array's. `counts_per_n`: nominal, of a taxel.
+    `radius_mm`: the tip's. `rows_used` (cols,): how many rows the counts of a column are the mean of, 0 for
+    a column that is not looked at. `phase_rad` ± `phase_sigma_rad` and 1 ± `gain_sigma`: what is likely.
+    """
+
+    columns_rad: Floats
+    pitch_rad: float
+    rows: int
+    counts_per_n: float
+    radius_mm: float
+    rows_used: Floats
+    noise_counts: float
+    phase_rad: float
+    phase_sigma_rad: float
+    gain_sigma: float
+    current_step_a: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
+
+    `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from each
+    ramp's start; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m, cols):
+    what they read more, as a share of the strongest column; 0 where a column is not looked at.
+    """
+
+    gain: Floats
+    gain_log_sigma: Floats
+    phase_rad: float
+    phase_sigma_rad: float
+    stiffness_n_per_mm: float
+    stiffness_log_sigma: float
+    crosstalk: float
+    crosstalk_sigma: float
+    friction_a: Floats
+    touch_mm: Floats
+    bearing_rad: Floats
+    counts: Floats
+    off: Floats
+
+
+def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, known: Known) -> Solution:
+    """Least squares over all levels; `column_counts` (m, cols): mean over the rows that are used.
+
+    Sigmas are those of the levels' stated errors, or as much larger as the residuals are.
+    """
+    model = _Model(presses, ramps, column_counts, known)
+    fitted = least_squares(model.residuals, model.start(), jac=model.jacobian, method="trf", x_scale="jac")
+    misfit = max(1.0, model.misfit(fitted.fun))
+    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(fitted.jac.T @ fitted.jac)))
+    gains, touch, bearing, friction = model.parts(fitted.x)
+    counts = model.counts(fitted.x)
+    strongest = np.maximum(column_counts.max(axis=1, keepdims=True), 1.0)
+    return Solution(
+        gain=np.exp(gains),
+        gain_log_sigma=sigma[_SHARED : _SHARED + len(gains)],
+        phase_rad=float(fitted.x[_PHASE]),
+        phase_sigma_rad=float(sigma[_PHASE]),
+        stiffness_n_per_mm=math.exp(fitted.x[_FIRM]),
+        stiffness_log_sigma=float(sigma[_FIRM]),
+        crosstalk=float(fitted.x[_CROSSTALK]),
+        crosstalk_sigma=float(sigma[_CROSSTALK]),
+        friction_a=friction,
+        touch_mm=touch,
+        bearing_rad=bearing,
+        counts=counts,
+        off=np.where(known.rows_used > 0, (column_counts - counts) / strongest, 0.0),
+    )
+
+
+class _Model:
+    """The unknowns are those of the finger, logarithms of the columns' gains, and three of each press.
+
+    Of a press: travel (mm) and bearing (rad) at first contact, and friction (A).
+    """
+
+    def __init__(
+        self, presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, known: Known
+    ) -> None:
+        self._known = known
+        self._ramps = ramps
+        self._read = column_counts
+        self._bearing = np.array([p.bearing_rad for p in presses])
+        self._bearing_sigma = np.array([p.bearing_sigma_rad for p in presses])
+        self._curvature = np.array([p.curvature_per_mm for p in presses])[ramps.press]
+        self._newton_per_a = np.array([p.newton_per_a for p in presses])[ramps.press]
+        cols = len(known.columns_rad)
+        self._cols, self._presses = cols, len(presses)
+        self._exchange = np.eye(cols, k=1) + np.eye(cols, k=-1)
+        self._exchange -= np.diag(self._exchange.sum(axis=0))
+        self._counts_per_n = known.counts_per_n / known.rows
+        self._weight = self._weights()
+        step = known.current_step_a / math.sqrt(12)
+        self._current_sigma = step
+        self._friction_sigma = np.hypot(step, _FRICTION_SIGMA * ramps.free_a)
+
+    def start(self) -> Floats:
+        """Values to begin with: contact and stiffness from straight lines, nominal ones otherwise."""
+        total = self._read.sum(axis=1) / self._counts_per_n
+        slopes, touch = np.zeros(self._presses), np.zeros(self._presses)
+        for press in range(self._presses):
+            its = self._ramps.press == press
+            slope, offset = np.polyfit(self._ramps.travel_mm[its], total[its], 1)
+            slopes[press] = max(slope, 1e-3)
+            touch[press] = np.clip(-offset / slopes[press], -0.5, 0.0)
+        firm = float(np.median(slopes / np.cos(self._bearing)))
+        shared = [self._known.phase_rad, math.log(firm), 0.0, 0.0]
+        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._ramps.free_a])
+
+    def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Logarithms of gains, travels and bearings at first contact, frictions."""
+        gains, rest = x[_SHARED : _SHARED + self._cols], x[_SHARED + self._cols :]
+        touch, bearing, friction = rest.reshape(3, self._presses)
+        return gains, touch, bearing, friction
+
+    def counts(self, x: Floats) -> Floats:
+        """What columns should read, (m, cols)."""
+        gains, touch, bearing, _ = self.parts(x)
+        result: Floats = self._felt(x[:_SHARED], touch, bearing)[0] * np.exp(gains) * self._counts_per_n
+        return result
+
+    def misfit(self, residuals: Floats) -> float:
+        """Mean square of the residuals of what was read, of counts or of currents, whichever is larger."""
+        m = len(self._ramps.press)
+        counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
+        looked = m * max(int((self._known.rows_used > 0).sum()), 1)
+        return max(float(counts @ counts) / looked, float(currents @ currents) / m)
+
+    def residuals(self, x: Floats) -> Floats:
+        """What is off, in standard deviations: counts (m · cols), currents (m), what is likely."""
+        gains, touch, bearing, friction = self.parts(x)
+        load, push = self._felt(x[:_SHARED], touch, bearing)
+        counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
+        current = friction[self._ramps.press] + push / self._newton_per_a - self._ramps.current_a
+        known = self._known
+        likely = [
+            [(x[_PHASE] - known.phase_rad) / known.phase_sigma_rad],
+            [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
+            gains / known.gain_sigma,
+            (bearing - self._bearing) / self._bearing_sigma,
+            (friction - self._ramps.free_a) / self._friction_sigma,
+        ]
+        return np.concatenate([counts.ravel(), current / self._current_sigma, *likely])
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Derivatives of `residuals`. A press's unknowns move its own levels only: all presses at once."""
+        m, cols, n = len(self._ramps.press), self._cols, self._presses
+        result = np.zeros((m * (cols + 1) + 3 + cols + 2 * n, len(x)))
+        gains, touch, bearing, _ = self.parts(x)
+        shared = x[:_SHARED]
+        load, push = self._felt(shared, touch, bearing)
+        to_counts = np.exp(gains) * self._counts_per_n * self._weight
+        to_current = 1 / (self._newton_per_a * self._current_sigma)
+
+        def scaled(load: Floats, push: Floats) -> tuple[Floats, Floats]:
+            return load * to_counts, push * to_current
+
+        def moved(shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+            there = self._felt(shared, touch, bearing)
+            return scaled((there[0] - load) / _STEP, (there[1] - push) / _STEP)
+
+        counts, current = scaled(load, push)
+        read = result[: m * cols].reshape(m, cols, -1)
+        pushed = result[m * cols : m * (cols + 1)]
+        read[..., _FIRM], pushed[:, _FIRM] = counts, current
+        for place in (_PHASE, _SCALE, _CROSSTALK):
+            step = np.zeros(_SHARED)
+            step[place] = _STEP
+            read[..., place], pushed[:, place] = moved(shared + step, touch, bearing)
+        every = np.arange(cols)
+        read[:, every, _SHARED + every] = counts
+        level, press = np.arange(m), self._ramps.press
+        at_touch = _SHARED + cols + press
+        by_touch, by_bearing = moved(shared, touch + _STEP, bearing), moved(shared, touch, bearing + _STEP)
+        read[level, :, at_touch], pushed[level, at_touch] = by_touch
+        read[level, :, at_touch + n], pushed[level, at_touch + n] = by_bearing
+        pushed[level, at_touch + 2 * n] = 1 / self._current_sigma
+        likely = result[m * (cols + 1) :]
+        places = np.concatenate([[_PHASE, _SCALE, _CROSSTALK], _SHARED + every, np.arange(-2 * n, 0)])
+        likely[np.arange(len(places)), places] = np.concatenate(
+            [
+                [1 / self._known.phase_sigma_rad, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
+                np.full(cols, 1 / self._known.gain_sigma),
+                1 / self._bearing_sigma,
+                1 / self._friction_sigma,
+            ]
+        )
+        return result
+
+    def _felt(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+        """Force on columns (m, cols) and along the travel (m,), N."""
+        known, press = self._known, self._ramps.press
+        dent, turned = approach(
+            self._ramps.travel_mm - touch[press], bearing[press], known.radius_mm, self._curvature
+        )
+        depth = np.clip(dent * math.exp(shared[_SCALE]) / known.radius_mm, _LEAST_DENT, _MOST_DENT)
+        pressed = pattern(
+            known.columns_rad,
+            known.pitch_rad,
+            turned - shared[_PHASE],
+            depth,
+            self._curvature * known.radius_mm,
+        )
+        force = math.exp(shared[_FIRM]) * np.maximum(dent, 0.0)
+        share = pressed.share + shared[_CROSSTALK] * (pressed.share @ self._exchange)
+        return force[:, None] * share, force * pressed.lean * np.cos(turned)
+
+    def _weights(self) -> Floats:
+        """One over the standard deviation of counts, (m, cols); 0 where a column is not looked at."""
+        strongest = self._read.max(axis=1)
+        most = np.zeros(self._presses)
+        np.maximum.at(most, self._ramps.press, strongest)
+        model = _MODEL_SHARE * np.maximum(strongest, _WEAK * most[self._ramps.press])
+        rows = self._known.rows_used
+        noise = self._known.noise_counts**2 / (self._ramps.samples[:, None] * np.maximum(rows, 1.0))
+        return np.where(rows > 0, 1 / np.sqrt(noise + model[:, None] ** 2), 0.0)

@@ -1,0 +1,70 @@
+"""What calibration asks of a rig: to touch, to press, to be still. Carried out by `palpate.rig` on real and
+emulated devices alike; calibration itself knows neither ports nor clocks.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from palpate.calibration.measured import Idle, Press, Stop, Touched
+from palpate.calibration.reference import Reference
+
+__all__ = ["Approach", "Probe", "Prober"]
+
+
+@dataclass(frozen=True)
+class Approach:
+    """A straight way that a slide can go: its finger, its aim's servo angle, and its slide's first and last."""
+
+    finger: int
+    aim_rad: float
+    start_rad: float
+    end_rad: float
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An approach, by its number, up to where the slide's servo stands at `end_rad`."""
+
+    approach: int
+    end_rad: float
+
+
+class Prober(Protocol):
+    """A rig that can be measured. Every method raises DeviceError or SafetyStop when a device fails."""
+
+    @property
+    def approaches(self) -> Sequence[Approach]:
+        """Every way that is free."""
+        ...
+
+    def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
+        """Have a reference put somewhere near a place in W, alone on the table, and kept from moving."""
+        ...
+
+    def clear(self) -> None:
+        """Have the table cleared."""
+        ...
+
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+        """Touch with several fingers at once, each once at most; None for what met nothing."""
+        ...
+
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+        """Press slowly on contacts that are known, with several fingers at once, and go back.
+
+        `end_rad` of each is where its slide's servo stood when it touched there.
+        """
+        ...
+
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+        """Run into contacts that are known, at a speed, and stop."""
+        ...
+
+    def idle(self, seconds: float) -> list[Idle]:
+        """What every array says when nothing touches it."""
+        ...
+
+    def home(self, finger: int, stop_mm: float) -> float:
+        """Servo angle at which a slide stalls, gently driven against the hard stop at a distance from its base."""
+        ...

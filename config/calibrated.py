@@ -1,0 +1,176 @@
+"""A rig with its calibration laid over it, and whether that belongs to this rig at all.
+
+Between the two files and everyone who builds a hand: what comes out is a `RigFile` like any other, with
+numbers that were measured and bounds that hold for them.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from palpate.config.calibration_file import CalibrationFile
+from palpate.config.calibration_finger import (
+    ActuatorsCalibration,
+    CalibratedBounds,
+    CalibratedFinger,
+    PlaceCalibration,
+    TactileCalibration,
+)
+from palpate.config.fields import FileModel
+from palpate.config.rig_file import AnyFinger, Finger, RigFile
+from palpate.config.rig_fingers import Taxels
+from palpate.errors import InputError
+
+__all__ = ["calibrated", "check_calibration", "geometry_sha256"]
+
+_FingerT = TypeVar("_FingerT", bound=FileModel)
+
+_SIGMAS = 3.3
+"""Standard deviations that 99.9 % of a normal distribution lie within (3.29)."""
+
+_NOT_GEOMETRY = frozenset(
+    {
+        "port", "baudrate_bps", "bounds", "bound_mm", "bound_deg", "zero_bound_mm", "mm_per_turn_spread",
+        "radius_bound_mm", "heading_bound_deg", "stiffness_spread", "gain_spread", "drift_counts_per_s",
+        "backlash_mm", "backlash_deg", "taxels",
+    }
+)  # fmt: skip
+"""Keys that say where a device is plugged in, or how well something is known: they may change freely."""
+
+
+def geometry_sha256(rig: RigFile) -> str:
+    """SHA-256 of what a calibration depends on: how stage and fingers are built and where they stand.
+
+    How well that is known, ports, and how the rig is used do not count, and neither do keys that are left
+    at their defaults.
+    """
+    parts = {
+        "format": rig.format,
+        "stage": _built(rig.stage),
+        "fingers": [_built(finger) for finger in rig.fingers],
+    }
+    text = json.dumps(parts, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def check_calibration(file: CalibrationFile, rig: RigFile, name: str, rig_name: str) -> None:
+    """Refuse the calibration of another rig, or of this one before it was changed.
+
+    `name`, `rig_name`: what messages call the two files. Raises InputError.
+    """
+    remedy = f"calibrate again with `palpate calibrate --rig {rig_name}`, or move this file away"
+    if file.rig != rig.name:
+        raise InputError(
+            f'{name}: was made for rig "{file.rig}"; {rig_name} describes "{rig.name}": {remedy}'
+        )
+    ours, theirs = [item.name for item in rig.fingers], [item.name for item in file.fingers]
+    if ours != theirs:
+        raise InputError(
+            f"{name}: was made for fingers {', '.join(theirs)}; {rig_name} has {', '.join(ours)}: {remedy}"
+        )
+    for finger, found in zip(rig.fingers, file.fingers, strict=True):
+        if not isinstance(finger, Finger) and (found.actuators is not None or found.place is not None):
+            raise InputError(
+                f'{name}: finger "{finger.name}" is an arm, which has no aim and no slide: {remedy}'
+            )
+    if file.geometry_sha256 != geometry_sha256(rig):
+        raise InputError(
+            f"{name}: fingers or stage were changed in {rig_name} since this calibration was made on "
+            f"{file.made:%Y-%m-%d}: {remedy}"
+        )
+
+
+def calibrated(rig: RigFile, file: CalibrationFile) -> RigFile:
+    """The rig with everything that the calibration has measured; `check_calibration` comes before.
+
+    What was not calibrated stays as described. Where the calibration has bounds, they take the place of those
+    of its parts. The result is not checked again as a rig file is: an `[emulation]` table says what may be
+    off of the rig as described, and that is more than calibration leaves.
+    """
+    fingers = [_calibrated(finger, found) for finger, found in zip(rig.fingers, file.fingers, strict=True)]
+    return rig.model_copy(update={"fingers": fingers})
+
+
+def _calibrated(finger: AnyFinger, found: CalibratedFinger) -> AnyFinger:
+    if found.tactile is not None:
+        finger = _with_tactile(finger, found.tactile)
+    if isinstance(finger, Finger):
+        if found.actuators is not None:
+            finger = _with_actuators(finger, found.actuators)
+        if found.place is not None:
+            finger = _placed(finger, found.place)
+    if found.bounds is not None:
+        finger = _bounded(finger, found.bounds)
+    return finger
+
+
+def _with_tactile(finger: AnyFinger, found: TactileCalibration) -> AnyFinger:
+    taxels = Taxels(
+        gain=found.gain,
+        gain_bound=found.gain_bound,
+        unusable=[(taxel.row, taxel.col) for taxel in found.unusable],
+        noise_counts=found.noise_counts,
+        crosstalk=found.crosstalk,
+        crosstalk_bound=found.crosstalk_bound,
+    )
+    array = {"taxels": taxels, "drift_counts_per_s": found.drift_counts_per_s}
+    tip = {"stiffness_n_per_mm": found.stiffness_n_per_mm, "stiffness_spread": found.stiffness_bound}
+    return _changed(finger, array=array, tip=tip)
+
+
+def _with_actuators(finger: Finger, found: ActuatorsCalibration) -> Finger:
+    slide, aim = found.slide, found.aim
+    changes: dict[str, float] = {"backlash_mm": slide.backlash_mm + _SIGMAS * slide.backlash_sigma_mm}
+    if slide.homed:
+        changes |= {
+            "zero_mm": slide.zero_mm,
+            "zero_bound_mm": _SIGMAS * slide.zero_sigma_mm,
+            "mm_per_turn": slide.mm_per_turn,
+            "mm_per_turn_spread": _SIGMAS * slide.mm_per_turn_sigma / abs(slide.mm_per_turn),
+        }
+    play = {"backlash_deg": aim.backlash_deg + _SIGMAS * aim.backlash_sigma_deg}
+    return _changed(finger, slide=changes, aim=play)
+
+
+def _placed(finger: Finger, found: PlaceCalibration) -> Finger:
+    zero_sigma_mm = max(found.covariance[4][4], 0.0) ** 0.5
+    placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
+    return _changed(
+        placed,
+        slide={"zero_mm": found.zero_mm, "zero_bound_mm": _SIGMAS * zero_sigma_mm},
+        tip={"radius_mm": found.tip_radius_mm, "radius_bound_mm": _SIGMAS * found.tip_radius_sigma_mm},
+        array={
+            "heading_deg": found.array_heading_deg,
+            "heading_bound_deg": _SIGMAS * found.array_heading_sigma_deg,
+        },
+    )
+
+
+def _bounded(finger: AnyFinger, found: CalibratedBounds) -> AnyFinger:
+    """With bounds on contacts, in which those of radius, zero, travel and array's heading are contained."""
+    if isinstance(finger, Finger):
+        finger = _changed(finger, slide={"zero_bound_mm": 0.0, "mm_per_turn_spread": 0.0})
+    return _changed(
+        finger,
+        bounds={"position_mm": found.position_mm, "direction_deg": found.direction_deg},
+        tip={"radius_bound_mm": 0.0},
+        array={"heading_bound_deg": 0.0},
+    )
+
+
+def _changed(finger: _FingerT, **tables: Mapping[str, object]) -> _FingerT:
+    """The finger with other values in some of its tables."""
+    new = {key: getattr(finger, key).model_copy(update=values) for key, values in tables.items()}
+    return finger.model_copy(update=new)
+
+
+def _built(model: FileModel | None) -> object:
+    """What a table says of how something is built, as plain values."""
+    return None if model is None else _geometry(model.model_dump(mode="json", exclude_defaults=True))
+
+
+def _geometry(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _geometry(item) for key, item in value.items() if key not in _NOT_GEOMETRY}
+    return value

@@ -1,0 +1,126 @@
+"""What calibration found of a rig, format `palpate/calibration@1`: TOML beside the rig file.
+
+`palpate calibrate` writes it, `calibrated` lays it over the rig file that it was made for, and every other
+command takes the rig from there. `docs/calibration-file.md` explains every key.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from palpate.config.calibration_finger import CalibratedFinger
+from palpate.config.calibration_numbers import Hash, Measured, MeasuredLength, UtcTime
+from palpate.config.fields import Count, FileModel, Flag, Name, Text
+from palpate.config.loading import Source, load_toml
+from palpate.config.problems import problem
+
+__all__ = [
+    "CalibrationDevice",
+    "CalibrationFile",
+    "CalibrationReference",
+    "Residuals",
+    "TouchSeen",
+    "calibration_path",
+    "load_calibration",
+]
+
+
+class CalibrationReference(FileModel):
+    """A thing of known shape that was touched."""
+
+    name: Name = Field(description="What it is called.")
+    sha256: Hash = Field(description="Of the description of its shape.")
+
+
+class CalibrationDevice(FileModel):
+    """A device that took part: another one in its place has not been calibrated."""
+
+    port: Text = Field(description="The rig file's port.")
+    kind: Literal["servo", "array"] = Field(description='"servo" or "array".')
+    id: Text = Field(description="A servo's ID on the bus, an array's unique id in hexadecimal.")
+    model: Text = Field(description="Model of the servo; what the array speaks and its size.")
+    firmware: Text = Field(description="Version of its firmware.")
+
+
+class TouchSeen(FileModel):
+    """A touch, where the fit says that it was."""
+
+    finger: Name = Field(description="Which finger touched.")
+    placing: Count = Field(description="Number of the reference's placing, from 0.")
+    x_mm: Measured = Field(description="Tip centre in W.")
+    y_mm: Measured = Field(description="Likewise.")
+    normal_deg: Measured = Field(description="Direction of the reference's outward normal there, from +x.")
+    residual_mm: Measured = Field(description="Distance from where it should be, along the normal, outward.")
+    held_out: Flag = Field(description="It was not fitted, only foretold.")
+    outlier: Flag = Field(description="It was left out because it does not agree with the others.")
+
+
+class Residuals(FileModel):
+    """How well all fingers' places agree with the touches."""
+
+    rms_mm: MeasuredLength = Field(description="Root mean square of fitted touches' residuals.")
+    largest_mm: MeasuredLength = Field(description="The largest of them, whatever its sign.")
+    touches: Count = Field(description="Touches that were fitted.")
+    degrees_of_freedom: Count = Field(description="Fitted touches less what they determine.")
+    chi_square: MeasuredLength = Field(description="Sum of squares of residuals over expected deviations.")
+    outliers: Count = Field(description="Touches that were left out.")
+    held_out: Count = Field(description="Touches that were only foretold.")
+    held_out_rms_mm: MeasuredLength = Field(description="Root mean square of their residuals; 0 for none.")
+    held_out_largest_mm: MeasuredLength = Field(description="The largest of them; 0 for none.")
+    touches_seen: list[TouchSeen] = Field(default=[], description="Every touch.")
+
+
+class CalibrationFile(FileModel):
+    """What calibration found of a rig, `palpate/calibration@1`."""
+
+    format: Literal["palpate/calibration@1"] = "palpate/calibration@1"
+    rig: Name = Field(description="Name of the rig.")
+    rig_sha256: Hash = Field(description="Of the rig file as it was.")
+    geometry_sha256: Hash = Field(
+        description="Of what calibration depends on in the rig file; if that changes, calibrate again."
+    )
+    made: UtcTime = Field(description="When it was made, in UTC.")
+    palpate: Text = Field(description="Version that made it.")
+    emulated: Flag = Field(description="The devices were emulated.")
+    coverage: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, lt=1)] = Field(
+        description="Share of contacts that the bounds are to hold for."
+    )
+    references: list[CalibrationReference] = Field(default=[], description="What was touched.")
+    devices: list[CalibrationDevice] = Field(description="Every device that took part.")
+    fingers: list[CalibratedFinger] = Field(
+        min_length=1, description="The rig's fingers, in the rig file's order."
+    )
+    residuals: Residuals | None = Field(
+        default=None, description="How well the fingers' places agree with the touches."
+    )
+
+    @model_validator(mode="after")
+    def _names_are_known_once(self) -> Self:
+        names = [finger.name for finger in self.fingers]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                raise problem(f"fingers[{names.index(name)}] has this name already", "fingers", index, "name")
+        seen = () if self.residuals is None else self.residuals.touches_seen
+        for index, touch in enumerate(seen):
+            if touch.finger not in names:
+                raise problem(
+                    f'is "{touch.finger}"; fingers: {", ".join(names)}',
+                    *("residuals", "touches_seen", index, "finger"),
+                )
+        return self
+
+
+def calibration_path(rig: Path) -> Path:
+    """Where the calibration of a rig file lies: beside it, `bench.toml` → `bench.calibration.toml`."""
+    return rig.with_name(f"{rig.stem}.calibration.toml")
+
+
+def load_calibration(source: Source) -> CalibrationFile:
+    """Read and check a calibration file; whether it belongs to a rig is for `check_calibration` to say.
+
+    Raises:
+        InputError: unreadable, wrong keys or values; one line.
+
+    """
+    return load_toml(source, CalibrationFile, {})

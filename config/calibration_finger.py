@@ -1,0 +1,223 @@
+"""What a calibration file says of one finger: its array, its actuators, its place, its bounds.
+
+`calibration_file` puts the fingers together, `calibrated` lays them over a rig. Units are the suffixes of the
+names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the rig file.
+"""
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from palpate.config.calibration_numbers import (
+    Gain,
+    Measured,
+    MeasuredLength,
+    MeasuredPositive,
+    Precise,
+    ShareUp,
+    UpLength,
+    UpPositive,
+)
+from palpate.config.fields import Count, FileModel, Flag, Name
+from palpate.config.problems import problem
+
+__all__ = [
+    "ActuatorsCalibration",
+    "AimCalibration",
+    "CalibratedBounds",
+    "CalibratedFinger",
+    "DirectionParts",
+    "Overshoot",
+    "PlaceCalibration",
+    "PositionParts",
+    "SlideCalibration",
+    "TactileCalibration",
+    "UnusableTaxel",
+]
+
+_PLACE_UNKNOWNS = 5
+_ASYMMETRY = 1e-6  # of entries that twelve digits and another order of sums cannot explain
+
+
+class UnusableTaxel(FileModel):
+    """A taxel that tells nothing, and why."""
+
+    row: Count = Field(description="Row, from the tip's lower end up, from 0.")
+    col: Count = Field(description="Column, from 0.")
+    what: Literal["dead", "hot", "unresponsive"] = Field(
+        description='"dead": stuck at rest; "hot": stuck at the top; "unresponsive": does not follow presses.'
+    )
+
+
+class TactileCalibration(FileModel):
+    """What was found of a finger's array and of the skin under it."""
+
+    gain: list[list[Gain]] = Field(
+        description="Relative gain of every taxel, row by row from the tip's lower end up; 1 where unknown."
+    )
+    gain_bound: list[list[ShareUp]] = Field(
+        description="Bound: each gain is off by at most this share of it."
+    )
+    unusable: list[UnusableTaxel] = Field(default=[], description="Taxels that are left out.")
+    noise_counts: UpPositive = Field(description="Standard deviation of a taxel's noise.")
+    offset_counts: MeasuredLength = Field(description="Mean of what taxels read at rest.")
+    drift_counts_per_s: UpLength = Field(description="Bound: no taxel's zero moves faster.")
+    crosstalk: Annotated[MeasuredLength, Field(le=0.25)] = Field(
+        description="Share of a taxel's force that each neighbour shows."
+    )
+    crosstalk_bound: UpLength = Field(description="Bound: crosstalk is off by at most this.")
+    stiffness_n_per_mm: MeasuredPositive = Field(description="Force per mm of dent.")
+    stiffness_bound: ShareUp = Field(description="Bound: the stiffness is off by at most this share.")
+    least_contact_force_n: UpPositive = Field(description="Least force that stands out of the noise.")
+    saturates_n: MeasuredPositive | None = Field(
+        default=None, description="Least force at which a taxel was full; left out if none was."
+    )
+    phase_deg: Measured = Field(
+        description="Where the array's middle looks, from the slide's direction, as presses alone show it."
+    )
+    phase_sigma_deg: UpLength = Field(description="Standard deviation of phase_deg.")
+    presses: Count = Field(description="Presses that went into this.")
+    residual_share: UpLength = Field(
+        description="Root mean square of what the fit leaves of the presses' forces, as a share of them."
+    )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the array."""
+        return len(self.gain), len(self.gain[0]) if self.gain else 0
+
+    @model_validator(mode="after")
+    def _is_one_array(self) -> Self:
+        rows, cols = self.shape
+        for key, matrix in (("gain", self.gain), ("gain_bound", self.gain_bound)):
+            if 0 in (rows, cols) or len(matrix) != rows or any(len(row) != cols for row in matrix):
+                raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
+        seen: set[tuple[int, int]] = set()
+        for index, taxel in enumerate(self.unusable):
+            if taxel.row >= rows or taxel.col >= cols:
+                raise problem(f"names taxel [{taxel.row}, {taxel.col}] of {rows} x {cols}", "unusable", index)
+            if (taxel.row, taxel.col) in seen:
+                raise problem(f"names taxel [{taxel.row}, {taxel.col}] again", "unusable", index)
+            seen.add((taxel.row, taxel.col))
+        return self
+
+
+class Overshoot(FileModel):
+    """How far a slide went on after a contact, at one speed."""
+
+    speed_mm_s: MeasuredPositive = Field(description="Speed at the contact.")
+    largest_mm: MeasuredLength = Field(description="The farthest that was seen.")
+    bound_mm: UpLength = Field(description="Bound: no stop from this speed goes farther.")
+
+
+class SlideCalibration(FileModel):
+    """What was found of a slide."""
+
+    direction_confirmed: Flag = Field(description="It was seen to move the way the rig file says.")
+    mm_per_turn: Measured = Field(description="Travel per servo turn; as described if not homed.")
+    mm_per_turn_sigma: UpLength = Field(description="Standard deviation of mm_per_turn.")
+    zero_mm: Measured = Field(
+        description="Distance at Goal Position 0, in the middle of the play; as described if not homed."
+    )
+    zero_sigma_mm: UpLength = Field(description="Standard deviation of zero_mm.")
+    homed: Flag = Field(description="It met its hard stops, so that mm_per_turn and zero_mm were measured.")
+    backlash_mm: MeasuredLength = Field(description="Play, either way; the skin's lost motion is in it.")
+    backlash_sigma_mm: UpLength = Field(description="Standard deviation of backlash_mm.")
+    friction_a: MeasuredLength = Field(description="Current that it needs to move through free space.")
+    latency_s: MeasuredLength = Field(description="Mean time from a contact to standing still.")
+    latency_bound_s: UpLength = Field(description="Bound: no stop takes longer.")
+    overshoots: list[Overshoot] = Field(default=[], description="What was seen at each speed.")
+
+    @model_validator(mode="after")
+    def _travels(self) -> Self:
+        if self.mm_per_turn == 0:
+            raise problem("is 0; it must not be", "mm_per_turn")
+        return self
+
+
+class AimCalibration(FileModel):
+    """What was found of an aim."""
+
+    direction_confirmed: Flag = Field(description="It was seen to turn the way the rig file says.")
+    backlash_deg: MeasuredLength = Field(description="Play of the aim, either way.")
+    backlash_sigma_deg: UpLength = Field(description="Standard deviation of backlash_deg.")
+    friction_a: MeasuredLength = Field(description="Current that it needs to turn freely.")
+
+
+class ActuatorsCalibration(FileModel):
+    """What was found of a finger's servos and what they drive."""
+
+    slide: SlideCalibration = Field(description="The slide.")
+    aim: AimCalibration = Field(description="The aim.")
+
+
+class PlaceCalibration(FileModel):
+    """Where a finger stands in the hand frame W, with what belongs to it in the same fit."""
+
+    base_mm: tuple[Measured, Measured] = Field(description="[x, y] of the aim axis.")
+    base_sigma_mm: tuple[UpLength, UpLength] = Field(description="Standard deviations of base_mm.")
+    heading_deg: Measured = Field(description="Direction of the slide at aim 0, counter-clockwise from +x.")
+    heading_sigma_deg: UpLength = Field(description="Standard deviation of heading_deg.")
+    tip_radius_mm: MeasuredPositive = Field(description="Radius of the tip.")
+    tip_radius_sigma_mm: UpLength = Field(description="Standard deviation of tip_radius_mm.")
+    array_heading_deg: Measured = Field(
+        description="Where the array's middle looks, from the slide's direction."
+    )
+    array_heading_sigma_deg: UpLength = Field(description="Standard deviation of array_heading_deg.")
+    zero_mm: Measured = Field(
+        description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
+    )
+    covariance: list[list[Precise]] = Field(
+        description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."
+    )
+
+    @model_validator(mode="after")
+    def _covaries(self) -> Self:
+        if [len(row) for row in self.covariance] != [_PLACE_UNKNOWNS] * _PLACE_UNKNOWNS:
+            raise problem("must have 5 rows of 5 values", "covariance")
+        matrix = np.array(self.covariance)
+        limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+        if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
+            raise problem("is not one: it must be symmetric, with a diagonal from 0", "covariance")
+        return self
+
+
+class PositionParts(FileModel):
+    """What the bound on the tip centre's place is made of, mm."""
+
+    fit: UpLength = Field(description="Place, heading, radius and zero, as well as the fit knows them.")
+    repeatability: UpLength = Field(description="What touches of the same place differ by.")
+    quantisation: UpLength = Field(description="Steps of the servos' encoders.")
+    play: UpLength = Field(description="What is left of play, on the side where touches have it.")
+    overshoot: UpLength = Field(description="What is not known of how far the tip went on.")
+
+
+class DirectionParts(FileModel):
+    """What the bound on the direction that carries the array is made of, degrees."""
+
+    fit: UpLength = Field(description="The slide's and the array's headings, as the fits know them.")
+    repeatability: UpLength = Field(description="What touches of the same place differ by.")
+    quantisation: UpLength = Field(description="Steps of the aim's encoder.")
+    play: UpLength = Field(description="Play of the aim.")
+
+
+class CalibratedBounds(FileModel):
+    """How far off a contact of this finger may be, at the file's coverage."""
+
+    position_mm: UpPositive = Field(description="Bound on the tip centre's place anywhere in the workspace.")
+    direction_deg: Annotated[UpPositive, Field(le=45)] = Field(
+        description="Bound on the direction that carries the array."
+    )
+    parts_mm: PositionParts = Field(description="What position_mm is made of.")
+    normal_parts_deg: DirectionParts = Field(description="What direction_deg is made of.")
+
+
+class CalibratedFinger(FileModel):
+    """One finger; what was not calibrated is left out."""
+
+    name: Name = Field(description="The rig file's name of the finger.")
+    tactile: TactileCalibration | None = Field(default=None, description="Its array and skin.")
+    actuators: ActuatorsCalibration | None = Field(default=None, description="Its servos.")
+    place: PlaceCalibration | None = Field(default=None, description="Where it stands.")
+    bounds: CalibratedBounds | None = Field(default=None, description="How far off its contacts may be.")

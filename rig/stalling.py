@@ -1,0 +1,80 @@
+"""Slides that are driven against their hard stops, gently, for calibration. Between hand and `rig_prober`."""
+
+import math
+
+from palpate.drivers.dynamixel.servo import stop_at, write_goals
+from palpate.drivers.slide_finger import SlideKinematics
+from palpate.errors import DeviceError, InputError
+from palpate.rig.closing import retract_all
+from palpate.rig.hand import Hand, HostFinger
+
+__all__ = ["slide_of", "stall"]
+
+_PERIOD_S = 0.01
+_STILL_MM = 0.03
+_STILL_S = 0.4
+_NEAR_MM = 6.0
+_PAST_MM = 4.0
+_SLOW_MM_S = 5.0
+_GENTLE = 0.6  # of the largest current
+_ARRIVED_MM = 0.8
+
+
+def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
+    """Drive a slide against the hard stop at `stop_mm` from its base; where its servo stalls (rad).
+
+    Quickly until near the stop, then slowly and with little current. The slide goes back to where it waits.
+    DeviceError if it goes on past the stop without stalling.
+    """
+    slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
+    full_a = finger.drive.limits()[slide].current_a
+    hand.arm()
+    retract_all(hand)
+    now_at = kinematics.distance_mm(hand.states([slide])[slide.dxl_id].position_rad)
+    way = math.copysign(1.0, stop_mm - now_at)
+    near, past = stop_mm - way * _NEAR_MM, stop_mm + way * _PAST_MM
+    if (near - now_at) * way > 0:
+        _drive(hand, finger, near, hand.rig.closing.approach_speed_mm_s)
+        goals = {slide: kinematics.slide_servo_rad(near)}
+        hand.wait_still(goals, lambda servo: finger.drive.reached_rad(servo, _ARRIVED_MM))
+    slide.set_goal_current_a(_GENTLE * full_a)
+    _drive(hand, finger, past, _SLOW_MM_S)
+    at = _stalled(hand, finger)
+    stop_at(hand.bus, {slide: slide.nearest_rad(at)})  # nothing presses on when the full current comes back
+    slide.set_goal_current_a(full_a)
+    if abs(kinematics.distance_mm(at) - past) < 1.0:
+        raise DeviceError(
+            f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard stop; "
+            "check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
+        )
+    retract_all(hand)
+    hand.disarm()
+    return at
+
+
+def slide_of(finger: HostFinger) -> SlideKinematics:
+    """Kinematics of a slide; InputError for a finger of another type."""
+    if not isinstance(finger.kinematics, SlideKinematics):
+        raise InputError(
+            f'finger {finger.name} is of type "two-link"; only fingers of type "slide" can be calibrated'
+        )
+    return finger.kinematics
+
+
+def _drive(hand: Hand, finger: HostFinger, to_mm: float, speed_mm_s: float) -> None:
+    slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
+    slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), 0.0)
+    write_goals(hand.bus, {slide: kinematics.slide_servo_rad(to_mm)}, confirm=True)
+
+
+def _stalled(hand: Hand, finger: HostFinger) -> float:
+    """Servo angle (rad) at which a slide has come to stand."""
+    slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
+    moved = abs(_STILL_MM / kinematics.mm_per_rad)
+    at, since = math.inf, hand.clock.now()
+    while hand.clock.now() - since < _STILL_S:
+        hand.pause(_PERIOD_S)
+        now_at = hand.states([slide])[slide.dxl_id].position_rad
+        if abs(now_at - at) > moved:
+            at, since = now_at, hand.clock.now()
+    return at

@@ -1,0 +1,152 @@
+"""Presses of a slide's tip against a disc and a flat face, as the emulated tip and taxels have them.
+
+Made from the emulators' physics, sample by sample, without servos: the current is what the slide pushes with
+and its friction, in the steps that Present Current has.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.gains import PressedAt
+from palpate.calibration.measured import FREE, IN, OUT, Idle, Press
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.tip import Outline, press
+from palpate.drivers.tactile.messages import Description, Shape
+
+ROWS, COLS, PITCH = 8, 20, math.radians(13.5)
+MM_PER_RAD = 100.0 / (2 * math.pi)
+NEWTON_PER_A = 1.78 / (MM_PER_RAD * 1e-3)
+CURRENT_STEP_A = 2.69e-3
+TICK_RAD = 2 * math.pi / 4096
+SAMPLE_MM = 0.02
+"""Travel from one sample to the next: 2 mm/s and 100 samples a second."""
+
+DISC_MM = 25.0
+BEARINGS_DEG = tuple(np.linspace(-50, 50, 9))
+FACES_DEG = (-6.0, 9.0)
+
+DESCRIPTION = Description(
+    unique_id=b"test array no. 3",
+    firmware="emulated 0.1",
+    emulated=True,
+    shape=Shape.CYLINDER,
+    rows=ROWS,
+    cols=COLS,
+    bit_depth=12,
+    max_rate_hz=500.0,
+    full_scale_n=2.0,
+    counts_per_n=2000.0,
+    tip_radius_mm=5.0,
+    columns=tuple((j - 9.5) * PITCH for j in range(COLS)),
+    row_heights_mm=tuple(1.0 + 2.0 * i for i in range(ROWS)),
+)
+
+
+def disc(radius_mm: float, sides: int = 720) -> Outline:
+    """A disc round (0, 0)."""
+    angle = 2 * math.pi * np.arange(sides) / sides
+    corners = radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
+    return Outline(corners, np.roll(corners, -1, axis=0), 60.0)
+
+
+def face() -> Outline:
+    """A straight edge along y through (0, 0), touched from x < 0."""
+    return Outline(np.array([[0.0, -60.0]]), np.array([[0.0, 60.0]]), 60.0)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the fit does not know of a finger."""
+
+    tip_radius_mm: float = 5.0
+    stiffness_n_per_mm: float = 3.0
+    phase_rad: float = 0.0
+    friction_a: float = 0.05 / 1.78
+    play_mm: float = 0.08
+
+
+class PressingFinger:
+    """A finger that presses; `taxels` are its array's, `rng` everything else that is left to chance."""
+
+    def __init__(self, truth: Truth, taxels: Taxels, rng: np.random.Generator) -> None:
+        self.truth = truth
+        self.taxels = taxels
+        self._rng = rng
+
+    def idle(self) -> Idle:
+        """Five seconds of the untouched array."""
+        time_s = np.arange(1000) / 200.0
+        return Idle("f1", self.taxels.counts(np.zeros((1000, ROWS, COLS)), time_s), time_s)
+
+    def press(
+        self, bearing_rad: float, disc_mm: float | None, force_n: float, bearing_sigma_rad: float
+    ) -> PressedAt:
+        """Press until the skin bears about `force_n`; `disc_mm` None for a flat face.
+
+        `bearing_rad` at first contact; what is told of it is off by `bearing_sigma_rad`.
+        """
+        deepest = force_n / self.truth.stiffness_n_per_mm / math.cos(bearing_rad)
+        way = np.arange(-3.0, deepest, SAMPLE_MM)
+        place = np.concatenate([way, way[::-1]])
+        leg = np.concatenate([np.where(way < 0, FREE, IN), np.full(len(way), OUT)])
+        aim = float(self._rng.uniform(0, 2 * math.pi))
+        felt, push = self._felt(way, bearing_rad, disc_mm, aim)
+        felt, push = np.concatenate([felt, felt[::-1]]), np.concatenate([push, push[::-1]])
+        raw = self.taxels.counts(felt).astype(float)
+        zero = self.taxels.counts(np.zeros((100, ROWS, COLS))).mean(axis=0)
+        outward = np.where(leg == OUT, -1.0, 1.0)
+        current = push / NEWTON_PER_A + outward * self.truth.friction_a
+        drive = (place + outward * self.truth.play_mm + self._rng.uniform(20, 60)) / MM_PER_RAD
+        made = Press(
+            "f1",
+            0,
+            aim,
+            np.rint(drive / TICK_RAD) * TICK_RAD,
+            np.rint(current / CURRENT_STEP_A) * CURRENT_STEP_A,
+            leg,
+            raw - zero,
+        )
+        told = bearing_rad + bearing_sigma_rad * float(self._rng.standard_normal())
+        return PressedAt(made, told, bearing_sigma_rad, 0.0 if disc_mm is None else 1 / disc_mm, NEWTON_PER_A)
+
+    def _felt(
+        self, way: NDArray[np.float64], bearing: float, disc_mm: float | None, aim: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which looks in direction `aim`.
+
+        A face's outline has its own direction, so that there the aim is what the bearing makes it.
+        """
+        t = self.truth
+        if disc_mm is None:
+            outline, aim, start = face(), -bearing, np.array([-t.tip_radius_mm, 0.0])
+        else:
+            towards = aim + bearing
+            outline = disc(disc_mm)
+            start = -(disc_mm + t.tip_radius_mm) * np.array([math.cos(towards), math.sin(towards)])
+        along = np.array([math.cos(aim), math.sin(aim)])
+        felt, push = np.zeros((len(way), ROWS, COLS)), np.zeros(len(way))
+        for i in np.flatnonzero(way >= 0):
+            touch = press(outline, start + way[i] * along, t.tip_radius_mm, t.stiffness_n_per_mm)
+            if touch is not None:
+                felt[i] = by_column(touch.angle, touch.by_ray_n, aim + t.phase_rad) / ROWS
+                push[i] = -touch.force_n @ along
+        return felt, push
+
+
+def by_column(angle: NDArray[np.float64], by_ray: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
+    """Sort rays into columns as the emulated bench does; `middle`: where the array's middle looks."""
+    seen = (angle - middle + math.pi) % (2 * math.pi) - math.pi
+    slot = np.floor((seen - DESCRIPTION.columns[0]) / PITCH + 0.5).astype(np.int64)
+    on_array = (slot >= 0) & (slot < COLS)
+    return np.bincount(slot[on_array], by_ray[on_array], minlength=COLS)
+
+
+def presses_of(
+    finger: PressingFinger, *, force_n: float = 3.5, bearing_sigma_rad: float = math.radians(0.3)
+) -> list[PressedAt]:
+    """Presses against a disc at all bearings and two against a face."""
+    wanted = [(b, DISC_MM) for b in BEARINGS_DEG] + [(b, None) for b in FACES_DEG]
+    return [finger.press(math.radians(b), size, force_n, bearing_sigma_rad) for b, size in wanted]
