@@ -1,5 +1,7 @@
 """Residuals of a calibration by finger, against the bounds that are stated; part of its report."""
 
+import math
+
 import numpy as np
 
 from palpate.rig.calibration_values import Spread
@@ -117,21 +119,19 @@ def _beyond(bound: float, edges: Floats, top: float) -> list[str]:
 def _words(finger: Spread, top: float) -> str:
     """The numbers right of the bars."""
     used = np.concatenate([finger.fitted_mm, finger.held_out_mm])
-    lines = [f"{len(finger.fitted_mm)} fitted, {len(finger.held_out_mm)} held out"]
+    lines = [(f"{len(finger.fitted_mm)} fitted, {len(finger.held_out_mm)} held out", INK)]
     if len(used):
         rms, largest = float(np.sqrt((used**2).mean())), float(np.abs(used).max())
-        lines.append(f"rms {rms:.3f} mm, largest {largest:.3f} mm")
+        lines.append((f"rms {rms:.3f} mm, largest {largest:.3f} mm", MUTED))
     if finger.bound_mm is not None:
         over = int((np.abs(used) > finger.bound_mm).sum())
-        lines.append(
-            f"bound ± {np.ceil(finger.bound_mm * 1000 - 1e-6) / 1000:.3f} mm, {over or 'none'} beyond"
-        )
+        bound = f"bound ± {math.ceil(finger.bound_mm * 1000 - 1e-9) / 1000:.3f} mm"
+        lines.append((f"{bound}, {over or 'none'} beyond", TRUTH if over else MUTED))
     if finger.outliers:
-        lines.append(f"outliers, not shown: {finger.outliers}")
+        lines.append((f"outliers, not shown: {finger.outliers}", MUTED))
     at = _LEFT + _WIDTH + 18
     return "".join(
-        text(line, at, top + 20 + 20 * k, size=12.5, fill=INK if k == 0 else MUTED)
-        for k, line in enumerate(lines)
+        text(line, at, top + 20 + 20 * k, size=12.5, fill=fill) for k, (line, fill) in enumerate(lines)
     )
 
 

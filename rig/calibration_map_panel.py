@@ -9,7 +9,7 @@ from palpate.rig.calibration_values import MarkMap
 from palpate.rig.picture_frame import View, nice_step
 from palpate.rig.picture_marks import heading, shows_base
 from palpate.rig.picture_style import AXIS, CARD, INK, MUTED, THIN, Column
-from palpate.rig.svg import element, path_data, shorten, text
+from palpate.rig.svg import element, path_data, shorten, text, wrap
 
 __all__ = ["draw_panel"]
 
@@ -27,17 +27,16 @@ def draw_panel(values: MarkMap, view: View, enlarged: float, column: Column, top
     start, end = np.array([column.left, y]), np.array([column.left + unit * per_mm, y])
     shown.append(arrow(start, end, INK, cut=False) + fitted(column.left, y, INK))
     shown.append(text(f"{unit:g} mm", float(end[0]) + 10, y + 4.5, size=12.5))
-    for line in (
-        f"Arrows are drawn {enlarged:g} times as long.",
-        "They point outwards where the tip stood",
-        "further out than the fit says, inwards",
-        "where it stood further in.",
-    ):
+    words = (
+        f"Arrows are drawn {enlarged:g} times as long. They point outwards where the tip stood further out "
+        "than the fit says, inwards where it stood further in."
+    )
+    for line in wrap(words, 12.5, column.width, most_lines=6):
         y += _ROW - 1
         shown.append(text(line, column.left, y + 5, size=12.5, fill=MUTED))
     y += 34
     drawn, y = _legend(values, view, per_mm, column, y)
-    bench, y = _bench(values, view, column, y + 26)
+    bench, y = _bench(values, view, column, y + 34)
     return "".join(shown) + drawn + bench, y + 8
 
 
@@ -53,7 +52,7 @@ def _legend(values: MarkMap, view: View, per_mm: float, column: Column, y: float
         rows.append((lambda x, at: outlier(x, at, INK), "outlier: left out of the fit"))
     if any(abs(mark.residual_mm) * per_mm > LONGEST for mark in marks):
         rows.append((_cut_key, "residual longer than drawn"))
-    rows.append((_placing_key, "number of the reference's placing"))
+    rows.append((_placing_key, "number of the placing"))
     if values.bases:
         beyond = not all(shows_base(base, view) for base in values.bases)
         rows.append((_base_key, "finger's base" + (", beyond the frame" if beyond else "")))
@@ -61,7 +60,7 @@ def _legend(values: MarkMap, view: View, per_mm: float, column: Column, y: float
     y += 12
     for key, meaning in rows:
         y += _ROW
-        shown.append(key(column.left + 14, y - 4.5) + text(meaning, column.left + 40, y, size=12.5))
+        shown.append(key(column.left + 14, y - 4.5) + text(meaning, column.left + 36, y, size=12.5))
     y += 32
     shown.append(heading("Fingers", column, y))
     y += 12
@@ -89,9 +88,9 @@ def _base_key(x: float, y: float) -> str:
 
 def _bench(values: MarkMap, view: View, column: Column, y: float) -> tuple[str, float]:
     """All fingers' bases, small, with the map's window and the touches in it."""
-    points = np.array([mark.at_mm for mark in values.marks] + [base.at_mm for base in values.bases])
-    corners = np.array([(view.x_mm[0], view.y_mm[1]), (view.x_mm[1], view.y_mm[0])])
-    low, high = np.vstack([points, corners]).min(axis=0), np.vstack([points, corners]).max(axis=0)
+    corners = [(view.x_mm[0], view.y_mm[1]), (view.x_mm[1], view.y_mm[0])]
+    points = np.array(corners + [base.at_mm for base in values.bases])  # all touches are in the window
+    low, high = points.min(axis=0), points.max(axis=0)
     scale = (_INSET - 16) / float((high - low).max())
     middle = np.array([column.left + column.width / 2, y + 20 + _INSET / 2])
 
