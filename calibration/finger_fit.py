@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from palpate.calibration.reference import Reference
 
@@ -35,8 +36,8 @@ _ROUNDS = 6
 class FingerModel:
     """What of a slide finger is known, and how well its values are known beforehand.
 
-    aim = (servo − aim_zero_rad) / gear_ratio; distance = zero + mm_per_rad · (1 + scale) · servo. `prior` and
-    `sigma` (7,): values and their standard deviations, in the order of `COLUMNS`.
+    aim = (servo − aim_zero_rad) / gear_ratio; distance = zero + mm_per_rad · (1 + scale) · servo. `prior` (7,)
+    and its `covariance` (7, 7), in the order of `COLUMNS`.
     """
 
     name: str
@@ -44,7 +45,7 @@ class FingerModel:
     aim_zero_rad: float
     mm_per_rad: float
     prior: Floats
-    sigma: Floats
+    covariance: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,10 +81,10 @@ class Touches:
 class Fit:
     """Values (fingers, 7) and poses (placings, 3: x, y, θ) that explain touches best.
 
-    `covariance` is that of all fingers' values in their order, then all poses; `residual_mm` (n,): how much
-    further than the tip's radius each touch was from the surface; `normal` (n, 2): the surface's outward normal there, in W;
-    `room_mm` (n,): from there to the face's end. `outlier` (n,): touches that were left out. `chi_square` of the
-    fitted touches, with `freedom` degrees.
+    `covariance` is that of all fingers' values in their order, then all poses, if noise is as declared.
+    `residual_mm` (n,): how much further than the tip's radius each touch was from the surface; `normal` (n, 2):
+    the surface's outward normal there, in W; `room_mm` (n,): from there to the face's end; `centre_mm` (n, 2).
+    `outlier` (n,): touches that were left out. `chi_square` of the fitted ones, with `freedom` degrees.
     """
 
     values: Floats
@@ -148,12 +149,14 @@ class _Problem:
         self._aim_zero = np.array([model.aim_zero_rad for model in models])
         self._mm_per_rad = np.array([model.mm_per_rad for model in models])
         self._prior = np.array([model.prior for model in models])
-        self._sigma = np.array([model.sigma for model in models])
+        self._whitening = [np.linalg.inv(np.linalg.cholesky(model.covariance)) for model in models]
 
     def packed(self, values: Floats, poses: Floats) -> Floats:
+        """All unknowns in one vector."""
         return np.concatenate([values.ravel(), poses.ravel()])
 
     def split(self, x: Floats) -> tuple[Floats, Floats]:
+        """Values (fingers, 7) and poses (placings, 3) again."""
         cut = self._count * COLUMNS
         return x[:cut].reshape(-1, COLUMNS), x[cut:].reshape(-1, 3)
 
@@ -211,12 +214,16 @@ class _Problem:
 
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
-        from scipy.optimize import least_squares
+        def off(u: Floats) -> Floats:
+            return self._weighed(u, used)[0]
+
+        def slope(u: Floats) -> Floats:
+            return self._weighed(u, used)[1]
 
         found = least_squares(
-            lambda u: self._weighed(u, used)[0],
+            off,
             x,
-            jac=lambda u: self._weighed(u, used)[1],
+            jac=slope,
             loss="cauchy" if robust else "linear",
             f_scale=3.0 if robust else 1.0,
             x_scale="jac",
@@ -228,9 +235,13 @@ class _Problem:
         values, poses = self.split(x)
         residual, _, _, slope = self.derived(x)
         weight = 1 / self.touches.sigma_mm[used]
-        prior = ((values - self._prior) / self._sigma).ravel()
+        prior = np.concatenate(
+            [root @ off for root, off in zip(self._whitening, values - self._prior, strict=True)]
+        )
         own = np.zeros((len(prior), len(x)))
-        own[np.arange(len(prior)), np.arange(len(prior))] = 1 / self._sigma.ravel()
+        for k, root in enumerate(self._whitening):
+            at = slice(k * COLUMNS, (k + 1) * COLUMNS)
+            own[at, at] = root
         # A disc's orientation cannot be felt: its own prior keeps it where it is.
         rest = np.array([0.0 if p.reference.turns else 1.0 for p in self.placings])
         still = np.zeros((len(poses), len(x)))
@@ -248,18 +259,27 @@ class _Problem:
         return result
 
     def result(self, x: Floats, used: Bools, outlier: Bools) -> Fit:
+        """What has been found."""
         values, poses = self.split(x)
-        weighed, slope = self._weighed(x, used)
-        covariance: Floats = np.linalg.pinv(slope.T @ slope, hermitian=True)
+        slope = self._weighed(x, used)[1]
+        covariance = np.asarray(np.linalg.pinv(slope.T @ slope, hermitian=True), dtype=np.float64)
         residual, normal, room, centre = self.evaluated(x)
         square = float(((residual[used] / self.touches.sigma_mm[used]) ** 2).sum())
         # Fitted touches less the unknowns that they, not the priors, have determined.
         touched = slope[: int(used.sum())]
         bound = float(np.trace(touched @ covariance @ touched.T))
         return Fit(
-            values, poses, covariance, residual, normal, room, centre, outlier, square,
+            values,
+            poses,
+            covariance,
+            residual,
+            normal,
+            room,
+            centre,
+            outlier,
+            square,
             max(int(used.sum()) - math.ceil(bound), 1),
-        )  # fmt: skip
+        )
 
 
 def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:
@@ -273,8 +293,6 @@ def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:
 
 def _found_pose(problem: _Problem, values: Floats, poses: Floats, number: int) -> Floats:
     """The pose of one placing that suits its touches best, the fingers being where `values` says."""
-    from scipy.optimize import least_squares
-
     placing = problem.placings[number]
     mine = problem.touches.used & (problem.touches.placing == number)
     sigma = problem.touches.sigma_mm[mine]

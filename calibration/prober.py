@@ -61,6 +61,10 @@ class Prober(Protocol):
         """Run into contacts that are known, at a speed, and stop."""
         ...
 
+    def swing(self) -> list[float]:
+        """Current (A) that each finger's aim needs to turn freely, in the mean of both ways."""
+        ...
+
     def idle(self, seconds: float) -> list[Idle]:
         """What every array says when nothing touches it."""
         ...

@@ -61,7 +61,9 @@ class Ramps:
     free_a: Floats
 
 
-def ramps_of(presses: Sequence[PressedAt], live: Mask, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
+def ramps_of(
+    presses: Sequence[PressedAt], live: Mask, full: Floats, noise: float, mm_per_rad: float
+) -> Ramps:
     """Cut each press's way in into `LEVELS` levels of equal travel.
 
     `live` and `full` (rows, cols): taxels that are looked at, and counts at which they are saturated: samples

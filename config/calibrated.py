@@ -138,7 +138,11 @@ def _placed(finger: Finger, found: PlaceCalibration) -> Finger:
     placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
     return _changed(
         placed,
-        slide={"zero_mm": found.zero_mm, "zero_bound_mm": _SIGMAS * zero_sigma_mm},
+        slide={
+            "zero_mm": found.zero_mm,
+            "zero_bound_mm": _SIGMAS * zero_sigma_mm,
+            "mm_per_turn": found.mm_per_turn,
+        },
         tip={"radius_mm": found.tip_radius_mm, "radius_bound_mm": _SIGMAS * found.tip_radius_sigma_mm},
         array={
             "heading_deg": found.array_heading_deg,

@@ -124,6 +124,12 @@ class SlideCalibration(FileModel):
     homed: Flag = Field(description="It met its hard stops, so that mm_per_turn and zero_mm were measured.")
     backlash_mm: MeasuredLength = Field(description="Play, either way; the skin's lost motion is in it.")
     backlash_sigma_mm: UpLength = Field(description="Standard deviation of backlash_mm.")
+    touch_zero_mm: Measured = Field(
+        description="Distance at Goal Position 2048 in a touch, which has taken up the play."
+    )
+    touch_covariance: list[list[Precise]] = Field(
+        description="2 x 2, of touch_zero_mm and of mm_per_turn's error as a share."
+    )
     friction_a: MeasuredLength = Field(description="Current that it needs to move through free space.")
     latency_s: MeasuredLength = Field(description="Mean time from a contact to standing still.")
     latency_bound_s: UpLength = Field(description="Bound: no stop takes longer.")
@@ -167,6 +173,9 @@ class PlaceCalibration(FileModel):
     array_heading_sigma_deg: UpLength = Field(description="Standard deviation of array_heading_deg.")
     zero_mm: Measured = Field(
         description="Distance at Goal Position 0 that belongs to this fit, the play taken up as in a touch."
+    )
+    mm_per_turn: Measured = Field(
+        description="Travel per turn of the slide's servo that belongs to this fit."
     )
     covariance: list[list[Precise]] = Field(
         description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."

@@ -8,6 +8,7 @@ __all__ = [
     "AdapterCheckOut",
     "ArrayCheckOut",
     "BusCountsOut",
+    "CalibrationCheckOut",
     "CheckOut",
     "LoopOut",
     "ServoCheckOut",
@@ -46,7 +47,8 @@ class ServoCheckOut(Out):
 class ArrayCheckOut(Out):
     """A finger's tactile array. `rate_hz`: frames that reached the host.
 
-    `bad_taxels`: how many its self-test found; null if it has none, or could not do it.
+    `bad_taxels`: how many its self-test found; null if it has none, or could not do it. `unique_id`: in
+    hexadecimal.
     """
 
     finger: str
@@ -54,6 +56,7 @@ class ArrayCheckOut(Out):
     protocol: str
     answers: bool
     firmware: str | None = None
+    unique_id: str | None = None
     emulated: bool | None = None
     rows: int | None = None
     columns: int | None = None
@@ -98,8 +101,28 @@ class BusCountsOut(Out):
     reconnects: int
 
 
+class CalibrationCheckOut(Out):
+    """The calibration that lies beside the rig file and belongs to it, and what it promises.
+
+    `made`: date and time in UTC. `coverage`: share of contacts that its bounds are to hold for.
+    `position_mm`, `direction_deg`: the fingers' largest bounds; null if one has none. `devices_match`:
+    whether these devices were calibrated; null if some did not answer.
+    """
+
+    file: str
+    made: str
+    age_days: int
+    coverage: Rounded
+    position_mm: Rounded | None
+    direction_deg: Rounded | None
+    devices_match: bool | None
+
+
 class CheckOut(Out):
-    """Everything that was looked at. `well`: nothing is wrong; there may be warnings."""
+    """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
+
+    `calibration` is null if there is none.
+    """
 
     format: Literal["palpate/check@1"] = "palpate/check@1"
     rig: str
@@ -110,5 +133,6 @@ class CheckOut(Out):
     arrays: tuple[ArrayCheckOut, ...]
     loop: LoopOut | None
     bus: BusCountsOut
+    calibration: CalibrationCheckOut | None = None
     problems: tuple[str, ...]
     warnings: tuple[str, ...]

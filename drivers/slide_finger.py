@@ -1,7 +1,7 @@
 """Kinematics of an aim + slide finger: an aim turns a slide about a fixed base, the slide moves the tip.
 
 One of the kinds of `finger`. The bounds add up everything that is known only to within a tolerance: base,
-heading, play and encoder steps.
+heading, the slide's zero and travel per turn, play and encoder steps; or they are what a calibration found.
 """
 
 import math
@@ -19,7 +19,10 @@ class SlideKinematics:
     """Aim + slide finger; mm, rad. Servo angles count from Goal Position 2048 (e-Manual).
 
     aim = (servo − aim_zero_rad) / gear_ratio, measured from `heading_rad`; distance of the tip's centre from
-    the base = zero_mm + mm_per_rad · servo. The `…_bound_…` fields are how far each may be off, either way.
+    the base = zero_mm + mm_per_rad · servo. The `…_bound_…` fields are how far each may be off, either way:
+    `travel_spread` is the share by which `mm_per_rad` may be, counted from Goal Position 0, where
+    `zero_bound_mm` holds. `found_position_mm` and `found_direction_rad`, if given, are the bounds on centre
+    and direction that a calibration found, and all others are left aside.
     """
 
     base_mm: tuple[float, float]
@@ -32,16 +35,26 @@ class SlideKinematics:
     heading_bound_rad: float
     aim_play_rad: float
     slide_play_mm: float
+    zero_bound_mm: float = 0.0
+    travel_spread: float = 0.0
+    found_position_mm: float | None = None
+    found_direction_rad: float | None = None
 
     @property
     def direction_bound_rad(self) -> float:
         """How far the true direction of travel may be from the computed one."""
-        return self.heading_bound_rad + self.aim_play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
+        if self.found_direction_rad is not None:
+            return self.found_direction_rad
+        return self._aimed_bound_rad
 
     @property
-    def distance_bound_mm(self) -> float:
-        """How far the true distance from the base may be from the computed one."""
-        return self.slide_play_mm + abs(self.mm_per_rad) * TICK_RAD / 2
+    def _aimed_bound_rad(self) -> float:
+        return self.heading_bound_rad + self.aim_play_rad + TICK_RAD / 2 / abs(self.gear_ratio)
+
+    def _scale_bound_mm(self, servo_rad: float) -> float:
+        """What zero and travel per turn put the distance off, the encoder's step included."""
+        turned = abs(servo_rad + math.pi) + TICK_RAD / 2
+        return self.zero_bound_mm + self.travel_spread * abs(self.mm_per_rad) * turned
 
     def aim_servo_rad(self, aim_rad: float) -> float:
         """Servo angle for an aim."""
@@ -78,8 +91,12 @@ class SlideKinematics:
 
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """How far the true centre may be from `centre_mm`: along the slide and across it."""
-        across = self.distance_mm(servos_rad[1]) * self.direction_bound_rad
-        return self.base_bound_mm + math.hypot(self.distance_bound_mm, across)
+        if self.found_position_mm is not None:
+            return self.found_position_mm
+        scale = self._scale_bound_mm(servos_rad[1])
+        along = self.slide_play_mm + abs(self.mm_per_rad) * TICK_RAD / 2 + scale
+        across = (self.distance_mm(servos_rad[1]) + scale) * self._aimed_bound_rad
+        return self.base_bound_mm + math.hypot(along, across)
 
     def strayed_mm(self, servos_rad: Servos, off_rad: float) -> float:
         """The aim keeps the tip on its line: its error by the distance."""

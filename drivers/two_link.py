@@ -49,7 +49,8 @@ class ArmKinematics:
     """Two-link arm; mm, rad. The shoulder's angle counts from `heading_rad`, the elbow's from the first link.
 
     The sign of the elbow's range says to which side it bends. `length_bound_mm`: how far either length may
-    be off; `link_width_mm`: of both links.
+    be off; `link_width_mm`: of both links. `found_position_mm` and `found_direction_rad`, if given, are the
+    bounds on centre and direction that a calibration found, and all others are left aside.
     """
 
     base_mm: tuple[float, float]
@@ -62,10 +63,14 @@ class ArmKinematics:
     base_bound_mm: float
     heading_bound_rad: float
     length_bound_mm: float
+    found_position_mm: float | None = None
+    found_direction_rad: float | None = None
 
     @property
     def direction_bound_rad(self) -> float:
         """How far the true direction of the last link may be from the computed one."""
+        if self.found_direction_rad is not None:
+            return self.found_direction_rad
         return self.heading_bound_rad + self.shoulder.bound_rad + self.elbow.bound_rad
 
     def servos_rad(self, line: Line, travel_mm: float) -> Servos:
@@ -102,6 +107,8 @@ class ArmKinematics:
 
     def position_bound_mm(self, servos_rad: Servos) -> float:
         """How far the true centre may be from `centre_mm`."""
+        if self.found_position_mm is not None:
+            return self.found_position_mm
         lever = math.dist(self.base_mm, self.centre_mm(servos_rad))
         turned = (
             lever * (self.heading_bound_rad + self.shoulder.bound_rad) + self.fore_mm * self.elbow.bound_rad

@@ -15,7 +15,7 @@ from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.emulated import MockRig, emulate, on_mock_wires
+from palpate.rig.emulated import EmulatedRig, MockRig, emulate, on_mock_wires
 from palpate.rig.hand import Hand
 from palpate.rig.outside import Outside
 from palpate.rig.scene import Placement, draw_placement, placement_of
@@ -32,6 +32,11 @@ class BenchRig:
     urls: Callable[[str], str]
     placement: Placement | None
     mock: MockRig | None
+
+    @property
+    def emulated(self) -> EmulatedRig | None:
+        """The emulated devices with their hidden truth; None on a real rig."""
+        return None if self.mock is None else self.mock.rig
 
 
 def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:

@@ -58,6 +58,7 @@ def _introduced(out: ArrayCheckOut, told: Description) -> ArrayCheckOut:
         update={
             "answers": True,
             "firmware": told.firmware,
+            "unique_id": told.unique_id.hex(),
             "emulated": told.emulated,
             "shape": told.shape.name.lower(),
             "rows": told.rows,

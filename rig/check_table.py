@@ -6,7 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.config.check_result import ArrayCheckOut, CheckOut, LoopOut, ServoCheckOut
+from palpate.config.check_result import ArrayCheckOut, CalibrationCheckOut, CheckOut, LoopOut, ServoCheckOut
 from palpate.rig.answer_words import counted
 
 __all__ = ["show"]
@@ -89,11 +89,25 @@ def _bus_lines(out: CheckOut) -> list[str]:
     adapter = f"{escape(out.adapter.port)} at {out.adapter.baudrate_bps} baud"
     counts = out.bus
     lost = f"{counts.damaged} damaged, {counts.silent} silent, {counts.retries} asked again"
+    calibration = "none" if out.calibration is None else _calibration(out.calibration)
     return [
-        f"[bold]bus[/]      {adapter}" + ("" if out.emulated and timer is None else f", {known}"),
-        *([] if out.loop is None else [f"[bold]loop[/]     {_loop(out.loop)}"]),
-        f"[bold]traffic[/]  {counts.instructions} instructions: {lost}",
+        f"[bold]bus[/]          {adapter}" + ("" if out.emulated and timer is None else f", {known}"),
+        *([] if out.loop is None else [f"[bold]loop[/]         {_loop(out.loop)}"]),
+        f"[bold]traffic[/]      {counts.instructions} instructions: {lost}",
+        f"[bold]calibration[/]  {calibration}",
     ]
+
+
+def _calibration(found: CalibrationCheckOut) -> str:
+    age = counted(found.age_days, "day", "days")
+    bounds = (
+        "without bounds on contacts"
+        if found.position_mm is None or found.direction_deg is None
+        else f"{100 * found.coverage:.4g} % of contacts within ±{found.position_mm:.3g} mm and "
+        f"±{found.direction_deg:.3g}°"
+    )
+    match = {True: "of these devices", False: "[red]of other devices[/]", None: "devices not known"}
+    return f"{found.made[:10]}, {age} old, {bounds}, {match[found.devices_match]}"
 
 
 def _loop(loop: LoopOut) -> str:

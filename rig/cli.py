@@ -43,6 +43,9 @@ class Strategy(StrEnum):
 RigOption = Annotated[
     Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
 ]
+NoCalibrationOption = Annotated[
+    bool, typer.Option("--no-calibration", help="As if no calibration lay beside the rig file.")
+]
 ObjectsOption = Annotated[
     Path | None, typer.Option("--objects", help="Object models (JSON); without it, the six shipped ones.")
 ]
@@ -94,6 +97,7 @@ def identify(
     sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = Path(
         "palpate-sessions"
     ),
+    no_calibration: NoCalibrationOption = False,
 ) -> None:
     """Touch what lies on the table until it is known which object it is and where."""
     from palpate.rig.command_identify import run_identify
@@ -108,6 +112,7 @@ def identify(
             picture=picture,
             sessions=sessions,
             strategy=strategy.value,
+            calibration=not no_calibration,
         )
     )
 
@@ -168,6 +173,7 @@ def plan(
     seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the grip of --strategy random.")] = 0,
     json: JsonOption = False,
     picture: PictureOption = None,
+    no_calibration: NoCalibrationOption = False,
 ) -> None:
     """Choose the grip to carry out next, and say what each hypothesis foretells of it.
 
@@ -184,6 +190,7 @@ def plan(
             seed=seed,
             json=json,
             picture=picture,
+            calibration=not no_calibration,
         )
     )
 

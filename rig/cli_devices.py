@@ -20,6 +20,9 @@ _PortOption = Annotated[str | None, typer.Option("--port", help="Port of the ser
 _JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 
 
+_NoCalibrationOption = Annotated[
+    bool, typer.Option("--no-calibration", help="As if no calibration lay beside the rig file.")
+]
 _PANEL = "Setting up a rig"
 
 
@@ -59,7 +62,9 @@ def _scan(
         raise typer.Exit(run_scan(rig=rig, port=port, baudrates=baud or [], ids=ids, json=json))
 
 
-def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
+def _check(
+    rig: _RigOption = None, json: _JsonOption = False, no_calibration: _NoCalibrationOption = False
+) -> None:
     """Look at every servo, array and the bus of a rig. Moves nothing.
 
     Exit code 3: something is wrong. Warnings alone: 0.
@@ -67,7 +72,7 @@ def _check(rig: _RigOption = None, json: _JsonOption = False) -> None:
     from palpate.rig.command_check import run_check
 
     with if_interrupted("torque was left as it was"):
-        raise typer.Exit(run_check(rig=rig, json=json))
+        raise typer.Exit(run_check(rig=rig, json=json, calibration=not no_calibration))
 
 
 def _watch(
@@ -95,6 +100,7 @@ def _watch(
         typer.Option("--picture", help="Also write what was shown last as a picture (SVG) here."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a line on stdout.")] = False,
+    no_calibration: _NoCalibrationOption = False,
 ) -> None:
     """Show what the arrays feel, live: taxels, force, contact, frames. Moves nothing.
 
@@ -114,6 +120,7 @@ def _watch(
                 json=json,
                 tare=tare,
                 picture=picture,
+                calibration=not no_calibration,
             )
         )
 

@@ -14,16 +14,18 @@ import typer
 from rich.console import Console
 from rich.status import Status
 
-from palpate.config import load_objects, load_rig, load_scene, shipped_objects, shipped_rig
+from palpate.config import load_objects, load_scene, shipped_objects
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.answer_words import answer_lines, counted
 from palpate.rig.bench import outside, place, set_up
 from palpate.rig.bus_latency import bus_latency_s
+from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
 from palpate.rig.files import check_place, write_text
+from palpate.rig.hand_truth import placement_seen
 from palpate.rig.identify import Outcome
 from palpate.rig.interrupts import HeldInterrupts
 from palpate.rig.report import contacts_json
@@ -47,29 +49,36 @@ def run_identify(
     picture: Path | None,
     sessions: Path,
     strategy: str = Strategy.PLANNED.value,
+    calibration: bool = True,
 ) -> int:
     """Run the bench to a verdict; returns the exit code (1 if it is not an answer).
 
-    `strategy`: how grips are chosen, as `Strategy` names it.
+    `strategy`: how grips are chosen, as `Strategy` names it. `calibration`: False to do without the one
+    beside the rig file.
     """
     begin = time.perf_counter()
-    sources: list[Path | Traversable] = [rig or shipped_rig(), objects or shipped_objects()]
-    rig_file, objects_file = load_rig(sources[0]), load_objects(sources[1])
+    on_bench = load_calibrated(rig, calibration=calibration)
+    rig_file, objects_source = on_bench.rig, objects or shipped_objects()
+    objects_file = load_objects(objects_source)
     given_scene = None if scene is None else load_scene(scene)
-    placement = place(rig_file, objects_file, given_scene, seed)
+    lying = place(on_bench.described, objects_file, given_scene, seed)
     if picture is not None:
         check_place(picture)
-    job = Job(rig_file, Catalogue(models_of(objects_file)), placement, Strategy(strategy), seed)
-    bench = set_up(rig_file, placement, seed)
-    name = _session_name(sources, scene, seed, strategy, emulated=rig_file.emulated)
+    bench = set_up(on_bench.described, lying, seed)
+    placement = placement_seen(on_bench, lying, seed, bench.emulated)
+    catalogue = Catalogue(models_of(objects_file))
+    job = Job(rig_file, catalogue, placement, Strategy(strategy), seed, on_bench.calibration)
+    sources = [on_bench.path, objects_source, on_bench.calibration_path, scene]
+    name = _session_name(sources, seed, strategy, emulated=rig_file.emulated)
     folder = session_folder(sessions, name)
     header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed}
-    header |= {"strategy": strategy, "scene": scene is not None, "started": _now()}
+    header |= {"strategy": strategy, "scene": scene is not None}
+    header |= {"calibration": on_bench.calibration is not None, "started": _now()}
     latency_s = bus_latency_s(rig_file)
     header |= {"bus_latency_s": latency_s}
     console = Console(stderr=True, highlight=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
-        keep_inputs(folder, sources[0], sources[1], scene)
+        keep_inputs(folder, on_bench, objects_source, scene)
         with HeldInterrupts() as held:
             recorded = outside(bench, log, latency_s, held.check)
             run = carry_out(job, recorded, [log, progress], progress.notice)
@@ -146,8 +155,7 @@ class Progress:
 
 
 def _session_name(
-    sources: Sequence[Path | Traversable],
-    scene: Path | None,
+    sources: Sequence[Path | Traversable | None],
     seed: int,
     strategy: str,
     *,
@@ -157,8 +165,8 @@ def _session_name(
     if not emulated:
         return datetime.now(UTC).strftime("identify-%Y%m%d-%H%M%S")
     content = hashlib.sha256(version("palpate").encode())
-    for source in [*sources, *([] if scene is None else [scene])]:
-        content.update(source.read_bytes())
+    for source in sources:
+        content.update(b"" if source is None else source.read_bytes())
     content.update(strategy.encode())
     return f"identify-seed-{seed}-{content.hexdigest()[:8]}"
 

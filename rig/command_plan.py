@@ -5,9 +5,10 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from palpate.config import load_contacts, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import load_contacts, load_objects, shipped_objects
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Strategy, Verdict
+from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.convert import grips_of, models_of
 from palpate.rig.explained import Felt, explain, explanation_lines
 from palpate.rig.files import check_place, write_text
@@ -28,9 +29,10 @@ def run_plan(
     seed: int,
     json: bool,
     picture: Path | None,
+    calibration: bool = True,
 ) -> int:
     """Plan, print, draw; returns the exit code (1 if nothing fits or no grip would tell anything apart)."""
-    rig_file = load_rig(rig or shipped_rig())
+    rig_file = load_calibrated(rig, calibration=calibration).rig
     catalogue = Catalogue(models_of(load_objects(objects or shipped_objects())))
     felt = Felt(grips_of(load_contacts(contacts)))
     if picture is not None:

@@ -15,10 +15,11 @@ from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.answer_words import counted
 from palpate.rig.bench import place
 from palpate.rig.convert import models_of
+from palpate.rig.hand_truth import placement_seen
 from palpate.rig.replayed import Replayed, replay
 from palpate.rig.session import LOG_NAME
 from palpate.rig.session_file import SessionFile, read_session
-from palpate.rig.session_inputs import kept_inputs
+from palpate.rig.session_inputs import calibrated_run, kept_inputs
 from palpate.rig.whole_run import Job
 
 __all__ = ["run_replay"]
@@ -57,9 +58,10 @@ def _job(file: SessionFile, folder: Path) -> Job:
         raise InputError(f'{file.path}: line 1: "strategy" must be one of {", ".join(names)}')
     if not isinstance(scene, bool):
         raise InputError(f'{file.path}: line 1: "scene" must be true or false')
-    rig, objects, given = kept_inputs(folder, scene=scene)
-    placement = place(rig, objects, given, seed)
-    return Job(rig, Catalogue(models_of(objects)), placement, Strategy(strategy), seed)
+    on_bench, objects, given = kept_inputs(folder, scene=scene, calibration=calibrated_run(file))
+    placement = placement_seen(on_bench, place(on_bench.described, objects, given, seed), seed)
+    models = Catalogue(models_of(objects))
+    return Job(on_bench.rig, models, placement, Strategy(strategy), seed, on_bench.calibration)
 
 
 def _latency_s(file: SessionFile) -> float:

@@ -5,9 +5,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.errors import InputError
+from palpate.rig.calibrated_devices import check_arrays
+from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.keys import Keys
 from palpate.rig.paced_clock import PacedClock
 from palpate.rig.watch_arrays import chosen, place_of, streaming
@@ -48,13 +50,14 @@ def run_watch(
     tare: bool = True,
     picture: Path | None = None,
     wall: Clock | None = None,
+    calibration: bool = True,
 ) -> int:
     """Watch until q, for `seconds`, to the end of a session, or until nobody reads stdout any more.
 
     Returns the exit code. `wall`: for tests. Raises DeviceError naming an array that is missing or goes
-    away, InputError for options that do not go together.
+    away, InputError for options that do not go together, or arrays that the calibration is not of.
     """
-    _check(rig, session, rate_hz, seconds, speed, tare=tare)
+    _check(rig, session, rate_hz, seconds, speed, tare=tare, calibration=calibration)
     how = how_to_show(json=json)
     wall = wall or MonotonicClock()
     with ExitStack() as ways_out:
@@ -62,8 +65,9 @@ def run_watch(
             watched = _session(session, fingers, PaceOf(wall, speed or 1.0))
         else:
             paced = how.screen or seconds is None
+            on_bench = load_calibrated(rig, calibration=calibration)
             watched = ways_out.enter_context(
-                _live(rig, fingers, rate_hz, tare=tare, pace=PaceOf(wall, 1.0 if paced else None))
+                _live(on_bench, fingers, rate_hz, tare=tare, pace=PaceOf(wall, 1.0 if paced else None))
             )
         keys = ways_out.enter_context(Keys())
         how.say(watched.notes)
@@ -98,11 +102,15 @@ def _check(
     speed: float | None,
     *,
     tare: bool,
+    calibration: bool,
 ) -> None:
     if session is None and speed is not None:
         raise InputError("--speed is for --session; arrays sample in their own time")
-    if session is not None and (rig is not None or rate_hz is not None or not tare):
-        raise InputError("--session excludes --rig, --rate and --no-tare: the session has its own")
+    own = rig is None and rate_hz is None and tare and calibration
+    if session is not None and not own:
+        raise InputError(
+            "--session excludes --rig, --no-calibration, --rate and --no-tare: the session has its own"
+        )
     for name, value in (("--rate", rate_hz), ("--for", seconds), ("--speed", speed)):
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"{name} {value:g}: must be above 0 and below a million")
@@ -110,14 +118,16 @@ def _check(
 
 @contextmanager
 def _live(
-    rig: Path | None, names: Sequence[str], rate_hz: float | None, *, tare: bool, pace: PaceOf
+    on_bench: RigOnBench, names: Sequence[str], rate_hz: float | None, *, tare: bool, pace: PaceOf
 ) -> Iterator[_Watched]:
-    file = load_rig(rig or shipped_rig())
+    file = on_bench.rig
     specs = chosen(file, names)
     rate = rate_hz or file.closing.sample_rate_hz
-    place = place_of(file)
+    place = place_of(on_bench.described)
     clock = pace.on(place.clock) if file.emulated else place.clock
     with streaming(file, specs, place, clock, rate) as fingers:
+        uids = {finger.name: finger.array.description.unique_id.hex() for finger in fingers}
+        check_arrays(on_bench.calibration, uids)
         for finger in fingers if tare else ():
             finger.tare()
 

@@ -7,7 +7,7 @@ from palpate.config import Closing
 from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
-from palpate.rig.convert import finger_of, unfelt_mm
+from palpate.rig.convert import array_bound_rad, finger_of, tip_bound_mm, unfelt_mm
 from palpate.rig.run import Run
 
 __all__ = ["Touch", "concluded"]
@@ -36,12 +36,13 @@ def concluded(run: Run, patch: ContactPatch | None, closing: Closing, turn: Turn
 
 
 def _bound_mm(run: Run, turn: Turn) -> float:
-    """How far the tip may be off anywhere on its way, by the mechanics alone."""
+    """How far the tip's surface may be off anywhere on its way, by the mechanics and its radius alone."""
     kinematics = run.finger.kinematics
-    return max(
+    centre = max(
         kinematics.position_bound_mm(servos) + turn.position_bound_mm(kinematics.centre_mm(servos))
         for servos in (run.started, run.servos)
     )
+    return centre + tip_bound_mm(run.finger.spec)
 
 
 def _miss(run: Run, closing: Closing, turn: Turn) -> Contact:
@@ -69,6 +70,7 @@ def _contact(run: Run, patch: ContactPatch, closing: Closing, turn: Turn) -> Con
     facing = kinematics.facing_rad(run.servos) + turn.angle_rad
     normal = facing + math.radians(finger.spec.array.heading_deg) + patch.angle_rad + math.pi
     half = patch.angle_half_range_rad + kinematics.direction_bound_rad + turn.angle_bound_rad
+    half += array_bound_rad(finger.spec)
     hardest = min(patch.force_n + patch.force_bound_n, closing.max_force_n)
     softest = max(patch.force_n - patch.force_bound_n, 0.0)
     deepest = hardest / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))

@@ -27,6 +27,7 @@ from palpate.recognizer import (
 
 __all__ = [
     "arm_kinematics",
+    "array_bound_rad",
     "dent_allowance_mm",
     "finger_of",
     "goals_of",
@@ -36,6 +37,7 @@ __all__ = [
     "mounting_of",
     "resolution_of",
     "slide_kinematics",
+    "tip_bound_mm",
     "unfelt_mm",
 ]
 
@@ -131,6 +133,10 @@ def slide_kinematics(finger: FingerFile) -> SlideKinematics:
         heading_bound_rad=math.radians(finger.bounds.heading_deg),
         aim_play_rad=math.radians(finger.aim.backlash_deg),
         slide_play_mm=finger.slide.backlash_mm,
+        zero_bound_mm=finger.slide.zero_bound_mm,
+        travel_spread=finger.slide.mm_per_turn_spread,
+        found_position_mm=finger.bounds.position_mm,
+        found_direction_rad=_found_direction_rad(finger),
     )
 
 
@@ -147,7 +153,25 @@ def arm_kinematics(finger: ArmFinger) -> ArmKinematics:
         base_bound_mm=finger.bounds.base_mm,
         heading_bound_rad=math.radians(finger.bounds.heading_deg),
         length_bound_mm=finger.links.bound_mm,
+        found_position_mm=finger.bounds.position_mm,
+        found_direction_rad=_found_direction_rad(finger),
     )
+
+
+def _found_direction_rad(finger: AnyFinger) -> float | None:
+    found = finger.bounds.direction_deg
+    return None if found is None else math.radians(found)
+
+
+def tip_bound_mm(finger: AnyFinger) -> float:
+    """How much further off than its centre the tip's surface may be: what its radius may be off."""
+    # What a calibration finds of the place is of the surface: touches show nothing else.
+    return finger.tip.radius_bound_mm if finger.bounds.position_mm is None else 0.0
+
+
+def array_bound_rad(finger: AnyFinger) -> float:
+    """How much further off than the finger's direction the array's may be, turned on its tip."""
+    return math.radians(finger.array.heading_bound_deg) if finger.bounds.direction_deg is None else 0.0
 
 
 def _joint(servo: JointServo) -> Joint:
@@ -190,10 +214,11 @@ def resolution_of(rig: RigFile) -> Resolution:
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / finger.tip.stiffness_n_per_mm
         servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
-        bounds.append(kinematics.position_bound_mm(servos) + dent)
+        bounds.append(kinematics.position_bound_mm(servos) + dent + tip_bound_mm(finger))
     # An arm that does not get to the middle has no bound there.
     bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
-    return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD)
+    turned = max(array_bound_rad(finger) for finger in rig.fingers)
+    return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD + turned)
 
 
 def goals_of(rig: RigFile) -> Goals:

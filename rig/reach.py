@@ -14,7 +14,7 @@ from palpate.config import Closing, RigFile
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.recognizer import Approach, Candidate
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.rig.convert import dent_allowance_mm, finger_of, kinematics_of
+from palpate.rig.convert import dent_allowance_mm, finger_of, kinematics_of, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD
 from palpate.rig.free_ways import free_ways
 from palpate.rig.room import Swept, gap_mm
@@ -162,5 +162,5 @@ def _approach(rig: RigFile, kinematics: FingerKinematics, way: Way, stage_rad: f
         line.start_mm,
         math.remainder(line.direction_rad, 2 * math.pi),
         way.travel_mm,
-        bound + dent_allowance_mm(spec, rig.closing),
+        bound + dent_allowance_mm(spec, rig.closing) + tip_bound_mm(spec),
     )

@@ -17,7 +17,7 @@ from palpate.rig.closing import Close, Stage, Touch, close_fingers
 from palpate.rig.hand import Hand
 from palpate.rig.pressing import press, run_into
 from palpate.rig.reach import Reach, reach_of
-from palpate.rig.stalling import slide_of, stall
+from palpate.rig.stalling import slide_of, stall, swing
 
 __all__ = ["HandProber", "Table"]
 
@@ -76,6 +76,10 @@ class HandProber:
         return run_into(
             self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], speed_mm_s
         )
+
+    def swing(self) -> list[float]:
+        """Turn all aims a little either way and back."""
+        return swing(self._hand)
 
     def idle(self, seconds: float) -> list[Idle]:
         """Read all arrays for a time, fingers waiting."""

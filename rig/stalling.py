@@ -1,14 +1,19 @@
-"""Slides that are driven against their hard stops, gently, for calibration. Between hand and `rig_prober`."""
+"""Moves of single joints for calibration: slides against their hard stops, aims to and fro.
+
+Between the hand and `rig_prober`. Nothing lies on the table.
+"""
 
 import math
 
-from palpate.drivers.dynamixel.servo import stop_at, write_goals
+import numpy as np
+
+from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.errors import DeviceError, InputError
 from palpate.rig.closing import retract_all
 from palpate.rig.hand import Hand, HostFinger
 
-__all__ = ["slide_of", "stall"]
+__all__ = ["slide_of", "stall", "swing"]
 
 _PERIOD_S = 0.01
 _STILL_MM = 0.03
@@ -18,6 +23,9 @@ _PAST_MM = 4.0
 _SLOW_MM_S = 5.0
 _GENTLE = 0.6  # of the largest current
 _ARRIVED_MM = 0.8
+_SWING_RAD = 0.25  # of the aim's servo
+_SWING_S = 0.6
+_TURNING_RAD_S = 0.1
 
 
 def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
@@ -50,6 +58,28 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     retract_all(hand)
     hand.disarm()
     return at
+
+
+def swing(hand: Hand) -> list[float]:
+    """Turn every aim to and fro where fingers wait; the current (A) that each needs while it turns, in the median."""
+    hand.arm()
+    retract_all(hand)
+    aims = [finger.drive.servos[0] for finger in hand.fingers]
+    start = {aim: hand.states([aim])[aim.dxl_id].position_rad for aim in aims}
+    seen: dict[Servo, list[float]] = {aim: [] for aim in aims}
+    for side in (_SWING_RAD, -_SWING_RAD, 0.0):
+        goals = {aim: aim.nearest_rad(start[aim] + side) for aim in aims}
+        write_goals(hand.bus, goals, confirm=True)
+        deadline = hand.clock.now() + _SWING_S
+        while hand.clock.now() < deadline:
+            hand.pause(_PERIOD_S)
+            states = hand.states(aims)
+            for aim in aims:
+                state = states[aim.dxl_id]
+                if abs(state.velocity_rad_s) > _TURNING_RAD_S:
+                    seen[aim].append(math.copysign(state.current_a, state.current_a * state.velocity_rad_s))
+    hand.disarm()
+    return [float(np.median(seen[aim])) if seen[aim] else 0.0 for aim in aims]
 
 
 def slide_of(finger: HostFinger) -> SlideKinematics:

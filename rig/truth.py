@@ -2,12 +2,29 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
+from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.config import RigFile
 from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.scene import Placement
 
-__all__ = ["Comparison", "compare"]
+__all__ = ["Comparison", "Standing", "compare", "in_hand_frame"]
+
+
+class Standing(Protocol):
+    """What of a finger's truth says where it stands in W."""
+
+    @property
+    def base_mm(self) -> tuple[float, float]:
+        """Its base."""
+        ...
+
+    @property
+    def heading_rad(self) -> float:
+        """Its direction at aim 0, or of its first link at shoulder angle 0."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -36,6 +53,17 @@ def compare(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Compariso
     if not found:
         return Comparison(None, truth, False, None, None)
     return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm))
+
+
+def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[Standing]) -> Placement:
+    """The placement as a calibrated rig speaks of it: fingers stand nearest to the drawing there.
+
+    `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
+    """
+    drawn = [Place(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
+    moved = hand_frame(drawn, [Place(truth.base_mm, truth.heading_rad) for truth in truths])
+    x, y = moved.point_mm((placement.x_mm, placement.y_mm))
+    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)
 
 
 def _compared(placement: Placement, hypothesis: Hypothesis) -> Comparison:

@@ -18,7 +18,7 @@ from palpate.config import ARM_MARGIN_MM, AnyFinger, ArmFinger, Finger
 from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
 from palpate.drivers.two_link import ArmKinematics
 from palpate.recognizer.arrays import Bools, Floats
-from palpate.rig.convert import arm_kinematics, slide_kinematics
+from palpate.rig.convert import arm_kinematics, slide_kinematics, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.room import Pieces, gaps_mm, pieces_of, polygon_gap_mm
 
@@ -71,7 +71,7 @@ def waiting_of(spec: AnyFinger, workspace_radius_mm: float) -> Waiting:
     kinematics = slide_kinematics(spec)
     wait = wait_distance_mm(spec, workspace_radius_mm)
     lines = [kinematics.line(float(aim), wait) for aim in aims]
-    bodies = [body_of(kinematics, kinematics.servos_rad(line, 0.0), spec.tip.radius_mm) for line in lines]
+    bodies = [body_of(kinematics, kinematics.servos_rad(line, 0.0), spec) for line in lines]
     return Waiting(aims, pieces_of(bodies, between=True), len(before) - 1)
 
 
@@ -93,7 +93,7 @@ def _arm_waiting(spec: ArmFinger, workspace_radius_mm: float) -> Waiting:
     before = reached(-1)[::-1]
     aims = np.array([*before, home, *reached(1)])
     postures = [kinematics.servos_at(on_circle(radius, float(aim))) for aim in aims]
-    bodies = [body_of(kinematics, servos, spec.tip.radius_mm) for servos in postures]
+    bodies = [body_of(kinematics, servos, spec) for servos in postures]
     return Waiting(aims, pieces_of(bodies, between=True), len(before))
 
 
@@ -131,11 +131,11 @@ def is_steady(kinematics: ArmKinematics, point_mm: tuple[float, float]) -> bool:
     return off_ends and kinematics.sharpness(servos) >= _LEAST_SHARPNESS
 
 
-def body_of(kinematics: FingerKinematics, servos_rad: Servos, tip_radius_mm: float) -> Body:
-    """Room that a finger may take up, given how well its place is known and how exactly it aims."""
-    body = kinematics.body(servos_rad, tip_radius_mm)
+def body_of(kinematics: FingerKinematics, servos_rad: Servos, spec: AnyFinger) -> Body:
+    """Room that a finger may take up, given how well place and tip are known and how exactly it aims."""
+    body = kinematics.body(servos_rad, spec.tip.radius_mm)
     unsure = kinematics.position_bound_mm(servos_rad) + kinematics.strayed_mm(servos_rad, AIM_TOLERANCE_RAD)
-    return Body(body.start, body.end, body.half_width + unsure)
+    return Body(body.start, body.end, body.half_width + (unsure + tip_bound_mm(spec)))
 
 
 def clear_aims(waiting: Waiting, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:

@@ -12,7 +12,7 @@ from palpate.errors import DeviceError, InputError
 from palpate.rig.array_of import array_of
 from palpate.rig.session import LOG_NAME
 from palpate.rig.session_file import SessionFile, read_session
-from palpate.rig.session_inputs import kept_inputs
+from palpate.rig.session_inputs import calibrated_run, kept_inputs
 from palpate.rig.watch_arrays import chosen, watched_of
 from palpate.rig.watched import WatchedFinger
 
@@ -62,7 +62,8 @@ def recorded(session: Path, names: Sequence[str]) -> Recorded:
     """
     folder = session.parent if session.name == LOG_NAME and session.is_file() else session
     file = read_session(folder)
-    rig, _, _ = kept_inputs(folder, scene=False)
+    on_bench, _, _ = kept_inputs(folder, scene=False, calibration=calibrated_run(file))
+    rig = on_bench.rig
     clock = VirtualClock()
     ports, fingers = [], []
     for spec in chosen(rig, names):

@@ -10,7 +10,7 @@ from palpate.config import ArmFinger, Finger, RigFile
 from palpate.drivers.finger import Body, Line
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.recognizer.arrays import Floats
-from palpate.rig.convert import arm_kinematics, slide_kinematics
+from palpate.rig.convert import arm_kinematics, array_bound_rad, slide_kinematics
 from palpate.rig.drives import AIM_SPEED_RAD_S, ARM_AIM_SPEED_MM_S
 from palpate.rig.room import Pieces, Swept, pieces_of
 from palpate.rig.waiting import body_of, is_steady, on_circle, wait_distance_mm, wait_radius_mm
@@ -98,16 +98,16 @@ def _slide_way(
     line = kinematics.line(aim_rad, wait_mm)
     room = spec.slide.range_mm[1] - _MARGIN_MM - wait_mm
     travel = min(crossing_mm(line, workspace_radius_mm), room)
-    # The bounds are largest at the far end; there they hold for all of the way.
-    far = body_of(kinematics, kinematics.servos_rad(line, max(travel, 0.0)), spec.tip.radius_mm)
-    here = kinematics.body(kinematics.servos_rad(line, 0.0), spec.tip.radius_mm)
+    # What bounds the tip's place is largest at one of the ends.
+    far = body_of(kinematics, kinematics.servos_rad(line, max(travel, 0.0)), spec)
+    here = body_of(kinematics, kinematics.servos_rad(line, 0.0), spec)
     one = np.zeros(1)
     return Way(
         finger_index,
         line,
         travel,
         abs(kinematics.gear_ratio * aim_rad) / AIM_SPEED_RAD_S,
-        Pieces(here.start, here.end, far.half_width, np.zeros(1, np.int64)),
+        Pieces(here.start, here.end, np.maximum(here.half_width, far.half_width), np.zeros(1, np.int64)),
         one - 1.0,
         np.ones(1, bool),
     )
@@ -124,7 +124,7 @@ def _arm_way(
     kinematics = arm_kinematics(spec)
     start = on_circle(wait_radius_mm(spec, workspace_radius_mm), aim_rad)
     line = Line(start, aim_rad + math.pi + turn_rad)
-    view = math.radians(spec.array.coverage_deg / 2) - math.pi / 2
+    view = math.radians(spec.array.coverage_deg / 2) - math.pi / 2 - array_bound_rad(spec)
     middle = math.radians(spec.array.heading_deg)
 
     def good(travel_mm: float) -> bool:
@@ -140,10 +140,7 @@ def _arm_way(
         travels = travels[: usable.index(False)]
     if len(travels) < 2:
         return None
-    bodies = [
-        body_of(kinematics, kinematics.servos_rad(line, float(travel)), spec.tip.radius_mm)
-        for travel in travels
-    ]
+    bodies = [body_of(kinematics, kinematics.servos_rad(line, float(travel)), spec) for travel in travels]
     links = [Body(body.start[:2], body.end[:2], body.half_width[:2]) for body in bodies]
     swept = pieces_of(links, between=True)
     tip = max(float(body.half_width[2]) for body in bodies)

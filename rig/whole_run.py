@@ -3,9 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from palpate.config import RigFile
+from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import IdentificationOut
 from palpate.recognizer import Catalogue, Strategy
+from palpate.rig.calibrated_devices import check_devices
 from palpate.rig.identify import Identification, Observer, identify
 from palpate.rig.outside import Outside
 from palpate.rig.report_run import identification_out
@@ -16,13 +17,17 @@ __all__ = ["Job", "WholeRun", "carry_out"]
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What a run starts from; `placement` is only compared with the answer."""
+    """What a run starts from; `placement`, in the answer's frame, is only compared with it.
+
+    `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
+    """
 
     rig: RigFile
     catalogue: Catalogue
     placement: Placement | None
     strategy: Strategy
     seed: int
+    calibration: CalibrationFile | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +63,7 @@ def carry_out(
     Raises what `identify` raises; torque is off then, too.
     """
     with outside.hand(job.rig, notice) as hand:
+        check_devices(job.calibration, hand)
         hand.prepare()
         result = identify(hand, job.catalogue, observers, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated

@@ -23,7 +23,7 @@ _RELEASE_FRAMES = 5  # of a contact at most: before its last frame it is touched
 @dataclass(frozen=True)
 class Outcome:
     """One contact. `patch` is None if it was missed; `outside` (one of QUANTITIES each) how far outside, in
-    rad, mm or N, and `judged` those that the truth has a value for."""
+    rad, mm or N, and `judged` those that the truth has a value for; `gain_spread`: the largest one."""
 
     seed: int
     index: int
@@ -92,7 +92,7 @@ def extracted(session: Session, seed: int, which: Sequence[int]) -> list[Outcome
 
 def outcome(session: Session, seed: int, index: int, patch: ContactPatch | None) -> Outcome:
     """One contact against its truth."""
-    truth, spread = session.truths[index], session.calibration.gain_spread
+    truth, spread = session.truths[index], float(np.max(session.calibration.gain_spread))
     if patch is None:
         return Outcome(seed, index, truth, None, frozenset(), {}, math.inf, math.inf, spread)
     cylinder = session.description.shape is Shape.CYLINDER

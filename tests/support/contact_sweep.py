@@ -5,7 +5,7 @@ reaches into the undeformed tip, worked out here on fine rays, not by the extrac
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,7 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Session:
-    """Frames of one tip, and the truth at the last frame of each contact."""
+    """Frames of one tip, and the truth: at the last frame of each contact, and `gain` (rows, cols)."""
 
     description: Description
     calibration: TipCalibration
@@ -44,6 +44,7 @@ class Session:
     tare: slice
     touched: np.ndarray
     truths: list[Truth]
+    gain: np.ndarray
 
 
 def describe(
@@ -255,5 +256,31 @@ def _session(
         force[end - frames + 1 : end + 1] = load
     time_s = rng.uniform(0, 100) + np.arange(len(force)) / RATE_HZ
     return Session(
-        description, calibration, taxels.counts(force, time_s), time_s, slice(0, TARE_FRAMES), last, truths
+        description,
+        calibration,
+        taxels.counts(force, time_s),
+        time_s,
+        slice(0, TARE_FRAMES),
+        last,
+        truths,
+        taxels.gain,
     )
+
+
+def calibrated(session: Session, seed: int, within: np.ndarray, bound: float) -> Session:
+    """The session with gains known to `bound` for taxels `within` (rows, cols); of the others as before."""
+    error = bound * np.random.default_rng([3000, seed]).uniform(-1, 1, within.shape)
+    before = session.calibration
+    gains = replace(
+        before,
+        gain=np.where(within, session.gain / (1 + error), before.gain),
+        gain_spread=np.where(within, bound, before.gain_spread),
+    )
+    return replace(session, calibration=gains)
+
+
+def pressed_session(seed: int, contacts: int, **fixed: float) -> Session:
+    """A cylinder whose gains are within ± 40 %, known to ± 3 % within 75° of its middle."""
+    session = cylinder_session(seed, contacts, **({"gain_spread": 0.4} | fixed))
+    middle = np.abs(session.description.columns) <= math.radians(75)
+    return calibrated(session, seed, np.broadcast_to(middle, session.gain.shape), 0.03)

@@ -233,6 +233,21 @@ def test_a_pause_widens_by_what_may_have_drifted_meanwhile() -> None:
     assert after.bound[-1].max() < 4 * NOISE
 
 
+def test_bounds_grow_until_the_time_that_is_asked_for() -> None:
+    rng = np.random.default_rng(13)
+    follower = tracker(2.0, rng)
+    assert (follower.bound_at(1000.0) == follower.bound).all()  # tared at a time that is not known
+    time_s = times(5)
+    follower.follow(read(np.full((len(time_s), *SHAPE), OFFSET), np.zeros(SHAPE), rng), time_s)
+    before, end = follower.bound, float(time_s[-1])
+    grown = follower.bound_at(end + 30.0) - before
+    # From the middle of the last block on, which is of a tenth of a second at most.
+    assert grown.min() >= 60.0
+    assert grown.max() <= 60.2
+    assert (follower.bound == before).all()
+    assert (follower.bound_at(0.0) == before).all()  # an array that was restarted
+
+
 @settings(max_examples=15)
 @given(cuts=st.lists(st.integers(1, 999), max_size=8), seed=st.integers(0, 1000))
 def test_a_stream_may_be_cut_anywhere(cuts: list[int], seed: int) -> None:

@@ -156,7 +156,8 @@ def test_a_long_quiet_session_with_drift_shows_no_contact(shape: Shape) -> None:
 def _session(
     description: object, calibration: TipCalibration, counts: np.ndarray, time_s: np.ndarray
 ) -> Session:
-    return Session(description, calibration, counts, time_s, slice(0, TARE_FRAMES), np.zeros(0, int), [])
+    tare, touched = slice(0, TARE_FRAMES), np.zeros(0, int)
+    return Session(description, calibration, counts, time_s, tare, touched, [], calibration.gain)
 
 
 def test_flags_of_frames_are_those_of_their_patches(whole: tuple[Session, ContactExtractor, Patches]) -> None:

@@ -15,6 +15,7 @@ from tactile_tip import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch, PatchFlag, TipCalibration
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Shape
+from palpate.drivers.tactile.templates import template_set
 from palpate.errors import InputError
 
 MIX = {"flat": 0.45, "end": 0.15, "vertex": 0.15, "notch": 0.1, "dell": 0.15}
@@ -183,6 +184,36 @@ def test_tare_measures_offset_and_noise() -> None:
         tip.extractor.tare([])
 
 
+def test_zeros_that_may_have_drifted_since_widen_the_force() -> None:
+    drift = 0.5
+    calibration = TipCalibration(gain=np.ones((ROWS, COLS)), drift_counts_per_s=drift)
+    extractor = ContactExtractor(DESCRIPTION, calibration)
+    noisy = (200 + np.random.default_rng(15).integers(-3, 4, (20, ROWS, COLS))).astype(np.uint16)
+    extractor.tare([TactileFrame(i, 0.01 * i, 0.0, counts) for i, counts in enumerate(noisy)])
+    touched = still([0] * 8 + [100, 400, 100] + [0] * 9).counts + np.uint16(200)
+    soon, later = (
+        extractor.extract([TactileFrame(0, 0.19, 0.0, touched), TactileFrame(1, at_s, 0.0, touched)])
+        for at_s in (0.2, 20.2)
+    )
+    assert soon is not None
+    assert later is not None
+    taxels = ROWS * round(later.extent_rad / PITCH)
+    grown = taxels * 20.0 * drift / DESCRIPTION.counts_per_n
+    assert later.force_bound_n - soon.force_bound_n >= 0.99 * grown
+
+
+def test_a_prepared_extractor_does_not_make_templates_at_the_first_contact() -> None:
+    odd = replace(DESCRIPTION, tip_radius_mm=4.987)  # nobody else's
+    extractor = ContactExtractor(odd, TipCalibration(gain=np.ones((ROWS, COLS))))
+    before = template_set.cache_info()
+    extractor.prepare()
+    prepared = template_set.cache_info()
+    assert prepared.misses == before.misses + 1
+    assert extractor.extract(still([0] * 8 + [100, 400, 100] + [0] * 9)) is not None
+    extractor.prepare()
+    assert template_set.cache_info() == prepared
+
+
 def test_a_flat_pad_says_that_it_does_not_know_the_normal() -> None:
     columns = tuple(2.0 * j for j in range(COLS))
     pad = replace(DESCRIPTION, shape=Shape.FLAT, tip_radius_mm=0.0, columns=columns)
@@ -200,6 +231,9 @@ def test_calibrations_that_do_not_fit_are_refused() -> None:
     uneven = replace(DESCRIPTION, columns=(*DESCRIPTION.columns[:-1], 2.5))
     with pytest.raises(InputError, match="not evenly spaced"):
         ContactExtractor(uneven, TipCalibration(gain=np.ones((ROWS, COLS))))
+    single = replace(DESCRIPTION, cols=1, columns=(0.0,))
+    with pytest.raises(InputError, match="one column"):
+        ContactExtractor(single, TipCalibration(gain=np.ones((ROWS, 1))))
 
 
 CLEAN = ContactExtractor(DESCRIPTION, TipCalibration(gain=np.ones((ROWS, COLS))))

@@ -1,4 +1,4 @@
-"""What is drawn for emulated rigs: within what is declared, up to it, and apart from what seeds drew before."""
+"""What emulated rigs draw: within what is declared, up to it, and apart from what seeds drew before."""
 
 import math
 from pathlib import Path

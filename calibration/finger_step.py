@@ -1,0 +1,107 @@
+"""The step of calibration that measures where fingers stand: references at several places, touched by all.
+
+Between the prober and the fit. Each placing begins with touches that find the reference, goes on with those
+that say most, and ends with the first of these again: a reference that has moved meanwhile shows.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.choice import choose
+from palpate.calibration.finding import find, touches_of
+from palpate.calibration.finger_fit import FingerModel, Fit, Placing, Touches, fit_fingers
+from palpate.calibration.measured import Touched
+from palpate.calibration.prober import Probe, Prober
+from palpate.calibration.trust import check_fit, check_still
+from palpate.config import Finger
+
+__all__ = ["fitted", "held_out", "touch_placing"]
+
+Bools = NDArray[np.bool_]
+
+_HELD_OUT_EVERY = 6  # one touch in so many shows whether the fit keeps what it promises
+_LEAST_SHARE = 0.25
+_TYPICAL_MM = 0.012
+_COUNT = 6
+
+
+def touch_placing(
+    prober: Prober,
+    specs: Sequence[Finger],
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    known: Sequence[Touched],
+    *,
+    tell: Callable[[str], None],
+) -> list[Touched]:
+    """Have the last of `placings` put, and touch it; `known`: touches of the earlier ones.
+
+    Raises InputError for a reference that moves, is not found or is not what it is said to be.
+    """
+    number = len(placings) - 1
+    placing = placings[number]
+    prober.put(placing.reference, placing.about_mm)
+    stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
+    start = None
+    if known:
+        start = fit_fingers(models, placings[:number], touches_of(known, models, stiffness))
+    found = find(prober, models, placings, known, stiffness, start)
+    touched = list(found.touched)
+    grips = choose(found.foreseen, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT)
+
+    def carried_out(grip: Sequence[Probe]) -> list[Touched]:
+        return [item for item in prober.touch(grip, number) if item is not None]
+
+    first: list[Touched] = []
+    for k, grip in enumerate(grips):
+        tell(f"touch {k + 1} of {len(grips)}")
+        got = carried_out(grip)
+        first = first or got
+        touched += got
+    if grips:
+        again = carried_out(grips[0])
+        check_still(first, again, models, placing)
+        touched += again
+    every = [*known, *touched]
+    touches = touches_of(every, models, stiffness)
+    check_fit(
+        specs,
+        models,
+        placings,
+        touches,
+        fit_fingers(models, placings, touches, (found.fit.values, found.fit.poses[:number])),
+    )
+    return touched
+
+
+def fitted(
+    specs: Sequence[Finger],
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    touched: Sequence[Touched],
+) -> tuple[Touches, Fit, Fit]:
+    """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
+
+    Once it is known that touches agree, what they scatter by says better what they are worth than the devices'
+    steps did: the fit is made again with that.
+    """
+    touches = touches_of(touched, models, [spec.tip.stiffness_n_per_mm for spec in specs])
+    fit = fit_fingers(models, placings, touches)
+    check_fit(specs, models, placings, touches, fit)
+    share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)
+    touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
+    fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))
+    without = fit_fingers(
+        models, placings, touches.with_used(~held_out(len(touched))), (fit.values, fit.poses)
+    )
+    return touches, fit, without
+
+
+def held_out(count: int) -> Bools:
+    """Which of `count` touches (count,) are foretold rather than fitted."""
+    result: Bools = np.arange(count) % _HELD_OUT_EVERY == _HELD_OUT_EVERY - 1
+    return result

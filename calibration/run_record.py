@@ -1,0 +1,36 @@
+"""A calibration under way, format `palpate/calibration-run@1`: what is done so far, so that it can be resumed.
+
+JSON beside the rig file, replaced whole after every step and every placing. It belongs to one rig as
+described, one set of references and one set of devices; for others it is begun anew.
+"""
+
+from typing import Literal
+
+from pydantic import Field
+
+from palpate.calibration.measured import Touched
+from palpate.config.calibration_file import CalibrationDevice
+from palpate.config.calibration_finger import ActuatorsCalibration, TactileCalibration
+from palpate.config.fields import FileModel
+
+__all__ = ["RunRecord"]
+
+
+class RunRecord(FileModel):
+    """What a calibration has done so far; steps that are not done are left out."""
+
+    format: Literal["palpate/calibration-run@1"] = "palpate/calibration-run@1"
+    geometry_sha256: str = Field(description="Of the rig as described.")
+    references_sha256: str = Field(description="Of the references.")
+    devices: list[CalibrationDevice] = Field(description="Every device that takes part.")
+    actuators: list[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
+    tactile: list[TactileCalibration] | None = Field(default=None, description="By finger.")
+    touched: list[list[Touched]] = Field(default=[], description="Touches of every placing that is done.")
+
+    def is_for(self, other: "RunRecord") -> bool:
+        """Whether this is about the same rig, references and devices as another one."""
+        return (
+            self.geometry_sha256 == other.geometry_sha256
+            and self.references_sha256 == other.references_sha256
+            and self.devices == other.devices
+        )

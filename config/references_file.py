@@ -1,0 +1,42 @@
+"""References for calibration, format `palpate/references@1`: TOML with a disc and a convex plate.
+
+What a person measures with callipers before a rig is calibrated. `docs/calibration.md` says how to choose.
+"""
+
+from typing import Literal
+
+from pydantic import Field
+
+from palpate.config.fields import FileModel, Length, Point, Positive
+from palpate.config.loading import Source, load_toml
+
+__all__ = ["DiscReference", "PlateReference", "ReferencesFile", "load_references"]
+
+
+class DiscReference(FileModel):
+    """A round reference."""
+
+    diameter_mm: Positive = Field(description="Diameter.")
+    height_mm: Positive = Field(description="Height of its top above the support plane.")
+    tolerance_mm: Length = Field(default=0.0, description="Its rim is off by at most this.")
+
+
+class PlateReference(FileModel):
+    """A convex reference with straight faces, such as a square plate."""
+
+    outline_mm: list[Point] = Field(min_length=3, description="Corners [x, y] in order round it.")
+    height_mm: Positive = Field(description="Height of its top above the support plane.")
+    tolerance_mm: Length = Field(default=0.0, description="Its faces are off by at most this.")
+
+
+class ReferencesFile(FileModel):
+    """The things that fingers touch to be calibrated, `palpate/references@1`."""
+
+    format: Literal["palpate/references@1"]
+    disc: DiscReference = Field(description="A disc.")
+    plate: PlateReference = Field(description="A plate.")
+
+
+def load_references(source: Source) -> ReferencesFile:
+    """Read and check a references file. Raises InputError, one line."""
+    return load_toml(source, ReferencesFile, {})

@@ -1,0 +1,75 @@
+"""What the rig file says of an array's taxels is what its extractor is told."""
+
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.config import RigFile, shipped_rig
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.messages import Description, Shape
+from palpate.errors import InputError
+from palpate.rig.array_of import calibration_of, extractor_of
+
+ROWS, COLS = 2, 3
+SMALL = Description(
+    unique_id=b"array of a rig.",
+    firmware="test",
+    emulated=True,
+    shape=Shape.CYLINDER,
+    rows=ROWS,
+    cols=COLS,
+    bit_depth=12,
+    max_rate_hz=100.0,
+    full_scale_n=4.0,
+    counts_per_n=1000.0,
+    tip_radius_mm=6.0,
+    columns=(-0.3, 0.0, 0.3),
+    row_heights_mm=(1.0, 3.0),
+)
+TAXELS = {
+    "gain": [[1.0, 2.0, 1.0], [0.5, 1.0, 1.0]],
+    "gain_bound": [[0.02, 0.03, 0.04], [0.02, 0.3, 0.3]],
+    "unusable": [[1, 2]],
+    "noise_counts": 1.5,
+    "crosstalk": 0.06,
+    "crosstalk_bound": 0.01,
+}
+
+
+def rig(taxels: dict[str, Any] | None) -> RigFile:
+    data = tomllib.loads(shipped_rig().read_text(encoding="utf-8"))
+    if taxels is not None:
+        data["fingers"][0]["array"]["taxels"] = taxels
+    return RigFile.model_validate(data)
+
+
+def test_calibrated_taxels_are_used_one_by_one() -> None:
+    file = rig(TAXELS)
+    told = calibration_of(file, file.fingers[0], SMALL)
+    assert told.gain.tolist() == TAXELS["gain"]
+    assert told.spreads.tolist() == TAXELS["gain_bound"]
+    assert (told.noise_counts, told.crosstalk, told.crosstalk_bound) == (1.5, 0.06, 0.01)
+    assert told.usable is not None
+    assert np.argwhere(~told.usable).tolist() == [[1, 2]]
+    assert told.stiffness_n_per_mm == file.fingers[0].tip.stiffness_n_per_mm
+    # And so a taxel of twice the gain shows the same force with twice the counts.
+    counts = np.array([[0, 1000, 0], [0, 500, 0]], np.uint16)
+    assert ContactExtractor(SMALL, told).force_n(TactileFrame(0, 0.0, 0.0, counts)) == pytest.approx(1.0)
+
+
+def test_an_array_that_was_not_calibrated_has_one_bound_for_all() -> None:
+    file = rig(None)
+    told = calibration_of(file, file.fingers[0], SMALL)
+    assert (told.gain == 1).all()
+    assert (told.spreads == file.fingers[0].array.gain_spread).all()
+    assert told.spreads.shape == (ROWS, COLS)
+    assert told.usable is None
+
+
+def test_taxels_of_another_array_are_refused() -> None:
+    file = rig(TAXELS | {"gain": [[1.0, 1.0]], "gain_bound": [[0.1, 0.1]], "unusable": []})
+    with pytest.raises(InputError, match=f"finger {file.fingers[0].name}: array.taxels are 1 x 2 .* 2 x 3"):
+        extractor_of(file, file.fingers[0], SMALL)

@@ -1,0 +1,234 @@
+"""A rig file with a calibration beside it: who takes it, who refuses it, and that a replay has it, too."""
+
+import json
+import math
+import re
+from collections.abc import Callable
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from calibrations import MADE, full_calibration, true_calibration
+from command import Ended, log_events, run_here
+from json_schema import violations
+
+from palpate.calibration.hand_frame import Place
+from palpate.config import (
+    CalibrationFile,
+    RigFile,
+    calibration_path,
+    calibration_toml,
+    load_objects,
+    load_rig,
+    shipped_objects,
+    shipped_rig,
+)
+from palpate.config.schema import schema_text
+from palpate.errors import InputError
+from palpate.rig.bench import connect, place, set_up
+from palpate.rig.bus_place import bus_of
+from palpate.rig.calibrated_devices import check_devices, devices_of, other_device
+from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.check_calibration import with_calibration
+from palpate.rig.checking import check_rig
+from palpate.rig.hand_truth import placement_seen
+
+Here = Callable[..., Ended]
+SEED = 7
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    monkeypatch.chdir(tmp_path)
+    return lambda *args: run_here(args, monkeypatch, capsys)
+
+
+@pytest.fixture
+def loose(tmp_path: Path) -> Path:
+    """The shipped rig as a file, its fingers' places hardly known, and with a search of one grip."""
+    text = shipped_rig().read_text(encoding="utf-8")
+    for old, new, times in (
+        (r"max_grips = \d+", "max_grips = 1", 1),
+        (r"base_error_mm = 0\.05", "base_error_mm = 1.5", 1),
+        (r"heading_error_deg = 0\.02", "heading_error_deg = 1.0", 1),
+        (r"base_mm = 0\.05\nheading_deg = 0\.02", "base_mm = 1.5\nheading_deg = 1.0", 3),
+    ):
+        text, count = re.subn(old, new, text)
+        assert count == times
+    file = tmp_path / "my-rig.toml"
+    file.write_text(text, encoding="utf-8")
+    return file
+
+
+def put_beside(rig: Path, file: CalibrationFile) -> Path:
+    beside = calibration_path(rig)
+    beside.write_text(calibration_toml(file), encoding="utf-8")
+    return beside
+
+
+def test_the_calibration_beside_the_file_is_taken(loose: Path) -> None:
+    described = load_rig(loose)
+    assert load_calibrated(loose).rig == described
+    file = full_calibration(described)
+    beside = put_beside(loose, file)
+    found = load_calibrated(loose)
+    assert (found.calibration, found.calibration_path) == (file, beside)
+    assert found.described == described
+    assert found.rig.fingers[0].bounds.position_mm == 0.2
+    without = load_calibrated(loose, calibration=False)
+    assert (without.rig, without.calibration, without.calibration_path) == (described, None, None)
+
+
+def test_the_shipped_rig_has_none() -> None:
+    found = load_calibrated(None)
+    assert found.calibration is None
+    assert found.rig == load_rig(shipped_rig())
+
+
+def test_a_run_with_a_calibration_is_kept_and_comes_about_again(loose: Path, here: Here) -> None:
+    put_beside(loose, true_calibration(load_rig(loose), SEED))
+    done = here("identify", "--rig", loose.name, "--seed", SEED, "--json")
+    assert done.json["truth"]["inside_bounds"], done.err
+    session = Path(done.json["session"])
+    assert log_events(session / "session.jsonl")[0]["calibration"] is True
+    kept = session / "rig.calibration.toml"
+    assert kept.read_bytes() == calibration_path(loose).read_bytes()
+    again = here("replay", session)
+    assert (again.code, again.err) == (0, "")
+    assert here("watch", "--session", session, "--for", 0.1, "--json").code == 0
+    kept.unlink()
+    told = here("replay", session)
+    assert (told.code, told.out) == (2, "")
+    assert told.err == (
+        f"error: {session} cannot be replayed: its run used a calibration, but {kept.name} is missing\n"
+    )
+
+
+def test_other_arrays_than_were_calibrated_are_refused(loose: Path, here: Here) -> None:
+    file = true_calibration(load_rig(loose), SEED)
+    put_beside(loose, file)
+    done = here("identify", "--rig", loose.name, "--seed", SEED + 1)
+    assert done.code == 2
+    assert done.err.startswith('error: the calibration of rig "bench" was made with array 66310000')
+    assert "calibrate again with `palpate calibrate`, or move the calibration file away" in done.err
+    assert here("watch", "--rig", loose.name, "--for", 0.1).code == 2
+    assert here("watch", "--rig", loose.name, "--for", 0.1, "--no-calibration").code == 0
+
+
+@pytest.mark.parametrize("command", ["identify", "check", "watch", "plan"])
+def test_a_calibration_of_the_rig_before_it_was_changed_is_refused(
+    loose: Path, here: Here, command: str
+) -> None:
+    beside = put_beside(loose, full_calibration(load_rig(loose)))
+    loose.write_text(loose.read_text().replace("zero_mm = 40.0", "zero_mm = 41.0", 1))
+    more = ["--contacts", "contacts.json"] if command == "plan" else []
+    done = here(command, "--rig", loose, *more)
+    assert (done.code, done.out) == (2, "")
+    assert done.err == (
+        f"error: {beside}: fingers or stage were changed in {loose} since this calibration was made on "
+        f"2026-05-04: calibrate again with `palpate calibrate --rig {loose}`, or move this file away\n"
+    )
+
+
+def test_devices_are_told_apart() -> None:
+    rig = load_rig(shipped_rig())
+    with connect(set_up(rig, None, SEED)) as hand:
+        devices = devices_of(hand)
+        file = full_calibration(rig, devices=devices)
+        check_devices(file, hand)
+        check_devices(None, hand)
+        swapped = [*devices[:6], devices[7], devices[6], devices[8]]
+        with pytest.raises(InputError, match="on finger f1, which has array 6631"):
+            check_devices(full_calibration(rig, devices=swapped), hand)
+        with pytest.raises(InputError, match="names 2 arrays for 3 fingers"):
+            check_devices(full_calibration(rig, devices=devices[:-1]), hand)
+    assert [device.kind for device in devices] == ["servo"] * 6 + ["array"] * 3
+    assert [device.id for device in devices[:6]] == ["11", "12", "21", "22", "31", "32"]
+    assert devices[0].model == "XM430-W350"
+    assert devices[6].model == "palpate, 8 x 20 cylinder"
+    other = other_device(file, {12: "XC330-M288"}, {})
+    assert other == "was made with servo 12 a XM430-W350, which is a XC330-M288 now"
+    assert other_device(file, {}, {}) is None
+
+
+def test_the_truth_is_told_as_the_calibrated_hand_sees_it(loose: Path) -> None:
+    rig = load_rig(loose)
+    lying = place(rig, load_objects(shipped_objects()), None, SEED)
+    assert lying is not None
+    put_beside(loose, true_calibration(rig, SEED))
+    on_bench = load_calibrated(loose)
+    assert placement_seen(load_calibrated(loose, calibration=False), lying, SEED) is lying
+    seen = placement_seen(on_bench, lying, SEED)
+    assert seen is not None
+    assert math.dist((seen.x_mm, seen.y_mm), (lying.x_mm, lying.y_mm)) > 0.1
+    bench = set_up(rig, lying, SEED)
+    assert bench.emulated is not None
+    for finger, emulated in zip(on_bench.rig.fingers, bench.emulated.bench.fingers, strict=True):
+        truth = emulated.truth
+        really = Place(truth.base_mm, truth.heading_rad)
+        found = Place(finger.base_mm, math.radians(finger.heading_deg))
+        expected = from_finger(really, lying.x_mm, lying.y_mm, lying.theta_rad)
+        assert from_finger(found, seen.x_mm, seen.y_mm, seen.theta_rad) == pytest.approx(expected, abs=1e-4)
+
+
+def from_finger(at: Place, x_mm: float, y_mm: float, theta_rad: float) -> tuple[float, float, float]:
+    """A pose as a finger sees it: distance, bearing from its heading, turn from its heading."""
+    dx, dy = x_mm - at.base_mm[0], y_mm - at.base_mm[1]
+    bearing = math.remainder(math.atan2(dy, dx) - at.heading_rad, 2 * math.pi)
+    return math.hypot(dx, dy), bearing, math.remainder(theta_rad - at.heading_rad, 2 * math.pi)
+
+
+@pytest.fixture(scope="module")
+def shipped() -> RigFile:
+    return load_rig(shipped_rig())
+
+
+def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Path, here: Here) -> None:
+    rig_path = tmp_path / "bench.toml"
+    rig_path.write_bytes(shipped_rig().read_bytes())
+    with connect(set_up(shipped, None, 0)) as hand:
+        file = full_calibration(shipped, devices=devices_of(hand))
+    put_beside(rig_path, file)
+    on_bench = load_calibrated(rig_path)
+    out = check_rig(on_bench.rig, bus_of(on_bench.described))
+    fresh = with_calibration(out, on_bench, MADE + timedelta(days=90, hours=23))
+    assert violations(json.loads(fresh.model_dump_json()), json.loads(schema_text("check"))) == []
+    assert fresh.calibration is not None
+    assert fresh.calibration.model_dump() == {
+        "file": str(calibration_path(rig_path)),
+        "made": "2026-05-04T12:30:00Z",
+        "age_days": 90,
+        "coverage": 0.999,
+        "position_mm": 0.2,
+        "direction_deg": 1.0,
+        "devices_match": True,
+    }
+    assert (fresh.well, fresh.warnings) == (True, out.warnings)
+
+    old = with_calibration(out, on_bench, MADE + timedelta(days=91))
+    assert old.well
+    assert old.warnings[-1].startswith("the calibration is 91 days old; calibrate again every 90 days")
+
+    silent = out.model_copy(
+        update={"arrays": (out.arrays[0].model_copy(update={"answers": False, "unique_id": None}),)}
+    )
+    unknown = with_calibration(silent, on_bench, MADE).calibration
+    assert unknown is not None
+    assert unknown.devices_match is None
+
+    other = out.model_copy(update={"arrays": (out.arrays[0].model_copy(update={"unique_id": "00"}),)})
+    wrong = with_calibration(other, on_bench, MADE)
+    assert wrong.calibration is not None
+    assert (wrong.well, wrong.calibration.devices_match) == (False, False)
+    assert wrong.problems[-1].startswith("calibration was made with array 6631")
+
+    bare = [item.model_copy(update={"bounds": None}) for item in file.fingers[:1]]
+    partly = file.model_copy(update={"fingers": [*bare, *file.fingers[1:]]})
+    loose = with_calibration(out, RigOnBench(on_bench.rig, shipped, partly, rig_path), MADE)
+    assert loose.calibration is not None
+    assert loose.calibration.position_mm is None
+    assert "does not bound contacts of f1" in loose.warnings[-1]
+
+    shown = here("check", "--rig", rig_path).out
+    assert re.search(r"calibration  2026-05-04, \d+ days old, 99\.9 % of contacts within ±0\.2 mm", shown)
+    assert "calibration  none" in here("check", "--rig", rig_path, "--no-calibration").out
