@@ -157,12 +157,13 @@ _PLACE: tuple[tuple[str, Callable[[PlaceCalibration], str]], ...] = (
         "distance at Goal Position 0, in touch",
         lambda p: plus_minus(p.zero_mm, math.sqrt(p.covariance[4][4])) + " mm",
     ),
+    ("travel per turn", lambda p: f"{p.mm_per_turn:.3f} mm"),
 )
 
 _ACTUATORS: tuple[tuple[str, Callable[[ActuatorsCalibration], str]], ...] = (
     ("directions", _directions),
-    ("travel per turn", _travel),
-    ("distance at Goal Position 0", _homed_zero),
+    ("travel per turn, by the stops", _travel),
+    ("distance at Goal Position 0, by the stops", _homed_zero),
     (
         "play of the slide, either way",
         lambda a: plus_minus(a.slide.backlash_mm, a.slide.backlash_sigma_mm) + " mm",

@@ -56,7 +56,7 @@ def simulated(
     return press_of(drive, leg, mm_per_rad, np.full(len(leg), 0.03)), force
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     half=st.floats(0.02, 0.2),
     power=st.floats(0.7, 1.6),

@@ -130,6 +130,8 @@ def _finger(
                 "homed": True,
                 "backlash_mm": 0.081,
                 "backlash_sigma_mm": 0.004,
+                "touch_zero_mm": 89.98,
+                "touch_covariance": [[1e-4, 0.0], [0.0, 1e-8]],
                 "friction_a": 0.028,
                 "latency_s": 0.0071,
                 "latency_bound_s": 0.0124,
@@ -155,6 +157,7 @@ def _finger(
             "array_heading_deg": 0.84,
             "array_heading_sigma_deg": 0.09,
             "zero_mm": 39.931,
+            "mm_per_turn": 100.018,
             "covariance": (np.diag([0.012, 0.014, 1e-4, 0.008, 0.01]) ** 2).tolist(),
         },
         "bounds": {
