@@ -59,7 +59,8 @@ def approach(
     """Deepest dent (mm) and bearing (rad) after a travel past first contact, all (n,).
 
     `bearing_rad`: direction to the contact from the direction of travel, when the tip just touches. Against
-    a disc the tip slides round it on the way: a triangle of the two centres. Before contact dents are below 0.
+    a disc the tip slides round it on the way: a triangle of the two centres. Dents before
+    contact are negative.
     """
     per_mm = curvature_per_mm / (1 + curvature_per_mm * radius_mm)  # 1 / distance of the centres
     ahead, aside = travel_mm * np.cos(bearing_rad), travel_mm * np.sin(bearing_rad)

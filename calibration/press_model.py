@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from palpate.calibration.pattern import approach, pattern
 from palpate.calibration.ramps import LEVELS, PressedAt, Ramps
@@ -26,6 +25,8 @@ _LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
+_MOST_STEPS = 50
+_LEAST_GAIN = 1e-4  # of the sum of squares: less than any unknown's hundredth of a standard deviation
 _SHARED = 4  # unknowns of the finger as a whole, of which these are the places
 _PHASE, _FIRM, _SCALE, _CROSSTALK = range(_SHARED)
 
@@ -84,20 +85,21 @@ def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, kno
     Sigmas are those of the levels' stated errors, or as much larger as the residuals are.
     """
     model = _Model(presses, ramps, column_counts, known)
-    fitted = least_squares(model.residuals, model.start(), jac=model.jacobian, method="trf", x_scale="jac")
-    misfit = max(1.0, model.misfit(fitted.fun))
-    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(fitted.jac.T @ fitted.jac)))
-    gains, touch, bearing, friction = model.parts(fitted.x)
-    counts = model.counts(fitted.x)
+    x = _descended(model)
+    slopes = model.jacobian(x)
+    misfit = max(1.0, model.misfit(model.residuals(x)))
+    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(slopes.T @ slopes)))
+    gains, touch, bearing, friction = model.parts(x)
+    counts = model.counts(x)
     strongest = np.maximum(column_counts.max(axis=1, keepdims=True), 1.0)
     return Solution(
         gain=np.exp(gains),
         gain_log_sigma=sigma[_SHARED : _SHARED + len(gains)],
-        phase_rad=float(fitted.x[_PHASE]),
+        phase_rad=float(x[_PHASE]),
         phase_sigma_rad=float(sigma[_PHASE]),
-        stiffness_n_per_mm=math.exp(fitted.x[_FIRM]),
+        stiffness_n_per_mm=math.exp(x[_FIRM]),
         stiffness_log_sigma=float(sigma[_FIRM]),
-        crosstalk=float(fitted.x[_CROSSTALK]),
+        crosstalk=float(x[_CROSSTALK]),
         crosstalk_sigma=float(sigma[_CROSSTALK]),
         friction_a=friction,
         touch_mm=touch,
@@ -105,6 +107,25 @@ def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, kno
         counts=counts,
         off=np.where(known.rows_used > 0, (column_counts - counts) / strongest, 0.0),
     )
+
+
+def _descended(model: "_Model") -> Floats:
+    """Where the sum of squares is least, by Levenberg and Marquardt's shortened steps."""
+    x = model.start()
+    off = model.residuals(x)
+    damping = 1e-3
+    for _ in range(_MOST_STEPS):
+        slopes = model.jacobian(x)
+        square, down = slopes.T @ slopes, slopes.T @ off
+        tried = x - np.linalg.solve(square + damping * np.diag(np.diag(square)), down)
+        there = model.residuals(tried)
+        gained = float(off @ off - there @ there)
+        if gained > 0:
+            x, off = tried, there
+        if abs(gained) < _LEAST_GAIN:
+            break
+        damping *= 0.1 if gained > 0 else 10.0
+    return x
 
 
 class _Model:
@@ -227,11 +248,20 @@ class _Model:
         return result
 
     def _felt(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
-        """Force on columns (m, cols) and along the travel (m,), N."""
+        """Force on columns (m, cols) and along the travel (m,), N: means over each level.
+
+        Two places stand for all of a level's: they have its mean and its spread.
+        """
+        travel, spread = self._ramps.travel_mm, self._ramps.spread_mm
+        lower = self._felt_at(travel - spread, shared, touch, bearing)
+        upper = self._felt_at(travel + spread, shared, touch, bearing)
+        return (lower[0] + upper[0]) / 2, (lower[1] + upper[1]) / 2
+
+    def _felt_at(
+        self, travel_mm: Floats, shared: Floats, touch: Floats, bearing: Floats
+    ) -> tuple[Floats, Floats]:
         known, press = self._known, self._ramps.press
-        dent, turned = approach(
-            self._ramps.travel_mm - touch[press], bearing[press], known.radius_mm, self._curvature
-        )
+        dent, turned = approach(travel_mm - touch[press], bearing[press], known.radius_mm, self._curvature)
         depth = np.clip(dent * math.exp(shared[_SCALE]) / known.radius_mm, _LEAST_DENT, _MOST_DENT)
         pressed = pattern(
             known.columns_rad,
