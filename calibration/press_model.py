@@ -1,9 +1,9 @@
-"""What columns and the slide's current must read at the levels of presses, and the fit of what is unknown.
+"""What columns and the slide's current must read at the levels of presses, and the fit of all unknowns.
 
 Between `ramps` and `gains`. Travel past first contact gives the dent, the dent and the bearing give the
-columns' shares (`pattern`), stiffness gives forces, gains give counts. Presses at different bearings move one
-patch over the columns, and each patch grows with its dent: both tell where the array's middle looks without
-knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
+columns' shares (`pattern`), stiffness gives forces, gains give counts. Presses at different bearings
+move one patch over the columns, and each patch grows with its dent: both tell where the array's middle
+looks without knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
 """
 
 import math
@@ -38,8 +38,9 @@ class Known:
     """What a fit is told of the finger.
 
     `columns_rad` (cols,), `pitch_rad` and `rows`: the array's. `counts_per_n`: nominal, of a taxel.
-    `radius_mm`: the tip's. `rows_used` (cols,): how many rows the counts of a column are the mean of, 0 for
-    a column that is not looked at. `phase_rad` ± `phase_sigma_rad` and 1 ± `gain_sigma`: what is likely.
+    `radius_mm`: the tip's. `rows_used` (cols,): how many rows the counts of a column are the mean of, 0
+    for a column that is not looked at. `phase_rad` ± `phase_sigma_rad` and 1 ± `gain_sigma`: what is
+    likely.
     """
 
     columns_rad: Floats
@@ -59,9 +60,9 @@ class Known:
 class Solution:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
-    `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from each
-    ramp's start; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m, cols):
-    what they read more, as a share of the strongest column; 0 where a column is not looked at.
+    `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from
+    each ramp's start; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
+    cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
     """
 
     gain: Floats
@@ -180,7 +181,7 @@ class _Model:
         return result
 
     def misfit(self, residuals: Floats) -> float:
-        """Mean square of the residuals of what was read, of counts or of currents, whichever is larger."""
+        """Mean square of the residuals of counts or of those of currents, whichever is larger."""
         m = len(self._ramps.press)
         counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
         looked = m * max(int((self._known.rows_used > 0).sum()), 1)
@@ -203,7 +204,7 @@ class _Model:
         return np.concatenate([counts.ravel(), current / self._current_sigma, *likely])
 
     def jacobian(self, x: Floats) -> Floats:
-        """Derivatives of `residuals`. A press's unknowns move its own levels only: all presses at once."""
+        """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
         m, cols, n = len(self._ramps.press), self._cols, self._presses
         result = np.zeros((m * (cols + 1) + 3 + cols + 2 * n, len(x)))
         gains, touch, bearing, _ = self.parts(x)

@@ -1,7 +1,7 @@
 """Presses of a slide's tip against a disc and a flat face, as the emulated tip and taxels have them.
 
-Made from the emulators' physics, sample by sample, without servos: the current is what the slide pushes with
-and its friction, in the steps that Present Current has.
+Made from the emulators' physics, sample by sample, without servos: the current is what the slide pushes
+with and its friction, in the steps that Present Current has.
 """
 
 import math
@@ -115,7 +115,7 @@ class PressingFinger:
     def _felt(
         self, way: NDArray[np.float64], bearing: float, disc_mm: float | None, aim: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which looks in direction `aim`.
+        """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which has direction `aim`.
 
         A face's outline has its own direction, so that there the aim is what the bearing makes it.
         """
