@@ -19,7 +19,7 @@ from palpate.calibration.ramps import LEVELS, PressedAt, Ramps
 __all__ = ["Known", "Solution", "solve"]
 
 _MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
-_WEAK = 0.2  # of a press's strongest level: levels below are as uncertain as that one
+_WEAK = 0.2  # of a press's strongest level: levels below count as that one
 _STEP = 1e-5  # of differences in place of derivatives
 _LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
@@ -87,12 +87,11 @@ def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, kno
     """
     model = _Model(presses, ramps, column_counts, known)
     x = _descended(model)
-    slopes = model.jacobian(x)
+    square = _squared(model.jacobian(x))
     misfit = max(1.0, model.misfit(model.residuals(x)))
-    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(slopes.T @ slopes)))
+    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(square)))
     gains, touch, bearing, friction = model.parts(x)
     counts = model.counts(x)
-    strongest = np.maximum(column_counts.max(axis=1, keepdims=True), 1.0)
     return Solution(
         gain=np.exp(gains),
         gain_log_sigma=sigma[_SHARED : _SHARED + len(gains)],
@@ -106,7 +105,7 @@ def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, kno
         touch_mm=touch,
         bearing_rad=bearing,
         counts=counts,
-        off=np.where(known.rows_used > 0, (column_counts - counts) / strongest, 0.0),
+        off=np.where(known.rows_used > 0, (column_counts - counts) / model.strongest, 0.0),
     )
 
 
@@ -117,7 +116,7 @@ def _descended(model: "_Model") -> Floats:
     damping = 1e-3
     for _ in range(_MOST_STEPS):
         slopes = model.jacobian(x)
-        square, down = slopes.T @ slopes, slopes.T @ off
+        square, down = _squared(slopes), slopes.T @ off
         tried = x - np.linalg.solve(square + damping * np.diag(np.diag(square)), down)
         there = model.residuals(tried)
         gained = float(off @ off - there @ there)
@@ -129,10 +128,17 @@ def _descended(model: "_Model") -> Floats:
     return x
 
 
+def _squared(slopes: Floats) -> Floats:
+    """The transposed times itself, without BLAS: its threads cost more than they save here."""
+    result: Floats = np.einsum("ki,kj->ij", slopes, slopes)
+    return result
+
+
 class _Model:
     """The unknowns are those of the finger, logarithms of the columns' gains, and three of each press.
 
-    Of a press: travel (mm) and bearing (rad) at first contact, and friction (A).
+    Of a press: travel (mm) and bearing (rad) at first contact, and friction (A). `strongest` (m, 1): counts
+    of the column with most, or a part of the press's most where that is more.
     """
 
     def __init__(
@@ -150,6 +156,11 @@ class _Model:
         self._exchange = np.eye(cols, k=1) + np.eye(cols, k=-1)
         self._exchange -= np.diag(self._exchange.sum(axis=0))
         self._counts_per_n = known.counts_per_n / known.rows
+        strongest = column_counts.max(axis=1)
+        most = np.zeros(self._presses)
+        np.maximum.at(most, ramps.press, strongest)
+        # Shallow dents are known to a part of an encoder step only.
+        self.strongest = np.maximum(strongest, _WEAK * most[ramps.press])[:, None]
         self._weight = self._weights()
         step = known.current_step_a / math.sqrt(12)
         self._current_sigma = step
@@ -277,10 +288,6 @@ class _Model:
 
     def _weights(self) -> Floats:
         """One over the standard deviation of counts, (m, cols); 0 where a column is not looked at."""
-        strongest = self._read.max(axis=1)
-        most = np.zeros(self._presses)
-        np.maximum.at(most, self._ramps.press, strongest)
-        model = _MODEL_SHARE * np.maximum(strongest, _WEAK * most[self._ramps.press])
         rows = self._known.rows_used
         noise = self._known.noise_counts**2 / (self._ramps.samples[:, None] * np.maximum(rows, 1.0))
-        return np.where(rows > 0, 1 / np.sqrt(noise + model[:, None] ** 2), 0.0)
+        return np.where(rows > 0, 1 / np.sqrt(noise + (_MODEL_SHARE * self.strongest) ** 2), 0.0)

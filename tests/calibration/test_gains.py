@@ -1,11 +1,13 @@
 """Fits of simulated presses of emulated arrays whose gains, phase, stiffness and crosstalk are known."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from simulated_presses import (
+    BEARINGS_DEG,
     DESCRIPTION,
     DISC_MM,
     MM_PER_RAD,
@@ -22,6 +24,7 @@ from palpate.errors import InputError
 
 CROSSTALK = 0.06
 EXPECTED = Expected(tip_radius_mm=5.0, mm_per_rad=MM_PER_RAD)
+FEW_DEG = (-50.0, -30.0, -10.0, 15.0, 40.0)
 SILENT = [(2, 9), (5, 12)]
 
 
@@ -35,7 +38,9 @@ class Bench:
     found: GainFit
 
 
-def bench(seed: int, description: Description = DESCRIPTION) -> Bench:
+def bench(
+    seed: int, description: Description = DESCRIPTION, bearings_deg: Sequence[float] = BEARINGS_DEG
+) -> Bench:
     """A finger with a tip, stiffness, phase and gains of its own; two taxels die after the idling."""
     rng = np.random.default_rng(seed)
     truth = Truth(
@@ -47,7 +52,7 @@ def bench(seed: int, description: Description = DESCRIPTION) -> Bench:
     alive = PressingFinger(truth, Taxels(description, seed=seed, **kind, dead=[(0, 8)]), rng)
     idle = idle_of([alive.idle()], description.max_count)
     finger = PressingFinger(truth, Taxels(description, seed=seed, **kind, dead=[(0, 8), *SILENT]), rng)
-    presses = presses_of(finger)
+    presses = presses_of(finger, bearings_deg)
     return Bench(finger, idle, presses, gains_of(presses, description, idle, EXPECTED))
 
 
@@ -93,7 +98,8 @@ def test_a_slope_of_gains_is_not_taken_for_a_turned_array() -> None:
     idle = idle_of([finger.idle()], DESCRIPTION.max_count)
     slope = np.exp(np.linspace(-0.4, 0.4, DESCRIPTION.cols))
     presses = [
-        replace(at, press=replace(at.press, counts=at.press.counts * slope)) for at in presses_of(finger)
+        replace(at, press=replace(at.press, counts=at.press.counts * slope))
+        for at in presses_of(finger, FEW_DEG)
     ]
     found = gains_of(presses, DESCRIPTION, idle, replace(EXPECTED, gain_spread=0.5))
     assert math.degrees(found.phase_rad) == pytest.approx(2.0, abs=0.35)
@@ -103,7 +109,7 @@ def test_a_slope_of_gains_is_not_taken_for_a_turned_array() -> None:
 
 def test_saturated_samples_are_left_out_and_told() -> None:
     shallow = replace(DESCRIPTION, bit_depth=8)  # full at 255 counts: 0.118 N on a taxel of gain 1
-    recorded = bench(14, shallow)
+    recorded = bench(14, shallow, FEW_DEG)
     found = recorded.found
     gain = recorded.finger.taxels.gain
     well = found.pressed & (found.gain_bound < 0.15)
