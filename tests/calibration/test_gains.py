@@ -70,7 +70,7 @@ def test_finds_what_the_finger_is_like(seed: int) -> None:
     assert abs(found.stiffness_n_per_mm / truth.stiffness_n_per_mm - 1) < found.stiffness_bound < 0.05
     assert abs(found.crosstalk - CROSSTALK) < found.crosstalk_bound < 0.01
     assert found.friction_a == pytest.approx(np.full(11, truth.friction_a), abs=2e-3)
-    assert found.residual_share < 0.01
+    assert found.residual_share < 0.015  # three samples a level: a part of an encoder step
     assert found.saturates_n is None
     assert pressed.idle.dead == ((0, 8),)
     assert found.unresponsive == tuple(SILENT)
