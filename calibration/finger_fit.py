@@ -214,6 +214,7 @@ class _Problem:
 
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
+
         def off(u: Floats) -> Floats:
             return self._weighed(u, used)[0]
 
