@@ -1,5 +1,8 @@
+import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +13,10 @@ from pydantic import TypeAdapter
 
 from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig, shipped_rig
 from palpate.config.calibration_numbers import Measured, UpLength
+from palpate.config.schema import schema_text
 from palpate.errors import InputError
 
+ROOT = Path(__file__).resolve().parents[2]
 RIG = load_rig(shipped_rig())
 TEXT = calibration_toml(full_calibration(RIG))
 
@@ -45,6 +50,24 @@ def test_people_can_read_it() -> None:
     begin = lines.index("gain = [")
     assert [line.count(",") for line in lines[begin + 1 : begin + 9]] == [20] * 8
     assert lines[begin + 9] == "]"
+
+
+def test_every_key_is_explained() -> None:
+    """On the page, and in the schema except for what explains itself."""
+    page = (ROOT / "docs" / "calibration-file.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"`(?:\[+)?(?:fingers\.)?([\w.]+)\]*`", page))
+    known: set[str] = set()
+
+    def visit(node: dict[str, Any]) -> None:
+        for option in [node, node.get("items", {}), *node.get("anyOf", [])]:
+            for key, value in option.get("properties", {}).items():
+                known.add(key)
+                assert value.get("description") or key == "format", key
+                visit(value)
+
+    visit(json.loads(schema_text("calibration")))
+    assert {"largest_mm", "overshoot", "touches_seen", "phase_deg", "sha256"} <= known
+    assert known - documented - {"slide", "aim"} == set()
 
 
 def test_it_lies_beside_the_rig_file() -> None:
