@@ -37,6 +37,7 @@ __all__ = [
 ]
 
 _PLACE_UNKNOWNS = 5
+_TOUCH_UNKNOWNS = 2
 _ASYMMETRY = 1e-6  # of entries that twelve digits and another order of sums cannot explain
 
 
@@ -137,8 +138,8 @@ class SlideCalibration(FileModel):
 
     @model_validator(mode="after")
     def _travels(self) -> Self:
-        if self.mm_per_turn == 0:
-            raise problem("is 0; it must not be", "mm_per_turn")
+        _check_travel(self.mm_per_turn)
+        _check_covariance(self.touch_covariance, _TOUCH_UNKNOWNS, "touch_covariance")
         return self
 
 
@@ -183,12 +184,8 @@ class PlaceCalibration(FileModel):
 
     @model_validator(mode="after")
     def _covaries(self) -> Self:
-        if [len(row) for row in self.covariance] != [_PLACE_UNKNOWNS] * _PLACE_UNKNOWNS:
-            raise problem("must have 5 rows of 5 values", "covariance")
-        matrix = np.array(self.covariance)
-        limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
-        if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
-            raise problem("is not one: it must be symmetric, with a diagonal from 0", "covariance")
+        _check_travel(self.mm_per_turn)
+        _check_covariance(self.covariance, _PLACE_UNKNOWNS, "covariance")
         return self
 
 
@@ -230,3 +227,18 @@ class CalibratedFinger(FileModel):
     actuators: ActuatorsCalibration | None = Field(default=None, description="Its servos.")
     place: PlaceCalibration | None = Field(default=None, description="Where it stands.")
     bounds: CalibratedBounds | None = Field(default=None, description="How far off its contacts may be.")
+
+
+def _check_travel(mm_per_turn: float) -> None:
+    if mm_per_turn == 0:
+        raise problem("is 0; it must not be", "mm_per_turn")
+
+
+def _check_covariance(rows: list[list[float]], unknowns: int, key: str) -> None:
+    """Refuse what cannot be the covariance of so many unknowns."""
+    if [len(row) for row in rows] != [unknowns] * unknowns:
+        raise problem(f"must have {unknowns} rows of {unknowns} values", key)
+    matrix = np.array(rows)
+    limit = _ASYMMETRY * np.sqrt(np.abs(np.outer(np.diag(matrix), np.diag(matrix))))
+    if (np.diag(matrix) < 0).any() or (np.abs(matrix - matrix.T) > limit).any():
+        raise problem("is not one: it must be symmetric, with a diagonal from 0", key)

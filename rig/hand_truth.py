@@ -4,30 +4,12 @@ A calibration cannot know where the rig stands on its table. It speaks of the ha
 are nearest to where the rig file has them (`calibration.hand_frame`); the emulators speak of the table's.
 """
 
-import math
-from collections.abc import Sequence
-from dataclasses import replace
-
-from palpate.calibration.hand_frame import Place, hand_frame
-from palpate.config import RigFile
-from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.emulated import EmulatedRig, emulate
 from palpate.rig.scene import Placement
+from palpate.rig.truth import in_hand_frame
 
-__all__ = ["in_hand_frame", "placement_seen"]
-
-
-def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTruth | ArmTruth]) -> Placement:
-    """A placement in the table's frame as it is in the hand frame of a rig as described.
-
-    `truths`: where the rig's fingers really stand on the table, in its order.
-    """
-    described = [Place(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
-    found = [Place(truth.base_mm, truth.heading_rad) for truth in truths]
-    motion = hand_frame(described, found)
-    x, y = motion.point_mm((placement.x_mm, placement.y_mm))
-    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + motion.angle_rad)
+__all__ = ["placement_seen"]
 
 
 def placement_seen(

@@ -113,6 +113,7 @@ def _slide(
         tip_radius_mm=finger.tip.radius_mm,
         stiffness_n_per_mm=_stiffness(finger, emulation, rng),
         array_heading_rad=math.radians(finger.array.heading_deg),
+        stops_mm=finger.slide.stops_mm,
     )
 
 

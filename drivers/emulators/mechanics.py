@@ -28,6 +28,9 @@ __all__ = [
 Floats = NDArray[np.float64]
 
 _MM_PER_M = 1000.0
+_STOP_N_PER_MM = 2000.0  # a slide's hard stop is a stiff spring
+_STOP_N_S_PER_MM = 0.3  # and a damper, so that the slide does not bounce for long
+_STOP_STEPS = 10  # of a step: the lightest motor swings faster on that spring than in milliseconds
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ class FingerTruth:
 
     aim = heading + (servo − aim_zero_rad) / gear_ratio and distance = zero_mm + mm_per_rad · servo, with
     servo angles as the shaft has them and `aim_play_rad` and `slide_play_mm` either way between the two.
-    `array_heading_rad`: where the array's middle looks, from the direction of travel.
+    `array_heading_rad`: where the array's middle looks, from the direction of travel. `stops_mm`: distances
+    at which the carriage that bears the tip meets its hard stops, None if it has none.
     """
 
     base_mm: tuple[float, float]
@@ -51,6 +55,7 @@ class FingerTruth:
     tip_radius_mm: float
     stiffness_n_per_mm: float
     array_heading_rad: float
+    stops_mm: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,10 @@ class _Play:
             self.at = driving + self._half
         return self.at
 
+    def push_to(self, place: float, driving: float) -> None:
+        """Push the driven side towards a place, as far as the play lets it go."""
+        self.at = min(max(place, driving - self._half), driving + self._half)
+
 
 class SlideMechanics:
     """An aim servo that turns a slide about a fixed base, and a slide servo that moves the tip along it."""
@@ -148,15 +157,40 @@ class SlideMechanics:
         return np.array([x + distance * math.cos(angle), y + distance * math.sin(angle)])
 
     def step(self, dt_s: float, force_n: Floats | None) -> None:
-        """Move on; the force loads the slide only."""
+        """Move on; the force loads the slide only, and so do its stops."""
         push = 0.0
         if force_n is not None:
             along = np.array([math.cos(self.facing_rad), math.sin(self.facing_rad)])
             push = float(force_n @ along)
-        self._slide.step(dt_s, push * self._truth.mm_per_rad / _MM_PER_M)
+        steps = 1 if self._reached_mm() is None else _STOP_STEPS
+        for _ in range(steps):
+            self._slide_on(dt_s / steps, push)
         self._aim.step(dt_s, 0.0)
         self._aim_play.follow(self._aim_drive())
+
+    def _slide_on(self, dt_s: float, push_n: float) -> None:
+        self._slide.step(dt_s, (push_n + self._stop_n()) * self._truth.mm_per_rad / _MM_PER_M)
         self._slide_play.follow(self._slide_drive())
+        stop = self._reached_mm()
+        if stop is not None:
+            self._slide_play.push_to(stop, self._slide_drive())
+
+    def _reached_mm(self) -> float | None:
+        """Distance of the stop that the carriage presses into, if any."""
+        at, stops = self._slide_play.at, self._truth.stops_mm
+        if stops is None or stops[0] <= at <= stops[1]:
+            return None
+        return stops[0] if at < stops[0] else stops[1]
+
+    def _stop_n(self) -> float:
+        """What a stop pushes the carriage with, positive outwards."""
+        stop = self._reached_mm()
+        if stop is None:
+            return 0.0
+        deep = stop - self._slide_play.at
+        speed = self._slide.shaft_rad_s * self._truth.mm_per_rad
+        push = _STOP_N_PER_MM * deep - _STOP_N_S_PER_MM * speed
+        return push if push * deep > 0 else 0.0
 
     def _aim_drive(self) -> float:
         truth = self._truth

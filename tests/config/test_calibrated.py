@@ -41,7 +41,7 @@ def test_what_was_measured_takes_the_place_of_what_was_described() -> None:
         assert new.base_mm == pytest.approx((old.base_mm[0] + 0.02, old.base_mm[1] - 0.01))
         assert new.heading_deg == old.heading_deg + 0.01
         assert new.slide.zero_mm == 40.05  # of the place, not of homing
-        assert new.slide.mm_per_turn == 100.02
+        assert new.slide.mm_per_turn == 100.03
         assert new.slide.backlash_mm == pytest.approx(0.06 + 3.3 * 0.004)
         assert new.aim.backlash_deg == pytest.approx(0.015 + 3.3 * 0.002)
         assert new.tip.radius_mm == 5.01

@@ -1,17 +1,22 @@
+import json
+import re
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from calibrations import empty_calibration, full_calibration
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig, shipped_rig
 from palpate.config.calibration_numbers import Measured, UpLength
+from palpate.config.schema import schema_text
 from palpate.errors import InputError
 
+ROOT = Path(__file__).resolve().parents[2]
 RIG = load_rig(shipped_rig())
 TEXT = calibration_toml(full_calibration(RIG))
 
@@ -47,6 +52,24 @@ def test_people_can_read_it() -> None:
     assert lines[begin + 9] == "]"
 
 
+def test_every_key_is_explained() -> None:
+    """On the page, and in the schema except for what explains itself."""
+    page = (ROOT / "docs" / "calibration-file.md").read_text(encoding="utf-8")
+    documented = set(re.findall(r"`(?:\[+)?(?:fingers\.)?([\w.]+)\]*`", page))
+    known: set[str] = set()
+
+    def visit(node: dict[str, Any]) -> None:
+        for option in [node, node.get("items", {}), *node.get("anyOf", [])]:
+            for key, value in option.get("properties", {}).items():
+                known.add(key)
+                assert value.get("description") or key == "format", key
+                visit(value)
+
+    visit(json.loads(schema_text("calibration")))
+    assert {"largest_mm", "overshoot", "touches_seen", "phase_deg", "sha256"} <= known
+    assert known - documented - {"slide", "aim"} == set()
+
+
 def test_it_lies_beside_the_rig_file() -> None:
     assert calibration_path(Path("rigs/bench.toml")) == Path("rigs/bench.calibration.toml")
     assert calibration_path(Path("my.bench.toml")) == Path("my.bench.calibration.toml")
@@ -56,6 +79,7 @@ UP, NEAR = TypeAdapter(UpLength), TypeAdapter(Measured)
 LENGTHS = st.floats(0, 1e12, allow_subnormal=False)
 
 
+@settings(max_examples=50)
 @given(LENGTHS)
 def test_bounds_are_rounded_outward_and_once(value: float) -> None:
     rounded = UP.validate_python(value)
@@ -63,6 +87,7 @@ def test_bounds_are_rounded_outward_and_once(value: float) -> None:
     assert UP.validate_python(rounded) == rounded
 
 
+@settings(max_examples=50)
 @given(st.floats(-1e12, 1e12, allow_subnormal=False))
 def test_measured_values_keep_seven_digits(value: float) -> None:
     rounded = NEAR.validate_python(value)
@@ -78,6 +103,7 @@ def test_times_are_kept_to_the_second() -> None:
 
 
 CASES = [
+    (("touch_covariance = [\n", "touch_covariance = [\n    [0, 0],\n"), "must have 2 rows of 2 values"),
     (("gain_bound = [\n    [", "gain_bound = [\n    [0.01, "), "rows of different lengths; both matrices"),
     (("{row = 1, col = 10", "{row = 8, col = 10"), 'unusable[0] ("f1"): names taxel [8, 10] of 8 x 20'),
     (('what = "dead"', 'what = "cold"'), 'is "cold"; allowed: "dead", "hot", "unresponsive"'),
@@ -91,10 +117,10 @@ CASES = [
     (('finger = "f1"', 'finger = "f9"'), 'touches_seen[0].finger: is "f9"; fingers: f1, f2, f3'),
     (("[fingers.place]", "[fingers.palce]"), 'unknown key "palce"; did you mean "place"?'),
     (
-        ("covariance = [\n", "covariance = [\n    [0, 0, 0, 0, 0],\n"),
+        ("\ncovariance = [\n", "\ncovariance = [\n    [0, 0, 0, 0, 0],\n"),
         'place.covariance ("f1"): must have 5 rows of 5',
     ),
-    (("covariance = [\n    [0.000121, 0.0", "covariance = [\n    [0.000121, 0.1"), "must be symmetric"),
+    (("\ncovariance = [\n    [0.000121, 0.0", "\ncovariance = [\n    [0.000121, 0.1"), "must be symmetric"),
     (
         ('format = "palpate/calibration@1"', 'format = "palpate/rig@1"'),
         'needed here: "palpate/calibration@1"',

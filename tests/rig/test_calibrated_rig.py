@@ -5,12 +5,14 @@ import math
 import re
 from collections.abc import Callable
 from datetime import timedelta
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from calibrations import MADE, full_calibration, true_calibration
 from command import Ended, log_events, run_here
 from json_schema import violations
+from rich.console import Console
 
 from palpate.calibration.hand_frame import Place
 from palpate.config import (
@@ -30,6 +32,7 @@ from palpate.rig.bus_place import bus_of
 from palpate.rig.calibrated_devices import check_devices, devices_of, other_device
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.check_calibration import with_calibration
+from palpate.rig.check_table import show
 from palpate.rig.checking import check_rig
 from palpate.rig.hand_truth import placement_seen
 
@@ -85,16 +88,16 @@ def test_the_shipped_rig_has_none() -> None:
     assert found.rig == load_rig(shipped_rig())
 
 
-def test_a_run_with_a_calibration_is_kept_and_comes_about_again(loose: Path, here: Here) -> None:
+def test_a_session_keeps_its_calibration(loose: Path, here: Here) -> None:
     put_beside(loose, true_calibration(load_rig(loose), SEED))
-    done = here("identify", "--rig", loose.name, "--seed", SEED, "--json")
-    assert done.json["truth"]["inside_bounds"], done.err
-    session = Path(done.json["session"])
+    assert here("identify", "--rig", loose.name, "--seed", SEED + 1).code == 2, "it is of other arrays"
+    (session,) = Path("palpate-sessions").iterdir()
     assert log_events(session / "session.jsonl")[0]["calibration"] is True
     kept = session / "rig.calibration.toml"
     assert kept.read_bytes() == calibration_path(loose).read_bytes()
     again = here("replay", session)
     assert (again.code, again.err) == (0, "")
+    assert "all as recorded; ended by InputError: the calibration of rig" in again.out
     assert here("watch", "--session", session, "--for", 0.1, "--json").code == 0
     kept.unlink()
     told = here("replay", session)
@@ -183,7 +186,7 @@ def shipped() -> RigFile:
     return load_rig(shipped_rig())
 
 
-def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Path, here: Here) -> None:
+def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Path) -> None:
     rig_path = tmp_path / "bench.toml"
     rig_path.write_bytes(shipped_rig().read_bytes())
     with connect(set_up(shipped, None, 0)) as hand:
@@ -229,6 +232,15 @@ def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Pa
     assert loose.calibration.position_mm is None
     assert "does not bound contacts of f1" in loose.warnings[-1]
 
-    shown = here("check", "--rig", rig_path).out
-    assert re.search(r"calibration  2026-05-04, \d+ days old, 99\.9 % of contacts within ±0\.2 mm", shown)
-    assert "calibration  none" in here("check", "--rig", rig_path, "--no-calibration").out
+    for found, line in (
+        (out, "calibration  none\n"),
+        (
+            old,
+            "calibration  2026-05-04, 91 days old, 99.9 % of contacts within ±0.2 mm and ±1°, of these dev",
+        ),
+        (wrong, "within ±0.2 mm and ±1°, of other devices\n"),
+        (loose, "calibration  2026-05-04, 0 days old, without bounds on contacts, of these devices\n"),
+    ):
+        text = StringIO()
+        show(found, Console(file=text, width=200))
+        assert line in text.getvalue()

@@ -97,6 +97,8 @@ def _finger(finger: Finger, rng: np.random.Generator) -> CalibratedFinger:
         homed=True,
         backlash_mm=0.06,
         backlash_sigma_mm=0.004,
+        touch_zero_mm=finger.slide.zero_mm + 0.5 * finger.slide.mm_per_turn,
+        touch_covariance=[[1e-4, 2e-7], [2e-7, 1.6e-9]],
         friction_a=0.03,
         latency_s=0.012,
         latency_bound_s=0.02,
@@ -119,6 +121,7 @@ def _finger(finger: Finger, rng: np.random.Generator) -> CalibratedFinger:
             array_heading_deg=finger.array.heading_deg + 0.1,
             array_heading_sigma_deg=0.1,
             zero_mm=finger.slide.zero_mm + 0.05,
+            mm_per_turn=finger.slide.mm_per_turn * 1.0003,
             covariance=np.diag([1.21e-4, 1.44e-4, 7.6e-9, 3.6e-5, 1e-4]).tolist(),
         ),
         bounds=CalibratedBounds(
@@ -181,6 +184,7 @@ def true_calibration(rig: RigFile, seed: int) -> CalibrationFile:
                 "tip_radius_mm": truth.tip_radius_mm,
                 "array_heading_deg": math.degrees(truth.array_heading_rad),
                 "zero_mm": truth.zero_mm - math.pi * truth.mm_per_rad,
+                "mm_per_turn": 2 * math.pi * truth.mm_per_rad,
             }
         )
         place = PlaceCalibration.model_validate(place.model_dump())
