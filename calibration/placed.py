@@ -213,7 +213,7 @@ def residuals_of(
         normal = math.atan2(fit.normal[k, 1], fit.normal[k, 0]) + frame.angle_rad
         seen.append(
             TouchSeen(
-                finger=names[int(touches.finger[k])],
+                finger=names[touches.finger[k].item()],
                 placing=int(touches.placing[k]),
                 x_mm=x,
                 y_mm=y,

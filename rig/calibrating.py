@@ -228,7 +228,8 @@ class _Run:
         approaches = approaches_of(self._job.rig)
         fingers = []
         for index, (item, model) in enumerate(zip(file.fingers, models, strict=True)):
-            assert item.actuators is not None and item.tactile is not None
+            assert item.actuators is not None
+            assert item.tactile is not None
             bounds = bounds_of(
                 model,
                 hand,
