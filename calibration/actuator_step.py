@@ -159,7 +159,8 @@ def _result(
 ) -> ActuatorsCalibration:
     if not presses:
         raise InputError(
-            f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle and begin again"
+            f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle "
+            "and begin again"
         )
     per_rad = mm_per_rad_of(spec)
     play = combined([backlash_of(press, press.counts.sum(axis=(1, 2)), per_rad, _LAG) for press in presses])

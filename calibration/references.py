@@ -11,7 +11,7 @@ _AWAY = 0.4  # of the workspace's radius
 
 
 def placings_for(disc: Reference, plate: Reference, radius_mm: float) -> list[Placing]:
-    """Where references are to lie: each in the middle and on three sides, the plate between the disc's places."""
+    """Where references are to lie: each in the middle and on three sides, the plate between the disc's."""
     away = min(_AWAY * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
     found = []
     for reference, first in ((disc, math.pi / 2), (plate, -math.pi / 2)):

@@ -1,4 +1,4 @@
-"""`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report with pictures."""
+"""`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report."""
 
 import hashlib
 import math
@@ -123,7 +123,8 @@ class _FileKeeper:
         except (OSError, ValidationError) as error:
             what = str(error).splitlines()[0]
             raise InputError(
-                f"{self._path}: the calibration that was begun cannot be taken up ({what}); add --restart to begin anew"
+                f"{self._path}: the calibration that was begun cannot be taken up ({what}); "
+                "add --restart to begin anew"
             ) from None
 
     def save(self, record: RunRecord) -> None:
@@ -169,7 +170,7 @@ def _announce(
     disc, plate = references_of(shapes)
     placings = len(placings_for(disc, plate, rig.workspace.radius_mm))
     words = {
-        "actuators": "actuators  aims swing, slides go against their stops, fingers press a disc and run into it",
+        "actuators": "actuators  aims swing, slides go against their stops, fingers press and hit a disc",
         "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",
         "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
     }

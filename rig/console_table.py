@@ -34,5 +34,5 @@ class ConsoleTable:
             self._console.input(f"[bold]{what}[/bold] Then keep your hands away and press Enter. ")
         except EOFError:
             raise InputError(
-                "nobody is there to put references on the table: standard input has ended; run it on a terminal"
+                "nobody is there to put references on the table: standard input has ended; use a terminal"
             ) from None

@@ -216,7 +216,7 @@ def _counts_as_contact(hand: Hand, finger: HostFinger, force_n: float) -> bool:
     hard = hand.rig.closing.max_force_n
     if force_n > hard:
         raise SafetyStop(
-            f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were stopped; "
-            "lower approach_speed_mm_s"
+            f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were "
+            "stopped; lower approach_speed_mm_s"
         )
     return force_n > hand.rig.closing.contact_force_n

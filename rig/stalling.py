@@ -56,8 +56,8 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     slide.set_goal_current_a(full_a)
     if abs(kinematics.distance_mm(at) - past) < 1.0:
         raise DeviceError(
-            f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard stop; "
-            "check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
+            f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard "
+            "stop; check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
         )
     retract_all(hand)
     hand.disarm()
@@ -65,7 +65,7 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
 
 
 def swing(hand: Hand) -> list[float]:
-    """Turn every aim to and fro where fingers wait; the current (A) that each needs while it turns, in the median."""
+    """Turn every aim to and fro where fingers wait; the current (A) that each needs, in the median."""
     hand.arm()
     retract_all(hand)
     aims = [finger.drive.servos[0] for finger in hand.fingers]
