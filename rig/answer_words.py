@@ -81,8 +81,8 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
 def _drift_line(found: CalibrationUsedOut) -> str:
     """That touches do not agree with the calibration."""
     return (
-        f"  touches differ by {found.residual_rms_mm:.3f} mm, the calibration of {found.made[:10]} lets expect "
-        f"{found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH}"
+        f"  touches differ by {found.residual_rms_mm:.3f} mm, the calibration of {found.made[:10]} lets "
+        f"expect {found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH}"
     )
 
 

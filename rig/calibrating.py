@@ -4,8 +4,6 @@ Runs the steps of `calibration` one after the other, each with a hand of its own
 ones found, and keeps what is done in a run record, from which it can be resumed.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -26,7 +24,7 @@ from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import CalibrationDevice, CalibrationFile, Finger, RigFile, calibrated, geometry_sha256
 from palpate.config.calibration_file import CalibrationReference
 from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFinger, TactileCalibration
-from palpate.config.references_file import ReferencesFile
+from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.errors import InputError
 from palpate.rig.calibrated_devices import devices_of
 from palpate.rig.outside import Outside
@@ -283,10 +281,9 @@ class _Run:
         self._keeper.save(self._record)
 
     def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
-        text = json.dumps(self._job.references.model_dump(mode="json"), sort_keys=True)
         return RunRecord(
             geometry_sha256=geometry_sha256(self._job.rig),
-            references_sha256=hashlib.sha256(text.encode()).hexdigest(),
+            references_sha256=references_sha256(self._job.references),
             devices=devices,
         )
 

@@ -94,10 +94,13 @@ def _agreement(
         far = np.hypot(away[:, 0], away[:, 1])
         return far - radius, away @ turn.T / np.maximum(far, 1e-9)[:, None]
 
-    pose = least_squares(lambda value: gaps(value)[0], np.zeros(3)).x
+    def off(pose: Floats) -> Floats:
+        return gaps(pose)[0]
+
+    pose = least_squares(off, np.zeros(3)).x
     residual, normal = gaps(pose)
     slopes = np.column_stack(
-        [(gaps(pose + step)[0] - gaps(pose - step)[0]) / (2 * _STEP) for step in _STEP * np.eye(3)]
+        [(off(pose + step) - off(pose - step)) / (2 * _STEP) for step in _STEP * np.eye(3)]
     )
     travel = np.array([touch.contact.direction_rad for touch in touches])
     surface = Surface(

@@ -22,7 +22,8 @@ class Job:
     """What a run starts from; `placement`, in the answer's frame, is only compared with it.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
-    `started`: when the run began, from which the calibration's age counts; None: it is left out of the answer.
+    `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
+    the calibration.
     """
 
     rig: RigFile

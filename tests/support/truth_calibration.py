@@ -1,4 +1,4 @@
-"""The calibration that a perfect one would find of an emulated rig, from its hidden truth; or one that is off."""
+"""What a perfect calibration would find of an emulated rig, from its hidden truth; or one that is off."""
 
 import math
 from collections.abc import Mapping

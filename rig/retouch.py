@@ -1,0 +1,154 @@
+"""A quick re-touch: does a disc, touched a few times by every finger, agree with the calibration?
+
+The work of `palpate check --touch`, on real and emulated rigs alike. Fingers stand where the calibration
+says; only the disc's place is fitted.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.calibration.agreement import Agreement, Promise, Surface, agreement_of, covariance_of
+from palpate.calibration.finding import Found, at_bearing, find, touches_of
+from palpate.calibration.finger_fit import (
+    COLUMNS,
+    HEADING,
+    FingerModel,
+    Fit,
+    Placing,
+    Touches,
+    fit_fingers,
+    predicted,
+)
+from palpate.calibration.finger_model import Touching, finger_model, mm_per_rad_of
+from palpate.calibration.measured import Touched
+from palpate.calibration.reference import Reference
+from palpate.config import Finger
+from palpate.errors import InputError
+from palpate.rig.concluding import dent_range_mm
+from palpate.rig.hand import Hand
+from palpate.rig.rig_prober import HandProber, Table
+
+__all__ = ["FingerOff", "Retouch", "retouch"]
+
+_BEARINGS_RAD = (0.0, math.radians(25.0), math.radians(-25.0))
+_CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
+
+
+@dataclass(frozen=True)
+class FingerOff:
+    """How far a finger's touches were off, in the mean along the surface's normal; outward positive, mm."""
+
+    name: str
+    touches: int
+    offset_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Retouch:
+    """What came of a re-touch: how all touches agree with the calibration, and every finger's mean."""
+
+    agreement: Agreement
+    fingers: tuple[FingerOff, ...]
+
+
+def retouch(
+    hand: Hand,
+    table: Table,
+    disc: Reference,
+    promises: Sequence[Promise],
+    tell: Callable[[str], None] = lambda _: None,
+) -> Retouch:
+    """Have a disc put in the middle, touch it with every finger from several sides, and compare.
+
+    The hand must be prepared, its rig calibrated, all its fingers slides; `promises`: of every finger. Raises
+    InputError if the disc is not found, or a finger never meets it.
+    """
+    specs = [finger.spec for finger in hand.fingers if isinstance(finger.spec, Finger)]
+    models = [_as_calibrated(spec) for spec in specs]
+    stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
+    placings = [Placing(disc, (0.0, 0.0))]
+    prober = HandProber(hand, table)
+    tell(f"putting the {disc.name}")
+    prober.put(disc, placings[0].about_mm)
+    tell("looking for it")
+    found = find(prober, models, placings, [], stiffness)
+    touched = [*found.touched, *_touched_round(found, prober, models, tell)]
+    prober.clear()
+    missing = [model.name for model in models if all(item.finger != model.name for item in touched)]
+    if missing:
+        raise InputError(
+            f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
+        )
+    touches = touches_of(touched, models, stiffness)
+    fit = fit_fingers(models, placings, touches, (found.fit.values, found.fit.poses))
+    agreement = _agreement(specs, models, placings, touched, touches, fit, promises, hand)
+    if agreement is None:
+        raise InputError(
+            f"the {disc.name} was touched {len(touched)} times only: put it nearer to the middle"
+        )
+    return Retouch(agreement, tuple(_off(model, k, touches, fit) for k, model in enumerate(models)))
+
+
+def _touched_round(
+    found: Found, prober: HandProber, models: Sequence[FingerModel], tell: Callable[[str], None]
+) -> list[Touched]:
+    """Touches at several sides of what was found, each by all fingers."""
+    touched: list[Touched] = []
+    for number, bearing in enumerate(_BEARINGS_RAD, start=1):
+        tell(f"touch {number} of {len(_BEARINGS_RAD)}")
+        grip = []
+        for probe, _ in at_bearing(found, prober, models, bearing):
+            approach = prober.approaches[probe.approach]
+            grip.append(replace(probe, end_rad=approach.end_rad))
+        touched += [item for item in prober.touch(grip, 0) if item is not None]
+    return touched
+
+
+def _as_calibrated(spec: Finger) -> FingerModel:
+    """The finger of a calibrated rig, where it is and not elsewhere."""
+    per_rad = mm_per_rad_of(spec)
+    slide = Touching(spec.slide.zero_mm + math.pi * per_rad, per_rad, np.zeros((2, 2)))
+    return replace(finger_model(spec, slide), covariance=_CERTAIN**2 * np.eye(COLUMNS))
+
+
+def _agreement(
+    specs: Sequence[Finger],
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    touched: Sequence[Touched],
+    touches: Touches,
+    fit: Fit,
+    promises: Sequence[Promise],
+    hand: Hand,
+) -> Agreement | None:
+    """All touches, outliers of the fit among them, against what the calibration promises."""
+    aims = np.array(
+        [
+            fit.values[k, HEADING] + (aim - models[k].aim_zero_rad) / models[k].gear_ratio
+            for k, aim in zip(touches.finger.tolist(), touches.aim_rad.tolist(), strict=True)
+        ]
+    )
+    dents = [
+        dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, hand.rig.closing.max_force_n)
+        for k, item in zip(touches.finger.tolist(), touched, strict=True)
+    ]
+    surface = Surface(
+        finger=touches.finger,
+        normal=fit.normal,
+        travel=np.column_stack([np.cos(aims), np.sin(aims)]),
+        dent_mm=np.array([(most - least) / 2 for least, most in dents]),
+        tolerance_mm=0.0,
+    )
+    # Another size of the disc shifts all touches alike.
+    covariance = covariance_of(surface, promises) + placings[0].reference.tolerance_mm ** 2 / 3
+    slopes = predicted(models, placings, touches, fit.values, fit.poses)[3]
+    place = slopes[:, len(models) * COLUMNS :][:, :2]
+    return agreement_of(fit.residual_mm, place, covariance)
+
+
+def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerOff:
+    own = fit.residual_mm[touches.finger == index]
+    return FingerOff(model.name, len(own), float(own.mean()))
