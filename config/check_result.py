@@ -104,7 +104,10 @@ class BusCountsOut(Out):
 
 
 class FingerTouchOut(Out):
-    """A finger's part of a re-touch. `offset_mm`: its touches' mean along the normal, outward positive."""
+    """A finger's part of a re-touch. `offset_mm`: its touches' mean along the normal, outward positive.
+
+    One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
+    """
 
     finger: str
     touches: int
@@ -112,9 +115,9 @@ class FingerTouchOut(Out):
 
 
 class TouchCheckOut(Out):
-    """A disc was touched again, its place fitted, and what is left compared with what the calibration expects.
+    """A disc was touched again, its place fitted, and what is left compared with what is expected.
 
-    `agrees`: it is not more than chance explains in 999 of 1000 re-touches.
+    `agrees`: it is no more than chance explains in 999 of 1000 re-touches.
     """
 
     agrees: bool

@@ -75,8 +75,8 @@ def _disagreement(touch: TouchCheckOut) -> str:
     offsets = ", ".join(f"{item.finger} {item.offset_mm:+.3f}" for item in touch.fingers)
     return (
         f"touches of the disc differ by {touch.residual_rms_mm:.3f} mm and the calibration lets expect "
-        f"{touch.expected_rms_mm:.3f} mm (in the mean {offsets}): calibrate again, unless the disc moved or is "
-        "not as given"
+        f"{touch.expected_rms_mm:.3f} mm (in the mean {offsets}): calibrate again, unless the disc moved or "
+        "is not as given"
     )
 
 

@@ -25,21 +25,24 @@ from palpate.calibration.finger_fit import (
 from palpate.calibration.finger_model import Touching, finger_model, mm_per_rad_of
 from palpate.calibration.measured import Touched
 from palpate.calibration.reference import Reference
-from palpate.config import Finger
+from palpate.config import Finger, RigFile
 from palpate.errors import InputError
 from palpate.rig.concluding import dent_range_mm
 from palpate.rig.hand import Hand
 from palpate.rig.rig_prober import HandProber, Table
 
-__all__ = ["FingerOff", "Retouch", "retouch"]
+__all__ = ["FingerOff", "Retouch", "compared", "retouch"]
 
-_BEARINGS_RAD = (0.0, math.radians(25.0), math.radians(-25.0))
+_BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the touches that look for it
 _CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
 
 
 @dataclass(frozen=True)
 class FingerOff:
-    """How far a finger's touches were off, in the mean along the surface's normal; outward positive, mm."""
+    """How far a finger's touches were off, in the mean along the surface's normal; outward positive, mm.
+
+    One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
+    """
 
     name: str
     touches: int
@@ -82,9 +85,27 @@ def retouch(
         raise InputError(
             f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
         )
-    touches = touches_of(touched, models, stiffness)
-    fit = fit_fingers(models, placings, touches, (found.fit.values, found.fit.poses))
-    agreement = _agreement(specs, models, placings, touched, touches, fit, promises, hand)
+    return compared(hand.rig, disc, promises, touched)
+
+
+def compared(
+    rig: RigFile, disc: Reference, promises: Sequence[Promise], touched: Sequence[Touched]
+) -> Retouch:
+    """Compare touches of a disc in the middle with what a calibration, which is laid over `rig`, promises.
+
+    Every finger must have touched it. Raises InputError if touches are too few to tell anything.
+    """
+    specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    models = [_as_calibrated(spec) for spec in specs]
+    placings = [Placing(disc, (0.0, 0.0))]
+    touches = touches_of(touched, models, [spec.tip.stiffness_n_per_mm for spec in specs])
+    fit = fit_fingers(models, placings, touches)
+    # Another size of the disc shifts all touches alike.
+    covariance = covariance_of(_surface(rig, specs, models, touched, touches, fit), promises)
+    covariance += disc.tolerance_mm**2 / 3
+    slopes = predicted(models, placings, touches, fit.values, fit.poses)[3]
+    first = len(models) * COLUMNS
+    agreement = agreement_of(fit.residual_mm, slopes[:, first : first + 2], covariance)
     if agreement is None:
         raise InputError(
             f"the {disc.name} was touched {len(touched)} times only: put it nearer to the middle"
@@ -114,39 +135,33 @@ def _as_calibrated(spec: Finger) -> FingerModel:
     return replace(finger_model(spec, slide), covariance=_CERTAIN**2 * np.eye(COLUMNS))
 
 
-def _agreement(
+def _surface(
+    rig: RigFile,
     specs: Sequence[Finger],
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
     touched: Sequence[Touched],
     touches: Touches,
     fit: Fit,
-    promises: Sequence[Promise],
-    hand: Hand,
-) -> Agreement | None:
-    """All touches, outliers of the fit among them, against what the calibration promises."""
-    aims = np.array(
+) -> Surface:
+    """Where all touches, outliers of the fit among them, met the disc."""
+    fingers = touches.finger.tolist()
+    travel = np.array(
         [
             fit.values[k, HEADING] + (aim - models[k].aim_zero_rad) / models[k].gear_ratio
-            for k, aim in zip(touches.finger.tolist(), touches.aim_rad.tolist(), strict=True)
+            for k, aim in zip(fingers, touches.aim_rad.tolist(), strict=True)
         ]
     )
     dents = [
-        dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, hand.rig.closing.max_force_n)
-        for k, item in zip(touches.finger.tolist(), touched, strict=True)
+        dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, rig.closing.max_force_n)
+        for k, item in zip(fingers, touched, strict=True)
     ]
-    surface = Surface(
+    return Surface(
         finger=touches.finger,
         normal=fit.normal,
-        travel=np.column_stack([np.cos(aims), np.sin(aims)]),
+        travel=np.column_stack([np.cos(travel), np.sin(travel)]),
         dent_mm=np.array([(most - least) / 2 for least, most in dents]),
         tolerance_mm=0.0,
     )
-    # Another size of the disc shifts all touches alike.
-    covariance = covariance_of(surface, promises) + placings[0].reference.tolerance_mm ** 2 / 3
-    slopes = predicted(models, placings, touches, fit.values, fit.poses)[3]
-    place = slopes[:, len(models) * COLUMNS :][:, :2]
-    return agreement_of(fit.residual_mm, place, covariance)
 
 
 def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerOff:
