@@ -143,7 +143,7 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
         if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):
             raise InputError(
                 f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
-                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references and tip, or widen tip.radius_bound_mm"
+                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"
             )
         place = frame.place(found[k])
         away, bound = math.dist(place.base_mm, spec.base_mm), spec.bounds.base_mm
@@ -155,8 +155,8 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
         turned, bound = abs(place.heading_rad - nominal[k].heading_rad), spec.bounds.heading_deg
         if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
-                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, and "
-                f"the rig file says within {bound:g}°: check the references, correct heading_deg or widen "
+                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
+                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or widen "
                 "bounds.heading_deg"
             )
 

@@ -23,7 +23,7 @@ def check_known_well(rig: RigFile, name: str) -> None:
         off = kinematics.position_bound_mm(middle) + tip_bound_mm(finger)
         if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
             raise InputError(
-                f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more than "
-                f"its tip's radius ({finger.tip.radius_mm:g} mm): too little is known of this rig to identify "
-                f"parts; measure it with `palpate calibrate --rig {name}`, or narrow its bounds if they hold"
+                f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
+                f"than its tip's radius ({finger.tip.radius_mm:g} mm): too little is known of this rig to "
+                f"identify parts; measure it with `palpate calibrate --rig {name}`, or narrow its bounds if they hold"
             )
