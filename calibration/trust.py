@@ -156,8 +156,8 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
         if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
                 f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
-                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or widen "
-                "bounds.heading_deg"
+                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or "
+                "widen bounds.heading_deg"
             )
 
 

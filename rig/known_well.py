@@ -25,5 +25,6 @@ def check_known_well(rig: RigFile, name: str) -> None:
             raise InputError(
                 f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
                 f"than its tip's radius ({finger.tip.radius_mm:g} mm): too little is known of this rig to "
-                f"identify parts; measure it with `palpate calibrate --rig {name}`, or narrow its bounds if they hold"
+                f"identify parts; measure it with `palpate calibrate --rig {name}`, or narrow its bounds "
+                "if they hold"
             )
