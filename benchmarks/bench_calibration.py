@@ -180,8 +180,8 @@ def tell(path: Path) -> None:
         print(f"{name:14s} median {np.median(values):.4f}  largest {np.max(values):.4f} {unit}")
     squares = np.array([finger["square"] for finger in fingers])
     print(
-        f"normalised errors: mean square {squares.mean() / 4:.2f}, sum {squares.sum():.0f} for {4 * len(squares)}, "
-        f"p {chi2.sf(squares.sum(), 4 * len(squares)):.3f} (too large), "
+        f"normalised errors: mean square {squares.mean() / 4:.2f}, sum {squares.sum():.0f} for "
+        f"{4 * len(squares)}, p {chi2.sf(squares.sum(), 4 * len(squares)):.3f} (too large), "
         f"{chi2.cdf(squares.sum(), 4 * len(squares)):.3f} (too small); "
         f"Kolmogorov-Smirnov p {kstest(squares, chi2(4).cdf).pvalue:.3f}; largest {squares.max():.1f}"
     )
@@ -204,7 +204,8 @@ def tell(path: Path) -> None:
             key: sum(run["verdict"] == key for run in runs) for key in {run["verdict"] for run in runs}
         }
         print(
-            f"{when}: {len(right)} of {len(runs)} identified rightly inside bounds, {len(wrong)} wrongly; {verdicts}"
+            f"{when}: {len(right)} of {len(runs)} identified rightly inside bounds, {len(wrong)} wrongly; "
+            f"{verdicts}"
         )
 
 

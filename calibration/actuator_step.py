@@ -31,7 +31,7 @@ from palpate.errors import InputError
 
 __all__ = ["measure_actuators"]
 
-_STALLS = 3
+_STALLS = 2
 _BEARINGS_DEG = (-20.0, 0.0, 20.0)
 _REPEATS = 2
 _LAG = 0.5  # samples by which frames, averaged since the last look, are older than the servo's state

@@ -1,7 +1,7 @@
 """From a fit of fingers to what the calibration file says: places in the hand frame, bounds, residuals.
 
 The bound on a finger's contacts is a sum of parts, so that it can be read and argued with: what the fit
-leaves open, what touches differ by, encoder steps, the aim's play, and what stopping adds (docs/calibration.md).
+leaves open, what touches differ by, encoder steps, the aim's play, what stopping adds (docs/calibration.md).
 """
 
 import math

@@ -139,27 +139,25 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
     found = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
     frame = hand_frame(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
-        off = abs(fit.values[k, RADIUS] - spec.tip.radius_mm)
-        allowed = spec.tip.radius_bound_mm + 4 * float(sigma[k * COLUMNS + RADIUS])
-        if off > allowed:
+        radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
+        if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):
             raise InputError(
-                f"finger {model.name}: its tip would have a radius of {fit.values[k, RADIUS]:.2f} mm, and the "
-                f"rig file says {spec.tip.radius_mm:g} ± {spec.tip.radius_bound_mm:g}: measure references, tip, "
-                "or widen tip.radius_bound_mm"
+                f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
+                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"
             )
         place = frame.place(found[k])
-        away, turned = math.dist(place.base_mm, spec.base_mm), abs(place.heading_rad - nominal[k].heading_rad)
-        if away > 2 * spec.bounds.base_mm + 0.3:
+        away, bound = math.dist(place.base_mm, spec.base_mm), spec.bounds.base_mm
+        if away > 2 * bound + 0.3:
             raise InputError(
                 f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says "
-                f"within {spec.bounds.base_mm:g}: correct base_mm or widen bounds.base_mm, and check the "
-                "references"
+                f"within {bound:g}: check the references, correct base_mm or widen bounds.base_mm"
             )
-        if turned > 2 * math.radians(spec.bounds.heading_deg) + 0.005:
+        turned, bound = abs(place.heading_rad - nominal[k].heading_rad), spec.bounds.heading_deg
+        if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
-                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, and "
-                f"the rig file says that it is within {spec.bounds.heading_deg:g}°: correct heading_deg or widen "
-                "bounds.heading_deg"
+                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
+                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or "
+                "widen bounds.heading_deg"
             )
 
 
