@@ -31,9 +31,10 @@ from palpate.errors import InputError
 
 __all__ = ["measure_actuators"]
 
-_STALLS = 3
+_STALLS = 2
 _BEARINGS_DEG = (-20.0, 0.0, 20.0)
 _REPEATS = 2
+_LAG = 0.5  # samples by which frames, averaged since the last look, are older than the servo's state
 
 
 @dataclass(frozen=True)
@@ -158,10 +159,11 @@ def _result(
 ) -> ActuatorsCalibration:
     if not presses:
         raise InputError(
-            f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle and begin again"
+            f"finger {spec.name}: no approach meets the disc head-on; put it nearer to the middle "
+            "and begin again"
         )
     per_rad = mm_per_rad_of(spec)
-    play = combined([backlash_of(press, press.counts.sum(axis=(1, 2)), per_rad) for press in presses])
+    play = combined([backlash_of(press, press.counts.sum(axis=(1, 2)), per_rad, _LAG) for press in presses])
     friction = friction_of(presses, per_rad)
     scale, scale_sigma = per_rad, abs(per_rad) * spec.slide.mm_per_turn_spread / math.sqrt(3)
     zero, zero_sigma = spec.slide.zero_mm + per_rad * math.pi, spec.slide.zero_bound_mm / math.sqrt(3)

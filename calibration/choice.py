@@ -42,8 +42,8 @@ _HALVINGS = 24
 class Foreseen:
     """Where each approach should meet a reference: `slide_rad` (m,) of its slide, nan where it does not.
 
-    `oblique_rad` (m,): from head-on, positive counter-clockwise; `room_mm` (m,): to the end of the face; `rows` (m, unknowns):
-    derivatives of the residual by all values and poses.
+    `oblique_rad` (m,): from head-on, positive counter-clockwise; `room_mm` (m,): to the end of the face;
+    `rows` (m, unknowns): derivatives of the residual by all values and poses.
     """
 
     slide_rad: Floats
@@ -119,7 +119,7 @@ def choose(
     sigma_mm: float,
     count: int,
 ) -> list[list[Probe]]:
-    """`count` grips, each with one touch of every finger that has a good one; the most telling touches first."""
+    """`count` grips, each with a touch of every finger that has a good one; the most telling ones first."""
     left = foreseen.good.copy()
     spread = covariance.copy()
     finger = np.array([item.finger for item in approaches])
@@ -150,7 +150,7 @@ def towards(
     models: Sequence[FingerModel],
     values: Floats,
 ) -> list[Probe]:
-    """For each finger the approach that passes nearest to `aside_mm` to the left of a point, as far as it goes."""
+    """For each finger the approach that passes nearest to `aside_mm` left of a point, as far as it goes."""
     found = []
     for index, model in enumerate(models):
         own = [k for k, item in enumerate(approaches) if item.finger == index]

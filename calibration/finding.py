@@ -18,13 +18,13 @@ from palpate.errors import InputError
 
 __all__ = ["Found", "at_bearing", "find", "touches_of"]
 
-_ASIDE_MM = (0.0, 11.0, -11.0)
+_ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
 _OTHER_MM = 0.006  # what is left: stopping, force, tares
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A reference that was found: the touches that did it, a fit with them, and what approaches would meet."""
+    """A reference that was found: the touches that did it, a fit, and what approaches would meet."""
 
     touched: tuple[Touched, ...]
     fit: Fit
@@ -39,8 +39,9 @@ def find(
     stiffness_n_per_mm: Sequence[float],
     start: Fit | None = None,
 ) -> Found:
-    """Touch the last of `placings`, which has been put, from all sides; `known`, `start`: earlier ones' touches.
+    """Touch the last of `placings`, which has been put, from all sides.
 
+    `known`, `start`: touches of the earlier ones, and their fit.
     Raises InputError if fingers meet nothing where it should be.
     """
     number = len(placings) - 1
@@ -48,7 +49,8 @@ def find(
     values = np.array([model.prior for model in models]) if start is None else start.values
     about = placings[number].about_mm
     fit = start
-    for aside in _ASIDE_MM:
+    looks = len(_ASIDE_MM) if start is None else 1 + placings[number].reference.turns
+    for aside in _ASIDE_MM[:looks]:
         grip = towards(about, aside, prober.approaches, models, values)
         touched += [item for item in prober.touch(grip, number) if item is not None]
         if not touched:
@@ -60,8 +62,8 @@ def find(
     if fit is None or len({item.finger for item in touched}) < min(2, len(models)):
         reference, (x, y) = placings[number].reference, placings[number].about_mm
         raise InputError(
-            f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches that "
-            "looked for it met something; put it there and begin this step again"
+            f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches "
+            "that looked for it met something; put it there and begin this step again"
         )
     return Found(tuple(touched), fit, foresee(models, placings, fit, number, prober.approaches))
 
@@ -69,7 +71,7 @@ def find(
 def at_bearing(
     found: Found, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
 ) -> list[tuple[Probe, float]]:
-    """For each finger that has one the approach that meets the reference nearest to a bearing, and its bearing.
+    """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
 
     A bearing is the direction from the tip's axis to the contact, from the direction of travel.
     """

@@ -36,8 +36,8 @@ _ROUNDS = 6
 class FingerModel:
     """What of a slide finger is known, and how well its values are known beforehand.
 
-    aim = (servo − aim_zero_rad) / gear_ratio; distance = zero + mm_per_rad · (1 + scale) · servo. `prior` (7,)
-    and its `covariance` (7, 7), in the order of `COLUMNS`.
+    aim = (servo − aim_zero_rad) / gear_ratio; distance = zero + mm_per_rad · (1 + scale) · servo.
+    `prior` (7,) and its `covariance` (7, 7) are in the order of `COLUMNS`.
     """
 
     name: str
@@ -82,9 +82,10 @@ class Fit:
     """Values (fingers, 7) and poses (placings, 3: x, y, θ) that explain touches best.
 
     `covariance` is that of all fingers' values in their order, then all poses, if noise is as declared.
-    `residual_mm` (n,): how much further than the tip's radius each touch was from the surface; `normal` (n, 2):
-    the surface's outward normal there, in W; `room_mm` (n,): from there to the face's end; `centre_mm` (n, 2).
-    `outlier` (n,): touches that were left out. `chi_square` of the fitted ones, with `freedom` degrees.
+    `residual_mm` (n,): how much further than the tip's radius each touch was from the surface; `normal`
+    (n, 2): the surface's outward normal there, in W; `room_mm` (n,): from there to the face's end;
+    `centre_mm` (n, 2): the tips'. `outlier` (n,): touches that were left out. `chi_square` of the fitted
+    ones, with `freedom` degrees.
     """
 
     values: Floats
@@ -214,6 +215,7 @@ class _Problem:
 
     def solved(self, x: Floats, used: Bools, *, robust: bool) -> Floats:
         """Unknowns that fit the used touches and the priors best, from `x` on."""
+
         def off(u: Floats) -> Floats:
             return self._weighed(u, used)[0]
 
@@ -252,7 +254,7 @@ class _Problem:
         )
 
     def deviation(self, x: Floats, used: Bools) -> Floats:
-        """Expected standard deviation (n,) of residuals: as declared, or as the used touches show if larger."""
+        """Expected deviation (n,) of residuals: as declared, or as the used touches show if larger."""
         share = np.abs(self.evaluated(x)[0][used]) / self.touches.sigma_mm[used]
         factor = max(1.0, 1.4826 * float(np.median(share))) if used.any() else 1.0
         result: Floats = self.touches.sigma_mm * factor

@@ -1,7 +1,7 @@
 """What is known of a slide finger before its touches are looked at: from rig file and homing to a prior.
 
-Between the configuration and `finger_fit`. Touches have the slide's play on one side always, that on which the
-part pushes the tip back; the zero that is fitted is the one that belongs to that side.
+Between the configuration and `finger_fit`. Touches have the slide's play on one side always, that on which
+the part pushes the tip back; the zero that is fitted is the one that belongs to that side.
 """
 
 import math

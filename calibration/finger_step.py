@@ -86,8 +86,8 @@ def fitted(
 ) -> tuple[Touches, Fit, Fit]:
     """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
 
-    Once it is known that touches agree, what they scatter by says better what they are worth than the devices'
-    steps did: the fit is made again with that.
+    Once it is known that touches agree, what they scatter by says better what they are worth than the
+    devices' steps did: the fit is made again with that.
     """
     touches = touches_of(touched, models, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)

@@ -1,9 +1,9 @@
-"""Gains of an array's taxels, where its middle looks, stiffness and crosstalk, from presses on references.
+"""Gains of taxels, where an array's middle looks, stiffness and crosstalk, from presses on references.
 
-The last of the fits of an array: presses and what `idle` found come in, what the rig file and the contact
-extractor need goes out. Columns come first (`press_model`); within a column the taxels share the load, as
-references stand higher than the array and touch it along all of its rows. A reference that leans would be
-taken for a slope of gains along the tip.
+The last of the fits of an array: presses and what `idle` found come in, what the rig file and the
+contact extractor need goes out. Columns come first (`press_model`); within a column the taxels share the
+load, as references stand higher than the array and touch it along all of its rows. A reference that
+leans would be taken for a slope of gains along the tip.
 """
 
 import math
@@ -54,12 +54,13 @@ class Expected:
 class GainFit:
     """What presses told of an array. Bounds hold in 99.9 % of cases, as shares of what they bound.
 
-    `gain` ± `gain_bound` (rows, cols): counts per N over what the array says; 1 ± the expected spread where
-    it was not `pressed`. `phase_rad` ± one `phase_sigma_rad`: where the array's middle looks, from the
-    direction of travel. `crosstalk` ± `crosstalk_bound`: share that each of four neighbours takes of a
-    taxel's force. `friction_a` (presses,). `residual_share`: root mean square of what columns read besides
-    what they should, as a share of the strongest. `unresponsive`: (row, col) of live taxels that do not
-    answer to load. `saturates_n`: least force on the tip with a taxel at its largest count, if any was.
+    `gain` ± `gain_bound` (rows, cols): counts per N over what the array says; 1 ± the expected spread
+    where it was not `pressed`. `phase_rad` ± one `phase_sigma_rad`: where the array's middle looks, from
+    the direction of travel. `crosstalk` ± `crosstalk_bound`: share that each of four neighbours takes of
+    a taxel's force. `friction_a` (presses,). `residual_share`: root mean square of what columns read
+    besides what they should, as a share of the strongest. `unresponsive`: (row, col) of live taxels that
+    do not answer to load. `saturates_n`: least force on the tip with a taxel at its largest count, if
+    any was.
     """
 
     gain: Floats
@@ -155,7 +156,7 @@ def _silent(ramps: Ramps, idle: IdleFit) -> Mask:
 def _rows(
     ramps: Ramps, usable: Mask, column_counts: Floats, modelled: Floats, noise: float
 ) -> tuple[Floats, Floats]:
-    """Gain of taxels over the mean of their column's usable ones, and its relative deviation; (rows, cols).
+    """Gain of taxels over the mean of their column's usable ones, ± a share of it; (rows, cols).
 
     Counts are weighed by what the model says of the column, which has no noise of its own in it.
     """
@@ -177,7 +178,7 @@ def _saturates_n(
     full: Floats,
     expected: Expected,
 ) -> float | None:
-    """Least force on the tip at which a live taxel stood at its largest count, by the dent on the way in."""
+    """Least force on the tip with a live taxel at its largest count, by the dent on the way in."""
     least = math.inf
     for at, start, touch, bearing in zip(
         presses, ramps.start_mm, found.touch_mm, found.bearing_rad, strict=True

@@ -1,7 +1,7 @@
 """What an untouched array tells of itself: zeros, noise, drift, and taxels that are stuck.
 
-The first of the fits of an array: recordings of it, with nothing near the tip, come in; `gains` takes what
-it says of noise and of stuck taxels.
+The first of the fits of an array: recordings of it, with nothing near the tip, come in; `gains` takes
+what it says of noise and of stuck taxels.
 """
 
 import math
@@ -42,8 +42,8 @@ class IdleFit:
     """An untouched array.
 
     `zero_counts` (rows, cols): mean counts. `noise_counts`: standard deviation of a live taxel.
-    `drift_counts_per_s`: no zero of a live taxel moved faster in the recordings. `dead` and `hot`: (row, col)
-    of taxels that never move and of those at the largest count.
+    `drift_counts_per_s`: no zero of a live taxel moved faster in the recordings. `dead` and `hot`: (row,
+    col) of taxels that never move and of those at the largest count.
     """
 
     zero_counts: Floats
@@ -65,7 +65,8 @@ class IdleFit:
 class _Window:
     """A stretch of a recording: n frames in `span_s`, mean at its middle, slope and what is left of it.
 
-    `mean`, `slope_per_s` and `spread` (standard deviation from the straight line) have shape (rows, cols).
+    `mean`, `slope_per_s` and `spread` (standard deviation from the straight line) have shape (rows,
+    cols).
     """
 
     n: int
@@ -78,12 +79,12 @@ class _Window:
 
 
 def idle_of(idles: Sequence[Idle], max_count: int) -> IdleFit:
-    """What one finger's idle recordings, in any order but by one clock, say; the array counts to `max_count`.
+    """What idle recordings of one finger say, in any order but by one clock; `max_count`: the array's.
 
     Noise is the median of the live taxels' standard deviations about straight lines of ten seconds, and
     never less than that of rounding. Drift is the largest slope of a line, or of a zero from one line to
-    the next, with `COVERAGE_SIGMAS` of its own uncertainty added. Raises InputError for recordings that are
-    too short to say anything, and for an array without a live taxel.
+    the next, with `COVERAGE_SIGMAS` of its own uncertainty added. Raises InputError for recordings that
+    are too short to say anything, and for an array without a live taxel.
     """
     if not idles or any(len(idle.counts) < LEAST_FRAMES for idle in idles):
         raise InputError(

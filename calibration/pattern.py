@@ -1,8 +1,9 @@
 """How a cylindrical tip that is pressed against a reference spreads its force over the array's columns.
 
-The skin is an elastic foundation (Johnson, Contact Mechanics, ch. 4.3) that yields along the radius: pressure
-in a direction grows with how far the reference reaches into the undeformed circle there. References are flat
-faces and discs. Whole arrays, n contacts at a time; `gains` compares it with what columns read.
+The skin is an elastic foundation (Johnson, Contact Mechanics, ch. 4.3) that yields along the radius:
+pressure in a direction grows with how far the reference reaches into the undeformed circle there.
+References are flat faces and discs. Whole arrays, n contacts at a time; `gains` compares it with what
+columns read.
 """
 
 import math
@@ -22,9 +23,9 @@ Floats = NDArray[np.float64]
 class Pattern:
     """Force of n contacts by columns.
 
-    `share` (n, cols) of all force that the skin bears; less than 1 in sum if some of it is beside the array.
-    `lean` (n,): what the tip as a whole is pushed with, as a part of the sum of what its skin bears; the
-    skin's forces point to the axis, so that they partly cancel.
+    `share` (n, cols) of all force that the skin bears; less than 1 in sum if some of it is beside the
+    array. `lean` (n,): what the tip as a whole is pushed with, as a part of the sum of what its skin
+    bears; the skin's forces point to the axis, so that they partly cancel.
     """
 
     share: Floats
@@ -40,9 +41,9 @@ def pattern(
 ) -> Pattern:
     """How contacts spread over columns at `columns_rad` (cols,), each `pitch_rad` wide.
 
-    `towards_rad` (n,): direction from the axis to the contact, as the columns'. In tip radii: `dent` (n,) is
-    the deepest dent, in 0 … 1 (both excluded); `curvature` (n,) is tip radius over the reference's, 0 for a
-    flat face.
+    `towards_rad` (n,): direction from the axis to the contact, as the columns'. In tip radii: `dent`
+    (n,) is the deepest dent, in 0 … 1 (both excluded); `curvature` (n,) is tip radius over the
+    reference's, 0 for a flat face.
     """
     half = _half_width(dent, curvature)
     whole = _quadrature(-half, half, dent, curvature, _IN_WHOLE)
@@ -58,8 +59,9 @@ def approach(
 ) -> tuple[Floats, Floats]:
     """Deepest dent (mm) and bearing (rad) after a travel past first contact, all (n,).
 
-    `bearing_rad`: direction to the contact from the direction of travel, when the tip just touches. Against
-    a disc the tip slides round it on the way: a triangle of the two centres. Before contact dents are below 0.
+    `bearing_rad`: direction to the contact from the direction of travel, when the tip just touches.
+    Against a disc the tip slides round it on the way: a triangle of the two centres. Dents before
+    contact are negative.
     """
     per_mm = curvature_per_mm / (1 + curvature_per_mm * radius_mm)  # 1 / distance of the centres
     ahead, aside = travel_mm * np.cos(bearing_rad), travel_mm * np.sin(bearing_rad)

@@ -1,7 +1,7 @@
 """From a fit of fingers to what the calibration file says: places in the hand frame, bounds, residuals.
 
-The bound on a finger's contacts is a sum of parts, so that it can be read and argued with (docs/calibration.md):
-what the fit leaves open, what touches differ by, encoder steps, the aim's play, and what stopping adds.
+The bound on a finger's contacts is a sum of parts, so that it can be read and argued with: what the fit
+leaves open, what touches differ by, encoder steps, the aim's play, what stopping adds (docs/calibration.md).
 """
 
 import math
@@ -53,7 +53,7 @@ _PLACE = [0, 1, HEADING, RADIUS, ZERO]
 
 @dataclass(frozen=True, eq=False)
 class InHand:
-    """Fingers' values (fingers, 7) in the hand frame with their covariance, and the way there from the fit's."""
+    """Fingers' values (fingers, 7) in the hand frame with their covariance; the way there from the fit's."""
 
     values: Floats
     covariance: Floats
@@ -66,7 +66,10 @@ class InHand:
 
 
 def in_hand(specs: Sequence[Finger], fit: Fit) -> InHand:
-    """Move a fit's fingers into the hand frame; what cannot be known, where the rig stands, goes out of the covariance."""
+    """Move a fit's fingers into the hand frame.
+
+    Where the rig stands, which cannot be known, goes out of the covariance.
+    """
     nominal = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
     flat = fit.values.ravel()
     slopes = np.empty((len(flat), len(flat)))
@@ -92,14 +95,14 @@ def _moved(nominal: Sequence[Place], flat: Floats) -> tuple[Floats, Rigid]:
 def headings_of(
     touched: Sequence[Touched], touches: Touches, models: Sequence[FingerModel], fit: Fit
 ) -> list[tuple[float, float]]:
-    """Where each finger's array looks from the direction of travel, by the normals of touches; with deviations."""
+    """Where each finger's array looks from the direction of travel, by normals of touches."""
     found = []
     for index, model in enumerate(models):
         own = np.flatnonzero((touches.finger == index) & ~fit.outlier)
         aim = (touches.aim_rad[own] - model.aim_zero_rad) / model.gear_ratio
         travel = fit.values[index, HEADING] + aim - touches.way[own] * fit.values[index, AIM_PLAY]
         towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
-        felt = np.array([touched[k].angle_rad for k in own])
+        felt = np.array([touched[k].angle_rad for k in own.tolist()])
         off = np.angle(np.exp(1j * (towards - travel - felt)))
         middle = float(np.median(off))
         spread = 1.4826 * float(np.median(np.abs(off - middle)))
@@ -177,7 +180,7 @@ def _sum(parts: dict[str, float]) -> float:
 def _fit_mm(
     model: FingerModel, values: Floats, covariance: Floats, approaches: Sequence[Approach]
 ) -> tuple[float, float]:
-    """Largest distance from the base (mm), and the largest deviation of a contact that the fit leaves anywhere.
+    """Largest distance from the base (mm), and the largest deviation of a contact that the fit leaves.
 
     What counts is how far off centre and radius together put a surface, in whatever direction it faces.
     """

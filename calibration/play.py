@@ -37,8 +37,11 @@ class Play:
     sigma_mm: float
 
 
-def backlash_of(press: Press, force: Floats, mm_per_rad: float) -> Play:
+def backlash_of(press: Press, force: Floats, mm_per_rad: float, lag_samples: float = 0.0) -> Play:
     """The half play that one press shows; `force` (n,): any measure of the load that grows with it.
+
+    `lag_samples`: by how many samples the force is older than the angle beside it, 0.5 where it is the mean
+    of all frames since the sample before. It would count as play, by speed × time.
 
     Place is fitted as one curve of the force for both legs, plus the half play going in, less it going
     back. Every slice of the force weighs the same in each leg, so that neither an uneven pace nor noise of
@@ -46,11 +49,11 @@ def backlash_of(press: Press, force: Floats, mm_per_rad: float) -> Play:
     What else is lost between servo and tip, a drive that winds up under its friction, cannot be told from
     play and is counted: it is lost motion all the same. A skin that pushes back less than it was pushed
     hides play instead, by half the difference of its dents at one force; the deviation, which is that of
-    single slices, shows such a thing in part. A time between the readings of servo and array counts by
-    speed × time, either way: press slowly.
+    single slices, shows such a thing in part.
     Raises InputError if the two legs have too little in common.
     """
-    place = mm_per_rad * press.slide_rad
+    number = np.arange(len(press.slide_rad))
+    place = mm_per_rad * np.interp(number - lag_samples, number, press.slide_rad)
     chosen, leg, slice_of = _usable(press, force)
     place, load = place[chosen], force[chosen]
     weight = 1 / np.bincount(leg * _SLICES + slice_of, minlength=2 * _SLICES)[leg * _SLICES + slice_of]

@@ -1,9 +1,9 @@
-"""What columns and the slide's current must read at the levels of presses, and the fit of what is unknown.
+"""What columns and the slide's current must read at the levels of presses, and the fit of all unknowns.
 
 Between `ramps` and `gains`. Travel past first contact gives the dent, the dent and the bearing give the
-columns' shares (`pattern`), stiffness gives forces, gains give counts. Presses at different bearings move one
-patch over the columns, and each patch grows with its dent: both tell where the array's middle looks without
-knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
+columns' shares (`pattern`), stiffness gives forces, gains give counts. Presses at different bearings
+move one patch over the columns, and each patch grows with its dent: both tell where the array's middle
+looks without knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
 """
 
 import math
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from palpate.calibration.pattern import approach, pattern
 from palpate.calibration.ramps import LEVELS, PressedAt, Ramps
@@ -20,12 +19,14 @@ from palpate.calibration.ramps import LEVELS, PressedAt, Ramps
 __all__ = ["Known", "Solution", "solve"]
 
 _MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
-_WEAK = 0.2  # of a press's strongest level: levels below are as uncertain as that one
+_WEAK = 0.2  # of a press's strongest level: levels below count as that one
 _STEP = 1e-5  # of differences in place of derivatives
 _LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
+_MOST_STEPS = 50
+_LEAST_GAIN = 1e-4  # of the sum of squares: less than any unknown's hundredth of a standard deviation
 _SHARED = 4  # unknowns of the finger as a whole, of which these are the places
 _PHASE, _FIRM, _SCALE, _CROSSTALK = range(_SHARED)
 
@@ -37,8 +38,9 @@ class Known:
     """What a fit is told of the finger.
 
     `columns_rad` (cols,), `pitch_rad` and `rows`: the array's. `counts_per_n`: nominal, of a taxel.
-    `radius_mm`: the tip's. `rows_used` (cols,): how many rows the counts of a column are the mean of, 0 for
-    a column that is not looked at. `phase_rad` ± `phase_sigma_rad` and 1 ± `gain_sigma`: what is likely.
+    `radius_mm`: the tip's. `rows_used` (cols,): how many rows the counts of a column are the mean of, 0
+    for a column that is not looked at. `phase_rad` ± `phase_sigma_rad` and 1 ± `gain_sigma`: what is
+    likely.
     """
 
     columns_rad: Floats
@@ -58,9 +60,9 @@ class Known:
 class Solution:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
-    `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from each
-    ramp's start; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m, cols):
-    what they read more, as a share of the strongest column; 0 where a column is not looked at.
+    `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from
+    each ramp's start; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
+    cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
     """
 
     gain: Floats
@@ -84,33 +86,59 @@ def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, kno
     Sigmas are those of the levels' stated errors, or as much larger as the residuals are.
     """
     model = _Model(presses, ramps, column_counts, known)
-    fitted = least_squares(model.residuals, model.start(), jac=model.jacobian, method="trf", x_scale="jac")
-    misfit = max(1.0, model.misfit(fitted.fun))
-    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(fitted.jac.T @ fitted.jac)))
-    gains, touch, bearing, friction = model.parts(fitted.x)
-    counts = model.counts(fitted.x)
-    strongest = np.maximum(column_counts.max(axis=1, keepdims=True), 1.0)
+    x = _descended(model)
+    square = _squared(model.jacobian(x))
+    misfit = max(1.0, model.misfit(model.residuals(x)))
+    sigma = np.sqrt(misfit * np.diag(np.linalg.inv(square)))
+    gains, touch, bearing, friction = model.parts(x)
+    counts = model.counts(x)
     return Solution(
         gain=np.exp(gains),
         gain_log_sigma=sigma[_SHARED : _SHARED + len(gains)],
-        phase_rad=float(fitted.x[_PHASE]),
+        phase_rad=float(x[_PHASE]),
         phase_sigma_rad=float(sigma[_PHASE]),
-        stiffness_n_per_mm=math.exp(fitted.x[_FIRM]),
+        stiffness_n_per_mm=math.exp(x[_FIRM]),
         stiffness_log_sigma=float(sigma[_FIRM]),
-        crosstalk=float(fitted.x[_CROSSTALK]),
+        crosstalk=float(x[_CROSSTALK]),
         crosstalk_sigma=float(sigma[_CROSSTALK]),
         friction_a=friction,
         touch_mm=touch,
         bearing_rad=bearing,
         counts=counts,
-        off=np.where(known.rows_used > 0, (column_counts - counts) / strongest, 0.0),
+        off=np.where(known.rows_used > 0, (column_counts - counts) / model.strongest, 0.0),
     )
+
+
+def _descended(model: "_Model") -> Floats:
+    """Where the sum of squares is least, by Levenberg and Marquardt's shortened steps."""
+    x = model.start()
+    off = model.residuals(x)
+    damping = 1e-3
+    for _ in range(_MOST_STEPS):
+        slopes = model.jacobian(x)
+        square, down = _squared(slopes), slopes.T @ off
+        tried = x - np.linalg.solve(square + damping * np.diag(np.diag(square)), down)
+        there = model.residuals(tried)
+        gained = float(off @ off - there @ there)
+        if gained > 0:
+            x, off = tried, there
+        if abs(gained) < _LEAST_GAIN:
+            break
+        damping *= 0.1 if gained > 0 else 10.0
+    return x
+
+
+def _squared(slopes: Floats) -> Floats:
+    """The transposed times itself, without BLAS: its threads cost more than they save here."""
+    result: Floats = np.einsum("ki,kj->ij", slopes, slopes)
+    return result
 
 
 class _Model:
     """The unknowns are those of the finger, logarithms of the columns' gains, and three of each press.
 
-    Of a press: travel (mm) and bearing (rad) at first contact, and friction (A).
+    Of a press: travel (mm) and bearing (rad) at first contact, and friction (A). `strongest` (m, 1): counts
+    of the column with most, or a part of the press's most where that is more.
     """
 
     def __init__(
@@ -128,6 +156,11 @@ class _Model:
         self._exchange = np.eye(cols, k=1) + np.eye(cols, k=-1)
         self._exchange -= np.diag(self._exchange.sum(axis=0))
         self._counts_per_n = known.counts_per_n / known.rows
+        strongest = column_counts.max(axis=1)
+        most = np.zeros(self._presses)
+        np.maximum.at(most, ramps.press, strongest)
+        # Shallow dents are known to a part of an encoder step only.
+        self.strongest = np.maximum(strongest, _WEAK * most[ramps.press])[:, None]
         self._weight = self._weights()
         step = known.current_step_a / math.sqrt(12)
         self._current_sigma = step
@@ -159,7 +192,7 @@ class _Model:
         return result
 
     def misfit(self, residuals: Floats) -> float:
-        """Mean square of the residuals of what was read, of counts or of currents, whichever is larger."""
+        """Mean square of the residuals of counts or of those of currents, whichever is larger."""
         m = len(self._ramps.press)
         counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
         looked = m * max(int((self._known.rows_used > 0).sum()), 1)
@@ -182,7 +215,7 @@ class _Model:
         return np.concatenate([counts.ravel(), current / self._current_sigma, *likely])
 
     def jacobian(self, x: Floats) -> Floats:
-        """Derivatives of `residuals`. A press's unknowns move its own levels only: all presses at once."""
+        """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
         m, cols, n = len(self._ramps.press), self._cols, self._presses
         result = np.zeros((m * (cols + 1) + 3 + cols + 2 * n, len(x)))
         gains, touch, bearing, _ = self.parts(x)
@@ -227,11 +260,20 @@ class _Model:
         return result
 
     def _felt(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
-        """Force on columns (m, cols) and along the travel (m,), N."""
+        """Force on columns (m, cols) and along the travel (m,), N: means over each level.
+
+        Two places stand for all of a level's: they have its mean and its spread.
+        """
+        travel, spread = self._ramps.travel_mm, self._ramps.spread_mm
+        lower = self._felt_at(travel - spread, shared, touch, bearing)
+        upper = self._felt_at(travel + spread, shared, touch, bearing)
+        return (lower[0] + upper[0]) / 2, (lower[1] + upper[1]) / 2
+
+    def _felt_at(
+        self, travel_mm: Floats, shared: Floats, touch: Floats, bearing: Floats
+    ) -> tuple[Floats, Floats]:
         known, press = self._known, self._ramps.press
-        dent, turned = approach(
-            self._ramps.travel_mm - touch[press], bearing[press], known.radius_mm, self._curvature
-        )
+        dent, turned = approach(travel_mm - touch[press], bearing[press], known.radius_mm, self._curvature)
         depth = np.clip(dent * math.exp(shared[_SCALE]) / known.radius_mm, _LEAST_DENT, _MOST_DENT)
         pressed = pattern(
             known.columns_rad,
@@ -246,10 +288,6 @@ class _Model:
 
     def _weights(self) -> Floats:
         """One over the standard deviation of counts, (m, cols); 0 where a column is not looked at."""
-        strongest = self._read.max(axis=1)
-        most = np.zeros(self._presses)
-        np.maximum.at(most, self._ramps.press, strongest)
-        model = _MODEL_SHARE * np.maximum(strongest, _WEAK * most[self._ramps.press])
         rows = self._known.rows_used
         noise = self._known.noise_counts**2 / (self._ramps.samples[:, None] * np.maximum(rows, 1.0))
-        return np.where(rows > 0, 1 / np.sqrt(noise + model[:, None] ** 2), 0.0)
+        return np.where(rows > 0, 1 / np.sqrt(noise + (_MODEL_SHARE * self.strongest) ** 2), 0.0)

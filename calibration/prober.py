@@ -14,7 +14,7 @@ __all__ = ["Approach", "Probe", "Prober"]
 
 @dataclass(frozen=True)
 class Approach:
-    """A straight way that a slide can go: its finger, its aim's servo angle, and its slide's first and last."""
+    """A straight way of a slide: its finger, the servo angle of its aim, and its slide's first and last."""
 
     finger: int
     aim_rad: float
@@ -70,5 +70,5 @@ class Prober(Protocol):
         ...
 
     def home(self, finger: int, stop_mm: float) -> float:
-        """Servo angle at which a slide stalls, gently driven against the hard stop at a distance from its base."""
+        """Servo angle at which a slide stalls, gently driven against the hard stop at `stop_mm`."""
         ...

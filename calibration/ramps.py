@@ -1,7 +1,7 @@
-"""Presses made short: the way in of each as a few levels, whose samples are averaged. For `gains`.
+"""Presses made short: the way in of each as a few levels whose samples are averaged. For `gains`.
 
-A level is a stretch of the slide's travel. Averages over it take out noise, encoder steps and most of the
-steps of Present Current, and the fit has a dozen numbers of each column in place of hundreds.
+A level is a stretch of the slide's travel. Averages over it take out noise, encoder steps and most of
+the steps of Present Current, and the fit has a dozen numbers of each column in place of hundreds.
 """
 
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from palpate.errors import InputError
 
 __all__ = ["LEVELS", "PressedAt", "Ramps", "ramps_of"]
 
-LEVELS = 10
+LEVELS = 16
 
 _WINDOW = 5  # samples within which a slide that moves must have got on by an encoder step
 _FEWEST = 8  # samples of a leg
@@ -31,9 +31,10 @@ Mask = NDArray[np.bool_]
 class PressedAt:
     """A press, and what is known of where it went.
 
-    `bearing_rad` ± `bearing_sigma_rad`: direction from the tip's axis to the contact, counter-clockwise from
-    the slide's direction of travel, when the tip just touches. `curvature_per_mm`: 1 / radius of the disc
-    that was pressed, 0 for a flat face. `newton_per_a`: force along the travel that a current gives.
+    `bearing_rad` ± `bearing_sigma_rad`: direction from the tip's axis to the contact, counter-clockwise
+    from the slide's direction of travel, when the tip just touches. `curvature_per_mm`: 1 / radius of
+    the disc that was pressed, 0 for a flat face. `newton_per_a`: force along the travel that a current
+    gives.
     """
 
     press: Press
@@ -47,13 +48,15 @@ class PressedAt:
 class Ramps:
     """All presses of a finger, m levels in all.
 
-    `press` (m,): whose level it is. `travel_mm` (m,): mean travel since `start_mm` (presses,), which is about
-    where the tip touched. `current_a` (m,) and `counts` (m, rows, cols): means over `samples` (m,) samples.
-    `free_a` (presses,): current of the free leg, in motion.
+    `press` (m,): whose level it is. `travel_mm` ± `spread_mm` (m,): mean and standard deviation of the
+    travel since `start_mm` (presses,), about where the tip touched. `current_a` (m,) and `counts` (m,
+    rows, cols): means over `samples` (m,) samples. `free_a` (presses,): current of the free leg, in
+    motion.
     """
 
     press: Ints
     travel_mm: Floats
+    spread_mm: Floats
     current_a: Floats
     counts: Floats
     samples: Ints
@@ -66,13 +69,14 @@ def ramps_of(
 ) -> Ramps:
     """Cut each press's way in into `LEVELS` levels of equal travel.
 
-    `live` and `full` (rows, cols): taxels that are looked at, and counts at which they are saturated: samples
-    with such a one are left out. Raises InputError for a press that moves or feels too little.
+    `live` and `full` (rows, cols): taxels that are looked at, and counts at which they are saturated:
+    samples with such a one are left out. Raises InputError for a press that moves or feels too little.
     """
     parts = [_ramp(pressed.press, live, full, noise, mm_per_rad) for pressed in presses]
     return Ramps(
         press=np.repeat(np.arange(len(parts)), [len(part.travel_mm) for part in parts]),
         travel_mm=np.concatenate([part.travel_mm for part in parts]),
+        spread_mm=np.concatenate([part.spread_mm for part in parts]),
         current_a=np.concatenate([part.current_a for part in parts]),
         counts=np.concatenate([part.counts for part in parts]),
         samples=np.concatenate([part.samples for part in parts]),
@@ -105,13 +109,14 @@ def _ramp(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: floa
     begins = np.concatenate([[0], np.cumsum(samples)[:-1]])
     means = [
         np.add.reduceat(a[order], begins) / samples.reshape(-1, *[1] * (a.ndim - 1))
-        for a in (place - start, current, counts)
+        for a in (place - start, (place - start) ** 2, current, counts)
     ]
     return Ramps(
         press=np.zeros(len(samples), dtype=np.int64),
         travel_mm=means[0],
-        current_a=means[1],
-        counts=means[2],
+        spread_mm=np.sqrt(np.maximum(means[1] - means[0] ** 2, 0.0)),
+        current_a=means[2],
+        counts=means[3],
         samples=samples.astype(np.int64),
         start_mm=np.array([start]),
         free_a=np.array([float(press.current_a[free].mean())]),
@@ -119,7 +124,7 @@ def _ramp(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: floa
 
 
 def _moving(press: Press, leg: int, mm_per_rad: float) -> Mask:
-    """Samples (n,) of a leg in which the slide moves outwards: steps before and after, within a window."""
+    """Samples (n,) of a leg in which the slide moves outwards, by the steps round each of them."""
     there = np.flatnonzero(press.leg == leg)
     result = np.zeros(len(press.leg), dtype=bool)
     if len(there) < _FEWEST:

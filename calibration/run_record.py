@@ -1,4 +1,4 @@
-"""A calibration under way, format `palpate/calibration-run@1`: what is done so far, so that it can be resumed.
+"""A calibration under way, format `palpate/calibration-run@1`: what is done, so that it can be resumed.
 
 JSON beside the rig file, replaced whole after every step and every placing. It belongs to one rig as
 described, one set of references and one set of devices; for others it is begun anew.

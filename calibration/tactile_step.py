@@ -1,7 +1,7 @@
-"""The step of calibration that measures arrays: still, and pressed against a disc and a plate at many bearings.
+"""The step of calibration that measures arrays: still, and pressed on a disc and a plate at many bearings.
 
-From a prober to a finger's table `tactile`. Force comes from the finger's own servo: the current that it needs
-besides friction.
+From a prober to a finger's table `tactile`. Force comes from the finger's own servo: the current that it
+needs besides friction.
 """
 
 import math

@@ -46,16 +46,16 @@ def check_still(
         per_rad = abs(model[item.finger].mm_per_rad)
         if other is None:
             raise InputError(
-                f"{_named(placing)}: finger {item.finger} touched it at first and missed it later: it has moved; "
-                "put it back, keep it from sliding, and begin this placing again"
+                f"{_named(placing)}: finger {item.finger} touched it at first and missed it later: it has "
+                "moved; put it back, keep it from sliding, and begin this placing again"
             )
         off = abs(other.servos_rad[1] - item.servos_rad[1]) * per_rad
         limit = _STILL_SIGMAS * math.hypot(per_rad * 2 * math.pi / 4096 / math.sqrt(6), 0.01)
         if off > limit:
             raise InputError(
-                f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it before, "
-                f"and {limit:.2f} mm can be explained: it has moved between touches; keep it from sliding "
-                "(tape, a weight), and begin this placing again"
+                f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
+                f"before, and {limit:.2f} mm can be explained: it has moved between touches; keep it from "
+                "sliding (tape, a weight), and begin this placing again"
             )
 
 
@@ -76,7 +76,8 @@ def check_fit(
         if out > max(1, _MOST_OUTLIERS * int(mine.sum())):
             raise InputError(
                 f"{_named(placing)}: {out} of {int(mine.sum())} touches do not agree with its shape at any "
-                "place: it has moved between touches, or it is not what was given; measure it, fix it, begin again"
+                "place: it has moved between touches, or is not what was given; measure it, fix it, and "
+                "begin again"
             )
     _check_sizes(models, placings, touches, fit)
     ratio = fit.chi_square / fit.freedom
@@ -126,7 +127,7 @@ def _check_sizes(
         found, sigma = growth_mm(models, placings, touches, fit, which)
         if abs(found) > _SURE * sigma + tolerance:
             raise InputError(
-                f"the {name} seems {abs(found):.2f} ± {sigma:.2f} mm too {'large' if found > 0 else 'small'} all round "
+                f"the {name} seems {abs(found):.2f} ± {sigma:.2f} mm too {_sized(found)} all round "
                 f"beside the {names[0]}: one of them has another size than given; measure both"
             )
 
@@ -138,27 +139,30 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
     found = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
     frame = hand_frame(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
-        off = abs(fit.values[k, RADIUS] - spec.tip.radius_mm)
-        allowed = spec.tip.radius_bound_mm + 4 * float(sigma[k * COLUMNS + RADIUS])
-        if off > allowed:
+        radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
+        if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):
             raise InputError(
-                f"finger {model.name}: its tip would have a radius of {fit.values[k, RADIUS]:.2f} mm, and the rig file "
-                f"says {spec.tip.radius_mm:g} ± {spec.tip.radius_bound_mm:g}: measure references and tip, "
-                "or widen tip.radius_bound_mm"
+                f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
+                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"
             )
         place = frame.place(found[k])
-        away, turned = math.dist(place.base_mm, spec.base_mm), abs(place.heading_rad - nominal[k].heading_rad)
-        if away > 2 * spec.bounds.base_mm + 0.3:
+        away, bound = math.dist(place.base_mm, spec.base_mm), spec.bounds.base_mm
+        if away > 2 * bound + 0.3:
             raise InputError(
-                f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says that it is "
-                f"within {spec.bounds.base_mm:g}: correct base_mm or widen bounds.base_mm, and check the references"
+                f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says "
+                f"within {bound:g}: check the references, correct base_mm or widen bounds.base_mm"
             )
-        if turned > 2 * math.radians(spec.bounds.heading_deg) + 0.005:
+        turned, bound = abs(place.heading_rad - nominal[k].heading_rad), spec.bounds.heading_deg
+        if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
-                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, and the rig "
-                f"file says that it is within {spec.bounds.heading_deg:g}°: correct heading_deg or widen "
-                "bounds.heading_deg"
+                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
+                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or "
+                "widen bounds.heading_deg"
             )
+
+
+def _sized(growth: float) -> str:
+    return "large" if growth > 0 else "small"
 
 
 def _named(placing: Placing) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from palpate.config.calibrate_result import CalibrateOut
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
@@ -19,6 +20,7 @@ from palpate.config.identification_result import IdentificationOut
 from palpate.config.objects_file import ObjectsFileText
 from palpate.config.ports_result import SerialPortsOut
 from palpate.config.recognition_result import RecognitionOut
+from palpate.config.references_file import ReferencesFile
 from palpate.config.replay_result import ReplayOut
 from palpate.config.results import Out
 from palpate.config.rig_file import RigFile
@@ -31,6 +33,7 @@ from palpate.config.watch_result import WatchOut
 __all__ = ["FORMATS", "schema_text", "write_schemas"]
 
 FORMATS: Mapping[str, type[BaseModel]] = {
+    "calibrate": CalibrateOut,
     "calibration": CalibrationFile,
     "check": CheckOut,
     "contacts": ContactsFile,
@@ -38,6 +41,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "identification": IdentificationOut,
     "objects": ObjectsFileText,
     "recognition": RecognitionOut,
+    "references": ReferencesFile,
     "replay": ReplayOut,
     "rig": RigFile,
     "scan": ScanOut,

@@ -3,7 +3,7 @@
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
-__all__ = ["shipped_objects", "shipped_rig"]
+__all__ = ["shipped_objects", "shipped_references", "shipped_rig"]
 
 
 def shipped_rig() -> Traversable:
@@ -14,3 +14,8 @@ def shipped_rig() -> Traversable:
 def shipped_objects() -> Traversable:
     """Give the object models tr-1, tr-2, tr-3, grip, gator and hand; for `load_objects`."""
     return files("palpate.config").joinpath("objects", "memo.json")
+
+
+def shipped_references() -> Traversable:
+    """Give the references that calibration expects unless told otherwise; for `load_references`."""
+    return files("palpate.config").joinpath("references", "standard.toml")

@@ -16,11 +16,12 @@ from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.emulated import EmulatedRig, MockRig, emulate, on_mock_wires
+from palpate.rig.emulated_table import EmulatedTable
 from palpate.rig.hand import Hand
 from palpate.rig.outside import Outside
 from palpate.rig.scene import Placement, draw_placement, placement_of
 
-__all__ = ["BenchRig", "connect", "outside", "place", "set_up"]
+__all__ = ["BenchRig", "connect", "emulated_table", "outside", "place", "set_up"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,11 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
         return BenchRig(rig, MonotonicClock(), str, None, None)
     mock = on_mock_wires(emulate(rig, placement, seed))
     return BenchRig(rig, mock.clock, mock.urls.__getitem__, placement, mock)
+
+
+def emulated_table(bench: BenchRig, seed: int) -> EmulatedTable | None:
+    """Who puts references on an emulated bench's table; None for a real rig, where somebody must be asked."""
+    return None if bench.mock is None else EmulatedTable(bench.mock.rig.bench, seed)
 
 
 def outside(

@@ -97,8 +97,8 @@ def slides_of(rig: RigFile) -> list[Finger]:
     if len(slides) < len(rig.fingers):
         arm = next(finger for finger in rig.fingers if not isinstance(finger, Finger))
         raise InputError(
-            f'finger {arm.name} is of type "two-link"; only rigs whose fingers are all of type "slide" can be '
-            "calibrated so far"
+            f'finger {arm.name} is of type "two-link"; only rigs whose fingers are all of type "slide" can '
+            "be calibrated so far"
         )
     return slides
 
@@ -130,7 +130,7 @@ class _Run:
             self._tell(f"resuming: {_done(kept)}")
         elif kept is not None:
             self._tell(
-                "the run that was begun before was for other devices, references or another geometry: begun anew"
+                "what was begun before was for other devices, references or another geometry: begun anew"
             )
 
     def carry_out(self, step: str) -> None:
@@ -228,7 +228,8 @@ class _Run:
         approaches = approaches_of(self._job.rig)
         fingers = []
         for index, (item, model) in enumerate(zip(file.fingers, models, strict=True)):
-            assert item.actuators is not None and item.tactile is not None
+            assert item.actuators is not None
+            assert item.tactile is not None
             bounds = bounds_of(
                 model,
                 hand,
@@ -271,7 +272,7 @@ class _Run:
             found = self._actuators(index)
             if found is None or self._tactile(index) is None:
                 raise InputError(
-                    "where fingers stand is measured with what is known of their actuators and arrays: calibrate "
+                    "where fingers stand is measured with what is known of actuators and arrays: calibrate "
                     "these first, or all at once with `palpate calibrate --rig FILE all`"
                 )
             models.append(finger_model(spec, touching_of(found.slide)))

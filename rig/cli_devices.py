@@ -1,9 +1,11 @@
-"""The commands for people who set a rig up: `find-port`, `scan`, `setup-motors`, `check`, `watch`, `stop`.
+"""The commands for people who set a rig up: `find-port`, `scan`, `setup-motors`, `check`, `calibrate`,
+`watch`, `stop`.
 
 Registered on the command line's app by `add_to`.
 """
 
 from collections.abc import Callable
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -26,6 +28,15 @@ _NoCalibrationOption = Annotated[
 _PANEL = "Setting up a rig"
 
 
+class _What(Enum):
+    """What `calibrate` measures."""
+
+    ALL = "all"
+    TACTILE = "tactile"
+    ACTUATORS = "actuators"
+    FINGERS = "fingers"
+
+
 def add_to(app: typer.Typer) -> None:
     """Add the commands to the app."""
     commands: dict[str, Callable[..., None]] = {
@@ -33,6 +44,7 @@ def add_to(app: typer.Typer) -> None:
         "scan": _scan,
         "setup-motors": _setup,
         "check": _check,
+        "calibrate": _calibrate,
         "watch": _watch,
         "stop": _stop,
     }
@@ -73,6 +85,45 @@ def _check(
 
     with if_interrupted("torque was left as it was"):
         raise typer.Exit(run_check(rig=rig, json=json, calibration=not no_calibration))
+
+
+def _calibrate(
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file (TOML).", show_default=False)],
+    what: Annotated[
+        _What, typer.Argument(help="What to measure; what is not measured stays as it was.")
+    ] = _What.ALL,
+    references: Annotated[
+        Path | None,
+        typer.Option("--references", help="Disc and plate (TOML); without it, 50 mm and 80 mm square."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices.")] = 0,
+    yes: Annotated[bool, typer.Option("--yes", help="Fingers may move: do not ask.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and end.")] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Forget a calibration that was begun before.")
+    ] = False,
+    json: _JsonOption = False,
+) -> None:
+    """Measure a rig and write its calibration beside the rig file. Fingers move.
+
+    One that was interrupted is taken up where it ended.
+    """
+    from palpate.rig.calibrating import STEPS
+    from palpate.rig.command_calibrate import run_calibrate
+
+    with if_interrupted("what was done is kept; the same command goes on from there"):
+        raise typer.Exit(
+            run_calibrate(
+                rig=rig,
+                steps=STEPS if what is _What.ALL else (what.value,),
+                references=references,
+                seed=seed,
+                yes=yes,
+                dry_run=dry_run,
+                restart=restart,
+                json=json,
+            )
+        )
 
 
 def _watch(

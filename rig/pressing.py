@@ -14,16 +14,16 @@ from palpate.calibration.measured import FREE, IN, OUT, Press, Stop
 from palpate.drivers.dynamixel.servo import stop_at
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.closing import aim, begin, go_to, look, retract_all
-from palpate.rig.hand import Hand, HostFinger
+from palpate.rig.hand import SPEAK_S, Hand, HostFinger
 from palpate.rig.reach import Close
 from palpate.rig.run import Run
 from palpate.rig.stage import planned_turn
 
 __all__ = ["press", "run_into"]
 
-_SPEED_MM_S = 3.0
+_SPEED_MM_S = 4.0
 _FORCE_N = 3.0
-_LEAD_MM = 3.0  # before a contact: gathering speed, then friction alone
+_LEAD_MM = 2.0  # before a contact: gathering speed, then friction alone
 _DEPTH_MM = 4.0  # no press goes deeper
 _PERIOD_S = 0.01
 _STILL_MM = 0.03
@@ -81,8 +81,12 @@ def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Stop]:
 def _felt(hand: Hand, runs: Sequence[Run], deadline_s: float) -> dict[Run, float]:
     """Stop each finger when it feels something; the angles (rad) of slides' servos then."""
     felt: dict[Run, float] = {}
+    spoken_s = hand.clock.now()
     while len(felt) < len(runs):
         hand.clock.sleep(1 / hand.rig.closing.sample_rate_hz)
+        if hand.clock.now() - spoken_s > SPEAK_S:
+            look(hand, runs)
+            spoken_s = hand.clock.now()
         for run in [run for run in runs if run not in felt]:
             frames = run.finger.array.frames()
             run.finger.extractor.follow(frames)
@@ -212,7 +216,7 @@ def _counts_as_contact(hand: Hand, finger: HostFinger, force_n: float) -> bool:
     hard = hand.rig.closing.max_force_n
     if force_n > hard:
         raise SafetyStop(
-            f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were stopped; "
-            "lower approach_speed_mm_s"
+            f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were "
+            "stopped; lower approach_speed_mm_s"
         )
     return force_n > hand.rig.closing.contact_force_n

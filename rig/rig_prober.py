@@ -117,7 +117,7 @@ class HandProber:
         return self._reach.close(self._number[approach], travel), travel
 
     def _way(self, approach: Approach) -> int:
-        """From which side the aim will come to its angle, as far as that is sure; and note that it went there."""
+        """From which side the aim will come to its angle, as far as that is sure; noted for the next."""
         before, way = self._aims.get(approach.finger, (math.nan, 0))
         moved = (approach.aim_rad - before) / self._kinematics[approach.finger].gear_ratio
         sure = abs(approach.aim_rad - before) > _SURE_MOVE_RAD

@@ -11,6 +11,7 @@ from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.errors import DeviceError, InputError
 from palpate.rig.closing import retract_all
+from palpate.rig.drives import ACCELERATION_RAD_S2
 from palpate.rig.hand import Hand, HostFinger
 
 __all__ = ["slide_of", "stall", "swing"]
@@ -42,18 +43,21 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
     way = math.copysign(1.0, stop_mm - now_at)
     near, past = stop_mm - way * _NEAR_MM, stop_mm + way * _PAST_MM
     if (near - now_at) * way > 0:
-        _drive(hand, finger, near, hand.rig.closing.approach_speed_mm_s)
+        _drive(hand, slide, kinematics, near, hand.rig.closing.approach_speed_mm_s)
         goals = {slide: kinematics.slide_servo_rad(near)}
         hand.wait_still(goals, lambda servo: finger.drive.reached_rad(servo, _ARRIVED_MM))
     slide.set_goal_current_a(_GENTLE * full_a)
-    _drive(hand, finger, past, _SLOW_MM_S)
+    # Soft limits end before the stop: this move alone may go past them.
+    ends = sorted((kinematics.slide_servo_rad(near), kinematics.slide_servo_rad(past)))
+    beyond = slide.with_range((ends[0], ends[1]))
+    _drive(hand, beyond, kinematics, past, _SLOW_MM_S)
     at = _stalled(hand, finger)
-    stop_at(hand.bus, {slide: slide.nearest_rad(at)})  # nothing presses on when the full current comes back
+    stop_at(hand.bus, {beyond: beyond.nearest_rad(at)})  # nothing presses on when the full current comes back
     slide.set_goal_current_a(full_a)
     if abs(kinematics.distance_mm(at) - past) < 1.0:
         raise DeviceError(
-            f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard stop; "
-            "check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
+            f"finger {finger.name}: its slide (servo {slide.dxl_id}) passed {stop_mm:g} mm and met no hard "
+            "stop; check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
         )
     retract_all(hand)
     hand.disarm()
@@ -61,7 +65,7 @@ def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
 
 
 def swing(hand: Hand) -> list[float]:
-    """Turn every aim to and fro where fingers wait; the current (A) that each needs while it turns, in the median."""
+    """Turn every aim to and fro where fingers wait; the current (A) that each needs, in the median."""
     hand.arm()
     retract_all(hand)
     aims = [finger.drive.servos[0] for finger in hand.fingers]
@@ -91,9 +95,8 @@ def slide_of(finger: HostFinger) -> SlideKinematics:
     return finger.kinematics
 
 
-def _drive(hand: Hand, finger: HostFinger, to_mm: float, speed_mm_s: float) -> None:
-    slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
-    slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), 0.0)
+def _drive(hand: Hand, slide: Servo, kinematics: SlideKinematics, to_mm: float, speed_mm_s: float) -> None:
+    slide.set_profile(speed_mm_s / abs(kinematics.mm_per_rad), ACCELERATION_RAD_S2)
     write_goals(hand.bus, {slide: kinematics.slide_servo_rad(to_mm)}, confirm=True)
 
 

@@ -7,6 +7,7 @@ nearest tick and never clamped.
 """
 
 import contextlib
+import copy
 import math
 from collections.abc import Iterable, Mapping
 
@@ -42,6 +43,12 @@ class Servo:
         self.model: Model = model_named(model)
         self.range_rad = range_rad
         self._bus = bus
+
+    def with_range(self, range_rad: tuple[float, float]) -> "Servo":
+        """The same servo for a move that may go further, such as homing against a hard stop."""
+        other = copy.copy(self)
+        other.range_rad = range_rad
+        return other
 
     def check(self) -> Ping:
         """Ping, and take note of the firmware; see to it that the servo answers.

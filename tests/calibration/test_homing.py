@@ -29,7 +29,7 @@ def stalls(
     return [np.round(angle / TICK_RAD) * TICK_RAD for angle in angles]
 
 
-@settings(max_examples=60)
+@settings(max_examples=40)
 @given(
     share=st.floats(-0.009, 0.009),
     sign=st.sampled_from([1.0, -1.0]),

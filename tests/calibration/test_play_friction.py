@@ -56,7 +56,7 @@ def simulated(
     return press_of(drive, leg, mm_per_rad, np.full(len(leg), 0.03)), force
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     half=st.floats(0.02, 0.2),
     power=st.floats(0.7, 1.6),
@@ -81,6 +81,17 @@ def test_half_play_within_a_hundredth(
 def test_no_play_is_nearly_none() -> None:
     press, force = simulated(0.0, 1)
     assert backlash_of(press, force, MM_PER_RAD).half_mm < 0.01
+
+
+def test_a_force_that_is_older_than_the_angle_is_no_play() -> None:
+    press, force = simulated(0.05, 4)
+    older = np.concatenate(
+        [force[:1], (force[1:] + force[:-1]) / 2]
+    )  # as if averaged since the sample before
+    speed_mm = 0.008  # a sample, going in
+    naive = backlash_of(press, older, MM_PER_RAD).half_mm
+    assert backlash_of(press, older, MM_PER_RAD, 0.5).half_mm == pytest.approx(0.05, abs=0.002)
+    assert naive - 0.05 == pytest.approx(speed_mm / 2, abs=0.002)
 
 
 def test_a_drive_that_winds_up_counts_as_lost_motion() -> None:

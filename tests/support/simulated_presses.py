@@ -1,10 +1,11 @@
 """Presses of a slide's tip against a disc and a flat face, as the emulated tip and taxels have them.
 
-Made from the emulators' physics, sample by sample, without servos: the current is what the slide pushes with
-and its friction, in the steps that Present Current has.
+Made from the emulators' physics, sample by sample, without servos: the current is what the slide pushes
+with and its friction, in the steps that Present Current has.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,8 @@ MM_PER_RAD = 100.0 / (2 * math.pi)
 NEWTON_PER_A = 1.78 / (MM_PER_RAD * 1e-3)
 CURRENT_STEP_A = 2.69e-3
 TICK_RAD = 2 * math.pi / 4096
-SAMPLE_MM = 0.02
-"""Travel from one sample to the next: 2 mm/s and 100 samples a second."""
+SAMPLE_MM = 0.03
+"""Travel from one sample to the next: 3 mm/s and 100 samples a second."""
 
 DISC_MM = 25.0
 BEARINGS_DEG = tuple(np.linspace(-50, 50, 9))
@@ -45,7 +46,7 @@ DESCRIPTION = Description(
 )
 
 
-def disc(radius_mm: float, sides: int = 720) -> Outline:
+def disc(radius_mm: float, sides: int = 360) -> Outline:
     """A disc round (0, 0)."""
     angle = 2 * math.pi * np.arange(sides) / sides
     corners = radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -115,7 +116,7 @@ class PressingFinger:
     def _felt(
         self, way: NDArray[np.float64], bearing: float, disc_mm: float | None, aim: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which looks in direction `aim`.
+        """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which has direction `aim`.
 
         A face's outline has its own direction, so that there the aim is what the bearing makes it.
         """
@@ -145,8 +146,11 @@ def by_column(angle: NDArray[np.float64], by_ray: NDArray[np.float64], middle: f
 
 
 def presses_of(
-    finger: PressingFinger, *, force_n: float = 3.5, bearing_sigma_rad: float = math.radians(0.3)
+    finger: PressingFinger,
+    bearings_deg: Sequence[float] = BEARINGS_DEG,
+    force_n: float = 3.5,
+    bearing_sigma_rad: float = math.radians(0.3),
 ) -> list[PressedAt]:
-    """Presses against a disc at all bearings and two against a face."""
-    wanted = [(b, DISC_MM) for b in BEARINGS_DEG] + [(b, None) for b in FACES_DEG]
+    """Presses against a disc at some bearings and two against a face."""
+    wanted = [(b, DISC_MM) for b in bearings_deg] + [(b, None) for b in FACES_DEG]
     return [finger.press(math.radians(b), size, force_n, bearing_sigma_rad) for b, size in wanted]

@@ -36,7 +36,8 @@ def test_the_same_bound_everywhere_says_what_one_bound_says(tip: str) -> None:
     one = MAKERS[tip](SEED, COUNT, gain_spread=WIDE)
     same = np.full(one.gain.shape, WIDE)
     other = replace(one, calibration=replace(one.calibration, gain_spread=same))
-    for a, b in zip(every(one, SEED), every(other, SEED), strict=True):
+    which = range(0, COUNT, 2)
+    for a, b in zip(extracted(one, SEED, which), extracted(other, SEED, which), strict=True):
         assert (a.patch is None) == (b.patch is None)
         if a.patch is None or b.patch is None:
             continue

@@ -1,0 +1,237 @@
+"""Calibrations of emulated rigs with hidden truth, and identifications before and after.
+
+    python benchmarks/bench_calibration.py --seeds 50 --out calibrations.jsonl
+    python benchmarks/bench_calibration.py --tell calibrations.jsonl
+
+Every seed is a rig as `examples/fresh-rig.toml` describes it, with other hidden errors. Each is calibrated as
+`palpate calibrate` does it, and its values are compared with the truth; then parts of the shipped catalogue
+are put on it and identified, with the rig file alone and with the calibration. A line of JSON a seed is
+appended, so that a campaign can be stopped and taken up.
+"""
+
+import argparse
+import json
+import math
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import chi2, kstest
+
+from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.calibration.run_record import RunRecord
+from palpate.config import CalibrationFile, calibrated, load_objects, load_rig, shipped_objects
+from palpate.config.references_file import load_references
+from palpate.config.shipped import shipped_references
+from palpate.errors import PalpateError
+from palpate.recognizer import Catalogue, Strategy
+from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
+from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
+from palpate.rig.convert import models_of
+from palpate.rig.scene import draw_placement
+from palpate.rig.truth import in_hand_frame
+from palpate.rig.whole_run import Job, carry_out
+
+RIG = Path(__file__).parents[1] / "examples" / "fresh-rig.toml"
+LOADED = 0.15  # taxels whose gain is known better than this have been pressed well
+
+
+class Nothing:
+    """Keeps no record."""
+
+    def load(self) -> RunRecord | None:
+        return None
+
+    def save(self, record: RunRecord) -> None:
+        del record
+
+
+def one(seed: int, scenes: int, before: int) -> dict[str, object]:
+    """Calibrate one rig and identify parts on it; everything that is worth keeping."""
+    rig = load_rig(RIG)
+    bench = set_up(rig, None, seed)
+    table = emulated_table(bench, seed)
+    assert table is not None
+    job = CalibrationJob(
+        rig, "0" * 64, load_references(shipped_references()), STEPS, 0.999, datetime.now(UTC), None
+    )
+    begin = time.perf_counter()
+    try:
+        file = calibrate(job, outside(bench), table, Nothing(), lambda _: None)
+    except PalpateError as error:
+        return {"seed": seed, "failed": str(error)}
+    row: dict[str, object] = {
+        "seed": seed,
+        "wall_s": time.perf_counter() - begin,
+        "rig_s": bench.clock.now(),
+        "fingers": compared(bench, file),
+    }
+    assert file.residuals is not None
+    row["residuals"] = file.residuals.model_dump(mode="json", exclude={"touches_seen"})
+    row["after"] = [identified(seed, k, file) for k in range(scenes)]
+    row["before"] = [identified(seed, k, None) for k in range(before)]
+    return row
+
+
+def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str, object]:
+    """Identify one part on the rig of a seed."""
+    rig, objects = load_rig(RIG), load_objects(shipped_objects())
+    assert rig.emulation is not None
+    lying = draw_placement(
+        objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0, scene])
+    )
+    bench = set_up(rig, lying, seed)
+    used, seen = rig, lying
+    if file is not None:
+        assert bench.mock is not None
+        used = calibrated(rig, file)
+        seen = in_hand_frame(lying, rig, [finger.truth for finger in bench.mock.rig.bench.fingers])
+    begin = time.perf_counter()
+    try:
+        job = Job(used, Catalogue(models_of(objects)), seen, Strategy.PLANNED, seed, file)
+        out = carry_out(job, outside(bench), []).out(wall_seconds=0.0, session=None)
+    except PalpateError as error:
+        return {"part": lying.model.name, "verdict": "refused", "why": str(error)}
+    truth = out.truth
+    return {
+        "part": lying.model.name,
+        "verdict": out.verdict.value,
+        "named": bool(truth and truth.named),
+        "inside": bool(truth and truth.inside_bounds),
+        "position_error_mm": None if truth is None else truth.position_error_mm,
+        "grips": out.grips,
+        "wall_s": time.perf_counter() - begin,
+    }
+
+
+def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
+    """What was found of each finger less the truth, with what it says of its own errors."""
+    assert bench.mock is not None
+    fingers = bench.mock.rig.bench.fingers
+    drawn = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in bench.rig.fingers]
+    frame = hand_frame(drawn, [Place(item.truth.base_mm, item.truth.heading_rad) for item in fingers])
+    rows = []
+    for item, found in zip(fingers, file.fingers, strict=True):
+        truth, place, tactile = item.truth, found.place, found.tactile
+        assert place is not None
+        assert tactile is not None
+        assert found.actuators is not None
+        assert found.bounds is not None
+        there = frame.place(Place(truth.base_mm, truth.heading_rad))
+        off = np.array(
+            [
+                place.base_mm[0] - there.base_mm[0],
+                place.base_mm[1] - there.base_mm[1],
+                math.remainder(math.radians(place.heading_deg) - there.heading_rad, 2 * math.pi),
+                place.tip_radius_mm - truth.tip_radius_mm,
+            ]
+        )
+        covariance = np.array(place.covariance)[:4, :4]
+        gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
+        wrong = np.abs(gain / item.array._taxels.gain - 1)  # the bench's own truth
+        dead = {tuple(place) for place in item.array._taxels._dead}
+        rows.append(
+            {
+                "off": off.tolist(),
+                "square": float(off @ np.linalg.solve(covariance, off)),
+                "sigma": np.sqrt(np.diag(covariance)).tolist(),
+                "phase_deg": place.array_heading_deg - math.degrees(truth.array_heading_rad),
+                "phase_sigma_deg": place.array_heading_sigma_deg,
+                "gain_off": float(wrong[bound < LOADED].max()),
+                "gain_loaded": int((bound < LOADED).sum()),
+                "gain_broken": int((wrong > bound).sum()),
+                "stiffness_off": tactile.stiffness_n_per_mm / truth.stiffness_n_per_mm - 1,
+                "dead": dead == {(taxel.row, taxel.col) for taxel in tactile.unusable},
+                "play_off_mm": found.actuators.slide.backlash_mm - truth.slide_play_mm,
+                "play_sigma_mm": found.actuators.slide.backlash_sigma_mm,
+                "scale_off": found.actuators.slide.mm_per_turn / (truth.mm_per_rad * 2 * math.pi) - 1,
+                "position_mm": found.bounds.position_mm,
+                "direction_deg": found.bounds.direction_deg,
+                "parts_mm": found.bounds.parts_mm.model_dump(),
+                "hardest_n": item.hardest_n,
+            }
+        )
+    return rows
+
+
+def tell(path: Path) -> None:
+    """The figures of a campaign."""
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    failed = [row for row in rows if "failed" in row]
+    rows = [row for row in rows if "failed" not in row]
+    for row in failed:
+        print(f"seed {row['seed']} failed: {row['failed']}")
+    fingers = [finger for row in rows for finger in row["fingers"]]
+    off = np.abs(np.array([finger["off"] for finger in fingers]))
+    print(f"{len(rows)} rigs, {len(fingers)} fingers, {np.mean([row['wall_s'] for row in rows]):.0f} s each")
+    base = np.hypot(off[:, 0], off[:, 1])
+    for name, values, unit in (
+        ("base", base, "mm"),
+        ("heading", np.degrees(off[:, 2]), "deg"),
+        ("tip radius", off[:, 3], "mm"),
+        ("array heading", np.abs([finger["phase_deg"] for finger in fingers]), "deg"),
+        ("gain (loaded)", np.array([finger["gain_off"] for finger in fingers]), ""),
+        ("stiffness", np.abs([finger["stiffness_off"] for finger in fingers]), ""),
+        ("play", np.abs([finger["play_off_mm"] for finger in fingers]), "mm"),
+        ("mm per turn", np.abs([finger["scale_off"] for finger in fingers]), ""),
+    ):
+        print(f"{name:14s} median {np.median(values):.4f}  largest {np.max(values):.4f} {unit}")
+    squares = np.array([finger["square"] for finger in fingers])
+    print(
+        f"normalised errors: mean square {squares.mean() / 4:.2f}, sum {squares.sum():.0f} for "
+        f"{4 * len(squares)}, p {chi2.sf(squares.sum(), 4 * len(squares)):.3f} (too large), "
+        f"{chi2.cdf(squares.sum(), 4 * len(squares)):.3f} (too small); "
+        f"Kolmogorov-Smirnov p {kstest(squares, chi2(4).cdf).pvalue:.3f}; largest {squares.max():.1f}"
+    )
+    print(f"dead taxels found: {sum(finger['dead'] for finger in fingers)} of {len(fingers)} fingers")
+    print(f"gain bounds broken: {sum(finger['gain_broken'] for finger in fingers)}")
+    print(
+        f"position bounds: median {np.median([finger['position_mm'] for finger in fingers]):.3f} mm, largest "
+        f"{max(finger['position_mm'] for finger in fingers):.3f}; hardest press "
+        f"{max(finger['hardest_n'] for finger in fingers):.2f} N"
+    )
+    for when in ("before", "after"):
+        runs = [run for row in rows for run in row[when]]
+        if not runs:
+            continue
+        right = [run for run in runs if run["verdict"] == "identified" and run["named"] and run["inside"]]
+        wrong = [
+            run for run in runs if run["verdict"] == "identified" and not (run["named"] and run["inside"])
+        ]
+        verdicts = {
+            key: sum(run["verdict"] == key for run in runs) for key in {run["verdict"] for run in runs}
+        }
+        print(
+            f"{when}: {len(right)} of {len(runs)} identified rightly inside bounds, {len(wrong)} wrongly; "
+            f"{verdicts}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--scenes", type=int, default=2, help="identifications after calibration")
+    parser.add_argument("--before", type=int, default=1, help="and before")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("calibrations.jsonl"))
+    parser.add_argument("--tell", type=Path)
+    args = parser.parse_args()
+    if args.tell:
+        tell(args.tell)
+        return
+    done = set()
+    if args.out.exists():
+        done = {json.loads(line)["seed"] for line in args.out.read_text().splitlines()}
+    with ProcessPoolExecutor(args.jobs) as pool, args.out.open("a") as out:
+        wanted = [seed for seed in range(args.first, args.first + args.seeds) if seed not in done]
+        for future in as_completed([pool.submit(one, seed, args.scenes, args.before) for seed in wanted]):
+            out.write(json.dumps(future.result()) + "\n")
+            out.flush()
+    tell(args.out)
+
+
+if __name__ == "__main__":
+    main()

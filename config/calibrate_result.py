@@ -1,0 +1,48 @@
+"""What `palpate calibrate` says with `--json`, format `palpate/calibrate@1`."""
+
+from typing import Literal
+
+from palpate.config.results import Out, Rounded
+
+__all__ = ["CalibrateOut", "CalibratedFingerOut"]
+
+
+class CalibratedFingerOut(Out):
+    """One finger, as far as it is calibrated; null where it is not.
+
+    `position_mm`, `direction_deg`: bounds on its contacts. `moved_mm`, `turned_deg`: how far base and heading
+    are from what the rig file says. `unusable`: taxels that are left out.
+    """
+
+    name: str
+    position_mm: Rounded | None
+    direction_deg: Rounded | None
+    moved_mm: Rounded | None
+    turned_deg: Rounded | None
+    tip_radius_mm: Rounded | None
+    backlash_mm: Rounded | None
+    stiffness_n_per_mm: Rounded | None
+    unusable: int | None
+
+
+class CalibrateOut(Out):
+    """A calibration that was carried out. `steps`: those that it was asked for; `file`, `report`: written.
+
+    `rms_mm`, `held_out_rms_mm`: residuals of touches, fitted and foretold; null before fingers were placed.
+    `rig_seconds` is the rig's own time (virtual when emulated), `wall_seconds` what the user waited.
+    """
+
+    format: Literal["palpate/calibrate@1"] = "palpate/calibrate@1"
+    rig: str
+    emulated: bool
+    steps: tuple[str, ...]
+    file: str
+    report: str
+    coverage: Rounded
+    fingers: tuple[CalibratedFingerOut, ...]
+    touches: int | None
+    outliers: int | None
+    rms_mm: Rounded | None
+    held_out_rms_mm: Rounded | None
+    rig_seconds: Rounded
+    wall_seconds: Rounded

@@ -1,0 +1,197 @@
+"""A calibration's numbers in words: one row a quantity, one column a finger. Part of the calibration report.
+
+± after a place, an angle or a play is one standard deviation; bounds say so, and are never rounded inwards.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from palpate.config.calibration_file import CalibrationFile
+from palpate.config.calibration_finger import (
+    ActuatorsCalibration,
+    CalibratedBounds,
+    CalibratedFinger,
+    PlaceCalibration,
+    TactileCalibration,
+)
+
+__all__ = ["Section", "at_most", "finger_sections", "plus_minus", "summary"]
+
+Part = TypeVar("Part")
+
+_NONE = "–"
+_MOST_DECIMALS = 5
+
+Row = tuple[str, list[str]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """Rows of a table that belong together: what, and one text a finger."""
+
+    title: str
+    rows: list[Row]
+
+
+def plus_minus(value: float, sigma: float) -> str:
+    """Value ± deviation with two digits of the deviation, rounded up; the value with as many decimals."""
+    decimals = _decimals(sigma)
+    return f"{_signed(value, decimals)} ± {at_most(sigma, decimals)}"
+
+
+def at_most(bound: float, decimals: int) -> str:
+    """A bound with so many decimals, rounded up."""
+    power = 10**decimals
+    return f"{math.ceil(bound * power - 1e-9) / power:.{decimals}f}"
+
+
+def finger_sections(fingers: Sequence[CalibratedFinger]) -> list[Section]:
+    """What was found of each finger; sections that no finger has are left out."""
+    sections = [
+        _section("Place in the hand frame, ± standard deviation", _PLACE, [f.place for f in fingers]),
+        _section("Servos, ± standard deviation", _ACTUATORS, [f.actuators for f in fingers]),
+        _section("Array and skin", _TACTILE, [f.tactile for f in fingers]),
+        _section("Bounds on contacts", _BOUNDS, [f.bounds for f in fingers]),
+    ]
+    return [section for section in sections if section is not None]
+
+
+def summary(file: CalibrationFile) -> list[tuple[str, str]]:
+    """What is worth knowing first: what and how well."""
+    rows = [
+        ("Rig", file.rig + (" (emulated devices)" if file.emulated else "")),
+        ("Made", f"{file.made:%Y-%m-%d %H:%M} UTC, palpate {file.palpate}"),
+        ("References", ", ".join(reference.name for reference in file.references) or "none"),
+        ("Coverage of bounds", f"{100 * file.coverage:g} % of contacts"),
+    ]
+    found = file.residuals
+    if found is not None:
+        rows.append(
+            (
+                "Fitted touches",
+                f"{found.touches}, rms {found.rms_mm:.3f} mm, largest {found.largest_mm:.3f} mm",
+            )
+        )
+        if found.held_out:
+            off = _off(found.held_out_rms_mm, found.held_out_largest_mm)
+            rows.append(("Held-out touches", f"{found.held_out}, {off}"))
+        rows.append(("Outliers, left out", str(found.outliers)))
+        if found.degrees_of_freedom:
+            share = found.chi_square / found.degrees_of_freedom
+            rows.append(("χ² by degree of freedom", f"{share:.2f} ({found.degrees_of_freedom} degrees)"))
+    worst = [finger.bounds.position_mm for finger in file.fingers if finger.bounds is not None]
+    if worst:
+        rows.append(("Worst bound on a position", f"± {at_most(max(worst), 3)} mm"))
+    return rows
+
+
+def _off(rms_mm: float, largest_mm: float) -> str:
+    return f"rms {rms_mm:.3f} mm, largest {largest_mm:.3f} mm"
+
+
+def _section(
+    title: str, rows: Sequence[tuple[str, Callable[[Part], str]]], parts: Sequence[Part | None]
+) -> Section | None:
+    if all(part is None for part in parts):
+        return None
+    shown = [(label, [_NONE if part is None else words(part) for part in parts]) for label, words in rows]
+    return Section(title, shown)
+
+
+def _signed(value: float, decimals: int) -> str:
+    words = f"{abs(value):.{decimals}f}"
+    return f"−{words}" if value < 0 and float(words) else words
+
+
+def _decimals(sigma: float) -> int:
+    if sigma <= 0:
+        return 3
+    return min(_MOST_DECIMALS, max(0, 1 - math.floor(math.log10(sigma))))
+
+
+def _percent(share: float) -> str:
+    return f"{at_most(100 * share, 1)} %"
+
+
+def _overshoots(actuators: ActuatorsCalibration) -> str:
+    rows = actuators.slide.overshoots
+    return (
+        "; ".join(f"{at_most(row.bound_mm, 2)} mm at {row.speed_mm_s:g} mm/s" for row in rows) or "not tried"
+    )
+
+
+def _travel(actuators: ActuatorsCalibration) -> str:
+    slide = actuators.slide
+    return plus_minus(slide.mm_per_turn, slide.mm_per_turn_sigma) + " mm" if slide.homed else "as described"
+
+
+def _homed_zero(actuators: ActuatorsCalibration) -> str:
+    slide = actuators.slide
+    return plus_minus(slide.zero_mm, slide.zero_sigma_mm) + " mm" if slide.homed else "as described"
+
+
+def _directions(actuators: ActuatorsCalibration) -> str:
+    confirmed = (actuators.slide.direction_confirmed, actuators.aim.direction_confirmed)
+    return {(True, True): "as described", (False, False): "not confirmed"}.get(
+        confirmed, "aim not confirmed" if confirmed[0] else "slide not confirmed"
+    )
+
+
+def _saturation(tactile: TactileCalibration) -> str:
+    return "not seen" if tactile.saturates_n is None else f"{tactile.saturates_n:.2f} N"
+
+
+def _parts(parts: dict[str, float], unit: str) -> str:
+    return ", ".join(f"{name} {at_most(value, 3)}{unit}" for name, value in parts.items())
+
+
+_PLACE: tuple[tuple[str, Callable[[PlaceCalibration], str]], ...] = (
+    ("base x", lambda p: plus_minus(p.base_mm[0], p.base_sigma_mm[0]) + " mm"),
+    ("base y", lambda p: plus_minus(p.base_mm[1], p.base_sigma_mm[1]) + " mm"),
+    ("heading", lambda p: plus_minus(p.heading_deg, p.heading_sigma_deg) + "°"),
+    ("tip radius", lambda p: plus_minus(p.tip_radius_mm, p.tip_radius_sigma_mm) + " mm"),
+    ("array heading", lambda p: plus_minus(p.array_heading_deg, p.array_heading_sigma_deg) + "°"),
+    (
+        "distance at Goal Position 0, in touch",
+        lambda p: plus_minus(p.zero_mm, math.sqrt(p.covariance[4][4])) + " mm",
+    ),
+    ("travel per turn", lambda p: f"{p.mm_per_turn:.3f} mm"),
+)
+
+_ACTUATORS: tuple[tuple[str, Callable[[ActuatorsCalibration], str]], ...] = (
+    ("directions", _directions),
+    ("travel per turn, by the stops", _travel),
+    ("distance at Goal Position 0, by the stops", _homed_zero),
+    (
+        "play of the slide, either way",
+        lambda a: plus_minus(a.slide.backlash_mm, a.slide.backlash_sigma_mm) + " mm",
+    ),
+    ("play of the aim, either way", lambda a: plus_minus(a.aim.backlash_deg, a.aim.backlash_sigma_deg) + "°"),
+    ("friction, slide and aim", lambda a: f"{a.slide.friction_a:.3f} A, {a.aim.friction_a:.3f} A"),
+    (
+        "latency, mean and bound",
+        lambda a: f"{1000 * a.slide.latency_s:.1f} ms, {at_most(1000 * a.slide.latency_bound_s, 1)} ms",
+    ),
+    ("overshoot, bound", _overshoots),
+)
+
+_TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (
+    ("stiffness", lambda t: f"{t.stiffness_n_per_mm:.2f} N/mm, bound ± {_percent(t.stiffness_bound)}"),
+    ("unusable taxels", lambda t: str(len(t.unusable))),
+    ("noise of a taxel", lambda t: f"{t.noise_counts:.2f} counts"),
+    ("drift, bound", lambda t: f"{t.drift_counts_per_s:.3g} counts/s"),
+    ("crosstalk", lambda t: f"{_percent(t.crosstalk)}, bound ± {_percent(t.crosstalk_bound)}"),
+    ("least contact force", lambda t: f"{at_most(t.least_contact_force_n, 3)} N"),
+    ("a taxel saturates at", _saturation),
+    ("array heading, by presses", lambda t: plus_minus(t.phase_deg, t.phase_sigma_deg) + "°"),
+    ("presses", lambda t: f"{t.presses}, {_percent(t.residual_share)} unexplained"),
+)
+
+_BOUNDS: tuple[tuple[str, Callable[[CalibratedBounds], str]], ...] = (
+    ("position", lambda b: f"± {at_most(b.position_mm, 3)} mm"),
+    ("position is made of", lambda b: _parts(b.parts_mm.model_dump(), " mm")),
+    ("direction of the array", lambda b: f"± {at_most(b.direction_deg, 2)}°"),
+    ("direction is made of", lambda b: _parts(b.normal_parts_deg.model_dump(), "°")),
+)
