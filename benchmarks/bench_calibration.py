@@ -29,6 +29,7 @@ from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
 from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
+from palpate.rig.calibration_hand import connecting
 from palpate.rig.convert import models_of
 from palpate.rig.scene import draw_placement
 from palpate.rig.truth import in_hand_frame
@@ -59,7 +60,7 @@ def one(seed: int, scenes: int, before: int) -> dict[str, object]:
     )
     begin = time.perf_counter()
     try:
-        file = calibrate(job, outside(bench), table, Nothing(), lambda _: None)
+        file = calibrate(job, connecting(outside(bench), table, print), Nothing(), lambda _: None)
     except PalpateError as error:
         return {"seed": seed, "failed": str(error)}
     row: dict[str, object] = {
