@@ -131,8 +131,10 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
         )
         covariance = np.array(place.covariance)[:4, :4]
         gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
-        wrong = np.abs(gain / item.array._taxels.gain - 1)  # the bench's own truth
-        dead = {tuple(place) for place in item.array._taxels._dead}
+        wrong = np.abs(item.array.taxels.gain / gain - 1)  # the bench's own truth
+        dead = {tuple(place) for place in item.array.taxels.dead}
+        for row, col in dead:
+            wrong[row, col] = 0.0
         rows.append(
             {
                 "off": off.tolist(),

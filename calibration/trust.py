@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import (
+    AIM_PLAY,
     COLUMNS,
     HEADING,
     RADIUS,
+    ZERO,
     FingerModel,
     Fit,
     Placing,
@@ -22,6 +24,7 @@ from palpate.calibration.finger_fit import (
 from palpate.calibration.hand_frame import Place, hand_frame
 from palpate.calibration.measured import Touched
 from palpate.config import Finger
+from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
 __all__ = ["check_fit", "check_still", "growth_mm"]
@@ -30,6 +33,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _STILL_SIGMAS = 5.0
+_MOST_SIDEWAYS = 0.75  # of what an aim is off by, in touches that are oblique by less than 48°
 _MOST_OUTLIERS = 0.1  # of a placing's touches
 _MOST_SQUARES = 2.0  # chi square over its degrees of freedom
 _SURE = 4.5  # standard deviations of a reference's size
@@ -50,13 +54,20 @@ def check_still(
                 "moved; put it back, keep it from sliding, and begin this placing again"
             )
         off = abs(other.servos_rad[1] - item.servos_rad[1]) * per_rad
-        limit = _STILL_SIGMAS * math.hypot(per_rad * 2 * math.pi / 4096 / math.sqrt(6), 0.01)
+        limit = _STILL_SIGMAS * math.hypot(per_rad * TICK_RAD / math.sqrt(6), 0.01)
+        limit += _play_mm(model[item.finger], item)
         if off > limit:
             raise InputError(
                 f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
                 f"before, and {limit:.2f} mm can be explained: it has moved between touches; keep it from "
                 "sliding (tape, a weight), and begin this placing again"
             )
+
+
+def _play_mm(model: FingerModel, item: Touched) -> float:
+    """How much further an oblique touch may be if the aim has come to it from the other side."""
+    distance = abs(float(model.prior[ZERO]) + model.mm_per_rad * item.servos_rad[1])
+    return 2 * 2 * float(model.prior[AIM_PLAY]) * distance * _MOST_SIDEWAYS
 
 
 def check_fit(
