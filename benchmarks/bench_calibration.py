@@ -29,6 +29,7 @@ from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
 from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
+from palpate.rig.calibration_hand import connecting
 from palpate.rig.convert import models_of
 from palpate.rig.scene import draw_placement
 from palpate.rig.truth import in_hand_frame
@@ -59,7 +60,7 @@ def one(seed: int, scenes: int, before: int) -> dict[str, object]:
     )
     begin = time.perf_counter()
     try:
-        file = calibrate(job, outside(bench), table, Nothing(), lambda _: None)
+        file = calibrate(job, connecting(outside(bench), table, print), Nothing(), lambda _: None)
     except PalpateError as error:
         return {"seed": seed, "failed": str(error)}
     row: dict[str, object] = {
@@ -130,8 +131,10 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
         )
         covariance = np.array(place.covariance)[:4, :4]
         gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
-        wrong = np.abs(gain / item.array._taxels.gain - 1)  # the bench's own truth
-        dead = {tuple(place) for place in item.array._taxels._dead}
+        wrong = np.abs(item.array.taxels.gain / gain - 1)  # the bench's own truth
+        dead = {tuple(place) for place in item.array.taxels.dead}
+        for row, col in dead:
+            wrong[row, col] = 0.0
         rows.append(
             {
                 "off": off.tolist(),
@@ -180,8 +183,8 @@ def tell(path: Path) -> None:
         print(f"{name:14s} median {np.median(values):.4f}  largest {np.max(values):.4f} {unit}")
     squares = np.array([finger["square"] for finger in fingers])
     print(
-        f"normalised errors: mean square {squares.mean() / 4:.2f}, sum {squares.sum():.0f} for {4 * len(squares)}, "
-        f"p {chi2.sf(squares.sum(), 4 * len(squares)):.3f} (too large), "
+        f"normalised errors: mean square {squares.mean() / 4:.2f}, sum {squares.sum():.0f} for "
+        f"{4 * len(squares)}, p {chi2.sf(squares.sum(), 4 * len(squares)):.3f} (too large), "
         f"{chi2.cdf(squares.sum(), 4 * len(squares)):.3f} (too small); "
         f"Kolmogorov-Smirnov p {kstest(squares, chi2(4).cdf).pvalue:.3f}; largest {squares.max():.1f}"
     )
@@ -204,7 +207,8 @@ def tell(path: Path) -> None:
             key: sum(run["verdict"] == key for run in runs) for key in {run["verdict"] for run in runs}
         }
         print(
-            f"{when}: {len(right)} of {len(runs)} identified rightly inside bounds, {len(wrong)} wrongly; {verdicts}"
+            f"{when}: {len(right)} of {len(runs)} identified rightly inside bounds, {len(wrong)} wrongly; "
+            f"{verdicts}"
         )
 
 

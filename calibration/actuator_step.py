@@ -27,13 +27,16 @@ from palpate.config.calibration_finger import (
     Overshoot,
     SlideCalibration,
 )
+from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
 __all__ = ["measure_actuators"]
 
-_STALLS = 3
+_STALLS = 2
 _BEARINGS_DEG = (-20.0, 0.0, 20.0)
 _REPEATS = 2
+_SIGMAS = 3.3  # that a bound is taken for, where nothing but a bound is known
+_WORST = 1.5  # times the longest of a few
 _LAG = 0.5  # samples by which frames, averaged since the last look, are older than the servo's state
 
 
@@ -79,6 +82,7 @@ def measure_actuators(
                 touch_speed_mm_s,
                 coverage,
             ),
+            settle_s=_settle_s([stop for stop in stops if stop.finger == spec.name], mm_per_rad_of(spec)),
             aim_turns=_aim_turns(spec, found),
             aim_friction_a=frictions[index],
         )
@@ -137,6 +141,15 @@ def _stops(
     return stops
 
 
+def _settle_s(stops: Sequence[Stop], mm_per_rad: float) -> float:
+    """The longest time from a stop that was sent to standing still, with room for longer ones."""
+    step = TICK_RAD * abs(mm_per_rad)
+    ran_on = [
+        (abs(stop.stood_rad - stop.felt_rad) * abs(mm_per_rad) + step) / stop.speed_mm_s for stop in stops
+    ]
+    return _WORST * max(ran_on, default=0.0)
+
+
 def _aim_turns(spec: Finger, found: Found) -> bool:
     """Whether contacts wander round the tip the way they must if the aim turns as described."""
     own = [k for k, item in enumerate(found.touched) if item.finger == spec.name]
@@ -154,6 +167,7 @@ def _result(
     presses: Sequence[Press],
     overshoot: OvershootFit,
     *,
+    settle_s: float,
     aim_turns: bool,
     aim_friction_a: float,
 ) -> ActuatorsCalibration:
@@ -189,6 +203,7 @@ def _result(
         friction_a=abs(friction.current_a),
         latency_s=overshoot.latency_s,
         latency_bound_s=overshoot.latency_bound_s,
+        settle_s=settle_s,
         overshoots=[
             Overshoot(speed_mm_s=row.speed_mm_s, largest_mm=max(row.largest_mm, 0.0), bound_mm=row.bound_mm)
             for row in overshoot.table
@@ -198,7 +213,7 @@ def _result(
     aim = AimCalibration(
         direction_confirmed=aim_turns,
         backlash_deg=half,
-        backlash_sigma_deg=half / math.sqrt(3),
+        backlash_sigma_deg=half / _SIGMAS,
         friction_a=aim_friction_a,
     )
     return ActuatorsCalibration(slide=slide, aim=aim)

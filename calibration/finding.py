@@ -18,7 +18,7 @@ from palpate.errors import InputError
 
 __all__ = ["Found", "at_bearing", "find", "touches_of"]
 
-_ASIDE_MM = (0.0, 11.0, -11.0)
+_ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
 _OTHER_MM = 0.006  # what is left: stopping, force, tares
 
 
@@ -49,7 +49,8 @@ def find(
     values = np.array([model.prior for model in models]) if start is None else start.values
     about = placings[number].about_mm
     fit = start
-    for aside in _ASIDE_MM:
+    looks = len(_ASIDE_MM) if start is None else 1 + placings[number].reference.turns
+    for aside in _ASIDE_MM[:looks]:
         grip = towards(about, aside, prober.approaches, models, values)
         touched += [item for item in prober.touch(grip, number) if item is not None]
         if not touched:

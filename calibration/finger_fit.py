@@ -289,27 +289,35 @@ def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:
     poses = np.zeros((len(problem.placings), 3))
     poses[: len(known)] = known
     for number in range(len(known), len(poses)):
-        poses[number] = _found_pose(problem, values, poses, number)
+        poses[number] = _found_pose(problem, values, number)
     return poses
 
 
-def _found_pose(problem: _Problem, values: Floats, poses: Floats, number: int) -> Floats:
+def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     """The pose of one placing that suits its touches best, the fingers being where `values` says."""
-    placing = problem.placings[number]
-    mine = problem.touches.used & (problem.touches.placing == number)
-    sigma = problem.touches.sigma_mm[mine]
+    placing, touches = problem.placings[number], problem.touches
+    mine = touches.used & (touches.placing == number)
+    centre = problem.centres(values)[0][mine]
+    wanted = values[touches.finger[mine], RADIUS] - touches.dent_mm[mine]
+    sigma = touches.sigma_mm[mine]
 
     def off(pose: Floats) -> Floats:
-        trial = poses.copy()
-        trial[number] = pose
-        residual = problem.evaluated(problem.packed(values, trial))[0]
-        result: Floats = residual[mine] / sigma
+        distance = placing.reference.distance_mm((centre - pose[:2]) @ _turn(pose[2]))[0]
+        result: Floats = (distance - wanted) / sigma
         return result
 
-    starts = _STARTS if placing.reference.turns else 1
-    turns = 2 * math.pi / placing.reference.repeats / starts * np.arange(starts)
+    def slope(pose: Floats) -> Floats:
+        turn, rel = _turn(pose[2]), centre - pose[:2]
+        normal = placing.reference.distance_mm(rel @ turn)[1] @ turn.T
+        turning = normal[:, 0] * rel[:, 1] - normal[:, 1] * rel[:, 0]
+        return np.column_stack([-normal, turning]) / sigma[:, None]
+
+    count = _STARTS if placing.reference.turns else 1
+    turns = 2 * math.pi / placing.reference.repeats / count * np.arange(count)
     found = [
-        least_squares(off, np.array([*placing.about_mm, turn]), loss="soft_l1", x_scale=[1.0, 1.0, 0.02])
+        least_squares(
+            off, np.array([*placing.about_mm, turn]), jac=slope, loss="soft_l1", x_scale=[1.0, 1.0, 0.02]
+        )
         for turn in turns
     ]
     best: Floats = min(found, key=lambda item: float(item.cost)).x

@@ -23,7 +23,9 @@ __all__ = ["fitted", "held_out", "touch_placing"]
 
 Bools = NDArray[np.bool_]
 
-_HELD_OUT_EVERY = 6  # one touch in so many shows whether the fit keeps what it promises
+_HELD_OUT_EVERY = (
+    7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers
+)
 _LEAST_SHARE = 0.25
 _TYPICAL_MM = 0.012
 _COUNT = 6

@@ -1,7 +1,7 @@
 """From a fit of fingers to what the calibration file says: places in the hand frame, bounds, residuals.
 
 The bound on a finger's contacts is a sum of parts, so that it can be read and argued with: what the fit
-leaves open, what touches differ by, encoder steps, the aim's play, and what stopping adds (docs/calibration.md).
+leaves open, what touches differ by, encoder steps, the aim's play, what stopping adds (docs/calibration.md).
 """
 
 import math
@@ -155,7 +155,8 @@ def bounds_of(
         repeatability=sigmas * max(scatter, residuals.held_out_rms_mm),
         quantisation=math.hypot(abs(model.mm_per_rad) * TICK_RAD / 2, farthest * aim_step),
         play=farthest * aim_play,
-        overshoot=min(2 * actuators.slide.backlash_mm, touch_speed_mm_s * actuators.slide.latency_bound_s),
+        # A slide that has run on comes back to where it was to stop; in its play the tip need not follow.
+        overshoot=min(2 * actuators.slide.backlash_mm, touch_speed_mm_s * actuators.slide.settle_s),
     )
     turned = math.hypot(math.sqrt(covariance[HEADING, HEADING]), heading[1])
     apart = abs(math.remainder(heading[0] - math.radians(tactile.phase_deg), 2 * math.pi))

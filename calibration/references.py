@@ -11,11 +11,10 @@ _AWAY = 0.4  # of the workspace's radius
 
 
 def placings_for(disc: Reference, plate: Reference, radius_mm: float) -> list[Placing]:
-    """Where references are to lie: each in the middle and on three sides, the plate between the disc's."""
+    """Where references are to lie: the disc on three sides of the middle, then the plate between these."""
     away = min(_AWAY * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
     found = []
     for reference, first in ((disc, math.pi / 2), (plate, -math.pi / 2)):
-        found.append(Placing(reference, (0.0, 0.0)))
         for k in range(3):
             angle = first + 2 * math.pi / 3 * k
             found.append(Placing(reference, (away * math.cos(angle), away * math.sin(angle))))

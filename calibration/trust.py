@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import (
+    AIM_PLAY,
     COLUMNS,
     HEADING,
     RADIUS,
+    ZERO,
     FingerModel,
     Fit,
     Placing,
@@ -22,6 +24,7 @@ from palpate.calibration.finger_fit import (
 from palpate.calibration.hand_frame import Place, hand_frame
 from palpate.calibration.measured import Touched
 from palpate.config import Finger
+from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
 __all__ = ["check_fit", "check_still", "growth_mm"]
@@ -30,6 +33,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _STILL_SIGMAS = 5.0
+_MOST_SIDEWAYS = 0.75  # of what an aim is off by, in touches that are oblique by less than 48°
 _MOST_OUTLIERS = 0.1  # of a placing's touches
 _MOST_SQUARES = 2.0  # chi square over its degrees of freedom
 _SURE = 4.5  # standard deviations of a reference's size
@@ -50,13 +54,20 @@ def check_still(
                 "moved; put it back, keep it from sliding, and begin this placing again"
             )
         off = abs(other.servos_rad[1] - item.servos_rad[1]) * per_rad
-        limit = _STILL_SIGMAS * math.hypot(per_rad * 2 * math.pi / 4096 / math.sqrt(6), 0.01)
+        limit = _STILL_SIGMAS * math.hypot(per_rad * TICK_RAD / math.sqrt(6), 0.01)
+        limit += _play_mm(model[item.finger], item)
         if off > limit:
             raise InputError(
                 f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
                 f"before, and {limit:.2f} mm can be explained: it has moved between touches; keep it from "
                 "sliding (tape, a weight), and begin this placing again"
             )
+
+
+def _play_mm(model: FingerModel, item: Touched) -> float:
+    """How much further an oblique touch may be if the aim has come to it from the other side."""
+    distance = abs(float(model.prior[ZERO]) + model.mm_per_rad * item.servos_rad[1])
+    return 2 * 2 * float(model.prior[AIM_PLAY]) * distance * _MOST_SIDEWAYS
 
 
 def check_fit(
@@ -139,27 +150,25 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
     found = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
     frame = hand_frame(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
-        off = abs(fit.values[k, RADIUS] - spec.tip.radius_mm)
-        allowed = spec.tip.radius_bound_mm + 4 * float(sigma[k * COLUMNS + RADIUS])
-        if off > allowed:
+        radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
+        if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):
             raise InputError(
-                f"finger {model.name}: its tip would have a radius of {fit.values[k, RADIUS]:.2f} mm, and the "
-                f"rig file says {spec.tip.radius_mm:g} ± {spec.tip.radius_bound_mm:g}: measure references, tip, "
-                "or widen tip.radius_bound_mm"
+                f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
+                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"
             )
         place = frame.place(found[k])
-        away, turned = math.dist(place.base_mm, spec.base_mm), abs(place.heading_rad - nominal[k].heading_rad)
-        if away > 2 * spec.bounds.base_mm + 0.3:
+        away, bound = math.dist(place.base_mm, spec.base_mm), spec.bounds.base_mm
+        if away > 2 * bound + 0.3:
             raise InputError(
                 f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says "
-                f"within {spec.bounds.base_mm:g}: correct base_mm or widen bounds.base_mm, and check the "
-                "references"
+                f"within {bound:g}: check the references, correct base_mm or widen bounds.base_mm"
             )
-        if turned > 2 * math.radians(spec.bounds.heading_deg) + 0.005:
+        turned, bound = abs(place.heading_rad - nominal[k].heading_rad), spec.bounds.heading_deg
+        if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
-                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, and "
-                f"the rig file says that it is within {spec.bounds.heading_deg:g}°: correct heading_deg or widen "
-                "bounds.heading_deg"
+                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
+                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or "
+                "widen bounds.heading_deg"
             )
 
 

@@ -5,6 +5,7 @@ ones found, and keeps what is done in a run record, from which it can be resumed
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
@@ -17,6 +18,7 @@ from palpate.calibration.finger_fit import FingerModel, Placing
 from palpate.calibration.finger_model import finger_model, touching_of
 from palpate.calibration.finger_step import fitted, held_out, touch_placing
 from palpate.calibration.placed import bounds_of, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Disc, Plate
 from palpate.calibration.references import placings_for
 from palpate.calibration.run_record import RunRecord
@@ -25,15 +27,44 @@ from palpate.config import CalibrationDevice, CalibrationFile, Finger, RigFile, 
 from palpate.config.calibration_file import CalibrationReference
 from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFinger, TactileCalibration
 from palpate.config.references_file import ReferencesFile, references_sha256
+from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
-from palpate.rig.calibrated_devices import devices_of
-from palpate.rig.outside import Outside
-from palpate.rig.rig_prober import HandProber, Table, approaches_of
+from palpate.rig.rig_prober import approaches_of
 
-__all__ = ["STEPS", "CalibrationJob", "Keeper", "calibrate", "references_of", "slides_of"]
+__all__ = [
+    "STEPS",
+    "CalibrationJob",
+    "Connect",
+    "Connected",
+    "Keeper",
+    "calibrate",
+    "references_of",
+    "slides_of",
+]
 
 STEPS = ("actuators", "tactile", "fingers")
 """Steps in the order in which they build on one another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Connected:
+    """A rig that is connected: what can be measured with it, its arrays' descriptions, its devices.
+
+    `prober` may only be used if the rig was made ready to move.
+    """
+
+    prober: Prober
+    arrays: Sequence[Description]
+    devices: list[CalibrationDevice]
+    emulated: bool
+
+
+class Connect(Protocol):
+    """Connects a rig for as long as the context lasts; torque is off afterwards, whatever happens."""
+
+    def __call__(self, rig: RigFile, *, moving: bool) -> AbstractContextManager[Connected]:
+        """`rig`: as far as it is known by then. `moving`: make it ready to move."""
+        ...
 
 
 class Keeper(Protocol):
@@ -65,14 +96,14 @@ class CalibrationJob:
 
 
 def calibrate(
-    job: CalibrationJob, outside: Outside, table: Table, keeper: Keeper, tell: Callable[[str], None]
+    job: CalibrationJob, connect: Connect, keeper: Keeper, tell: Callable[[str], None]
 ) -> CalibrationFile:
     """Carry out the steps that are not done yet, and put together the file.
 
     Raises InputError for references that are not what they should be, DeviceError and SafetyStop for devices.
     """
     slides_of(job.rig)
-    run = _Run(job, outside, table, keeper, tell)
+    run = _Run(job, connect, keeper, tell)
     run.begin()
     for step in STEPS:
         if step in job.steps:
@@ -107,20 +138,19 @@ class _Run:
     def __init__(
         self,
         job: CalibrationJob,
-        outside: Outside,
-        table: Table,
+        connect: Connect,
         keeper: Keeper,
         tell: Callable[[str], None],
     ) -> None:
-        self._job, self._outside, self._table, self._keeper, self._tell = job, outside, table, keeper, tell
+        self._job, self._connect, self._keeper, self._tell = job, connect, keeper, tell
         self._disc, self._plate = references_of(job.references)
         self._emulated = False
 
     def begin(self) -> None:
         """Connect once, see which devices these are, and take up a record of them if there is one."""
-        with self._outside.hand(self._job.rig, self._tell) as hand:
-            devices = devices_of(hand)
-            self._emulated = hand.emulated
+        with self._connect(self._job.rig, moving=False) as there:
+            devices = there.devices
+            self._emulated = there.emulated
         self._record = self._fresh(devices)
         kept = self._keeper.load()
         if kept is not None and kept.is_for(self._record):
@@ -139,9 +169,8 @@ class _Run:
         rig = self._rig_so_far()
         specs = slides_of(rig)
         self._tell(f"{step}:")
-        with self._outside.hand(rig, self._tell) as hand:
-            hand.prepare()
-            prober = HandProber(hand, self._table)
+        with self._connect(rig, moving=True) as there:
+            prober = there.prober
             if step == "actuators":
                 found = measure_actuators(
                     prober,
@@ -154,9 +183,10 @@ class _Run:
                 )
                 self._keep(actuators=found)
             elif step == "tactile":
-                arrays = [finger.array.description for finger in hand.fingers]
                 self._keep(
-                    tactile=measure_tactile(prober, specs, arrays, self._disc, self._plate, tell=self._tell)
+                    tactile=measure_tactile(
+                        prober, specs, there.arrays, self._disc, self._plate, tell=self._tell
+                    )
                 )
             else:
                 self._touch(prober, specs)
@@ -200,7 +230,7 @@ class _Run:
             ],
         )
 
-    def _touch(self, prober: HandProber, specs: Sequence[Finger]) -> None:
+    def _touch(self, prober: Prober, specs: Sequence[Finger]) -> None:
         """Touch the references at every placing that is not done."""
         placings = self._placings()
         models = self._models(specs)

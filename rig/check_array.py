@@ -3,7 +3,7 @@
 Between the array's driver and `checking`. The array is left as after `connect`, and stopped.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from palpate.config import AnyFinger
 from palpate.config.check_result import ArrayCheckOut
@@ -45,7 +45,7 @@ def check_array(spec: AnyFinger, wanted_hz: float, clock: Clock, open_port: Open
     array = array_of(spec, port, clock)
     try:
         found = _introduced(blank, array.connect())
-        found = _streamed(_examined(found, array), array, clock)
+        found = _streamed(_examined(found, array, _left_out(spec)), array, clock)
     except DeviceError as error:
         return _wrong(blank, str(error))
     finally:
@@ -67,8 +67,11 @@ def _introduced(out: ArrayCheckOut, told: Description) -> ArrayCheckOut:
     )
 
 
-def _examined(out: ArrayCheckOut, array: ArrayDriver) -> ArrayCheckOut:
-    """With what the array finds in itself; as it was if it cannot examine anything."""
+def _examined(out: ArrayCheckOut, array: ArrayDriver, known: Collection[tuple[int, int]]) -> ArrayCheckOut:
+    """With what the array finds in itself; as it was if it cannot examine anything.
+
+    `known`: taxels (row, column) that calibration has left out already.
+    """
     if not isinstance(array, TactileArray):
         return out
     try:
@@ -78,10 +81,21 @@ def _examined(out: ArrayCheckOut, array: ArrayDriver) -> ArrayCheckOut:
     if report is None:
         return out
     found = out.model_copy(update={"bad_taxels": report.bad_count})
-    return _wrong(found, *_complaints(report))
+    if 0 < report.bad_count == len(report.bad) and all((bad.row, bad.col) in known for bad in report.bad):
+        taxels = counted(report.bad_count, "bad taxel", "bad taxels")
+        left_out = f"{taxels}, known to its calibration and left out"
+        found = found.model_copy(update={"warnings": (*found.warnings, left_out)})
+        return _wrong(found, *_complaints(report, taxels=False))
+    return _wrong(found, *_complaints(report, taxels=True))
 
 
-def _complaints(report: Report) -> list[str]:
+def _left_out(spec: AnyFinger) -> Collection[tuple[int, int]]:
+    """Taxels that the calibration has left out."""
+    return () if spec.array.taxels is None else spec.array.taxels.unusable
+
+
+def _complaints(report: Report, *, taxels: bool) -> list[str]:
+    """What a self-test found, in words; of its taxels only if asked."""
     parts = [str(part.name).replace("_", " ").lower() for part in SelfTestResult if part in report.result]
     parts = [part for part in parts if part != "taxels"]
     if int(report.result) & ~sum(SelfTestResult):
@@ -89,11 +103,11 @@ def _complaints(report: Report) -> list[str]:
     said = []
     if parts:
         said.append(f"its self-test finds fault with its {' and '.join(parts)}; repair or replace it")
-    if report.bad_count:
+    if report.bad_count and taxels:
         named = ", ".join(map(_taxel, report.bad[:_TAXELS_NAMED]))
         more = "" if report.bad_count <= _TAXELS_NAMED else ", …"
-        taxels = counted(report.bad_count, "bad taxel", "bad taxels")
-        said.append(f"its self-test finds {taxels} ({named}{more}); repair or replace it")
+        bad = counted(report.bad_count, "bad taxel", "bad taxels")
+        said.append(f"its self-test finds {bad} ({named}{more}); repair or replace it")
     return said
 
 

@@ -32,6 +32,8 @@ _SILENT_FRAMES = 3  # that long at least, for slow arrays
 _OFF_WAY_MM = 3.0
 _SETTLE_S = 0.08
 _MEASURE_FRAMES = 8
+_MOST_BACKS = 3
+_FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 
 class Stage(Enum):
@@ -291,15 +293,29 @@ def _is_crowded(hand: Hand, run: Run, runs: Sequence[Run]) -> bool:
 def _measure(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
     """Back off, touch again slowly, let everything settle, and look."""
     _settle(hand, runs)
-    back = hand.rig.closing.back_off_mm
-    go_to(hand, {run: max(0.0, run.travel_mm - back) for run in runs})
-    _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
-    _settle(hand, runs)
+    again, back = list(runs), hand.rig.closing.back_off_mm
+    for _ in range(_MOST_BACKS):
+        again = _touched_at_once(hand, again, back)
+        if not again:
+            break
+        back *= 2  # they had run further into it than they backed off
     measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
     return [
         (run, run.finger.extractor.extract(frames) if run.touched else None)
         for run, frames in zip(runs, measured, strict=True)
     ]
+
+
+def _touched_at_once(hand: Hand, runs: Sequence[Run], back_mm: float) -> list[Run]:
+    """Back off and touch again slowly; the fingers that felt something before they had really moved.
+
+    They had not come free, so their play is not where a touch has it.
+    """
+    go_to(hand, {run: max(0.0, run.travel_mm - back_mm) for run in runs})
+    begun = {run: run.travel_mm for run in runs}
+    _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
+    _settle(hand, runs)
+    return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]
 
 
 def _settle(hand: Hand, runs: Sequence[Run]) -> None:

@@ -32,6 +32,7 @@ from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
 from palpate.rig.bench import emulated_table, outside, set_up
 from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate, references_of, slides_of
+from palpate.rig.calibration_hand import connecting
 from palpate.rig.calibration_report import write_report
 from palpate.rig.console_table import ConsoleTable
 from palpate.rig.files import check_place, write_text
@@ -97,7 +98,7 @@ def run_calibrate(
     )
     table = emulated_table(bench, seed) or ConsoleTable(console)
     with _Progress(console, asks=bench.mock is None) as progress:
-        file = calibrate(job, outside(bench), table, keeper, progress.tell)
+        file = calibrate(job, connecting(outside(bench), table, progress.tell), keeper, progress.tell)
     write_text(places.calibration, calibration_toml(file))
     write_report(places.report, file)
     keeper.forget()

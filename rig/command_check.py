@@ -19,9 +19,9 @@ from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
 from palpate.rig.bench import emulated_table, outside, set_up
 from palpate.rig.bus_place import bus_of
-from palpate.rig.calibrated_devices import check_devices
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.calibrating import references_of, slides_of
+from palpate.rig.calibration_hand import connecting
 from palpate.rig.check_calibration import with_calibration, with_touch
 from palpate.rig.check_table import show
 from palpate.rig.checking import check_rig
@@ -98,10 +98,9 @@ def _touched(
     bench = set_up(on_bench.described, None, seed)
     table = emulated_table(bench, seed) or ConsoleTable(console)
     disc, _ = references_of(shapes)
-    with outside(bench).hand(on_bench.rig, console.print) as hand:
-        check_devices(file, hand)
-        hand.prepare()
-        return retouch(hand, table, disc, promises, lambda text: console.print(f"  {text}"))
+    connect = connecting(outside(bench), table, console.print)
+    with connect(on_bench.rig, moving=True) as there:
+        return retouch(on_bench.rig, there.prober, disc, promises, lambda text: console.print(f"  {text}"))
 
 
 def _other_references(file: CalibrationFile, shapes: ReferencesFile) -> list[str]:

@@ -28,6 +28,7 @@ from palpate.rig.files import check_place, write_text
 from palpate.rig.hand_truth import placement_seen
 from palpate.rig.identify import Outcome
 from palpate.rig.interrupts import HeldInterrupts
+from palpate.rig.known_well import check_known_well
 from palpate.rig.report import contacts_json
 from palpate.rig.report_run import identification_picture
 from palpate.rig.session import SessionLog, session_folder
@@ -59,6 +60,7 @@ def run_identify(
     begin = time.perf_counter()
     on_bench = load_calibrated(rig, calibration=calibration)
     rig_file, objects_source = on_bench.rig, objects or shipped_objects()
+    check_known_well(rig_file, str(on_bench.path))
     objects_file = load_objects(objects_source)
     given_scene = None if scene is None else load_scene(scene)
     lying = place(on_bench.described, objects_file, given_scene, seed)

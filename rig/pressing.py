@@ -21,9 +21,9 @@ from palpate.rig.stage import planned_turn
 
 __all__ = ["press", "run_into"]
 
-_SPEED_MM_S = 3.0
+_SPEED_MM_S = 4.0
 _FORCE_N = 3.0
-_LEAD_MM = 3.0  # before a contact: gathering speed, then friction alone
+_LEAD_MM = 2.0  # before a contact: gathering speed, then friction alone
 _DEPTH_MM = 4.0  # no press goes deeper
 _PERIOD_S = 0.01
 _STILL_MM = 0.03

@@ -24,12 +24,11 @@ from palpate.calibration.finger_fit import (
 )
 from palpate.calibration.finger_model import Touching, finger_model, mm_per_rad_of
 from palpate.calibration.measured import Touched
+from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
 from palpate.config import Finger, RigFile
 from palpate.errors import InputError
 from palpate.rig.concluding import dent_range_mm
-from palpate.rig.hand import Hand
-from palpate.rig.rig_prober import HandProber, Table
 
 __all__ = ["FingerOff", "Retouch", "compared", "retouch"]
 
@@ -58,22 +57,21 @@ class Retouch:
 
 
 def retouch(
-    hand: Hand,
-    table: Table,
+    rig: RigFile,
+    prober: Prober,
     disc: Reference,
     promises: Sequence[Promise],
     tell: Callable[[str], None] = lambda _: None,
 ) -> Retouch:
     """Have a disc put in the middle, touch it with every finger from several sides, and compare.
 
-    The hand must be prepared, its rig calibrated, all its fingers slides; `promises`: of every finger. Raises
-    InputError if the disc is not found, or a finger never meets it.
+    `rig`: with its calibration, all its fingers slides; `promises`: of every finger. Raises InputError if the
+    disc is not found, or a finger never meets it.
     """
-    specs = [finger.spec for finger in hand.fingers if isinstance(finger.spec, Finger)]
+    specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
     models = [_as_calibrated(spec) for spec in specs]
     stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
     placings = [Placing(disc, (0.0, 0.0))]
-    prober = HandProber(hand, table)
     tell(f"putting the {disc.name}")
     prober.put(disc, placings[0].about_mm)
     tell("looking for it")
@@ -85,7 +83,7 @@ def retouch(
         raise InputError(
             f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
         )
-    return compared(hand.rig, disc, promises, touched)
+    return compared(rig, disc, promises, touched)
 
 
 def compared(
@@ -114,7 +112,7 @@ def compared(
 
 
 def _touched_round(
-    found: Found, prober: HandProber, models: Sequence[FingerModel], tell: Callable[[str], None]
+    found: Found, prober: Prober, models: Sequence[FingerModel], tell: Callable[[str], None]
 ) -> list[Touched]:
     """Touches at several sides of what was found, each by all fingers."""
     touched: list[Touched] = []

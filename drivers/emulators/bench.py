@@ -77,11 +77,13 @@ class EmulatedFinger:
         self._free_centre = np.full(2, np.inf)
         self._free_mm = 0.0
         self._pressed_centre = np.full(2, np.inf)
+        self._seen_centre: Floats | None = None
 
     def put(self, outline: Outline | None) -> None:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
         self.outline = outline
         self._free_centre = np.full(2, np.inf)
+        self._seen_centre = None
 
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
@@ -119,6 +121,9 @@ class EmulatedFinger:
     def _touch(self, outline: Outline) -> Press | None:
         # An outline that was further away than the tip has moved since cannot have been reached.
         centre, radius = self.centre_mm, self.truth.tip_radius_mm
+        if centre is self._seen_centre:
+            return self.press  # stands still
+        self._seen_centre = centre
         if math.dist(centre, self._free_centre) < self._free_mm:
             return None
         if self.press is not None and np.array_equal(centre, self._pressed_centre):

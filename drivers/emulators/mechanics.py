@@ -138,6 +138,8 @@ class SlideMechanics:
         self._slide = slide
         self._aim_play = _Play(truth.aim_play_rad, self._aim_drive())
         self._slide_play = _Play(truth.slide_play_mm, self._slide_drive())
+        self._stood = (math.nan, math.nan)
+        self._centre = np.full(2, math.nan)
 
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
@@ -151,17 +153,20 @@ class SlideMechanics:
 
     @property
     def centre_mm(self) -> Floats:
-        """True position (2,) of the tip's axis."""
-        angle, distance = self._aim_play.at, self._slide_play.at
-        x, y = self._truth.base_mm
-        return np.array([x + distance * math.cos(angle), y + distance * math.sin(angle)])
+        """True position (2,) of the tip's axis; the same array as long as it stands still."""
+        at = angle, distance = self._aim_play.at, self._slide_play.at
+        if at != self._stood:
+            x, y = self._truth.base_mm
+            self._stood = at
+            self._centre = np.array([x + distance * math.cos(angle), y + distance * math.sin(angle)])
+        return self._centre
 
     def step(self, dt_s: float, force_n: Floats | None) -> None:
         """Move on; the force loads the slide only, and so do its stops."""
         push = 0.0
         if force_n is not None:
-            along = np.array([math.cos(self.facing_rad), math.sin(self.facing_rad)])
-            push = float(force_n @ along)
+            facing = self.facing_rad
+            push = float(force_n[0]) * math.cos(facing) + float(force_n[1]) * math.sin(facing)
         steps = 1 if self._reached_mm() is None else _STOP_STEPS
         for _ in range(steps):
             self._slide_on(dt_s / steps, push)

@@ -34,6 +34,7 @@ class ShaftMotion:
         "_nm_per_a",
         "_profile_a",
         "_profile_v",
+        "_rest_nm",
         "_stall_a",
         "_u_max",
         "current_a",
@@ -61,6 +62,7 @@ class ShaftMotion:
         self._max_current_a = constants.stall_current_a
         self._profile_v = 0.0
         self._profile_a = 0.0
+        self._rest_nm = math.nan
         self.shaft_rad = start_rad
         self.velocity_rad_s = 0.0
         self.current_a = 0.0
@@ -82,6 +84,7 @@ class ShaftMotion:
 
         `extras`: what the loop's I and D gains add, None if both are 0. The limits hold for every law.
         """
+        self._rest_nm = math.nan
         self._gain_per_rad = gain_per_rad
         self._u_max = duty_limit
         self._max_current_a = current_limit_a
@@ -89,6 +92,7 @@ class ShaftMotion:
 
     def set_supply(self, ratio: float) -> None:
         """Set the supply as a multiple of the voltage that the motor's constants hold for."""
+        self._rest_nm = math.nan
         self._drive_a = self._stall_a * ratio
 
     def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
@@ -98,6 +102,7 @@ class ShaftMotion:
 
     def engage(self) -> None:
         """Switch the drive on, holding where the shaft is."""
+        self._rest_nm = math.nan
         self.driven = True
         self.hold()
 
@@ -110,11 +115,13 @@ class ShaftMotion:
 
     def hold(self) -> None:
         """Make the present position the goal, without a profile."""
+        self._rest_nm = math.nan
         self.goal_rad = self.reference_rad = self.shaft_rad
         self.reference_rad_s = 0.0
 
     def move_to(self, goal_rad: float) -> None:
         """Start a profile towards a goal, from wherever the trajectory is now."""
+        self._rest_nm = math.nan
         self.goal_rad = goal_rad
         if self._profile_v == 0.0:
             self.reference_rad = goal_rad
@@ -127,6 +134,8 @@ class ShaftMotion:
 
     def step(self, dt_s: float, load_nm: float) -> None:
         """Integrate over `dt_s` with a constant outside torque; positive pushes towards +position."""
+        if load_nm == self._rest_nm:
+            return  # friction has held the shaft against this torque, and nothing has changed since
         while dt_s > _LONGEST_STEP_S * 1.001:
             self._step(_LONGEST_STEP_S, load_nm)
             dt_s -= _LONGEST_STEP_S
@@ -134,6 +143,8 @@ class ShaftMotion:
 
     def _step(self, dt: float, load_nm: float) -> None:
         velocity = self.velocity_rad_s
+        held = velocity == 0.0 and self.law is None and self._extras is None
+        held = held and self.reference_rad == self.goal_rad
         if self.driven:
             if self.reference_rad != self.goal_rad:
                 self._advance_reference(dt)
@@ -163,6 +174,8 @@ class ShaftMotion:
             velocity += slowed
         else:
             velocity = 0.0
+            if held:
+                self._rest_nm = load_nm
         self.velocity_rad_s = velocity
         self.shaft_rad += velocity * dt
 

@@ -55,6 +55,11 @@ class Taxels:
         """True relative gain of every taxel, shape (rows, cols): the truth that calibration looks for."""
         return self._gain_counts / self.description.counts_per_n
 
+    @property
+    def dead(self) -> tuple[tuple[int, int], ...]:
+        """Taxels (row, column) that are stuck at 0."""
+        return self._dead
+
     def counts(
         self, force_n: NDArray[np.float64], now: float | NDArray[np.float64] = 0.0
     ) -> NDArray[np.uint16]:

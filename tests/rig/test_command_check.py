@@ -60,7 +60,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
     assert violations(out, json.loads(schema_text("check"))) == []
     assert list(out) == [
         *("format", "rig", "emulated", "well", "adapter", "servos", "arrays", "loop", "bus"),
-        *("problems", "warnings"),
+        *("calibration", "problems", "warnings"),
     ]
     assert out["format"] == "palpate/check@1"
     assert [servo["id"] for servo in out["servos"]] == IDS
@@ -93,6 +93,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         "protocol": "palpate",
         "answers": True,
         "firmware": "palpate emulator 1",
+        "unique_id": out["arrays"][0]["unique_id"],
         "emulated": True,
         "rows": 8,
         "columns": 20,
@@ -105,6 +106,8 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         "problems": [],
         "warnings": [],
     }
+    assert out["arrays"][0]["unique_id"].startswith("6631"), "f1 in ASCII"
+    assert out["calibration"] is None
     assert list(out["loop"]) == ["servos", "cycles", "fast", "rate_hz", "median_ms", "p99_ms", "wire_ms"]
     assert out["bus"]["damaged"] == out["bus"]["silent"] == 0
 

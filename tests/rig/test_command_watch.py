@@ -186,9 +186,10 @@ def test_a_changed_log_is_told(here: Here, session: Path, tmp_path: Path) -> Non
     ("args", "told"),
     [
         (("--speed", 2), "--speed is for --session"),
-        (("--session", "s", "--rig", "r.toml"), "--session excludes --rig, --rate and --no-tare"),
+        (("--session", "s", "--rig", "r.toml"), "--session excludes --rig, --no-calibration, --rate and"),
         (("--session", "s", "--rate", 10), "--session excludes"),
         (("--session", "s", "--no-tare"), "--session excludes"),
+        (("--session", "s", "--no-calibration"), "--session excludes"),
         (("--session", "nowhere"), "nowhere is not a session"),
         (("--rig", "nowhere.toml"), "nowhere.toml"),
         (("--finger", "thumb"), '--finger thumb: rig "bench" has no such finger, but f1, f2, f3'),

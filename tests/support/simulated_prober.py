@@ -1,0 +1,247 @@
+"""A rig to calibrate, without servos, ports and time: the emulators' truth, geometry, tips and taxels.
+
+Thousands of times faster than the emulated bench, for tests of what calibration does with what it measures.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.measured import FREE, IN, OUT, Idle, Press, Stop, Touched
+from palpate.calibration.prober import Approach, Probe
+from palpate.calibration.reference import Reference
+from palpate.config import CalibrationDevice, RigFile
+from palpate.drivers.emulators.bench import EmulatedFinger
+from palpate.drivers.emulators.mechanics import FingerTruth
+from palpate.drivers.emulators.tip import Outline, press, separation_mm
+from palpate.drivers.finger import TICK_RAD
+from palpate.rig.calibrating import Connected
+from palpate.rig.emulated import emulate
+from palpate.rig.emulated_table import outline_of
+from palpate.rig.rig_prober import approaches_of
+
+Floats = NDArray[np.float64]
+
+FORCE_N = 0.35
+FRICTION_A, CURRENT_STEP_A, NM_PER_A = 0.028, 2.69e-3, 4.1 / 2.3
+LATENCY_S = 0.02
+RATE_HZ = 250.0
+STEP_MM = 0.04
+"""Travel of a press between two samples: 4 mm/s, 100 of them a second."""
+
+
+class SimulatedRig:
+    """The hidden truth of one emulated rig, and what lies on its table. `spoil` may change what is put there.
+
+    `spoil(reference, number of puts so far)` gives the reference that is really put.
+    """
+
+    def __init__(
+        self, rig: RigFile, seed: int, spoil: Callable[[Reference, int], Reference] = lambda item, _: item
+    ) -> None:
+        self.rig = rig
+        self.fingers: tuple[EmulatedFinger, ...] = emulate(rig, None, seed).bench.fingers
+        self.rng = np.random.default_rng([seed, 7])
+        self.spoil = spoil
+        self.puts = 0
+        self.outline: Outline | None = None
+        self.slid_mm = 0.0
+        self.time_s = 0.0
+
+    @contextmanager
+    def connect(self, rig: RigFile, *, moving: bool) -> Iterator[Connected]:
+        del moving
+        arrays = [finger.array.description for finger in self.fingers]
+        devices = [
+            CalibrationDevice(
+                port=spec.array.port, kind="array", id=told.unique_id.hex(), model="8 x 20", firmware="1"
+            )
+            for spec, told in zip(rig.fingers, arrays, strict=True)
+        ]
+        yield Connected(SimulatedProber(self, rig), arrays, devices, emulated=True)
+
+    def truth(self, finger: int) -> FingerTruth:
+        found = self.fingers[finger].truth
+        assert isinstance(found, FingerTruth)
+        return found
+
+
+class SimulatedProber:
+    """Measures a simulated rig; `rig` says what is known of it by now, which decides the approaches."""
+
+    def __init__(self, world: SimulatedRig, rig: RigFile) -> None:
+        self._world = world
+        self.approaches: Sequence[Approach] = approaches_of(rig)
+        self._aims: dict[int, float] = {}
+
+    def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
+        world = self._world
+        x, y = np.asarray(about_mm) + world.rng.uniform(-5.0, 5.0, 2)
+        thing = world.spoil(reference, world.puts)
+        world.outline = outline_of(thing, float(x), float(y), float(world.rng.uniform(-math.pi, math.pi)))
+        world.puts += 1
+
+    def clear(self) -> None:
+        self._world.outline = None
+
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+        return [self._touched(probe, placing) for probe in grip]
+
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+        return [self._press(probe, placing) for probe in contacts]
+
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+        stops = []
+        for probe in contacts:
+            item, truth = (
+                self.approaches[probe.approach],
+                self._world.truth(self.approaches[probe.approach].finger),
+            )
+            late = LATENCY_S + self._world.rng.uniform(0, 1 / RATE_HZ)
+            stood = self._step(probe.end_rad + speed_mm_s * late / truth.mm_per_rad)
+            name = self._world.rig.fingers[item.finger].name
+            stops.append(Stop(name, speed_mm_s, stood, stood, probe.end_rad, 1 / RATE_HZ))
+        return stops
+
+    def swing(self) -> list[float]:
+        return [0.0175 for _ in self._world.fingers]
+
+    def idle(self, seconds: float) -> list[Idle]:
+        world, count = self._world, round(seconds * RATE_HZ)
+        time_s = world.time_s + np.arange(count) / RATE_HZ
+        world.time_s += seconds + 60.0
+        return [
+            Idle(spec.name, self._counts(k, np.zeros((count, 8, 20)), time_s), time_s)
+            for k, spec in enumerate(world.rig.fingers)
+        ]
+
+    def home(self, finger: int, stop_mm: float) -> float:
+        truth = self._world.truth(finger)
+        assert truth.stops_mm is not None
+        flank = 1.0 if stop_mm == truth.stops_mm[1] else -1.0
+        drive = (stop_mm + flank * truth.slide_play_mm - truth.zero_mm) / truth.mm_per_rad
+        return self._step(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
+
+    def _touched(self, probe: Probe, placing: int) -> Touched | None:
+        item = self.approaches[probe.approach]
+        truth = self._world.truth(item.finger)
+        way = self._way(item)
+        dent = FORCE_N / truth.stiffness_n_per_mm
+        found = self._contact(truth, item, way, dent)
+        if found is None or found > probe.end_rad:
+            return None
+        centre, travel = _centre(truth, item, way, found)
+        towards = _towards(self._world.outline, centre)
+        angle = towards - travel - truth.array_heading_rad + self._world.rng.normal(0, math.radians(0.5))
+        found += self._world.rng.normal(0, 0.004) / truth.mm_per_rad
+        return Touched(
+            self._world.rig.fingers[item.finger].name,
+            placing,
+            (self._step(item.aim_rad), self._step(found)),
+            way,
+            math.remainder(angle, 2 * math.pi),
+            math.radians(3.0),
+            FORCE_N,
+            0.02,
+        )
+
+    def _contact(self, truth: FingerTruth, item: Approach, way: int, dent_mm: float) -> float | None:
+        """Servo angle of the slide at which the tip is dented by so much; None if it meets nothing."""
+        outline = self._world.outline
+        if outline is None:
+            return None
+
+        def gap(slide: float) -> float:
+            centre, _ = _centre(truth, item, way, slide)
+            return separation_mm(outline, centre) - truth.tip_radius_mm + dent_mm
+
+        slides = np.linspace(item.start_rad, item.end_rad, 250)
+        inside = [k for k, slide in enumerate(slides) if gap(slide) < 0]
+        if not inside or inside[0] == 0:
+            return None
+        lo, hi = slides[inside[0] - 1], slides[inside[0]]
+        for _ in range(30):
+            middle = (lo + hi) / 2
+            lo, hi = (middle, hi) if gap(middle) > 0 else (lo, middle)
+        return float(lo)
+
+    def _press(self, probe: Probe, placing: int) -> Press:
+        item, world = self.approaches[probe.approach], self._world
+        truth, way = world.truth(item.finger), self._way(item)
+        start = self._contact(truth, item, way, 0.0)
+        assert start is not None
+        assert world.outline is not None
+        deepest = 3.0 / truth.stiffness_n_per_mm
+        depth = np.arange(-2.0, deepest, STEP_MM)
+        leg = np.where(depth < 0, FREE, IN)
+        forces, push = np.zeros((len(depth), 8, 20)), np.zeros(len(depth))
+        for k, deep in enumerate(depth):
+            # Frames are averaged since the last look, so they are half a sample older than the servo's state.
+            centre, travel = _centre(truth, item, way, start + (deep - STEP_MM / 2) / truth.mm_per_rad)
+            felt = press(world.outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+            if felt is not None:
+                finger = world.fingers[item.finger]
+                columns = np.asarray(finger.array.description.columns)
+                pitch = columns[1] - columns[0]
+                seen = (felt.angle - travel - truth.array_heading_rad + math.pi) % (2 * math.pi) - math.pi
+                slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(int)
+                on = (slot >= 0) & (slot < 20)
+                forces[k] = np.bincount(slot[on], felt.by_ray_n[on], minlength=20)[None, :] / 8
+                push[k] = -float(felt.force_n @ [math.cos(travel), math.sin(travel)])
+        world.time_s += 2.0
+        now = np.full(len(depth), world.time_s)
+        zero = self._counts(item.finger, np.zeros((16, 8, 20)), now[:16]).mean(axis=0)
+        returning = np.concatenate([forces[1:], forces[-1:]])[::-1]
+        counts = np.concatenate(
+            [self._counts(item.finger, part, now).astype(float) - zero for part in (forces, returning)]
+        )
+        back = np.full(len(depth), OUT)
+        out = np.concatenate([np.ones(len(depth)), -np.ones(len(depth))])
+        load = np.concatenate([push, push[::-1]])
+        newton_per_a = NM_PER_A / (truth.mm_per_rad / 1000)
+        current = load / newton_per_a + out * FRICTION_A
+        # The contact was computed with the play taken up; going back, the drive is on the other flank.
+        drive = start + np.concatenate([depth, depth[::-1]]) / truth.mm_per_rad
+        drive += (out - 1) * truth.slide_play_mm / truth.mm_per_rad
+        return Press(
+            world.rig.fingers[item.finger].name,
+            placing,
+            self._step(item.aim_rad),
+            np.rint(drive / TICK_RAD) * TICK_RAD,
+            np.rint(current / CURRENT_STEP_A) * CURRENT_STEP_A,
+            np.concatenate([leg, back]),
+            counts,
+        )
+
+    def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> NDArray[np.uint16]:
+        return self._world.fingers[finger].array.taxels.counts(force_n, time_s)
+
+    def _way(self, item: Approach) -> int:
+        before = self._aims.get(item.finger)
+        self._aims[item.finger] = item.aim_rad
+        return 0 if before is None or before == item.aim_rad else int(math.copysign(1, item.aim_rad - before))
+
+    def _step(self, angle_rad: float) -> float:
+        return round(angle_rad / TICK_RAD) * TICK_RAD
+
+
+def _centre(truth: FingerTruth, item: Approach, way: int, slide_rad: float) -> tuple[Floats, float]:
+    """True centre (2,) with the play taken up as in a touch, and the direction of travel."""
+    aim = round(item.aim_rad / TICK_RAD) * TICK_RAD
+    travel = truth.heading_rad + (aim - truth.aim_zero_rad) / truth.gear_ratio - way * truth.aim_play_rad
+    distance = truth.zero_mm + truth.mm_per_rad * slide_rad - truth.slide_play_mm
+    x, y = truth.base_mm
+    return np.array([x + distance * math.cos(travel), y + distance * math.sin(travel)]), travel
+
+
+def _towards(outline: Outline | None, centre: Floats) -> float:
+    """Direction from a point to the nearest point of an outline."""
+    assert outline is not None
+    rel = centre - outline.start
+    share = np.clip(np.einsum("ij,ij->i", rel, outline.along) / outline.square, 0.0, 1.0)
+    away = rel - share[:, None] * outline.along
+    nearest = away[np.einsum("ij,ij->i", away, away).argmin()]
+    return math.atan2(-nearest[1], -nearest[0])
