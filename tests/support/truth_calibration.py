@@ -1,16 +1,16 @@
 """What a perfect calibration would find of an emulated rig, from its hidden truth; or one that is off."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 from palpate.calibration.hand_frame import Place, hand_frame
 from palpate.config import (
     CalibratedBounds,
     CalibratedFinger,
+    CalibrationDevice,
     CalibrationFile,
     DirectionParts,
-    Finger,
     PlaceCalibration,
     PositionParts,
     Residuals,
@@ -21,7 +21,7 @@ from palpate.config import (
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.rig.bench import BenchRig, connect
+from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_devices import devices_of
 
 MADE = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
@@ -33,21 +33,21 @@ _STIFFNESS_BOUND, _GAIN_BOUND = 0.02, 0.02
 
 
 def truth_calibration(
-    bench: BenchRig, off_mm: Mapping[str, tuple[float, float]] | None = None
+    rig: RigFile,
+    fingers: Sequence[EmulatedFinger],
+    devices: Sequence[CalibrationDevice] = (),
+    off_mm: Mapping[str, tuple[float, float]] | None = None,
 ) -> CalibrationFile:
-    """The truth of an emulated bench in the hand frame, with bases of some fingers `off_mm`.
+    """The truth of `fingers`, which `rig` describes, in the hand frame, with bases of some `off_mm`.
 
     Bounds are as wide as good calibrations make them: 0.2 mm on the shipped bench.
     """
-    assert bench.emulated is not None
-    rig, fingers = bench.rig, bench.emulated.bench.fingers
     frame = hand_frame(
         [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in rig.fingers],
         [Place(finger.truth.base_mm, finger.truth.heading_rad) for finger in fingers],
     )
     found = []
     for spec, finger in zip(rig.fingers, fingers, strict=True):
-        assert isinstance(spec, Finger)
         truth = finger.truth
         assert isinstance(truth, FingerTruth)
         there = frame.place(Place(truth.base_mm, truth.heading_rad))
@@ -61,8 +61,6 @@ def truth_calibration(
                 bounds=_bounds(truth),
             )
         )
-    with connect(bench) as hand:
-        devices = devices_of(hand)
     return CalibrationFile(
         rig=rig.name,
         rig_sha256="0" * 64,
@@ -71,7 +69,7 @@ def truth_calibration(
         palpate="0.1.0",
         emulated=True,
         coverage=0.999,
-        devices=devices,
+        devices=list(devices),
         fingers=found,
         residuals=Residuals(
             rms_mm=_SCATTER_MM,
@@ -85,6 +83,15 @@ def truth_calibration(
             held_out_largest_mm=0.0,
         ),
     )
+
+
+def bench_calibration(rig: RigFile, seed: int) -> CalibrationFile:
+    """Of the emulated bench of a seed, with its devices."""
+    bench = set_up(rig, None, seed)
+    assert bench.emulated is not None
+    with connect(bench) as hand:
+        devices = devices_of(hand)
+    return truth_calibration(rig, bench.emulated.bench.fingers, devices)
 
 
 def _tactile(rig: RigFile, truth: FingerTruth, finger: EmulatedFinger) -> TactileCalibration:
