@@ -1,4 +1,4 @@
-"""A rig file for tests of whole commands: the shipped rig with two fingers and short ways, which is faster."""
+"""A rig file for tests of whole commands: the shipped rig with two fingers and short ways, so faster."""
 
 from pathlib import Path
 
