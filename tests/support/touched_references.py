@@ -105,8 +105,10 @@ def nearly(where: Sequence[Laid]) -> tuple[Floats, Floats]:
 
     Without it plates' orientations are looked for, which takes most of a fit's time.
     """
-    poses = [(*(place.centre_mm + [0.4, -0.3]), place.theta_rad + 0.02 * bool(place.theta_rad)) for place in where]
-    return np.array([model.prior for model in models()]), np.array(poses)
+    poses = np.array([[*place.centre_mm, place.theta_rad] for place in where])
+    poses[:, :2] += np.array([0.4, -0.3])
+    poses[:, 2] += 0.02 * (poses[:, 2] != 0)
+    return np.array([model.prior for model in models()]), poses
 
 
 def met(start: Floats, direction_rad: float, where: Laid, tip_mm: float) -> Meeting | None:
