@@ -67,7 +67,7 @@ def test_a_plate_that_is_not_convex_is_refused_in_one_line(tmp_path: Path, outli
         ("diameter_mm = 49.8", "diameter_mm = 0.0", r"disc.diameter_mm.* must be above 0"),
         ("[60.0, 0.0], [60.0, 40.0], ", "", r"plate.outline_mm"),
         ("tolerance_mm = 0.02", "tolerance = 0.02", r"disc.*tolerance_mm"),
-        ("height_mm = 30.0\n\n[plate]", "height_mm = -3\n\n[plate]", r"disc.height_mm"),
+        ("height_mm = 30.0", "height_mm = -3", r"disc.height_mm.* must be above 0"),
         ("references@1", "objects@1", r"format.*palpate/references@1"),
         ("[disc]", "[disk]", r"dis"),
     ],
