@@ -1,4 +1,4 @@
-"""The emulated fresh rig with a disc on its table, and where its fingers really meet it, told with shapely."""
+"""The emulated fresh rig with a disc on its table; where its fingers really meet it is told with shapely."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -19,6 +19,9 @@ from palpate.rig.hand import Hand
 from palpate.rig.rig_prober import HandProber
 
 GOAL_CURRENT = 102
+HARD_N = 8.0  # max_force_n of the rig file
+# 0.05 Nm of friction of a motor with 4.1 Nm at 2.3 A (e-Manual).
+FRICTION_A = 0.05 * 2.3 / 4.1
 
 
 @dataclass(frozen=True, eq=False)
