@@ -1,82 +1,65 @@
 """Presses of two fingers at once on the emulated bench, against where they really touch."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
 from palpate.calibration.measured import FREE, IN, OUT, Press
-from palpate.calibration.prober import Probe
+from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import DeviceError
 
 
-@dataclass(frozen=True, eq=False)
-class Done:
-    """A press of every finger, after which the rig was closed; `waited`: whether tips were outside then."""
-
-    rig: ProbedRig
-    contacts: list[Probe]
-    presses: list[Press]
-    waited: bool
-
-
-@pytest.fixture(scope="module")
-def done() -> Done:
+def test_two_fingers_press_at_once() -> None:
+    """In one test, because a press takes seconds: what comes of it is looked at from all sides."""
     with probed_rig(2) as rig:
         rig.put_disc()
         contacts = rig.head_on()
         presses = rig.prober.press(contacts, 4)
-        waited = rig.waits()
-    return Done(rig, contacts, presses, waited)
-
-
-def test_every_finger_presses_and_goes_back(done: Done) -> None:
-    assert [press.finger for press in done.presses] == ["f1", "f2"]
-    for press, contact in zip(done.presses, done.contacts, strict=True):
+        assert rig.waits()
+    assert [press.finger for press in presses] == ["f1", "f2"]
+    for press, contact in zip(presses, contacts, strict=True):
         assert press.placing == 4
-        assert press.aim_rad == pytest.approx(done.rig.prober.approaches[contact.approach].aim_rad, abs=0.01)
-        assert set(press.leg) == {FREE, IN, OUT}
-        assert (np.diff(press.leg) >= 0).all()
-        assert press.counts.shape == (len(press.leg), 8, 20)
+        assert press.aim_rad == pytest.approx(rig.prober.approaches[contact.approach].aim_rad, abs=0.01)
+        check_legs(press)
+        check_counts(press)
+        check_currents(press)
+        check_places(press, contact.end_rad, rig.truth(rig.prober.approaches[contact.approach].finger))
+    assert 1.5 < rig.hardest_n() <= HARD_N
+    assert not any(rig.session.torque().values())
+    assert rig.session.rest(0.5) < 0.01
 
 
-def test_counts_grow_with_the_dent_and_end_where_they_began(done: Done) -> None:
-    for press in done.presses:
-        felt = press.counts.sum(axis=(1, 2))
-        noise = felt[press.leg == FREE][:50].std()
-        going_in = felt[press.leg == IN]
-        assert (np.diff(going_in) > -6 * noise).all()
-        assert going_in[-1] > 50 * noise
-        assert abs(felt[press.leg == OUT][-10:].mean()) < 3 * noise
+def check_legs(press: Press) -> None:
+    assert set(press.leg) == {FREE, IN, OUT}
+    assert (np.diff(press.leg) >= 0).all()
+    assert press.counts.shape == (len(press.leg), 8, 20)
+    assert press.slide_rad.shape == press.current_a.shape == press.leg.shape
 
 
-def test_contacts_begin_where_they_really_are(done: Done) -> None:
-    for press, contact in zip(done.presses, done.contacts, strict=True):
-        truth = done.rig.truth(done.rig.prober.approaches[contact.approach].finger)
-        first = press.slide_rad[press.leg == IN][0]
-        # A few tenths of a newton are felt, and the slide goes on between two looks.
-        assert 0.0 < (first - contact.end_rad) * truth.mm_per_rad < 0.4
-        assert (contact.end_rad - press.slide_rad[-1]) * truth.mm_per_rad > 2.0
+def check_counts(press: Press) -> None:
+    """They grow with the dent, and end where they began."""
+    felt = press.counts.sum(axis=(1, 2))
+    noise = felt[press.leg == FREE][:50].std()
+    going_in = felt[press.leg == IN]
+    assert (np.diff(going_in) > -6 * noise).all()
+    assert going_in[-1] > 50 * noise
+    assert abs(felt[press.leg == OUT][-10:].mean()) < 3 * noise
 
 
-def test_currents_push_out_going_in_and_pull_going_back(done: Done) -> None:
-    for press in done.presses:
-        free = press.current_a[press.leg == FREE]
-        assert np.median(free) == pytest.approx(FRICTION_A, rel=0.15)
-        assert press.current_a[press.leg == IN].max() > 1.3 * FRICTION_A
-        assert np.median(press.current_a[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
+def check_currents(press: Press) -> None:
+    """They push out going in, and pull going back."""
+    assert np.median(press.current_a[press.leg == FREE]) == pytest.approx(FRICTION_A, rel=0.15)
+    assert press.current_a[press.leg == IN].max() > 1.3 * FRICTION_A
+    assert np.median(press.current_a[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
 
 
-def test_nothing_presses_harder_than_it_may(done: Done) -> None:
-    assert 1.5 < done.rig.hardest_n() <= HARD_N
-
-
-def test_fingers_wait_outside_and_end_without_torque(done: Done) -> None:
-    assert done.waited
-    assert not any(done.rig.session.torque().values())
-    assert done.rig.session.rest(0.5) < 0.01
+def check_places(press: Press, contact_rad: float, truth: FingerTruth) -> None:
+    """The contact is felt where it really is: a few tenths of a newton late, and between two looks."""
+    first = press.slide_rad[press.leg == IN][0]
+    assert 0.0 < (first - contact_rad) * truth.mm_per_rad < 0.4
+    assert (contact_rad - press.slide_rad[-1]) * truth.mm_per_rad > 2.0
 
 
 @pytest.fixture

@@ -70,9 +70,10 @@ def test_a_touch_ends_at_the_reference_and_a_miss_with_nothing(rig: ProbedRig) -
     rig.put_disc()
     truth, approaches = rig.truth(0), rig.prober.approaches
     (contact,) = rig.head_on()
-    lowest = min(range(len(approaches)), key=lambda k: approaches[k].aim_rad)
-    short = approaches[lowest].start_rad + 20.0 / truth.mm_per_rad
-    assert rig.prober.touch([Probe(lowest, short)], 7) == [None]
+    lower = contact.approach - 4
+    assert approaches[lower].aim_rad < approaches[contact.approach].aim_rad - 0.1
+    short = approaches[lower].start_rad + 10.0 / truth.mm_per_rad
+    assert rig.prober.touch([Probe(lower, short)], 7) == [None]
     (touched,) = rig.prober.touch([Probe(contact.approach, contact.end_rad + 0.5)], 7)
     assert rig.waits()
     assert touched is not None
