@@ -9,6 +9,10 @@ are put on it and identified, with the rig file alone and with the calibration. 
 appended, so that a campaign can be stopped and taken up.
 """
 
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # rigs run side by side
+
 import argparse
 import json
 import math

@@ -19,7 +19,7 @@ from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import FingerModel, Placing
 from palpate.calibration.finger_model import finger_model, touching_of
 from palpate.calibration.finger_step import fitted, held_out, touch_placing
-from palpate.calibration.placed import bounds_of, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.placed import aim_of, bounds_of, headings_of, in_hand, place_of, residuals_of
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Disc, Plate
 from palpate.calibration.references import placings_for
@@ -270,10 +270,12 @@ class _Run:
                 item.tactile,
                 headings[index],
                 closing.touch_speed_mm_s,
+                max(self._disc.tolerance_mm, self._plate.tolerance_mm),
                 self._job.coverage,
             )
             place = place_of(model, hand, index, headings[index])
-            fingers.append(item.model_copy(update={"place": place, "bounds": bounds}))
+            seen = item.actuators.model_copy(update={"aim": aim_of(item.actuators.aim, hand, index)})
+            fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
     def _placings(self) -> list[Placing]:
@@ -313,8 +315,10 @@ class _Run:
         self._keeper.save(self._record)
 
     def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
-        text = json.dumps(self._job.references.model_dump(mode="json"), sort_keys=True)
+        where = [(item.reference.name, *item.about_mm) for item in self._placings()]
+        text = json.dumps([self._job.references.model_dump(mode="json"), where], sort_keys=True)
         return RunRecord(
+            steps=list(self._job.steps),
             geometry_sha256=geometry_sha256(self._job.rig),
             references_sha256=hashlib.sha256(text.encode()).hexdigest(),
             devices=devices,
