@@ -159,8 +159,10 @@ class _Run:
             self._record = kept
             self._tell(f"resuming: {_done(kept)}")
         elif kept is not None:
-            self._tell(
-                "what was begun before was for other devices, references or another geometry: begun anew"
+            raise InputError(
+                f"a calibration was begun before ({', '.join(kept.steps)}; {_done(kept)}) with other "
+                "steps, references or devices, or before the rig file was changed: finish that one, or add --restart "
+                "to forget it"
             )
 
     def carry_out(self, step: str) -> None:
