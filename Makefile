@@ -46,8 +46,9 @@ check: lint types layers
 firmware:
 	$(MAKE) -C firmware
 
+# a process a core: more threads for small matrices only stand in each other's way
 test: check firmware
-	$(BIN)/pytest -n auto -m "not realtime"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime"
 # Two processes share the computer in real time here. The vendor's SDK, which is tested unmodified, cannot wait longer than
 # 34 ms for an emulator that the computer does not run: a test that fails has one more chance.
 	$(BIN)/pytest -m realtime || $(BIN)/pytest -m realtime --last-failed

@@ -1,1 +1,1 @@
-"""Measuring a rig by moving it; the fits that turn such measurements into a rig's numbers. Empty so far."""
+"""Measuring a rig by moving it, and the fits that turn what it felt into its numbers and their bounds."""

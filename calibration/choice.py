@@ -150,7 +150,7 @@ def towards(
     models: Sequence[FingerModel],
     values: Floats,
 ) -> list[Probe]:
-    """For each finger the approach that passes nearest to `aside_mm` left of a point, as far as it goes."""
+    """For each finger the approach that has a point nearest to `aside_mm` on its left, as far as it goes."""
     found = []
     for index, model in enumerate(models):
         own = [k for k, item in enumerate(approaches) if item.finger == index]

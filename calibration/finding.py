@@ -55,7 +55,7 @@ def find(
         touched += [item for item in prober.touch(grip, number) if item is not None]
         if not touched:
             continue
-        touches = touches_of([*known, *touched], models, stiffness_n_per_mm)
+        touches = touches_of([*known, *touched], models, placings, stiffness_n_per_mm)
         begin = None if start is None else (start.values, start.poses)
         fit = fit_fingers(models, placings, touches, begin)
         values, about = fit.values, (float(fit.poses[number, 0]), float(fit.poses[number, 1]))
@@ -88,7 +88,10 @@ def at_bearing(
 
 
 def touches_of(
-    touched: Sequence[Touched], models: Sequence[FingerModel], stiffness_n_per_mm: Sequence[float]
+    touched: Sequence[Touched],
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    stiffness_n_per_mm: Sequence[float],
 ) -> Touches:
     """Touches as arrays for the fit, with what each is expected to be off by."""
     number = {model.name: k for k, model in enumerate(models)}
@@ -101,13 +104,15 @@ def touches_of(
     along = np.abs(per_rad) * TICK_RAD / math.sqrt(12)
     # Contacts are oblique by less than 48°: half of what the aim is off counts, or so.
     across = 0.5 * np.abs(zero + per_rad * slide) * TICK_RAD / np.abs(gear) / math.sqrt(12)
+    placing = np.array([item.placing for item in touched], dtype=np.int64)
+    shape = np.array([item.reference.tolerance_mm for item in placings])[placing] / math.sqrt(3)
     return Touches(
         finger,
-        np.array([item.placing for item in touched], dtype=np.int64),
+        placing,
         np.array([item.servos_rad[0] for item in touched]),
         slide,
         np.array([float(item.aim_way) for item in touched]),
         force / np.asarray(stiffness_n_per_mm)[finger],
-        np.sqrt(along**2 + across**2 + _OTHER_MM**2),
+        np.sqrt(along**2 + across**2 + shape**2 + _OTHER_MM**2),
         np.ones(len(touched), dtype=bool),
     )

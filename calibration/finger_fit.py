@@ -302,15 +302,16 @@ def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     sigma = touches.sigma_mm[mine]
 
     def off(pose: Floats) -> Floats:
-        distance = placing.reference.distance_mm((centre - pose[:2]) @ _turn(pose[2]))[0]
+        distance = placing.reference.distance_mm((centre - pose[:2]) @ _turn(float(pose[2])))[0]
         result: Floats = (distance - wanted) / sigma
         return result
 
     def slope(pose: Floats) -> Floats:
-        turn, rel = _turn(pose[2]), centre - pose[:2]
+        turn, rel = _turn(float(pose[2])), centre - pose[:2]
         normal = placing.reference.distance_mm(rel @ turn)[1] @ turn.T
         turning = normal[:, 0] * rel[:, 1] - normal[:, 1] * rel[:, 0]
-        return np.column_stack([-normal, turning]) / sigma[:, None]
+        result: Floats = np.column_stack([-normal, turning]) / sigma[:, None]
+        return result
 
     count = _STARTS if placing.reference.turns else 1
     turns = 2 * math.pi / placing.reference.repeats / count * np.arange(count)

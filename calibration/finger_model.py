@@ -56,8 +56,11 @@ def touching(spec: Finger, play: Play | None, homed: Homed | None) -> Touching:
         return _from_stops(homed)
     per_rad = mm_per_rad_of(spec)
     half, sigma = _half_mm(spec, play)
-    variances = (sigma**2 + spec.slide.zero_bound_mm**2 / 3, spec.slide.mm_per_turn_spread**2 / 3)
-    return Touching(spec.slide.zero_mm + per_rad * math.pi - half, per_rad, np.diag(variances))
+    # The rig file's zero is at Goal Position 0, half a turn of the servo away.
+    share, away = spec.slide.mm_per_turn_spread**2 / 3, per_rad * math.pi
+    zero = sigma**2 + spec.slide.zero_bound_mm**2 / 3 + away**2 * share
+    covariance = np.array([[zero, away * share], [away * share, share]])
+    return Touching(spec.slide.zero_mm + away - half, per_rad, covariance)
 
 
 def touching_of(found: SlideCalibration) -> Touching:

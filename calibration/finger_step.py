@@ -50,7 +50,7 @@ def touch_placing(
     stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
     start = None
     if known:
-        start = fit_fingers(models, placings[:number], touches_of(known, models, stiffness))
+        start = fit_fingers(models, placings[:number], touches_of(known, models, placings, stiffness))
     found = find(prober, models, placings, known, stiffness, start)
     touched = list(found.touched)
     grips = choose(found.foreseen, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT)
@@ -69,7 +69,7 @@ def touch_placing(
         check_still(first, again, models, placing)
         touched += again
     every = [*known, *touched]
-    touches = touches_of(every, models, stiffness)
+    touches = touches_of(every, models, placings, stiffness)
     check_fit(
         specs,
         models,
@@ -91,7 +91,7 @@ def fitted(
     Once it is known that touches agree, what they scatter by says better what they are worth than the
     devices' steps did: the fit is made again with that.
     """
-    touches = touches_of(touched, models, [spec.tip.stiffness_n_per_mm for spec in specs])
+    touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     check_fit(specs, models, placings, touches, fit)
     share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)

@@ -32,6 +32,7 @@ from palpate.config import Finger
 from palpate.config.calibration_file import Residuals, TouchSeen
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
+    AimCalibration,
     CalibratedBounds,
     DirectionParts,
     PlaceCalibration,
@@ -40,7 +41,7 @@ from palpate.config.calibration_finger import (
 )
 from palpate.drivers.finger import TICK_RAD
 
-__all__ = ["InHand", "bounds_of", "headings_of", "in_hand", "place_of", "residuals_of"]
+__all__ = ["InHand", "aim_of", "bounds_of", "headings_of", "in_hand", "place_of", "residuals_of"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -130,6 +131,17 @@ def place_of(model: FingerModel, hand: InHand, index: int, heading: tuple[float,
     )
 
 
+def aim_of(before: AimCalibration, hand: InHand, index: int) -> AimCalibration:
+    """What touches from both sides have shown of an aim's play."""
+    play, sigma = hand.values[index, AIM_PLAY], math.sqrt(hand.of(index)[AIM_PLAY, AIM_PLAY])
+    return AimCalibration(
+        direction_confirmed=before.direction_confirmed,
+        backlash_deg=math.degrees(max(float(play), 0.0)),
+        backlash_sigma_deg=math.degrees(sigma),
+        friction_a=before.friction_a,
+    )
+
+
 def bounds_of(
     model: FingerModel,
     hand: InHand,
@@ -140,9 +152,13 @@ def bounds_of(
     tactile: TactileCalibration,
     heading: tuple[float, float],
     touch_speed_mm_s: float,
+    tolerance_mm: float,
     coverage: float,
 ) -> CalibratedBounds:
-    """How far off this finger's contacts may be, with probability `coverage`; parts are added up."""
+    """How far off this finger's contacts may be, with probability `coverage`; parts are added up.
+
+    `tolerance_mm`: how far references may be from what is said of them, which no fit makes smaller.
+    """
     sigmas = float(ndtri((1 + coverage) / 2))
     plane = math.sqrt(float(chdtri(2, 1 - coverage)))
     values, covariance = hand.values[index], hand.of(index)
@@ -151,7 +167,7 @@ def bounds_of(
     aim_step = TICK_RAD / 2 / abs(model.gear_ratio)
     scatter = residuals.rms_mm * math.sqrt(residuals.touches / residuals.degrees_of_freedom)
     position = PositionParts(
-        fit=plane * fit,
+        fit=plane * fit + tolerance_mm,
         repeatability=sigmas * max(scatter, residuals.held_out_rms_mm),
         quantisation=math.hypot(abs(model.mm_per_rad) * TICK_RAD / 2, farthest * aim_step),
         play=farthest * aim_play,

@@ -90,7 +90,9 @@ class Plate:
         turn = along[:, 0] * np.roll(along, -1, axis=0)[:, 1] - along[:, 1] * np.roll(along, -1, axis=0)[:, 0]
         if (turn < 0).all():
             corners, turn = corners[::-1], -turn[::-1]
-        if not (turn > 0).all():
+        headings = np.arctan2(along[:, 1], along[:, 0])
+        round_it = np.angle(np.exp(1j * (np.roll(headings, -1) - headings))).sum()
+        if not (turn > 0).all() or abs(abs(round_it) - 2 * math.pi) > 1e-6:
             raise ValueError("is not convex; a plate's corners go round it, all turning the same way")
         self.name = name
         self.tolerance_mm = tolerance_mm

@@ -20,17 +20,19 @@ class RunRecord(FileModel):
     """What a calibration has done so far; steps that are not done are left out."""
 
     format: Literal["palpate/calibration-run@1"] = "palpate/calibration-run@1"
+    steps: list[str] = Field(description="Steps that were asked for.")
     geometry_sha256: str = Field(description="Of the rig as described.")
-    references_sha256: str = Field(description="Of the references.")
+    references_sha256: str = Field(description="Of the references, and of where they are put.")
     devices: list[CalibrationDevice] = Field(description="Every device that takes part.")
     actuators: list[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
     tactile: list[TactileCalibration] | None = Field(default=None, description="By finger.")
     touched: list[list[Touched]] = Field(default=[], description="Touches of every placing that is done.")
 
     def is_for(self, other: "RunRecord") -> bool:
-        """Whether this is about the same rig, references and devices as another one."""
+        """Whether this is about the same rig, references, devices and steps as another one."""
         return (
-            self.geometry_sha256 == other.geometry_sha256
+            self.steps == other.steps
+            and self.geometry_sha256 == other.geometry_sha256
             and self.references_sha256 == other.references_sha256
             and self.devices == other.devices
         )

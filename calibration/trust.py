@@ -91,6 +91,7 @@ def check_fit(
                 "begin again"
             )
     _check_sizes(models, placings, touches, fit)
+    _check_bounds(specs, models, fit)
     ratio = fit.chi_square / fit.freedom
     if ratio > _MOST_SQUARES:
         share = (fit.residual_mm / touches.sigma_mm) ** 2
@@ -99,7 +100,6 @@ def check_fit(
             f"touches differ from the references by {math.sqrt(ratio):.1f} times what they should, most on "
             f"{_named(placings[worst])}: is its shape as given, and did it stand still?"
         )
-    _check_bounds(specs, models, fit)
 
 
 def growth_mm(
@@ -163,7 +163,8 @@ def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: F
                 f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says "
                 f"within {bound:g}: check the references, correct base_mm or widen bounds.base_mm"
             )
-        turned, bound = abs(place.heading_rad - nominal[k].heading_rad), spec.bounds.heading_deg
+        turned = abs(math.remainder(place.heading_rad - nominal[k].heading_rad, 2 * math.pi))
+        bound = spec.bounds.heading_deg
         if turned > 2 * math.radians(bound) + 0.005:
             raise InputError(
                 f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "

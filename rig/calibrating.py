@@ -4,6 +4,8 @@ Runs the steps of `calibration` one after the other, each with a hand of its own
 ones found, and keeps what is done in a run record, from which it can be resumed.
 """
 
+import hashlib
+import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -17,7 +19,7 @@ from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import FingerModel, Placing
 from palpate.calibration.finger_model import finger_model, touching_of
 from palpate.calibration.finger_step import fitted, held_out, touch_placing
-from palpate.calibration.placed import bounds_of, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.placed import aim_of, bounds_of, headings_of, in_hand, place_of, residuals_of
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Disc, Plate
 from palpate.calibration.references import placings_for
@@ -26,7 +28,7 @@ from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import CalibrationDevice, CalibrationFile, Finger, RigFile, calibrated, geometry_sha256
 from palpate.config.calibration_file import CalibrationReference
 from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFinger, TactileCalibration
-from palpate.config.references_file import ReferencesFile, references_sha256
+from palpate.config.references_file import ReferencesFile
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
 from palpate.rig.rig_prober import approaches_of
@@ -157,8 +159,10 @@ class _Run:
             self._record = kept
             self._tell(f"resuming: {_done(kept)}")
         elif kept is not None:
-            self._tell(
-                "what was begun before was for other devices, references or another geometry: begun anew"
+            raise InputError(
+                f"a calibration was begun before ({', '.join(kept.steps)}; {_done(kept)}) with other "
+                "steps, references or devices, or before the rig file was changed: finish that one, or add "
+                "--restart to forget it"
             )
 
     def carry_out(self, step: str) -> None:
@@ -268,10 +272,12 @@ class _Run:
                 item.tactile,
                 headings[index],
                 closing.touch_speed_mm_s,
+                max(self._disc.tolerance_mm, self._plate.tolerance_mm),
                 self._job.coverage,
             )
             place = place_of(model, hand, index, headings[index])
-            fingers.append(item.model_copy(update={"place": place, "bounds": bounds}))
+            seen = item.actuators.model_copy(update={"aim": aim_of(item.actuators.aim, hand, index)})
+            fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
     def _placings(self) -> list[Placing]:
@@ -311,9 +317,12 @@ class _Run:
         self._keeper.save(self._record)
 
     def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
+        where = [(item.reference.name, *item.about_mm) for item in self._placings()]
+        text = json.dumps([self._job.references.model_dump(mode="json"), where], sort_keys=True)
         return RunRecord(
+            steps=list(self._job.steps),
             geometry_sha256=geometry_sha256(self._job.rig),
-            references_sha256=references_sha256(self._job.references),
+            references_sha256=hashlib.sha256(text.encode()).hexdigest(),
             devices=devices,
         )
 

@@ -18,7 +18,7 @@ class ConsoleTable:
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
         """Ask for a reference near a place; raises InputError if nobody can answer."""
         x, y = about_mm
-        where = "in the middle" if x == y == 0 else f"about {x:.0f} mm right and {y:.0f} mm up of the middle"
+        where = "in the middle" if x == y == 0 else f"near x {x:.0f}, y {y:.0f} mm"
         turned = ", turned as you like" if reference.turns else ""
         self._ask(f"Put the {reference.name} {where}{turned}; alone, and so that it cannot slide.")
         self._empty = False

@@ -29,7 +29,7 @@ _PERIOD_S = 0.01
 _STILL_MM = 0.03
 _STILL_S = 0.25
 _SETTLE_S = 0.15
-_SILENT_S = 0.3
+_SILENT_S = 0.15
 _GENTLE_MM_S2 = 20.0  # to reach a speed before a contact
 
 Contacts = Sequence[tuple[Close, float]]
@@ -82,6 +82,7 @@ def _felt(hand: Hand, runs: Sequence[Run], deadline_s: float) -> dict[Run, float
     """Stop each finger when it feels something; the angles (rad) of slides' servos then."""
     felt: dict[Run, float] = {}
     spoken_s = hand.clock.now()
+    heard_s = dict.fromkeys(runs, spoken_s)
     while len(felt) < len(runs):
         hand.clock.sleep(1 / hand.rig.closing.sample_rate_hz)
         if hand.clock.now() - spoken_s > SPEAK_S:
@@ -89,6 +90,9 @@ def _felt(hand: Hand, runs: Sequence[Run], deadline_s: float) -> dict[Run, float
             spoken_s = hand.clock.now()
         for run in [run for run in runs if run not in felt]:
             frames = run.finger.array.frames()
+            heard_s[run] = _heard_s(
+                run.finger, heard=bool(frames), since_s=heard_s[run], now=hand.clock.now()
+            )
             run.finger.extractor.follow(frames)
             if frames and _counts_as_contact(hand, run.finger, run.finger.extractor.force_n(frames[-1])):
                 slide = run.finger.drive.closing_servos[0]
@@ -162,14 +166,9 @@ def _sample(hand: Hand, pressed: Sequence[_Pressed]) -> None:
         near, far = (states[servo.dxl_id] for servo in finger.drive.servos)
         item.run.seen((near.position_rad, far.position_rad), now)
         frames = finger.array.frames()
+        item.heard_s = _heard_s(finger, heard=bool(frames), since_s=item.heard_s, now=now)
         if not frames:
-            if now - item.heard_s > _SILENT_S:
-                raise DeviceError(
-                    f"tactile array {finger.name} on {finger.spec.array.port} has sent nothing for "
-                    f"{_SILENT_S:g} s while its finger pressed; fingers were stopped; check its cable"
-                )
             continue
-        item.heard_s = now
         finger.extractor.follow(frames)
         item.force_n = finger.extractor.force_n(frames[-1])
         felt = _counts_as_contact(hand, finger, item.force_n)
@@ -178,6 +177,18 @@ def _sample(hand: Hand, pressed: Sequence[_Pressed]) -> None:
             (far.position_rad, out * far.current_a, item.leg if felt or item.leg == OUT else FREE)
         )
         item.counts.append(np.mean([f.counts for f in frames], axis=0) - finger.extractor.baseline.mean)
+
+
+def _heard_s(finger: HostFinger, *, heard: bool, since_s: float, now: float) -> float:
+    """When an array was heard last; DeviceError if that is too long ago."""
+    if heard:
+        return now
+    if now - since_s > _SILENT_S:
+        raise DeviceError(
+            f"tactile array {finger.name} on {finger.spec.array.port} has sent nothing for "
+            f"{_SILENT_S:g} s while its finger moved; fingers were stopped; check its cable"
+        )
+    return since_s
 
 
 def _outward(run: Run) -> float:
@@ -217,6 +228,6 @@ def _counts_as_contact(hand: Hand, finger: HostFinger, force_n: float) -> bool:
     if force_n > hard:
         raise SafetyStop(
             f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were "
-            "stopped; lower approach_speed_mm_s"
+            "stopped; lower approach_speed_mm_s or press elsewhere"
         )
     return force_n > hand.rig.closing.contact_force_n

@@ -11,7 +11,7 @@ from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.errors import DeviceError, InputError
 from palpate.rig.closing import retract_all
-from palpate.rig.drives import ACCELERATION_RAD_S2
+from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_SPEED_RAD_S
 from palpate.rig.hand import Hand, HostFinger
 
 __all__ = ["slide_of", "stall", "swing"]
@@ -24,9 +24,10 @@ _PAST_MM = 4.0
 _SLOW_MM_S = 5.0
 _GENTLE = 0.6  # of the largest current
 _ARRIVED_MM = 0.8
-_SWING_RAD = 0.25  # of the aim's servo
-_SWING_S = 0.6
-_TURNING_RAD_S = 0.1
+_SWING_RAD = 0.4  # of the aim's servo
+_SWING_RAD_S = 0.8
+_SWING_S = 1.2
+_TURNING_RAD_S = 0.7  # so fast it turns without being hurried
 
 
 def stall(hand: Hand, finger: HostFinger, stop_mm: float) -> float:
@@ -71,6 +72,8 @@ def swing(hand: Hand) -> list[float]:
     aims = [finger.drive.servos[0] for finger in hand.fingers]
     start = {aim: hand.states([aim])[aim.dxl_id].position_rad for aim in aims}
     seen: dict[Servo, list[float]] = {aim: [] for aim in aims}
+    for aim in aims:
+        aim.set_profile(_SWING_RAD_S, ACCELERATION_RAD_S2)
     for side in (_SWING_RAD, -_SWING_RAD, 0.0):
         goals = {aim: aim.nearest_rad(start[aim] + side) for aim in aims}
         write_goals(hand.bus, goals, confirm=True)
@@ -82,6 +85,8 @@ def swing(hand: Hand) -> list[float]:
                 state = states[aim.dxl_id]
                 if abs(state.velocity_rad_s) > _TURNING_RAD_S:
                     seen[aim].append(math.copysign(state.current_a, state.current_a * state.velocity_rad_s))
+    for finger in hand.fingers:
+        finger.drive.servos[0].set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
     hand.disarm()
     return [float(np.median(seen[aim])) if seen[aim] else 0.0 for aim in aims]
 

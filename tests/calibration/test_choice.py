@@ -1,0 +1,161 @@
+"""Which touches are foreseen, against simulated ones, and that the chosen ones say more than others."""
+
+import math
+
+import numpy as np
+import pytest
+from touched_references import (
+    AIM_ZEROS_RAD,
+    GEARS,
+    HEADING,
+    SIGMA_MM,
+    Floats,
+    Laid,
+    drawn,
+    laid,
+    met,
+    models,
+    nearly,
+    placings,
+    servos_rad,
+    some_places,
+    touches,
+)
+
+from palpate.calibration.choice import Foreseen, choose, foresee, towards
+from palpate.calibration.finger_fit import Fit, fit_fingers
+from palpate.calibration.prober import Approach
+
+FIRST_MM, LAST_MM = 50.0, 245.0
+AIMS = 25
+PLACING = 2
+FEW = 2  # touches of each finger by which the plate was found
+
+
+def approaches() -> list[Approach]:
+    """Ways of all fingers, a degree or so apart, from near their bases through the table's middle."""
+    found = []
+    for index, model in enumerate(models()):
+        for off in np.radians(np.linspace(-17.0, 17.0, AIMS)):
+            direction = float(model.prior[HEADING] + off)
+            aim, start = servos_rad(model.prior, index, direction, FIRST_MM, 0.0)
+            end = servos_rad(model.prior, index, direction, LAST_MM, 0.0)[1]
+            found.append(Approach(index, aim, start, end))
+    return found
+
+
+@pytest.fixture(scope="module")
+def fit() -> Fit:
+    """A fit of many touches of a disc, and of few of a plate that has just been found."""
+    rng = np.random.default_rng(15)
+    values, where = drawn(rng), some_places(rng)[: PLACING + 1]
+    given = touches(values, where, rng)
+    seen = np.zeros(3 * len(where), dtype=int)
+    used = np.ones(len(given.finger), dtype=bool)
+    for k, key in enumerate(given.placing * 3 + given.finger):
+        used[k] = given.placing[k] < PLACING or seen[key] < FEW
+        seen[key] += 1
+    return fit_fingers(models(), placings()[: PLACING + 1], given.with_used(used), nearly(where))
+
+
+@pytest.fixture(scope="module")
+def foreseen(fit: Fit) -> Foreseen:
+    return foresee(models(), placings()[: PLACING + 1], fit, PLACING, approaches())
+
+
+def as_fitted(fit: Fit) -> Laid:
+    x, y, theta = fit.poses[PLACING]
+    return laid(placings()[PLACING].reference, float(x), float(y), float(theta))
+
+
+def direction_rad(fit: Fit, approach: Approach) -> float:
+    own = approach.finger
+    return float(fit.values[own, HEADING] + (approach.aim_rad - AIM_ZEROS_RAD[own]) / GEARS[own])
+
+
+def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, foreseen: Foreseen) -> None:
+    plate, hits = as_fitted(fit), 0
+    for k, approach in enumerate(approaches()):
+        own = fit.values[approach.finger]
+        expected = met(own[:2], direction_rad(fit, approach), plate, own[3])
+        if expected is None:
+            assert math.isnan(foreseen.slide_rad[k])
+            continue
+        if expected.room_mm == 0.0:
+            assert not foreseen.good[k]
+            continue
+        hits += 1
+        _, slide = servos_rad(own, approach.finger, 0.0, expected.travel_mm, 0.0)
+        assert foreseen.slide_rad[k] == pytest.approx(slide, abs=1e-5)
+        assert foreseen.oblique_rad[k] == pytest.approx(expected.oblique_rad, abs=1e-4)
+        assert foreseen.room_mm[k] == pytest.approx(expected.room_mm, abs=1e-3)
+        wanted = abs(expected.oblique_rad) <= math.radians(48.0) and expected.room_mm >= 4.0
+        assert foreseen.good[k] == wanted
+    assert hits > AIMS
+
+
+def told(foreseen: Foreseen, covariance: Floats, numbers: list[int]) -> float:
+    """By how much touches shrink the ellipsoid of what is unknown: the logarithm of its volumes' ratio."""
+    rows = foreseen.rows[numbers]
+    return float(np.linalg.slogdet(np.eye(len(rows)) + rows @ covariance @ rows.T / SIGMA_MM**2)[1])
+
+
+def test_chosen_touches_say_more_than_random_ones(fit: Fit, foreseen: Foreseen) -> None:
+    count, every = 3, approaches()
+    grips = choose(foreseen, every, models(), fit.covariance, SIGMA_MM, count)
+    chosen = [probe.approach for grip in grips for probe in grip]
+    assert len(grips) == count
+    assert len(set(chosen)) == len(chosen)
+    assert foreseen.good[chosen].all()
+    assert [[every[probe.approach].finger for probe in grip] for grip in grips] == [[0, 1, 2]] * count
+    rng = np.random.default_rng(0)
+    finger = np.array([approach.finger for approach in every])
+    others = []
+    for _ in range(100):
+        drawn_ones = [
+            rng.choice(np.flatnonzero(foreseen.good & (finger == k)), count, False) for k in range(3)
+        ]
+        others.append(told(foreseen, fit.covariance, [int(k) for k in np.concatenate(drawn_ones)]))
+    assert told(foreseen, fit.covariance, chosen) > max(others) - 1e-9
+    assert max(others) > min(others) + 0.1
+
+
+def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(fit: Fit, foreseen: Foreseen) -> None:
+    every = approaches()
+    for grip in choose(foreseen, every, models(), fit.covariance, SIGMA_MM, 4):
+        for probe in grip:
+            approach, model = every[probe.approach], models()[every[probe.approach].finger]
+            beyond = (probe.end_rad - foreseen.slide_rad[probe.approach]) * model.mm_per_rad
+            left = (approach.end_rad - foreseen.slide_rad[probe.approach]) * model.mm_per_rad
+            assert beyond == pytest.approx(min(12.0, left))
+
+
+def test_a_finger_without_good_touches_takes_no_part(fit: Fit, foreseen: Foreseen) -> None:
+    every = approaches()
+    mine = np.array([approach.finger == 1 for approach in every])
+    nowhere = Foreseen(
+        np.where(mine, np.nan, foreseen.slide_rad), foreseen.oblique_rad, foreseen.room_mm, foreseen.rows
+    )
+    for grip in choose(nowhere, every, models(), fit.covariance, SIGMA_MM, 2):
+        assert [every[probe.approach].finger for probe in grip] == [0, 2]
+
+
+def test_approaches_pass_a_point_at_the_distance_asked_for() -> None:
+    every, values = approaches(), np.array([model.prior for model in models()])
+    point = (4.0, -7.0)
+    passed = []
+    for aside in (-9.0, 0.0, 9.0):
+        grip = towards(point, aside, every, models(), values)
+        assert [every[probe.approach].finger for probe in grip] == [0, 1, 2]
+        for probe in grip:
+            approach = every[probe.approach]
+            finger, own = approach.finger, values[approach.finger]
+            angle = own[HEADING] + (approach.aim_rad - AIM_ZEROS_RAD[finger]) / GEARS[finger]
+            rel = np.array(point) - own[:2]
+            passed.append(float(math.cos(angle) * rel[1] - math.sin(angle) * rel[0]))
+            assert probe.end_rad == approach.end_rad
+    sides = np.array(passed).reshape(3, 3)
+    # Half of what lies between two approaches there.
+    step = 200 * math.radians(34.0) / (AIMS - 1) / 2
+    assert np.abs(np.abs(sides) - [[9.0], [0.0], [9.0]]).max() < step
+    assert (np.sign(sides[0]) == -np.sign(sides[2])).all()

@@ -1,0 +1,200 @@
+"""Calibrations from the first step to the file, on a simulated rig with hidden truth."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_prober import SimulatedRig
+
+from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.calibration.reference import Disc, Reference
+from palpate.calibration.run_record import RunRecord
+from palpate.config import CalibrationFile, RigFile, calibrated, load_rig
+from palpate.config.calibration_file import load_calibration
+from palpate.config.calibration_text import calibration_toml
+from palpate.config.references_file import ReferencesFile, load_references
+from palpate.config.shipped import shipped_references
+from palpate.errors import InputError
+from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
+
+FRESH = Path(__file__).parents[2] / "examples" / "fresh-rig.toml"
+MADE = datetime(2026, 11, 22, tzinfo=UTC)
+
+
+@dataclass
+class Kept:
+    """A keeper that remembers everything that was ever kept; `resume` is what it begins with."""
+
+    resume: RunRecord | None = None
+    saved: list[str] = field(default_factory=list)
+
+    def load(self) -> RunRecord | None:
+        return self.resume
+
+    def save(self, record: RunRecord) -> None:
+        self.saved.append(record.model_dump_json())
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A calibration that was not interrupted."""
+
+    world: SimulatedRig
+    rig: RigFile
+    file: CalibrationFile
+    kept: Kept
+
+
+def job(
+    rig: RigFile, steps: tuple[str, ...] = STEPS, before: CalibrationFile | None = None
+) -> CalibrationJob:
+    return CalibrationJob(rig, "0" * 64, load_references(shipped_references()), steps, 0.999, MADE, before)
+
+
+def quiet(_: str) -> None:
+    """Nobody is listening."""
+
+
+@pytest.fixture(scope="module")
+def whole() -> Whole:
+    rig = load_rig(FRESH)
+    world, kept = SimulatedRig(rig, 5), Kept()
+    return Whole(world, rig, calibrate(job(rig), world.connect, kept, quiet), kept)
+
+
+def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole) -> None:
+    truths = [whole.world.truth(k) for k in range(3)]
+    drawn = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
+    frame = hand_frame(drawn, [Place(truth.base_mm, truth.heading_rad) for truth in truths])
+    for truth, emulated, found in zip(truths, whole.world.fingers, whole.file.fingers, strict=True):
+        assert found.place is not None
+        assert found.tactile is not None
+        assert found.actuators is not None
+        there = frame.place(Place(truth.base_mm, truth.heading_rad))
+        assert math.dist(found.place.base_mm, there.base_mm) < 0.1
+        assert math.degrees(there.heading_rad) % 360 == pytest.approx(found.place.heading_deg % 360, abs=0.15)
+        assert found.place.tip_radius_mm == pytest.approx(truth.tip_radius_mm, abs=0.05)
+        assert found.place.array_heading_deg == pytest.approx(math.degrees(truth.array_heading_rad), abs=0.6)
+        assert found.actuators.slide.backlash_mm == pytest.approx(truth.slide_play_mm, abs=0.01)
+        assert found.actuators.slide.mm_per_turn == pytest.approx(2 * math.pi * truth.mm_per_rad, rel=3e-4)
+        gain, bound = np.array(found.tactile.gain), np.array(found.tactile.gain_bound)
+        off = np.abs(emulated.array.taxels.gain / gain - 1)
+        dead = {(taxel.row, taxel.col) for taxel in found.tactile.unusable}
+        assert dead == set(emulated.array.taxels.dead)
+        for place in dead:
+            off[place] = 0.0
+        assert (off <= bound).all()
+        assert off[bound < 0.15].max() < 0.05
+        assert (bound < 0.15).sum() > 60
+
+
+def test_the_bounds_hold_for_where_tips_are(whole: Whole) -> None:
+    """The rig with its calibration says where tips are, all over the workspace, within its bounds."""
+    from palpate.drivers.slide_finger import SlideKinematics
+    from palpate.rig.convert import kinematics_of
+
+    known = calibrated(whole.rig, whole.file)
+    truths = [whole.world.truth(k) for k in range(3)]
+    drawn = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
+    frame = hand_frame(drawn, [Place(truth.base_mm, truth.heading_rad) for truth in truths])
+    for spec, truth in zip(known.fingers, truths, strict=True):
+        kinematics = kinematics_of(spec)
+        assert isinstance(kinematics, SlideKinematics)
+        for aim in np.linspace(-2.5, 2.5, 7):
+            for slide in np.linspace(-1.5, 9.5, 7):
+                angle = truth.heading_rad + (aim - truth.aim_zero_rad) / truth.gear_ratio
+                distance = truth.zero_mm + truth.mm_per_rad * slide - truth.slide_play_mm
+                x, y = truth.base_mm
+                true = frame.point_mm((x + distance * math.cos(angle), y + distance * math.sin(angle)))
+                off = math.dist(true, kinematics.centre_mm((aim, slide)))
+                off += abs(spec.tip.radius_mm - truth.tip_radius_mm)
+                assert off <= kinematics.position_bound_mm((aim, slide)) < 0.5
+
+
+def test_the_file_is_the_same_when_it_is_read_again(whole: Whole, tmp_path: Path) -> None:
+    path = tmp_path / "fresh-rig.calibration.toml"
+    path.write_text(calibration_toml(whole.file), encoding="utf-8")
+    assert load_calibration(path) == whole.file
+
+
+def test_every_record_that_was_kept_can_be_taken_up(whole: Whole) -> None:
+    """What an interruption after any step or placing leaves is whole; the last ones are carried on."""
+    records = [RunRecord.model_validate_json(text) for text in whole.kept.saved]
+    assert [len(record.touched) for record in records] == [0, 0, 1, 2, 3, 4, 5, 6]
+    assert [record.tactile is None for record in records] == [True, *[False] * 7]
+    told: list[str] = []
+    kept = Kept(resume=records[-2])
+    again = calibrate(job(whole.rig), whole.world.connect, kept, told.append)
+    assert told[0] == "resuming: actuators, tactile, 5 placings done before"
+    assert [line for line in told if line.startswith("placing")] == [
+        "placing 6 of 6: plate near (-43, 25) mm"
+    ]
+    assert again.residuals is not None
+    assert whole.file.residuals is not None
+    assert again.residuals.touches >= 0.9 * whole.file.residuals.touches
+    for old, new in zip(whole.file.fingers, again.fingers, strict=True):
+        assert old.place is not None
+        assert new.place is not None
+        assert math.dist(old.place.base_mm, new.place.base_mm) < 0.05
+
+
+def test_an_interruption_keeps_what_was_done(whole: Whole) -> None:
+    kept, told = Kept(resume=RunRecord.model_validate_json(whole.kept.saved[3])), []
+
+    def tell(text: str) -> None:
+        told.append(text)
+        if text == "touch 3 of 6":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(job(whole.rig), whole.world.connect, kept, tell)
+    assert kept.saved == []  # the placing under way is done again, the record stays as it was
+
+
+def test_a_record_of_other_steps_is_not_taken_up(whole: Whole) -> None:
+    kept = Kept(resume=RunRecord.model_validate_json(whole.kept.saved[3]))
+    with pytest.raises(InputError, match=r"finish that one, or add --restart"):
+        calibrate(job(whole.rig, ("tactile",)), whole.world.connect, kept, quiet)
+
+
+def test_fingers_need_actuators_and_arrays(whole: Whole) -> None:
+    with pytest.raises(InputError, match="calibrate these first"):
+        calibrate(job(whole.rig, ("fingers",)), whole.world.connect, Kept(), quiet)
+
+
+def test_one_step_leaves_the_others_as_they_were(whole: Whole) -> None:
+    file = calibrate(job(whole.rig, ("actuators",), whole.file), whole.world.connect, Kept(), quiet)
+    for old, new in zip(whole.file.fingers, file.fingers, strict=True):
+        assert (new.place, new.bounds, new.tactile) == (old.place, old.bounds, old.tactile)
+        assert new.actuators is not None
+        assert new.actuators != old.actuators
+    assert file.residuals == whole.file.residuals
+
+
+def shrunk(by_mm: float) -> Callable[[Reference, int], Reference]:
+    def put(reference: Reference, _: int) -> Reference:
+        return Disc("disc", reference.radius_mm - by_mm) if isinstance(reference, Disc) else reference
+
+    return put
+
+
+def test_a_disc_of_another_size_is_detected(whole: Whole) -> None:
+    """Devices are known from the record; fingers touch a disc that is 0.4 mm too small all round."""
+    world = SimulatedRig(whole.rig, 5, shrunk(0.4))
+    resume = json.loads(whole.kept.saved[1])
+    with pytest.raises(InputError, match=r"the plate seems 0\.4|its tip would have a radius"):
+        calibrate(job(whole.rig), world.connect, Kept(resume=RunRecord.model_validate(resume)), quiet)
+
+
+def test_references_that_are_not_convex_are_refused() -> None:
+    rig = load_rig(FRESH)
+    shapes = load_references(shipped_references()).model_dump()
+    shapes["plate"]["outline_mm"] = [[0.0, 0.0], [40.0, 0.0], [10.0, 10.0], [0.0, 40.0]]
+    wrong = CalibrationJob(rig, "0" * 64, ReferencesFile(**shapes), STEPS, 0.999, MADE, None)
+    with pytest.raises(InputError, match=r"plate\.outline_mm is not convex"):
+        calibrate(wrong, SimulatedRig(rig, 5).connect, Kept(), quiet)

@@ -1,0 +1,85 @@
+"""Presses of two fingers at once on the emulated bench, against where they really touch."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
+
+from palpate.calibration.measured import FREE, IN, OUT, Press
+from palpate.drivers.emulators.mechanics import FingerTruth
+from palpate.errors import DeviceError
+
+
+def test_two_fingers_press_at_once() -> None:
+    """In one test, because a press takes seconds: what comes of it is looked at from all sides."""
+    with probed_rig(2) as rig:
+        rig.put_disc()
+        contacts = rig.head_on()
+        presses = rig.prober.press(contacts, 4)
+        assert rig.waits()
+    assert [press.finger for press in presses] == ["f1", "f2"]
+    for press, contact in zip(presses, contacts, strict=True):
+        assert press.placing == 4
+        assert press.aim_rad == pytest.approx(rig.prober.approaches[contact.approach].aim_rad, abs=0.01)
+        check_legs(press)
+        check_counts(press)
+        check_currents(press)
+        check_places(press, contact.end_rad, rig.truth(rig.prober.approaches[contact.approach].finger))
+    assert 1.5 < rig.hardest_n() <= HARD_N
+    assert not any(rig.session.torque().values())
+    assert rig.session.rest(0.5) < 0.01
+
+
+def check_legs(press: Press) -> None:
+    assert set(press.leg) == {FREE, IN, OUT}
+    assert (np.diff(press.leg) >= 0).all()
+    assert press.counts.shape == (len(press.leg), 8, 20)
+    assert press.slide_rad.shape == press.current_a.shape == press.leg.shape
+
+
+def check_counts(press: Press) -> None:
+    """They grow with the dent, and end where they began."""
+    felt = press.counts.sum(axis=(1, 2))
+    noise = felt[press.leg == FREE][:50].std()
+    going_in = felt[press.leg == IN]
+    assert (np.diff(going_in) > -6 * noise).all()
+    assert going_in[-1] > 50 * noise
+    assert abs(felt[press.leg == OUT][-10:].mean()) < 3 * noise
+
+
+def check_currents(press: Press) -> None:
+    """They push out going in, and pull going back."""
+    assert np.median(press.current_a[press.leg == FREE]) == pytest.approx(FRICTION_A, rel=0.15)
+    assert press.current_a[press.leg == IN].max() > 1.3 * FRICTION_A
+    assert np.median(press.current_a[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
+
+
+def check_places(press: Press, contact_rad: float, truth: FingerTruth) -> None:
+    """The contact is felt where it really is: a few tenths of a newton late, and between two looks."""
+    first = press.slide_rad[press.leg == IN][0]
+    assert 0.0 < (first - contact_rad) * truth.mm_per_rad < 0.4
+    assert (contact_rad - press.slide_rad[-1]) * truth.mm_per_rad > 2.0
+
+
+@pytest.fixture
+def alone() -> Iterator[ProbedRig]:
+    with probed_rig(1) as rig:
+        rig.put_disc()
+        yield rig
+
+
+def test_an_array_that_falls_silent_ends_a_press(alone: ProbedRig) -> None:
+    """Its cable is cut as soon as it touches."""
+    contacts = alone.head_on()
+    cable, finger = alone.session.cables["mock://f1"], alone.session.bench.fingers[0]
+
+    def cut() -> None:
+        cable.cut = cable.cut or finger.press is not None
+
+    alone.session.clock.on_tick = cut
+    with pytest.raises(DeviceError, match=r"tactile array f1 .* has sent nothing for 0.3 s while its finger"):
+        alone.prober.press(contacts, 0)
+    alone.hand.close()
+    assert not any(alone.session.torque().values())
+    assert alone.hardest_n() <= HARD_N

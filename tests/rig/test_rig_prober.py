@@ -1,0 +1,120 @@
+"""What a hand does for calibration with one finger, on the emulated bench, against what is really there.
+
+Stalls against hard stops, swings of the aim, touches, stops at contacts, idle arrays.
+"""
+
+import math
+from collections.abc import Iterator
+
+import pytest
+from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
+from touched_references import FRESH
+
+from palpate.calibration.prober import Probe
+from palpate.errors import DeviceError
+from palpate.rig.rig_prober import approaches_of
+
+STOPS_MM = (43.0, 255.0)
+SPEED_MM_S = 20.0
+AIM, SLIDE = 11, 12
+
+
+@pytest.fixture(scope="module")
+def connected() -> Iterator[ProbedRig]:
+    with probed_rig(1) as found:
+        yield found
+
+
+@pytest.fixture
+def rig(connected: ProbedRig) -> ProbedRig:
+    """With nothing on the table."""
+    connected.prober.clear()
+    connected.forget_forces()
+    return connected
+
+
+@pytest.mark.parametrize(("number", "side"), [(0, -1), (1, 1)])
+def test_a_slide_stalls_where_its_stop_is(rig: ProbedRig, number: int, side: int) -> None:
+    truth, allowed = rig.truth(0), rig.goal_current(SLIDE)
+    at = rig.prober.home(0, STOPS_MM[number])
+    # The carriage is at its stop, and the drive has gone on by the half play.
+    drive = truth.zero_mm + truth.mm_per_rad * at
+    assert drive == pytest.approx(STOPS_MM[number] + side * truth.slide_play_mm, abs=0.1)
+    assert rig.goal_current(SLIDE) == allowed
+    assert rig.waits()
+
+
+def test_where_there_is_no_stop_this_is_said(rig: ProbedRig) -> None:
+    with pytest.raises(DeviceError, match=r"slide \(servo 12\) passed 90 mm and met no hard stop; check"):
+        rig.prober.home(0, 90.0)
+
+
+def test_swinging_an_aim_shows_its_friction(rig: ProbedRig) -> None:
+    before = rig.session.servos[AIM].shaft_rad
+    (friction,) = rig.prober.swing()
+    assert 0.5 < friction / FRICTION_A < 1.5
+    assert rig.session.servos[AIM].shaft_rad == pytest.approx(before, abs=0.02)
+
+
+def test_idle_arrays_are_read_as_they_are(rig: ProbedRig) -> None:
+    (idle,) = rig.prober.idle(0.2)
+    assert idle.finger == "f1"
+    assert idle.counts.shape == (50, 8, 20)
+    assert idle.time_s[-1] - idle.time_s[0] == pytest.approx(49 / 250, rel=0.02)
+    # Untouched: nothing but zeros of about 20 counts and noise of 2, and two dead taxels.
+    assert 5 < idle.counts.mean() < 35
+    assert (idle.counts.std(axis=0) == 0).sum() == 2
+
+
+def test_a_touch_ends_at_the_reference_and_a_miss_with_nothing(rig: ProbedRig) -> None:
+    rig.put_disc()
+    truth, approaches = rig.truth(0), rig.prober.approaches
+    (contact,) = rig.head_on()
+    lower = contact.approach - 4
+    assert approaches[lower].aim_rad < approaches[contact.approach].aim_rad - 0.1
+    short = approaches[lower].start_rad + 10.0 / truth.mm_per_rad
+    assert rig.prober.touch([Probe(lower, short)], 7) == [None]
+    (touched,) = rig.prober.touch([Probe(contact.approach, contact.end_rad + 0.5)], 7)
+    assert rig.waits()
+    assert touched is not None
+    assert (touched.finger, touched.placing) == ("f1", 7)
+    assert touched.aim_way == 1  # from below
+    assert touched.servos_rad[0] == pytest.approx(approaches[contact.approach].aim_rad, abs=0.01)
+    dent = (touched.servos_rad[1] - contact.end_rad) * truth.mm_per_rad
+    assert 0.0 < dent < 0.4
+    really = dent * truth.stiffness_n_per_mm
+    assert abs(touched.force_n - really) < touched.force_bound_n + 0.05
+    off = math.remainder(touched.angle_rad + truth.array_heading_rad, 2 * math.pi)
+    assert abs(off) < touched.angle_half_rad + 0.02
+
+
+def test_stops_end_beyond_the_contact_and_soon(rig: ProbedRig) -> None:
+    rig.put_disc()
+    contacts, truth = rig.head_on(), rig.truth(0)
+    (stop,) = rig.prober.stop(contacts, SPEED_MM_S)
+    assert (stop.finger, stop.speed_mm_s) == ("f1", SPEED_MM_S)
+    assert stop.samples_s == pytest.approx(1 / 250)
+    assert stop.contact_rad == pytest.approx(contacts[0].end_rad)
+    beyond = [(angle - stop.contact_rad) * truth.mm_per_rad for angle in (stop.felt_rad, stop.stood_rad)]
+    assert 0.0 < beyond[0] <= beyond[1] < SPEED_MM_S * 0.05
+    assert 0.3 < rig.hardest_n() <= HARD_N
+    assert rig.waits()
+
+
+def test_a_reference_that_is_gone_ends_a_stop(rig: ProbedRig) -> None:
+    rig.put_disc()
+    contacts = rig.head_on()
+    rig.prober.clear()
+    with pytest.raises(DeviceError, match="finger f1 felt nothing where it had touched the reference before"):
+        rig.prober.stop(contacts, SPEED_MM_S)
+    assert rig.hardest_n() == 0.0
+
+
+def test_approaches_stay_within_the_rig_file_s_ranges() -> None:
+    found = approaches_of(FRESH)
+    assert {item.finger for item in found} == {0, 1, 2}
+    for item in found:
+        # 100 mm a turn, and 40 mm at Goal Position 0, half a turn before 2048.
+        start, end = (90.0 + 100.0 * angle / (2 * math.pi) for angle in (item.start_rad, item.end_rad))
+        assert 45.0 <= start < end <= 250.0
+        assert abs(item.aim_rad) <= math.radians(35.0) * 5.0 + 1e-9
