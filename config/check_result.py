@@ -10,9 +10,11 @@ __all__ = [
     "BusCountsOut",
     "CalibrationCheckOut",
     "CheckOut",
+    "FingerTouchOut",
     "LoopOut",
     "ServoCheckOut",
     "SettingOut",
+    "TouchCheckOut",
 ]
 
 
@@ -101,12 +103,37 @@ class BusCountsOut(Out):
     reconnects: int
 
 
+class FingerTouchOut(Out):
+    """A finger's part of a re-touch. `offset_mm`: its touches' mean along the normal, outward positive.
+
+    One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
+    """
+
+    finger: str
+    touches: int
+    offset_mm: Rounded
+
+
+class TouchCheckOut(Out):
+    """A disc was touched again, its place fitted, and what is left compared with what is expected.
+
+    `agrees`: it is no more than chance explains in 999 of 1000 re-touches.
+    """
+
+    agrees: bool
+    touches: int
+    residual_rms_mm: Rounded
+    expected_rms_mm: Rounded
+    fingers: tuple[FingerTouchOut, ...]
+
+
 class CalibrationCheckOut(Out):
     """The calibration that lies beside the rig file and belongs to it, and what it promises.
 
     `made`: date and time in UTC. `coverage`: share of contacts that its bounds are to hold for.
     `position_mm`, `direction_deg`: the fingers' largest bounds; null if one has none. `devices_match`:
-    whether these devices were calibrated; null if some did not answer.
+    whether these devices were calibrated; null if some did not answer. `touch` is null if nothing was
+    touched.
     """
 
     file: str
@@ -116,6 +143,7 @@ class CalibrationCheckOut(Out):
     position_mm: Rounded | None
     direction_deg: Rounded | None
     devices_match: bool | None
+    touch: TouchCheckOut | None = None
 
 
 class CheckOut(Out):

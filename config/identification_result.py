@@ -7,6 +7,7 @@ from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
 
 __all__ = [
     "AlternativeOut",
+    "CalibrationUsedOut",
     "IdentificationOut",
     "IdentificationVerdict",
     "Relation",
@@ -73,6 +74,23 @@ class TruthOut(Out):
     orientation_error_rad: Rounded | None
 
 
+class CalibrationUsedOut(Out):
+    """The calibration that a run used, and whether what it felt agrees with it.
+
+    `made`: date and time in UTC. `age_days`: when the run began. `residual_rms_mm`: root mean square of how
+    far contacts are from the identified object's outline at its best pose, along the normal;
+    `expected_rms_mm`: what the calibration lets expect. `drifted`: they differ by more than chance explains
+    in 999 of 1000 runs. These three are null where that cannot be said: nothing was identified, contacts were
+    too few, or the calibration does not bound them.
+    """
+
+    made: str
+    age_days: int
+    residual_rms_mm: Rounded | None
+    expected_rms_mm: Rounded | None
+    drifted: bool | None
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -80,7 +98,7 @@ class IdentificationOut(Out):
     `foretold`: touches that came out as everything that was left had foretold. `moved_before`: grips, counted
     from 1, before which the part seems to have been moved; what was felt before the last of them does not
     count. `unnoticed_shift` (mm): had the part been shifted before the last grip by more, that would surely
-    have been noticed; null if that cannot be said.
+    have been noticed; null if that cannot be said. `calibration` is null if the run used none.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -101,4 +119,5 @@ class IdentificationOut(Out):
     rig_seconds: Rounded
     wall_seconds: Rounded
     session: str | None
+    calibration: CalibrationUsedOut | None = None
     truth: TruthOut | None = None

@@ -2,11 +2,17 @@
 
 import math
 
-from palpate.config.identification_result import AlternativeOut, IdentificationOut, IdentificationVerdict
+from palpate.config.identification_result import (
+    AlternativeOut,
+    CalibrationUsedOut,
+    IdentificationOut,
+    IdentificationVerdict,
+)
 
 __all__ = ["answer_lines", "counted"]
 
 _ALTERNATIVES_SHOWN = 12
+_RETOUCH = "`palpate check --touch` tells"
 
 
 def answer_lines(out: IdentificationOut) -> list[str]:
@@ -20,6 +26,8 @@ def answer_lines(out: IdentificationOut) -> list[str]:
         if out.unnoticed_shift is not None:
             shift = f"{out.unnoticed_shift:.1f} mm"
             lines.append(f"  a shift by more than {shift} before the last grip would have been noticed")
+    if out.calibration is not None and out.calibration.drifted:
+        lines.append(_drift_line(out.calibration))
     if out.truth is not None:
         lines.append(_truth_line(out))
     return lines
@@ -51,6 +59,9 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
         lines = [f"{out.verdict}: no object of the catalogue agrees with what was felt"]
         if out.moved_before:
             lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
+        if out.calibration is not None:
+            made = out.calibration.made[:10]
+            lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH}")
         return lines
     if out.object is None:
         return [f"{out.verdict}: too little was touched to tell anything"]
@@ -65,6 +76,14 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
     if out.moved_before:
         lines.append(f"  moved before grip {_last(out)}; touches since then count")
     return lines
+
+
+def _drift_line(found: CalibrationUsedOut) -> str:
+    """That touches do not agree with the calibration."""
+    return (
+        f"  touches differ by {found.residual_rms_mm:.3f} mm, the calibration of {found.made[:10]} lets "
+        f"expect {found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH}"
+    )
 
 
 def _last(out: IdentificationOut) -> int:

@@ -69,15 +69,15 @@ def bus_place(rig: Path | None, port: str | None) -> BusPlace:
     return BusPlace(port, MonotonicClock(), port_latency_s(port))
 
 
-def bus_of(rig: RigFile) -> BusPlace:
-    """The bus of a rig; that of an emulated rig is emulated from now on."""
+def bus_of(rig: RigFile, seed: int = 0) -> BusPlace:
+    """The bus of a rig; that of an emulated rig is emulated from now on, with devices drawn by `seed`."""
     latency, baudrate = bus_latency_s(rig), rig.bus.baudrate_bps
     if not rig.emulated:
         return BusPlace(rig.bus.port, MonotonicClock(), latency, baudrate, rig)
     # half a second of imports, for which an emergency stop of a real rig must not wait
     from palpate.rig.bench import set_up  # noqa: PLC0415
 
-    bench = set_up(rig, None, 0)
+    bench = set_up(rig, None, seed)
     return BusPlace(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
 
 

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from palpate.config import CalibrationFile
-from palpate.config.check_result import CalibrationCheckOut, CheckOut
+from palpate.config.check_result import CalibrationCheckOut, CheckOut, FingerTouchOut, TouchCheckOut
 from palpate.rig.calibrated_devices import other_device
 from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.retouch import Retouch
 
-__all__ = ["OLD_DAYS", "with_calibration"]
+__all__ = ["OLD_DAYS", "with_calibration", "with_touch"]
 
 OLD_DAYS = 90
 """From this age on a calibration should be made anew: skins wear, screws loosen."""
@@ -42,6 +43,40 @@ def with_calibration(out: CheckOut, on_bench: RigOnBench, now: datetime) -> Chec
             "problems": (*out.problems, *problems),
             "warnings": (*out.warnings, *_warnings(found.age_days, loose)),
         }
+    )
+
+
+def with_touch(out: CheckOut, found: Retouch) -> CheckOut:
+    """A check's result, which tells of a calibration, with that of a re-touch."""
+    assert out.calibration is not None, "there is nothing to compare touches with"
+    agreement = found.agreement
+    touch = TouchCheckOut(
+        agrees=not agreement.drifted,
+        touches=len(agreement.residual_mm),
+        residual_rms_mm=agreement.rms_mm,
+        expected_rms_mm=agreement.expected_rms_mm,
+        fingers=tuple(
+            FingerTouchOut(finger=item.name, touches=item.touches, offset_mm=item.offset_mm)
+            for item in found.fingers
+        ),
+    )
+    problems = [] if touch.agrees else [_disagreement(touch)]
+    return out.model_copy(
+        update={
+            "calibration": out.calibration.model_copy(update={"touch": touch}),
+            "well": out.well and not problems,
+            "problems": (*out.problems, *problems),
+        }
+    )
+
+
+def _disagreement(touch: TouchCheckOut) -> str:
+    # Of three fingers round a disc one that is off shows in all: the disc's place gives way to it.
+    offsets = ", ".join(f"{item.finger} {item.offset_mm:+.3f}" for item in touch.fingers)
+    return (
+        f"touches of the disc differ by {touch.residual_rms_mm:.3f} mm and the calibration lets expect "
+        f"{touch.expected_rms_mm:.3f} mm (in the mean {offsets}): calibrate again, unless the disc moved or "
+        "is not as given"
     )
 
 

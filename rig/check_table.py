@@ -6,7 +6,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.config.check_result import ArrayCheckOut, CalibrationCheckOut, CheckOut, LoopOut, ServoCheckOut
+from palpate.config.check_result import (
+    ArrayCheckOut,
+    CalibrationCheckOut,
+    CheckOut,
+    LoopOut,
+    ServoCheckOut,
+    TouchCheckOut,
+)
 from palpate.rig.answer_words import counted
 
 __all__ = ["show"]
@@ -107,7 +114,17 @@ def _calibration(found: CalibrationCheckOut) -> str:
         f"±{found.direction_deg:.3g}°"
     )
     match = {True: "of these devices", False: "[red]of other devices[/]", None: "devices not known"}
-    return f"{found.made[:10]}, {age} old, {bounds}, {match[found.devices_match]}"
+    told = [found.made[:10], f"{age} old", bounds, match[found.devices_match]]
+    return ", ".join(told if found.touch is None else [*told, _touch(found.touch)])
+
+
+def _touch(found: TouchCheckOut) -> str:
+    fingers = ", ".join(f"{escape(item.finger)} {item.offset_mm:+.3f}" for item in found.fingers)
+    verdict = "agrees" if found.agrees else "[red]does not agree[/]"
+    return (
+        f"{verdict} with {counted(found.touches, 'touch', 'touches')} ({fingers} mm; "
+        f"{found.residual_rms_mm:.3f} mm rms, {found.expected_rms_mm:.3f} expected)"
+    )
 
 
 def _loop(loop: LoopOut) -> str:

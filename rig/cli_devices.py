@@ -75,16 +75,30 @@ def _scan(
 
 
 def _check(
-    rig: _RigOption = None, json: _JsonOption = False, no_calibration: _NoCalibrationOption = False
+    rig: _RigOption = None,
+    json: _JsonOption = False,
+    no_calibration: _NoCalibrationOption = False,
+    touch: Annotated[
+        bool,
+        typer.Option("--touch", help="Fingers move: touch a disc, and see if the calibration still holds."),
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --touch: fingers may move, do not ask.")] = False,
+    references: Annotated[
+        Path | None, typer.Option("--references", help="With --touch: the disc (TOML); without it, 50 mm.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices.")] = 0,
 ) -> None:
-    """Look at every servo, array and the bus of a rig. Moves nothing.
+    """Look at every servo, array and the bus of a rig. Moves nothing without --touch.
 
-    Exit code 3: something is wrong. Warnings alone: 0.
+    Exit code 3: something is wrong, or touches do not agree with the calibration. Warnings alone: 0.
     """
-    from palpate.rig.command_check import run_check
+    from palpate.rig.command_check import Touching, run_check
 
-    with if_interrupted("torque was left as it was"):
-        raise typer.Exit(run_check(rig=rig, json=json, calibration=not no_calibration))
+    wanted = Touching(references, yes=yes) if touch else None
+    with if_interrupted("torque is off" if touch else "torque was left as it was"):
+        raise typer.Exit(
+            run_check(rig=rig, json=json, calibration=not no_calibration, touching=wanted, seed=seed)
+        )
 
 
 def _calibrate(

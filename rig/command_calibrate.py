@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,6 +36,7 @@ from palpate.rig.calibration_hand import connecting
 from palpate.rig.calibration_report import write_report
 from palpate.rig.console_table import ConsoleTable
 from palpate.rig.files import check_place, write_text
+from palpate.rig.may_move import ask_to_move
 from palpate.rig.terminal import Doing
 
 __all__ = ["run_calibrate"]
@@ -82,7 +82,7 @@ def run_calibrate(
     for path in (places.calibration, places.record, places.report):
         check_place(path)
     if not yes:
-        _ask(console)
+        ask_to_move(console)
     keeper = _FileKeeper(places.record)
     if restart:
         keeper.forget()
@@ -187,15 +187,6 @@ def _announce(
     )
     if places.record.exists():
         console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
-
-
-def _ask(console: Console) -> None:
-    """Ask whether fingers may move; InputError if nobody answers."""
-    if not sys.stdin.isatty():
-        raise InputError("fingers are going to move and nobody can be asked: say --yes if they may")
-    answer = console.input("Fingers are going to move. Is the table clear, and are hands away? \\[y/N] ")
-    if answer.strip().lower() not in ("y", "yes"):
-        raise InputError("nothing was moved: the question was not answered with yes")
 
 
 def _check_heights(rig: RigFile, shapes: ReferencesFile) -> None:

@@ -69,13 +69,14 @@ def run_identify(
     bench = set_up(on_bench.described, lying, seed)
     placement = placement_seen(on_bench, lying, seed, bench.emulated)
     catalogue = Catalogue(models_of(objects_file))
-    job = Job(rig_file, catalogue, placement, Strategy(strategy), seed, on_bench.calibration)
+    started = datetime.now(UTC).replace(microsecond=0)
+    job = Job(rig_file, catalogue, placement, Strategy(strategy), seed, on_bench.calibration, started)
     sources = [on_bench.path, objects_source, on_bench.calibration_path, scene]
     name = _session_name(sources, seed, strategy, emulated=rig_file.emulated)
     folder = session_folder(sessions, name)
     header = {"palpate": version("palpate"), "rig": rig_file.name, "seed": seed}
     header |= {"strategy": strategy, "scene": scene is not None}
-    header |= {"calibration": on_bench.calibration is not None, "started": _now()}
+    header |= {"calibration": on_bench.calibration is not None, "started": started.isoformat()}
     latency_s = bus_latency_s(rig_file)
     header |= {"bus_latency_s": latency_s}
     console = Console(stderr=True, highlight=False)
@@ -171,10 +172,6 @@ def _session_name(
         content.update(b"" if source is None else source.read_bytes())
     content.update(strategy.encode())
     return f"identify-seed-{seed}-{content.hexdigest()[:8]}"
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def _facts(out: IdentificationOut) -> list[tuple[str, str]]:

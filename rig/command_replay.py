@@ -2,6 +2,7 @@
 
 import math
 import re
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,19 @@ def _job(file: SessionFile, folder: Path) -> Job:
     on_bench, objects, given = kept_inputs(folder, scene=scene, calibration=calibrated_run(file))
     placement = placement_seen(on_bench, place(on_bench.described, objects, given, seed), seed)
     models = Catalogue(models_of(objects))
-    return Job(on_bench.rig, models, placement, Strategy(strategy), seed, on_bench.calibration)
+    started = None if on_bench.calibration is None else _started(file)
+    return Job(on_bench.rig, models, placement, Strategy(strategy), seed, on_bench.calibration, started)
+
+
+def _started(file: SessionFile) -> datetime:
+    """When the session began, from which its calibration's age was counted."""
+    try:
+        started = datetime.fromisoformat(str(file.header.get("started")))
+    except ValueError:
+        started = datetime.min
+    if started.tzinfo is None:
+        raise InputError(f'{file.path}: line 1: "started" must be a date and time in UTC')
+    return started
 
 
 def _latency_s(file: SessionFile) -> float:

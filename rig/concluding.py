@@ -3,14 +3,14 @@
 import math
 from dataclasses import dataclass
 
-from palpate.config import Closing
+from palpate.config import Closing, Tip
 from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.convert import array_bound_rad, finger_of, tip_bound_mm, unfelt_mm
 from palpate.rig.run import Run
 
-__all__ = ["Touch", "concluded"]
+__all__ = ["Touch", "concluded", "dent_range_mm", "is_of_two_edges"]
 
 _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
@@ -33,6 +33,20 @@ def concluded(run: Run, patch: ContactPatch | None, closing: Closing, turn: Turn
     if patch is None:
         return Touch(run.close.finger_index, _miss(run, closing, turn), None, run.servos)
     return Touch(run.close.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
+
+
+def dent_range_mm(force_n: float, force_bound_n: float, tip: Tip, max_force_n: float) -> tuple[float, float]:
+    """Least and greatest dent (mm) of a tip that bears a force, which is known to within a bound."""
+    hardest, softest = min(force_n + force_bound_n, max_force_n), max(force_n - force_bound_n, 0.0)
+    return (
+        softest / (tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)),
+        hardest / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)),
+    )
+
+
+def is_of_two_edges(patch: ContactPatch) -> bool:
+    """Whether a tip may be dented along two normals, as in a notch."""
+    return bool(patch.flags & _TWO_EDGES)
 
 
 def _bound_mm(run: Run, turn: Turn) -> float:
@@ -71,13 +85,10 @@ def _contact(run: Run, patch: ContactPatch, closing: Closing, turn: Turn) -> Con
     normal = facing + math.radians(finger.spec.array.heading_deg) + patch.angle_rad + math.pi
     half = patch.angle_half_range_rad + kinematics.direction_bound_rad + turn.angle_bound_rad
     half += array_bound_rad(finger.spec)
-    hardest = min(patch.force_n + patch.force_bound_n, closing.max_force_n)
-    softest = max(patch.force_n - patch.force_bound_n, 0.0)
-    deepest = hardest / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
-    shallowest = softest / (tip.stiffness_n_per_mm * (1 + tip.stiffness_spread))
+    shallowest, deepest = dent_range_mm(patch.force_n, patch.force_bound_n, tip, closing.max_force_n)
     dent = (deepest + shallowest) / 2
     # In a notch the dent is along two normals and only one of them is known.
-    sideways = deepest if patch.flags & _TWO_EDGES or half > math.pi / 2 else deepest * math.sin(half)
+    sideways = deepest if is_of_two_edges(patch) or half > math.pi / 2 else deepest * math.sin(half)
     x, y = turn.point_mm(run.centre_mm)
     bound = _bound_mm(run, turn) + (deepest - shallowest) / 2 + sideways
     far = math.dist(run.start_mm, run.centre_mm)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from palpate.config import RigFile
 from palpate.config.identification_result import (
     AlternativeOut,
+    CalibrationUsedOut,
     IdentificationOut,
     IdentificationVerdict,
     Relation,
@@ -32,6 +33,7 @@ def identification_out(
     wall_seconds: float,
     session: str | None,
     strategy: Strategy = Strategy.PLANNED,
+    calibration: CalibrationUsedOut | None = None,
 ) -> IdentificationOut:
     """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
     hypotheses = _hypotheses(result)
@@ -55,6 +57,7 @@ def identification_out(
         rig_seconds=rig_seconds,
         wall_seconds=wall_seconds,
         session=session,
+        calibration=calibration,
         truth=None if placement is None or truth is None else _truth(placement, truth),
     )
 

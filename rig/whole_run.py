@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 from palpate.config import CalibrationFile, RigFile
-from palpate.config.identification_result import IdentificationOut
+from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.calibrated_devices import check_devices
 from palpate.rig.identify import Identification, Observer, identify
 from palpate.rig.outside import Outside
 from palpate.rig.report_run import identification_out
 from palpate.rig.scene import Placement
+from palpate.rig.session_drift import calibration_used
 
 __all__ = ["Job", "WholeRun", "carry_out"]
 
@@ -20,6 +22,8 @@ class Job:
     """What a run starts from; `placement`, in the answer's frame, is only compared with it.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
+    `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
+    the calibration.
     """
 
     rig: RigFile
@@ -28,6 +32,7 @@ class Job:
     strategy: Strategy
     seed: int
     calibration: CalibrationFile | None = None
+    started: datetime | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +54,15 @@ class WholeRun:
             wall_seconds=wall_seconds,
             session=session,
             strategy=self.job.strategy,
+            calibration=self._calibration(),
         )
+
+    def _calibration(self) -> CalibrationUsedOut | None:
+        """What there is to say of the calibration."""
+        job = self.job
+        if job.calibration is None or job.started is None:
+            return None
+        return calibration_used(self.result, job.rig, job.calibration, job.started)
 
 
 def carry_out(

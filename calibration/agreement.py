@@ -1,0 +1,138 @@
+"""Do touches of a thing of known shape agree with the calibration? After the thing's pose has been fitted.
+
+Used by whoever has touched something whose shape is known: an identified object in a session, a disc that was
+put there to be touched (`palpate check --touch`). The calibration says by how much touches may differ; that
+they differ by more is either chance, at a stated rate, or the rig is no longer what it was.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, ndtri
+
+from palpate.config import CalibratedBounds, CalibrationFile
+
+__all__ = ["FALSE_ALARMS", "Agreement", "Promise", "Surface", "agreement_of", "covariance_of", "promises_of"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FALSE_ALARMS = 0.001
+"""Share of looks at a rig that has not changed in which it is said to have changed, if errors are normal."""
+
+_RANK = 1e-9
+_LEAST_MM = 1e-4  # nothing agrees better
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What a finger's contacts are off by, as standard deviations in mm.
+
+    `scatter_mm`: each touch by itself, along the surface's normal. `fit_mm`: all touches alike, in an unknown
+    direction. `play_mm`: each touch by itself, across the slide. `sigmas`: bounds of what is as good as
+    normally distributed are so many deviations.
+    """
+
+    scatter_mm: float
+    fit_mm: float
+    play_mm: float
+    sigmas: float
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Where n touches met a surface: finger (n,), the surface's outward normal and the travel (n, 2), in W.
+
+    `dent_mm` (n,): by how much the tip's dent may be other than it is taken to be. `tolerance_mm`: how far
+    the surface may be from what is said of it.
+    """
+
+    finger: Ints
+    normal: Floats
+    travel: Floats
+    dent_mm: Floats
+    tolerance_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """How far n touches are from a known shape at its best pose, and how far they may be; mm.
+
+    `residual_mm` (n,): what is left of each, outward positive. `rms_mm` is their root mean square and
+    `expected_rms_mm` what the calibration lets expect. `drifted`: `chi_square` with `freedom` degrees is
+    larger than chance makes it, but for a share `FALSE_ALARMS`.
+    """
+
+    residual_mm: Floats
+    rms_mm: float
+    expected_rms_mm: float
+    chi_square: float
+    freedom: int
+
+    @property
+    def drifted(self) -> bool:
+        """Whether the touches differ by more than the calibration explains."""
+        return self.chi_square > float(chdtri(self.freedom, FALSE_ALARMS))
+
+
+def promises_of(calibration: CalibrationFile) -> list[Promise] | None:
+    """What a calibration promises of every finger; None if it does not bound the contacts of all."""
+    residuals, bounds = calibration.residuals, [item.bounds for item in calibration.fingers]
+    if residuals is None or residuals.degrees_of_freedom == 0:
+        return None
+    scatter = residuals.rms_mm * math.sqrt(residuals.touches / residuals.degrees_of_freedom)
+    found = [_promise(item, scatter, calibration.coverage) for item in bounds if item is not None]
+    return found if len(found) == len(bounds) else None
+
+
+def _promise(bounds: CalibratedBounds, scatter_mm: float, coverage: float) -> Promise:
+    # The way back from bounds to deviations that `placed.bounds_of` went. Overshoot is left out: that of slow
+    # touches is in what they differ by, and so are the encoders' steps. Play may be taken up anywhere.
+    parts = bounds.parts_mm
+    return Promise(
+        scatter_mm=max(scatter_mm, _LEAST_MM),
+        fit_mm=parts.fit / math.sqrt(float(chdtri(2, 1 - coverage))),
+        play_mm=parts.play / math.sqrt(3),
+        sigmas=float(ndtri((1 + coverage) / 2)),
+    )
+
+
+def covariance_of(surface: Surface, promises: Sequence[Promise]) -> Floats:
+    """Covariance (n, n) of the distances of touches from the surface, mm²; `promises`: of every finger."""
+    scatter, fit, play, sigmas = np.array(
+        [(item.scatter_mm, item.fit_mm, item.play_mm, item.sigmas) for item in promises]
+    )[surface.finger].T
+    across = np.abs(surface.normal[:, 0] * surface.travel[:, 1] - surface.normal[:, 1] * surface.travel[:, 0])
+    same = surface.finger[:, None] == surface.finger
+    shared = np.where(same, surface.normal @ surface.normal.T, 0.0) * np.outer(fit, fit)
+    own = scatter**2 + (across * play) ** 2 + (surface.dent_mm / sigmas) ** 2 + surface.tolerance_mm**2 / 3
+    result: Floats = shared + np.diag(own)
+    return result
+
+
+def agreement_of(residual_mm: Floats, slopes: Floats, covariance: Floats) -> Agreement | None:
+    """Compare residuals (n,) mm, near the best pose, with their covariance (n, n); None if too few.
+
+    `slopes` (n, k): derivatives of the residuals by the pose's k unknowns; what the pose can explain does not
+    count (generalised least squares). Too few: not more touches than they determine unknowns.
+    """
+    root = np.linalg.cholesky(covariance)
+    white, whitened = np.linalg.solve(root, residual_mm), np.linalg.solve(root, slopes)
+    own, sizes, _ = np.linalg.svd(whitened, full_matrices=False)
+    explained = own[:, sizes > _RANK * max(float(sizes.max(initial=0.0)), 1e-300)]
+    freedom = len(residual_mm) - explained.shape[1]
+    if freedom < 1:
+        return None
+    rest = np.eye(len(residual_mm)) - explained @ explained.T
+    left = root @ (rest @ white)
+    expected = float(np.trace(root @ rest @ root.T))
+    return Agreement(
+        residual_mm=left,
+        rms_mm=float(np.sqrt((left**2).mean())),
+        expected_rms_mm=math.sqrt(expected / len(left)),
+        chi_square=float(white @ rest @ white),
+        freedom=freedom,
+    )

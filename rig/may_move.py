@@ -1,0 +1,18 @@
+"""Asking a person whether fingers may move, before they do. For commands that measure a rig."""
+
+import sys
+
+from rich.console import Console
+
+from palpate.errors import InputError
+
+__all__ = ["ask_to_move"]
+
+
+def ask_to_move(console: Console) -> None:
+    """Ask whether fingers may move; InputError if nobody answers, or not with yes."""
+    if not sys.stdin.isatty():
+        raise InputError("fingers are going to move and nobody can be asked: say --yes if they may")
+    answer = console.input("Fingers are going to move. Is the table clear, and are hands away? \\[y/N] ")
+    if answer.strip().lower() not in ("y", "yes"):
+        raise InputError("nothing was moved: the question was not answered with yes")
