@@ -22,7 +22,8 @@ class RunRecord(FileModel):
     format: Literal["palpate/calibration-run@1"] = "palpate/calibration-run@1"
     steps: list[str] = Field(description="Steps that were asked for.")
     geometry_sha256: str = Field(description="Of the rig as described.")
-    references_sha256: str = Field(description="Of the references, and of where they are put.")
+    references_sha256: str = Field(description="Of the references.")
+    places: list[tuple[str, float, float]] = Field(description="What is put where: name, x, y (mm).")
     devices: list[CalibrationDevice] = Field(description="Every device that takes part.")
     actuators: list[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
     tactile: list[TactileCalibration] | None = Field(default=None, description="By finger.")
@@ -34,5 +35,6 @@ class RunRecord(FileModel):
             self.steps == other.steps
             and self.geometry_sha256 == other.geometry_sha256
             and self.references_sha256 == other.references_sha256
+            and self.places == other.places
             and self.devices == other.devices
         )

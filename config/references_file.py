@@ -3,6 +3,8 @@
 What a person measures with callipers before a rig is calibrated. `docs/calibration.md` says how to choose.
 """
 
+import hashlib
+import json
 from typing import Literal
 
 from pydantic import Field
@@ -10,7 +12,7 @@ from pydantic import Field
 from palpate.config.fields import FileModel, Length, Point, Positive
 from palpate.config.loading import Source, load_toml
 
-__all__ = ["DiscReference", "PlateReference", "ReferencesFile", "load_references"]
+__all__ = ["DiscReference", "PlateReference", "ReferencesFile", "load_references", "references_sha256"]
 
 
 class DiscReference(FileModel):
@@ -35,6 +37,11 @@ class ReferencesFile(FileModel):
     format: Literal["palpate/references@1"]
     disc: DiscReference = Field(description="A disc.")
     plate: PlateReference = Field(description="A plate.")
+
+
+def references_sha256(file: ReferencesFile) -> str:
+    """SHA-256 of the shapes, by which a calibration knows what it was made with."""
+    return hashlib.sha256(json.dumps(file.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
 
 
 def load_references(source: Source) -> ReferencesFile:

@@ -4,8 +4,6 @@ Runs the steps of `calibration` one after the other, each with a hand of its own
 ones found, and keeps what is done in a run record, from which it can be resumed.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -28,7 +26,7 @@ from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import CalibrationDevice, CalibrationFile, Finger, RigFile, calibrated, geometry_sha256
 from palpate.config.calibration_file import CalibrationReference
 from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFinger, TactileCalibration
-from palpate.config.references_file import ReferencesFile
+from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
 from palpate.rig.rig_prober import approaches_of
@@ -317,12 +315,11 @@ class _Run:
         self._keeper.save(self._record)
 
     def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
-        where = [(item.reference.name, *item.about_mm) for item in self._placings()]
-        text = json.dumps([self._job.references.model_dump(mode="json"), where], sort_keys=True)
         return RunRecord(
             steps=list(self._job.steps),
             geometry_sha256=geometry_sha256(self._job.rig),
-            references_sha256=hashlib.sha256(text.encode()).hexdigest(),
+            references_sha256=references_sha256(self._job.references),
+            places=[(item.reference.name, *item.about_mm) for item in self._placings()],
             devices=devices,
         )
 

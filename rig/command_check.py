@@ -13,7 +13,7 @@ from rich.console import Console
 from palpate.calibration.agreement import promises_of
 from palpate.config import CalibrationFile
 from palpate.config.check_result import CheckOut
-from palpate.config.references_file import ReferencesFile, load_references
+from palpate.config.references_file import ReferencesFile, load_references, references_sha256
 from palpate.config.results import to_json
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
@@ -79,12 +79,14 @@ def _with_touch(
     """The check's result with that of touching the disc; nothing moves on a rig that is not well."""
     file = on_bench.calibration
     assert file is not None, "refused before"
+    warnings = [*out.warnings, *_other_references(file, shapes)]
     if not out.well:
-        told = "nothing was touched: first put right what is wrong"
-        return out.model_copy(update={"warnings": (*out.warnings, told)})
+        warnings.append("nothing was touched: first put right what is wrong")
+        return out.model_copy(update={"warnings": tuple(warnings)})
     if not yes:
         ask_to_move(console)
-    return with_touch(out, _touched(on_bench, file, shapes, console, seed))
+    found = _touched(on_bench, file, shapes, console, seed)
+    return with_touch(out.model_copy(update={"warnings": tuple(warnings)}), found)
 
 
 def _touched(
@@ -99,3 +101,13 @@ def _touched(
     connect = connecting(outside(bench), table, console.print)
     with connect(on_bench.rig, moving=True) as there:
         return retouch(on_bench.rig, there.prober, disc, promises, lambda text: console.print(f"  {text}"))
+
+
+def _other_references(file: CalibrationFile, shapes: ReferencesFile) -> list[str]:
+    """A warning if the calibration was made with other things than what is touched now."""
+    if not file.references or references_sha256(shapes) in {item.sha256 for item in file.references}:
+        return []
+    return [
+        "the calibration was made with other references: give theirs with --references, or make sure that "
+        "the disc is as described"
+    ]
