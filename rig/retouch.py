@@ -96,7 +96,7 @@ def compared(
     specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
     models = [_as_calibrated(spec) for spec in specs]
     placings = [Placing(disc, (0.0, 0.0))]
-    touches = touches_of(touched, models, [spec.tip.stiffness_n_per_mm for spec in specs])
+    touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     # Another size of the disc shifts all touches alike.
     covariance = covariance_of(_surface(rig, specs, models, touched, touches, fit), promises)

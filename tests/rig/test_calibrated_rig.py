@@ -205,6 +205,7 @@ def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Pa
         "position_mm": 0.2,
         "direction_deg": 1.0,
         "devices_match": True,
+        "touch": None,
     }
     assert (fresh.well, fresh.warnings) == (True, out.warnings)
 

@@ -135,6 +135,7 @@ def _finger(
                 "friction_a": 0.028,
                 "latency_s": 0.0071,
                 "latency_bound_s": 0.0124,
+                "settle_s": 0.0093,
                 "overshoots": [
                     {"speed_mm_s": 10.0, "largest_mm": 0.1, "bound_mm": 0.15},
                     {"speed_mm_s": 20.0, "largest_mm": 0.2, "bound_mm": 0.27},

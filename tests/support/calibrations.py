@@ -102,6 +102,7 @@ def _finger(finger: Finger, rng: np.random.Generator) -> CalibratedFinger:
         friction_a=0.03,
         latency_s=0.012,
         latency_bound_s=0.02,
+        settle_s=0.015,
         overshoots=[Overshoot(speed_mm_s=20.0, largest_mm=0.31, bound_mm=0.4)],
     )
     aim = AimCalibration(
