@@ -82,6 +82,7 @@ def measure_actuators(
                 touch_speed_mm_s,
                 coverage,
             ),
+            touch_speed_mm_s=touch_speed_mm_s,
             settle_s=_settle_s([stop for stop in stops if stop.finger == spec.name], mm_per_rad_of(spec)),
             aim_turns=_aim_turns(spec, found),
             aim_friction_a=frictions[index],
@@ -142,8 +143,13 @@ def _stops(
 
 
 def _settle_s(stops: Sequence[Stop], mm_per_rad: float) -> float:
-    """The longest time from a stop that was sent to standing still, with room for longer ones."""
+    """The longest time from a stop that was sent to standing still, from the slowest speed, with some room.
+
+    It is for touches, which are slower still; from higher speeds a slide takes longer to brake.
+    """
     step = TICK_RAD * abs(mm_per_rad)
+    slowest = min((stop.speed_mm_s for stop in stops), default=0.0)
+    stops = [stop for stop in stops if stop.speed_mm_s == slowest]
     ran_on = [
         (abs(stop.stood_rad - stop.felt_rad) * abs(mm_per_rad) + step) / stop.speed_mm_s for stop in stops
     ]
@@ -168,6 +174,7 @@ def _result(
     overshoot: OvershootFit,
     *,
     settle_s: float,
+    touch_speed_mm_s: float,
     aim_turns: bool,
     aim_friction_a: float,
 ) -> ActuatorsCalibration:
@@ -188,7 +195,8 @@ def _result(
         scale, scale_sigma, zero, zero_sigma = (
             home.mm_per_rad, home.mm_per_rad_sigma, home.zero_mm, home.zero_sigma_mm,
         )  # fmt: skip
-    seen = touching(spec, play, _homed(spec, stalls, play))
+    back_mm = min(2 * play.half_mm, touch_speed_mm_s * settle_s)
+    seen = touching(spec, play, _homed(spec, stalls, play), back_mm)
     slide = SlideCalibration(
         direction_confirmed=friction.way > 0,
         mm_per_turn=2 * math.pi * scale,

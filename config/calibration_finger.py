@@ -135,7 +135,7 @@ class SlideCalibration(FileModel):
     latency_s: MeasuredLength = Field(description="Mean time from a contact to standing still.")
     latency_bound_s: UpLength = Field(description="Bound: no stop takes longer.")
     settle_s: UpLength = Field(
-        description="Bound: from the stop that is sent to standing still, at most this."
+        description="Bound: in a touch, from the stop that is sent to standing still, at most this."
     )
     overshoots: list[Overshoot] = Field(default=[], description="What was seen at each speed.")
 
