@@ -59,7 +59,7 @@ def check_places(press: Press, contact_rad: float, truth: FingerTruth) -> None:
     """The contact is felt where it really is: a few tenths of a newton late, and between two looks."""
     first = press.slide_rad[press.leg == IN][0]
     assert 0.0 < (first - contact_rad) * truth.mm_per_rad < 0.4
-    assert (contact_rad - press.slide_rad[-1]) * truth.mm_per_rad > 2.0
+    assert (contact_rad - press.slide_rad[-1]) * truth.mm_per_rad > 1.5
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_an_array_that_falls_silent_ends_a_press(alone: ProbedRig) -> None:
         cable.cut = cable.cut or finger.press is not None
 
     alone.session.clock.on_tick = cut
-    with pytest.raises(DeviceError, match=r"tactile array f1 .* has sent nothing for 0.3 s while its finger"):
+    with pytest.raises(DeviceError, match=r"tactile array f1 .* has sent nothing for 0.15 s while its finger"):
         alone.prober.press(contacts, 0)
     alone.hand.close()
     assert not any(alone.session.torque().values())
