@@ -78,7 +78,9 @@ def test_an_array_that_falls_silent_ends_a_press(alone: ProbedRig) -> None:
         cable.cut = cable.cut or finger.press is not None
 
     alone.session.clock.on_tick = cut
-    with pytest.raises(DeviceError, match=r"tactile array f1 .* has sent nothing for 0.15 s while its finger"):
+    with pytest.raises(
+        DeviceError, match=r"tactile array f1 .* has sent nothing for 0.15 s while its finger"
+    ):
         alone.prober.press(contacts, 0)
     alone.hand.close()
     assert not any(alone.session.torque().values())

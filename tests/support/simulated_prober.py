@@ -158,11 +158,11 @@ class SimulatedProber:
             centre, _ = _centre(truth, item, way, slide)
             return separation_mm(outline, centre) - truth.tip_radius_mm + dent_mm
 
-        slides = np.linspace(item.start_rad, item.end_rad, 250)
-        inside = [k for k, slide in enumerate(slides) if gap(slide) < 0]
-        if not inside or inside[0] == 0:
+        slides = np.linspace(item.start_rad, item.end_rad, 80)
+        first = next((k for k, slide in enumerate(slides) if gap(slide) < 0), 0)
+        if first == 0:
             return None
-        lo, hi = slides[inside[0] - 1], slides[inside[0]]
+        lo, hi = slides[first - 1], slides[first]
         for _ in range(30):
             middle = (lo + hi) / 2
             lo, hi = (middle, hi) if gap(middle) > 0 else (lo, middle)
