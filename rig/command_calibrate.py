@@ -42,6 +42,16 @@ from palpate.rig.terminal import Doing
 __all__ = ["run_calibrate"]
 
 _COVERAGE = 0.999
+_TITLES = (
+    "contacts\n± mm",
+    "direction\n± °",
+    "base\nmm off",
+    "heading\n° off",
+    "tip\nmm",
+    "play\n± mm",
+    "skin\nN/mm",
+    "taxels\nout",
+)
 
 
 @dataclass(frozen=True)
@@ -256,28 +266,18 @@ def _finger(found: CalibratedFinger, rig: RigFile, index: int) -> CalibratedFing
 def _show(out: CalibrateOut, console: Console) -> None:
     """The result for people."""
     table = RichTable(box=None, pad_edge=False, header_style="bold")
-    for title in (
-        "finger",
-        "contacts within",
-        "direction within",
-        "base moved",
-        "turned",
-        "tip radius",
-        "play",
-        "stiffness",
-        "taxels out",
-    ):
+    for title in ("finger", *_TITLES):
         table.add_column(title, justify="left" if title == "finger" else "right")
     for item in out.fingers:
         table.add_row(
             item.name,
-            _shown(item.position_mm, " mm", 3),
-            _shown(item.direction_deg, "°", 2),
-            _shown(item.moved_mm, " mm", 2),
-            _shown(item.turned_deg, "°", 2),
-            _shown(item.tip_radius_mm, " mm", 2),
-            _shown(item.backlash_mm, " mm", 3),
-            _shown(item.stiffness_n_per_mm, " N/mm", 2),
+            _shown(item.position_mm, 2),
+            _shown(item.direction_deg, 2),
+            _shown(item.moved_mm, 2),
+            _shown(item.turned_deg, 2),
+            _shown(item.tip_radius_mm, 2),
+            _shown(item.backlash_mm, 3),
+            _shown(item.stiffness_n_per_mm, 2),
             "–" if item.unusable is None else str(item.unusable),
         )
     console.print(table)
@@ -285,7 +285,7 @@ def _show(out: CalibrateOut, console: Console) -> None:
         console.print(
             f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "
             f"{out.held_out_rms_mm:.3f} mm where they were only foretold; {out.outliers} left out. "
-            f"Bounds hold for {out.coverage:.1%} of contacts."
+            f"Bounds are for {out.coverage:.1%} of contacts."
         )
     minutes = out.rig_seconds / 60
     console.print(
@@ -294,5 +294,5 @@ def _show(out: CalibrateOut, console: Console) -> None:
     console.print(f"calibration {out.file}, report {out.report}", markup=False)
 
 
-def _shown(value: float | None, unit: str, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}{unit}"
+def _shown(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
