@@ -14,7 +14,7 @@ from palpate.calibration.play import Play
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["Described", "Homing", "homed", "missed_stop", "travel_to_stop_rad"]
+__all__ = ["Described", "Homing", "homed"]
 
 Floats = NDArray[np.float64]
 
@@ -82,25 +82,6 @@ def homed(described: Described, back_rad: Floats, front_rad: Floats, play: Play)
     )
     _check_scale(described, scale, sigma_scale)
     return Homing(scale, sigma_scale, zero, sigma_zero, both, spread * abs(scale))
-
-
-def travel_to_stop_rad(described: Described, distance_mm: float, bound_mm: float, stop_mm: float) -> float:
-    """How far a servo may have to turn to meet a stop, either way, from a distance known within `bound_mm`.
-
-    The rig file's spread of the scale is allowed for. A slide that has turned so far and not stalled goes
-    the wrong way, or has no stop there (`missed_stop`).
-    """
-    farthest = abs(distance_mm - stop_mm) + bound_mm
-    return farthest / (abs(described.mm_per_rad) * (1 - described.spread))
-
-
-def missed_stop(described: Described, which: str, turned_rad: float) -> InputError:
-    """Error for a slide that did not meet the stop (`which`: "back" or "front") that it was sent to."""
-    moved = abs(turned_rad * described.mm_per_rad)
-    return InputError(
-        f"{described.servo} met no {which} stop within {moved:.1f} mm: it turns the other way than the rig "
-        "file says, or slide.stops_mm is wrong; check the sign of slide.mm_per_turn and measure the stops"
-    )
 
 
 def _repeatability_rad(back_rad: Floats, front_rad: Floats) -> float:
