@@ -1,0 +1,78 @@
+"""What a CAD file holds and what becomes of it: the values that are passed between the modules of `cad`.
+
+file → `Solid` (readers, checked) → `StableState`s (how it rests) → `CrossSection`s (what fingers meet); or
+file → `Drawing` (an outline that is the same at every height).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["CrossSection", "Drawing", "Floats", "Ints", "Region", "Solid", "StableState"]
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed surface of triangles in its file's frame.
+
+    `vertices_mm` (n, 3), each used by some face; `faces` (m, 3), counter-clockwise seen from outside; every
+    edge belongs to two faces. The real surface is nowhere further than `off_mm` from it.
+    """
+
+    name: str
+    vertices_mm: Floats
+    faces: Ints
+    off_mm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A polygon with holes: `outer` (n, 2) counter-clockwise, holes (k, 2) clockwise; open rings, mm."""
+
+    outer: Floats
+    holes: tuple[Floats, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Outlines of a flat part in its file's frame; curves are within `off_mm` of their chords."""
+
+    name: str
+    regions: tuple[Region, ...]
+    off_mm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class StableState:
+    """A way in which a solid rests on the support plane.
+
+    A vertex v of the solid is at `rotation` (3, 3) @ v + `offset_mm` (3,): the lowest is at z = 0, the centre
+    of mass above the origin. `probability`: how often the solid comes to rest so when dropped anyhow;
+    `tipping_angle_rad`: the smallest tilt that tips it over. `support_mm` (n, 2): the convex polygon that it
+    rests on, counter-clockwise.
+    """
+
+    name: str
+    rotation: Floats
+    offset_mm: Floats
+    probability: float
+    tipping_angle_rad: float
+    support_mm: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class CrossSection:
+    """What a finger at any height within `z_mm` = (from, to) meets.
+
+    There the true section is within `off_mm` of `regions`, in the sense that the recogniser gives to an
+    object's tolerance: every point of a true edge is within it of some edge of the regions, or of a convex
+    vertex, whose normal differs by at most asin(4 · off_mm / length of that edge).
+    """
+
+    z_mm: tuple[float, float]
+    regions: tuple[Region, ...]
+    off_mm: float
