@@ -85,7 +85,7 @@ def objects_json(text: ObjectsFileText) -> str:
 
     Reading it gives the same values again, to the last digit.
     """
-    return _laid_out(text.model_dump(mode="json", exclude_unset=True), 0) + "\n"
+    return _laid_out(text.model_dump(mode="json", exclude_unset=True, exclude_none=True), 0) + "\n"
 
 
 def _laid_out(value: Any, indent: int) -> str:

@@ -34,7 +34,7 @@ def violations(value: Any, schema: Mapping[str, Any], at: str = "$") -> list[str
     return found
 
 
-def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], at: str) -> list[str]:  # noqa: PLR0911
+def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], at: str) -> list[str]:  # noqa: PLR0911, PLR0912
     wrong: list[str] = [f"{at}: {value!r} breaks {keyword} {wanted!r}"]
     match keyword:
         case "type":
