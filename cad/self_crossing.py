@@ -28,8 +28,10 @@ def crossings(surface: Surface) -> Meetings:
     lo = corners.min(axis=1) - surface.tolerance
     hi = corners.max(axis=1) + surface.tolerance
     for pairs in overlapping_pairs(lo, hi, height_fields(surface)[solid]):
-        for start in range(0, len(pairs), _AT_ONCE):
-            found.append(meetings(surface, solid[pairs[start : start + _AT_ONCE]]))
+        found += [
+            meetings(surface, solid[pairs[start : start + _AT_ONCE]])
+            for start in range(0, len(pairs), _AT_ONCE)
+        ]
         if sum(len(some.pairs) for some in found) > ENOUGH:
             break
     return Meetings(np.vstack([some.pairs for some in found]), np.vstack([some.places for some in found]))
