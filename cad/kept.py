@@ -20,6 +20,8 @@ __all__ = ["kept"]
 
 _QUARTER = 16
 """Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
+_COARSE = 0.01
+"""Of what is allowed, for simplifying what is solid at every height."""
 _LEAST_AREA_MM2 = 1e-12
 
 
@@ -47,11 +49,13 @@ def kept(
     points = clipped(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
     points = points[~np.isnan(points[:, 0, 0])]
     swept = shapely.convex_hull(shapely.multipoints(points))
-    window = lost.buffer(2 * allowed_mm, quad_segs=2)
+    bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
+    window = shapely.union_all(shapely.box(*bounds.T))
     shapely.prepare(window)
     swept = swept[(shapely.area(swept) > _LEAST_AREA_MM2) & shapely.intersects(window, swept)]
     always = _polygons(exact()).intersection(window).difference(shapely.union_all(swept))
-    far = lost.difference(always.buffer(allowed_mm, quad_segs=_QUARTER))
+    coarse = _COARSE * allowed_mm
+    far = lost.difference(always.simplify(coarse).buffer(allowed_mm - coarse, quad_segs=_QUARTER))
     return allowed_mm if far.is_empty else None
 
 

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from palpate.cad.kept import kept
 from palpate.cad.simplify import simplified
-from palpate.cad.slicing import Ring, area_of, regions_of, sliced
+from palpate.cad.slicing import Ring, regions_of, sliced
 from palpate.cad.surface import HEIGHT_MM, Surface, surface_of
 from palpate.cad.tube import Outline, corners_of, facets_of, need, outline_of
 from palpate.cad.values import CrossSection, Floats, Ints, Region, Solid, StableState
@@ -38,7 +38,8 @@ _ROUNDING = 2e-7
 """Of the size, in the coordinates of files in single precision."""
 _POINT_MM = 2e-6
 """Points closer together are one."""
-_LEAST_AREA_MM2 = 1e-5
+_LEAST_SHARE = 0.05
+"""Of the size of a ring: no ring is simplified by more than this."""
 
 
 def sections_of(
@@ -96,10 +97,14 @@ def _ranges(
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """What one outline is worth for a slab: `off_mm` is proven if there is no `problem`."""
+    """What one outline is worth for a slab: `off_mm` is proven if there is no `problem`.
+
+    `drift_mm`: how far walls are from it, or an estimate; 0 where nothing can be said.
+    """
 
     regions: tuple[Region, ...]
     off_mm: float
+    drift_mm: float
     problem: str = ""
 
 
@@ -158,7 +163,7 @@ def _highest(
         tries += 1
         if not trial.problem:
             good = (to, trial)
-            if to == high or trial.off_mm >= _ENOUGH * budget or tries >= _TRIES:
+            if to == high or trial.drift_mm >= _ENOUGH * budget or tries >= _TRIES:
                 return good
         else:
             bad = to
@@ -181,8 +186,8 @@ def _next(
     """The end to be tried next, between one that is good, if any, and one that is bad, if any."""
     least = at if good is None else good[0]
     tried = bad if trial.problem else least
-    if 0 < trial.off_mm < np.inf:
-        ratio = _AIM * budget / trial.off_mm
+    if 0 < trial.drift_mm < np.inf:
+        ratio = _AIM * budget / trial.drift_mm
         guess = at + (tried - at) * min(max(ratio, 0.1), 4.0)
     else:
         between = peaks[(peaks > least) & (peaks < bad)] if bad < np.inf else peaks[:0]
@@ -199,18 +204,20 @@ def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
     """Try one outline for a slab."""
     facets = surface.within(low, high)
     if not len(facets):
-        return _Trial((), 0.0)
+        return _Trial((), 0.0, 0.0)
     upright = bool((_upright(surface) | surface.bare)[facets].all())
     rounding = _ROUNDING * surface.size_mm
     for share in (0.5, 0.42, 0.61):
-        raw = [ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)]
+        raw = [
+            ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)
+        ]
         for simplify in (_SHARE_UPRIGHT * budget if upright else _SHARE * budget, rounding):
             if upright and simplify > rounding and sum(len(ring.points) for ring in raw) <= _FEW_EDGES:
                 continue
             trial = _proven(surface, facets, (low, high), raw, simplify, budget)
             if trial is not None:
                 return trial
-    return _Trial((), 0.0, "its outline crosses or touches itself")
+    return _Trial((), 0.0, 0.0, "its outline crosses or touches itself")
 
 
 def _proven(
@@ -225,8 +232,9 @@ def _proven(
     rings, owners = [], []
     count, stray = 0, 0.0
     for ring in raw:
-        own = simplified(ring.points, surface.heading[ring.facet], surface.bare[ring.facet], simplify)
-        if len(own) < 3 or abs(area_of(ring.points[own])) < _LEAST_AREA_MM2:
+        least = min(simplify, _LEAST_SHARE * float(np.ptp(ring.points, axis=0).max()))
+        own = simplified(ring.points, surface.normal[ring.facet], surface.bare[ring.facet], least)
+        if len(own) < 3:
             own = np.arange(len(ring.points))
         place = (np.searchsorted(own, np.arange(len(ring.points)), side="right") - 1) % len(own)
         stray = max(stray, _stray(ring.points, ring.points[own], place))
@@ -236,7 +244,7 @@ def _proven(
     outline = outline_of(rings)
     off, good = _off(surface, facets, slab, raw, outline, owners, budget)
     if not good:
-        return _Trial((), off, "a nearly level wall moves too far")
+        return _Trial((), off, off, "a nearly level wall moves too far")
     if rings and not shapely.MultiLineString([np.vstack([ring, ring[:1]]) for ring in rings]).is_simple:
         return None
     regions = regions_of(rings)
@@ -245,8 +253,8 @@ def _proven(
         regions, lambda: regions_of([ring.points for ring in raw]), surface, facets, slab, off, budget
     )
     if reached is None:
-        return _Trial((), 0.0, "something too thin leans too much")
-    return _Trial(regions, reached)
+        return _Trial((), off, off, "something too thin leans too much")
+    return _Trial(regions, reached, off)
 
 
 def _off(

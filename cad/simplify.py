@@ -8,38 +8,32 @@ normals, and a step of 0.03 mm in a long wall stays, because its riser cannot pa
 
 import numpy as np
 
+from palpate.cad.surface import Bools
 from palpate.cad.values import Floats, Ints
 
-__all__ = ["simplified", "turned", "wrapped"]
+__all__ = ["simplified", "turned"]
 
 _MOST_PAIRS = 2_000_000
 
 
-def wrapped(angle: Floats) -> Floats:
-    """Angles in [−π, π)."""
-    result: Floats = (angle + np.pi) % (2 * np.pi) - np.pi
-    return result
+def turned(normal: Floats, other: Floats) -> Floats:
+    """4δ/L that lets an edge's normal (n, 2) turn to another: the sine of the angle, or 1 beyond 90°."""
+    across = np.abs(normal[:, 0] * other[:, 1] - normal[:, 1] * other[:, 0])
+    return np.where(normal[:, 0] * other[:, 0] + normal[:, 1] * other[:, 1] > 0, across, 1.0)
 
 
-def turned(angle: Floats) -> Floats:
-    """The share of an edge's length, times four, that lets its normal turn by `angle` ≥ 0."""
-    result: Floats = np.where(angle < np.pi / 2, np.sin(np.minimum(angle, np.pi / 2)), 1.0)
-    return result
-
-
-def simplified(points: Floats, heading: Floats, bare: Floats, budget_mm: float) -> Ints:
+def simplified(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
     """Which points (k,) of a ring (n, 2) to keep, ascending, so that no chord costs more than the budget.
 
-    `heading` (n,) rad: of the outward normal of the edge after each point, unless it is `bare`. Starts at
+    `normal` (n, 2): the outward unit normal of the edge after each point, unless it is `bare`. Starts at
     the sharpest corner. Fewer than three are left of a ring that is no wider than the budget.
     """
     count = len(points)
     if count < 4:
         return np.arange(count)
-    bend = np.abs(wrapped(heading - np.roll(heading, 1)))
-    begin = int(bend.argmax())
+    begin = int(np.sum(normal * np.roll(normal, 1, axis=0), axis=1).argmin())
     ring = np.roll(points, -begin, axis=0)
-    reach = _reach(ring, np.roll(heading, -begin), np.roll(bare, -begin), budget_mm).tolist()
+    reach = _reach(ring, np.roll(normal, -begin, axis=0), np.roll(bare, -begin), budget_mm).tolist()
     kept = []
     at = 0
     while at < count:
@@ -48,7 +42,7 @@ def simplified(points: Floats, heading: Floats, bare: Floats, budget_mm: float) 
     return np.sort((np.array(kept) + begin) % count)
 
 
-def _reach(ring: Floats, heading: Floats, bare: Floats, budget_mm: float) -> Ints:
+def _reach(ring: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
     """How many edges (n,) from each point on one chord may stand for; none passes the first point."""
     count = len(ring)
     most = count - np.arange(count)
@@ -57,7 +51,7 @@ def _reach(ring: Floats, heading: Floats, bare: Floats, budget_mm: float) -> Int
     step = np.minimum(2, most)
     open_ = np.flatnonzero(bad - good > 1)
     while len(open_) and step[open_].sum() < _MOST_PAIRS:
-        fits = _costs(ring, heading, bare, open_, step[open_]) <= budget_mm
+        fits = _costs(ring, normal, bare, open_, step[open_]) <= budget_mm
         good[open_[fits]] = step[open_[fits]]
         bad[open_[~fits]] = step[open_[~fits]]
         doubled = np.minimum(2 * good, most)
@@ -66,7 +60,7 @@ def _reach(ring: Floats, heading: Floats, bare: Floats, budget_mm: float) -> Int
     return good
 
 
-def _costs(ring: Floats, heading: Floats, bare: Floats, start: Ints, step: Ints) -> Floats:
+def _costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: Ints) -> Floats:
     """What the chords from points `start` (k,) over `step` (k,) edges each cost."""
     count = len(ring)
     chord = ring[(start + step) % count] - ring[start]
@@ -76,10 +70,10 @@ def _costs(ring: Floats, heading: Floats, bare: Floats, start: Ints, step: Ints)
     edge = start[owner] + np.arange(len(owner)) - first[owner]
     away = ring[edge] - ring[start[owner]]
     unit = (chord / np.maximum(length, 1e-300)[:, None])[owner]
-    along = np.clip(np.sum(away * unit, axis=1), 0.0, length[owner])
-    distance = np.hypot(*(away - along[:, None] * unit).T)
-    normal = np.arctan2(-unit[:, 0], unit[:, 1])
-    turn = np.where(bare[edge], 0.0, np.abs(wrapped(heading[edge] - normal)))
-    cost = np.maximum(distance, length[owner] * turned(turn) / 4)
+    along = away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]
+    beyond = along - np.clip(along, 0.0, length[owner])
+    distance = np.hypot(away[:, 0] * unit[:, 1] - away[:, 1] * unit[:, 0], beyond)
+    turn = turned(normal[edge], np.stack([unit[:, 1], -unit[:, 0]], axis=1))
+    cost = np.maximum(distance, np.where(bare[edge], 0.0, length[owner] / 4 * turn))
     result: Floats = np.maximum.reduceat(cost, first)
     return result

@@ -8,10 +8,10 @@ coordinates in files are no better than that. So a height means that height with
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.cad.values import Floats, Ints, Solid, StableState
 from palpate.errors import InputError
-from numpy.typing import NDArray
 
 __all__ = ["HEIGHT_MM", "Bools", "Surface", "surface_of"]
 
@@ -27,8 +27,8 @@ class Surface:
 
     `vertices_mm` (n, 3); `faces` (m, 3), counter-clockwise seen from outside; `edges` (m, 3): the number of
     the edge from each corner to the next; `ends` (e, 2): an edge's vertices; `sides` (e, 2): the facet that
-    runs from its first to its second vertex, and the other one. Of facets: `low`, `high` (m,) mm; `heading`
-    (m,) rad: of the normal's projection; `slope` (m,): sideways over upwards; `bare` (m,): without a normal
+    runs from its first to its second vertex, and the other one. Of facets: `low`, `high` (m,) mm; `normal`
+    (m, 2): its projection, of length one; `slope` (m,): sideways over upwards; `bare` (m,): without a normal
     in the plane, level or thin; `level` (m,).
     """
 
@@ -39,7 +39,7 @@ class Surface:
     sides: Ints
     low: Floats
     high: Floats
-    heading: Floats
+    normal: Floats
     slope: Floats
     bare: Bools
     level: Bools
@@ -93,7 +93,7 @@ def surface_of(solid: Solid, state: StableState) -> Surface:
         sides,
         low,
         high,
-        np.arctan2(normal[:, 1], normal[:, 0]),
+        normal[:, :2] / np.maximum(flat, 1e-300)[:, None],
         np.abs(normal[:, 2]) / np.maximum(flat, 1e-300),
         level | (thickness < HEIGHT_MM),
         level,

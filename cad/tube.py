@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.cad.simplify import turned, wrapped
+from palpate.cad.simplify import turned
 from palpate.cad.surface import Bools, Surface
 from palpate.cad.values import Floats, Ints
 
@@ -34,28 +34,27 @@ _LOOK = 3.0
 class Outline:
     """The n edges of an outline's rings, and the vertices that they start from.
 
-    `start`, `leg` (n, 2) mm; `length` (n,); `heading` (n,) rad of the outward normal; `before` (n,): the edge
-    before; `bend` (n,) rad: left turn at the start.
+    `start` (n, 2) mm; `along`, `normal` (n, 2): unit vectors, the normal outwards; `length` (n,) mm;
+    `before` (n,): the edge before.
     """
 
     start: Floats
-    leg: Floats
+    along: Floats
+    normal: Floats
     length: Floats
-    heading: Floats
     before: Ints
-    bend: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
     """Convex pieces (k) of what a finger may touch: the hull of `points` (k, p, 2), mm.
 
-    Normals head from `heading` (k,) counter-clockwise over `width` (k,) rad, unless a piece is `bare`.
+    Normals turn left from `first` to `last` (k, 2), by less than 180°, unless a piece is `bare`.
     """
 
     points: Floats
-    heading: Floats
-    width: Floats
+    first: Floats
+    last: Floats
     bare: Bools
 
     def __len__(self) -> int:
@@ -63,7 +62,7 @@ class Pieces:
 
     def select(self, rows: Ints | Bools) -> "Pieces":
         """Those at `rows` (indices or a mask)."""
-        return Pieces(self.points[rows], self.heading[rows], self.width[rows], self.bare[rows])
+        return Pieces(self.points[rows], self.first[rows], self.last[rows], self.bare[rows])
 
     def split(self) -> "Pieces":
         """Both halves of every one: the hull's fan is cut at its longest sides."""
@@ -88,7 +87,7 @@ class Pieces:
         children = points.shape[1]
         return Pieces(
             points.reshape(-1, *points.shape[2:]),
-            *(np.repeat(values, children) for values in (self.heading, self.width, self.bare)),
+            *(np.repeat(values, children, axis=0) for values in (self.first, self.last, self.bare)),
         )
 
 
@@ -103,10 +102,9 @@ def outline_of(rings: list[Floats]) -> Outline:
     )
     leg = np.zeros_like(start)
     leg[before] = start - start[before]
-    heading = np.arctan2(-leg[:, 0], leg[:, 1])
-    return Outline(
-        start, leg, np.hypot(*leg.T), heading, before, wrapped(heading - heading[before])
-    )
+    length = np.hypot(*leg.T)
+    along = leg / length[:, None]
+    return Outline(start, along, np.stack([along[:, 1], -along[:, 0]], axis=1), length, before)
 
 
 def clipped(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
@@ -127,7 +125,8 @@ def clipped(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Flo
 def facets_of(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Pieces:
     """Every edge of every section in the range lies in one of these."""
     points = clipped(surface, facets, from_mm, to_mm)
-    return Pieces(points, surface.heading[facets], np.zeros(len(facets)), surface.bare[facets])
+    normal = surface.normal[facets]
+    return Pieces(points, normal, normal, surface.bare[facets])
 
 
 def corners_of(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Pieces:
@@ -138,15 +137,16 @@ def corners_of(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> 
     # A section has its solid on the left, so it passes an edge that rises from the facet on its left.
     rises = ends[:, 1, 2] > ends[:, 0, 2]
     left, right = np.where(rises, one, other), np.where(rises, other, one)
-    width = wrapped(surface.heading[right] - surface.heading[left])
+    before, after = surface.normal[left], surface.normal[right]
+    bend = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     low, high = ends[:, :, 2].min(axis=1), ends[:, :, 2].max(axis=1)
     inside = (high > from_mm) & (low < to_mm) & (low < high)
-    convex = (width > 0) & inside & ~surface.bare[left] & ~surface.bare[right]
+    convex = (bend > 0) & inside & ~surface.bare[left] & ~surface.bare[right]
     begin, end = _clip(ends[convex, 0], ends[convex, 1], from_mm, to_mm)
     return Pieces(
         np.stack([begin, end], axis=1)[:, :, :2],
-        surface.heading[left[convex]],
-        width[convex],
+        before[convex],
+        after[convex],
         np.zeros(int(convex.sum()), dtype=bool),
     )
 
@@ -180,12 +180,14 @@ def need(
     if not len(outline.start):
         return np.inf, False
     guess = owner[near.query(pieces.points.mean(axis=1))[1]]
-    wanted, _ = _asked(pieces, outline, guess)
+    wanted = _asked_of_edge(pieces, outline, guess).max(axis=1)
     left = np.flatnonzero(wanted > floor_mm)
     most = float(wanted[wanted <= floor_mm].max(initial=0.0))
     left = left[np.argsort(-wanted[left])]
     tree = shapely.STRtree(
-        shapely.linestrings(np.stack([outline.start, outline.start + outline.leg], axis=1))
+        shapely.linestrings(
+            np.stack([outline.start, outline.start + outline.length[:, None] * outline.along], axis=1)
+        )
     )
     # The worst ones first: a slab that is too high shows at once.
     for rows in (left[:_FIRST], *np.split(left[_FIRST:], range(_AT_ONCE, len(left), _AT_ONCE))):
@@ -207,11 +209,13 @@ def _searched(
         look = _LOOK * target_mm
         low, high = pieces.points.min(axis=1) - look, pieces.points.max(axis=1) + look
         piece, edge = tree.query(shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]))
-        wanted, of_points = _asked(pieces.select(piece), outline, edge)
+        some = pieces.select(piece)
+        of_edge, of_vertex = _asked_of_edge(some, outline, edge), _asked_of_vertex(some, outline, edge)
+        wanted = np.minimum(of_edge.max(axis=1), of_vertex.max(axis=1))
         each = np.full(len(pieces), np.inf)
         np.minimum.at(each, piece, wanted)
         points = np.full(pieces.points.shape[:2], np.inf)
-        np.minimum.at(points, piece, of_points)
+        np.minimum.at(points, piece, np.minimum(of_edge, of_vertex))
         if points.max() > target_mm:
             return float(points.max()), False
         good = each <= target_mm
@@ -220,25 +224,37 @@ def _searched(
     return float(each.max()), False
 
 
-def _asked(pieces: Pieces, outline: Outline, edge: Ints) -> tuple[Floats, Floats]:
-    """What each piece (k,) and each of its points (k, p) asks of an edge each, or of the vertex it starts."""
-    start = outline.start[edge][:, None]
-    away = pieces.points - start
-    length = outline.length[edge]
-    unit = outline.leg[edge] / length[:, None]
-    along = np.clip(np.einsum("kpc,kc->kp", away, unit), 0.0, length[:, None])
-    to_edge = away - along[:, :, None] * unit[:, None]
-    from_edge = np.sqrt(to_edge[:, :, 0] ** 2 + to_edge[:, :, 1] ** 2)
-    from_vertex = np.sqrt(away[:, :, 0] ** 2 + away[:, :, 1] ** 2)
-    turn = wrapped(pieces.heading - outline.heading[edge])
-    tilt = length / 4 * turned(np.maximum(np.abs(turn), np.abs(wrapped(turn + pieces.width))))
+def _asked_of_edge(pieces: Pieces, outline: Outline, edge: Ints) -> Floats:
+    """What each point (k, p) of each piece asks of an edge each."""
+    away = pieces.points - outline.start[edge][:, None]
+    length, unit = outline.length[edge], outline.along[edge]
+    along = away[:, :, 0] * unit[:, None, 0] + away[:, :, 1] * unit[:, None, 1]
+    across = away[:, :, 0] * unit[:, None, 1] - away[:, :, 1] * unit[:, None, 0]
+    beyond = along - np.minimum(np.maximum(along, 0.0), length[:, None])
+    distance = np.sqrt(across**2 + beyond**2)
+    normal = outline.normal[edge]
+    tilt = length / 4 * np.maximum(turned(normal, pieces.first), turned(normal, pieces.last))
+    result: Floats = np.maximum(distance, np.where(pieces.bare, 0.0, tilt)[:, None])
+    return result
+
+
+def _asked_of_vertex(pieces: Pieces, outline: Outline, edge: Ints) -> Floats:
+    """What each point (k, p) of each piece asks of the vertex that an edge each starts from."""
+    distance = np.hypot(*np.moveaxis(pieces.points - outline.start[edge][:, None], -1, 0))
     previous = outline.before[edge]
-    begin = wrapped(pieces.heading - outline.heading[previous])
-    beyond = begin + pieces.width - outline.bend[edge]
-    tilt_vertex = np.maximum(
-        outline.length[previous] / 4 * turned(np.maximum(-begin, 0.0)),
-        length / 4 * turned(np.maximum(beyond, 0.0)),
+    begin = _left_turn(outline.normal[previous], pieces.first)
+    width = _left_turn(pieces.first, pieces.last)
+    end = begin + width - _left_turn(outline.normal[previous], outline.normal[edge])
+    tilt = np.maximum(
+        outline.length[previous] * np.sin(np.clip(-begin, 0.0, np.pi / 2)),
+        outline.length[edge] * np.sin(np.clip(end, 0.0, np.pi / 2)),
     )
-    tilt, tilt_vertex = (np.where(pieces.bare, 0.0, part)[:, None] for part in (tilt, tilt_vertex))
-    of_edge, of_vertex = np.maximum(from_edge, tilt), np.maximum(from_vertex, tilt_vertex)
-    return np.minimum(of_edge.max(axis=1), of_vertex.max(axis=1)), np.minimum(of_edge, of_vertex)
+    result: Floats = np.maximum(distance, np.where(pieces.bare, 0.0, tilt / 4)[:, None])
+    return result
+
+
+def _left_turn(normal: Floats, other: Floats) -> Floats:
+    """Angles from one unit vector (n, 2) to another, in [−π, π]."""
+    across = normal[:, 0] * other[:, 1] - normal[:, 1] * other[:, 0]
+    result: Floats = np.arctan2(across, np.sum(normal * other, axis=1))
+    return result
