@@ -30,6 +30,7 @@ NEGLIGIBLE_MM = 1e-5
 
 _NEAR_MM = 0.5
 _BOUND_DECIMALS = 4
+_SUMMING_MM = 1e-9  # 0.1 + 0.2 is more than 0.3
 
 
 def ranges_near(heights_mm: Iterable[float], top_mm: float) -> list[tuple[float, float]]:
@@ -89,9 +90,7 @@ def bound_mm(parts_mm: Iterable[float]) -> float:
     total = math.fsum(parts_mm)
     if total <= NEGLIGIBLE_MM:
         return 0.0
-    scale: int = 10**_BOUND_DECIMALS
-    steps = math.ceil(total * scale)
-    return (steps + (steps / scale < total)) / scale
+    return math.ceil((total - _SUMMING_MM) * 10**_BOUND_DECIMALS) / 10**_BOUND_DECIMALS
 
 
 def _polygon_text(region: Region, origin: Floats) -> PolygonText:
