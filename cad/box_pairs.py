@@ -33,9 +33,11 @@ class _Boxes:
         first, second = pairs.T
         keep: NDArray[np.bool_] = (self.group[first] != self.group[second]) | (self.group[first] < 0)
         pairs = pairs[keep]
-        first, second = pairs.T
-        apart = (self.lo[first] > self.hi[second]) | (self.lo[second] > self.hi[first])
-        return pairs[~apart.any(axis=1)]
+        # One axis after the other: most pairs are gone after the first.
+        for lo, hi in zip(self.lo.T, self.hi.T, strict=True):
+            first, second = pairs.T
+            pairs = pairs[(lo[first] <= hi[second]) & (lo[second] <= hi[first])]
+        return pairs
 
 
 def overlapping_pairs(lo: Floats, hi: Floats, group: Ints) -> Iterator[Ints]:

@@ -80,8 +80,9 @@ def _sides(surface: Surface, pairs: Ints) -> Ints:
 
 def _reaches(sides: Ints) -> Bools:
     """Does a face have more than a point in the plane?"""
-    least, most = sides.min(axis=1), sides.max(axis=1)
-    result: Bools = (least * most < 0) | ((sides == 0).sum(axis=1) >= 2)
+    a, b, c = sides.T
+    in_plane = (a == 0).astype(np.int64) + (b == 0) + (c == 0)
+    result: Bools = (a * b < 0) | (b * c < 0) | (c * a < 0) | (in_plane >= 2)
     return result
 
 

@@ -1,4 +1,4 @@
-"""Are the triangles of a file the surface of solid bodies? If so, one `Solid` for each; if not, what and where.
+"""Are the triangles of a file the surface of solid bodies? One `Solid` for each, or what is wrong and where.
 
 Between the readers of meshes and STEP files and everything that computes with solids. Equal corners become
 one vertex, which is all that formats without vertices (STL) leave to do; nothing else is repaired.

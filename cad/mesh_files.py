@@ -134,8 +134,8 @@ def _stl_problem(data: bytes) -> str:
         return f"is no STL file: it has {len(data)} bytes"
     count = _announced(data)
     return (
-        f"is cut short or no STL file: it announces {count} faces, which take {_STL_HEADER + _STL_FACE * count} "
-        f"bytes, and has {len(data)}"
+        f"is cut short or no STL file: it announces {count} faces, "
+        f"which take {_STL_HEADER + _STL_FACE * count} bytes, and has {len(data)}"
     )
 
 

@@ -1,7 +1,7 @@
 """Files of all formats: which reader reads which, and what each of them takes.
 
-The way into `cad`: a file's name decides by its suffix between solids (`mesh_files`, `step_files`) and drawings
-(`dxf`, `svg`). Readers are imported when they are needed.
+The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings (`dxf`,
+`svg`), whose readers are imported when they are needed.
 """
 
 from pathlib import Path
@@ -32,9 +32,9 @@ def is_drawing(path: Path) -> bool:
 def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
     """All bodies of a mesh or STEP file, in mm and checked, named after the file or by it.
 
-    `units`: "mm", "inch" or "m"; needed for STL, OBJ and PLY, which have none, and to be left out or right for
-    3MF and STEP, which have. Curves of STEP files are replaced by chords within `curve_mm`. Raises InputError
-    with what is wrong and where.
+    `units`: "mm", "inch" or "m"; needed for STL, OBJ and PLY, which have none, and to be left out or right
+    for 3MF and STEP, which have. Curves of STEP files are replaced by chords within `curve_mm`. Raises
+    InputError with what is wrong and where.
     """
     if is_drawing(path):
         raise InputError(f"{path}: is a drawing, not a solid")

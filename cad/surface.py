@@ -21,9 +21,9 @@ _ROUNDING = 2.0**-20
 class Surface:
     """`vertices` (n, 3), `faces` (m, 3) and their `corners` (m, 3, 3).
 
-    Edge k of a face runs from its corner k to the next one. `neighbours` (m, 3): the face on the other side of each edge, `across` (m, 3): the vertex of that face
-    that is not on the edge. `normals` (m, 3) of length 1, or 0 for faces thinner than `tolerance`;
-    `heights` (m,): the smallest altitude of each face.
+    Edge k of a face runs from its corner k to the next one. `neighbours` (m, 3): the face on the other side
+    of each edge, `across` (m, 3): the vertex of that face that is not on the edge. `normals` (m, 3) of length
+    1, or 0 for faces thinner than `tolerance`; `heights` (m,): the smallest altitude of each face.
     """
 
     vertices: Floats
