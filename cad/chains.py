@@ -193,7 +193,7 @@ def _branch(branches: dict[int, list[int]], runs: list[Loop], nodes: Ints, sheet
 def _gap(loose: list[tuple[int, int]], runs: list[Loop], nodes: Ints, sheet: Sheet) -> str:
     """Name the two loose ends that are nearest to each other."""
     ends = np.array([runs[k].points[0 if nodes[k, 0] == node else -1] for node, k in loose])
-    apart, other = cKDTree(ends).query(ends, k=2)
+    apart, other = (np.asarray(found) for found in cKDTree(ends).query(ends, k=2))
     one = int(apart[:, 1].argmin())
     two = int(other[one, 1]) if other[one, 1] != one else int(other[one, 0])
     k = loose[one][1]

@@ -222,7 +222,8 @@ def _angles(one: Floats, other: Floats) -> Floats:
 
 def joined_chords(curves: Sequence[Curve], curve_mm: float) -> tuple[Floats, float, float]:
     """Chords of curves that follow each other: points (k, 2), deviation, and the widest gap between them."""
-    parts, off, gap = [], 0.0, 0.0
+    parts: list[Floats] = []
+    off = gap = 0.0
     for curve in curves:
         points, own = chords(curve, curve_mm)
         if parts:

@@ -6,7 +6,8 @@ Coordinate Systems, https://help.autodesk.com/view/OARX/2024/ENU/?guid=GUID-D99F
 """
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,8 +16,14 @@ from palpate.cad.curves import Arc, Curve, bulge, line, spline
 from palpate.cad.values import Floats
 
 if TYPE_CHECKING:
-    from ezdxf.entities import Arc as DxfArc
-    from ezdxf.entities import Circle, DXFGraphic, Ellipse, Line, LWPolyline, Polyline, Spline
+    from ezdxf.entities.arc import Arc as DxfArc
+    from ezdxf.entities.circle import Circle
+    from ezdxf.entities.dxfgfx import DXFGraphic
+    from ezdxf.entities.ellipse import Ellipse
+    from ezdxf.entities.line import Line
+    from ezdxf.entities.lwpolyline import LWPolyline
+    from ezdxf.entities.polyline import Polyline
+    from ezdxf.entities.spline import Spline
 
 __all__ = ["DRAWN", "NOT_DRAWN", "NotFlatError", "curves"]
 
@@ -35,7 +42,7 @@ NOT_DRAWN = frozenset({
 
 
 class NotFlatError(Exception):
-    """What keeps an entity from being an outline in the plane; its message goes on from the entity's name."""
+    """What keeps an entity from being an outline; its message goes on from the entity's name."""
 
 
 def curves(entity: "DXFGraphic", unit_mm: float) -> tuple[tuple[Curve, ...], float]:
@@ -90,8 +97,9 @@ def _sweep(start_rad: float, end_rad: float) -> float:
 
 def _light_polyline(entity: "LWPolyline", unit_mm: float) -> Made:
     corners = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
-    height = np.full(len(corners), entity.dxf.elevation)
-    return _bulged(entity, np.column_stack([corners[:, :2], height]), corners[:, 2], entity.closed, unit_mm)
+    bulges = corners[:, 2].copy()
+    corners[:, 2] = entity.dxf.elevation
+    return _edges(*_seen_from_above(entity, corners, bulges), entity.closed, unit_mm)
 
 
 def _polyline(entity: "Polyline", unit_mm: float) -> Made:
@@ -102,30 +110,29 @@ def _polyline(entity: "Polyline", unit_mm: float) -> Made:
             "is fitted by a curve that the file does not hold; make it lines, arcs or a spline"
         )
     corners = np.array([tuple(vertex.dxf.location) for vertex in entity.vertices]).reshape(-1, 3)
-    values = np.array([vertex.dxf.get("bulge", 0.0) for vertex in entity.vertices])
     if entity.is_3d_polyline:
-        values = np.zeros(len(corners))
-    else:
-        corners[:, 2] = entity.dxf.elevation.z if entity.dxf.hasattr("elevation") else 0.0
-    return _bulged(entity, corners, values, entity.is_closed, unit_mm)
+        return _edges(corners, np.zeros(len(corners)), entity.is_closed, unit_mm)
+    bulges = np.array([vertex.dxf.get("bulge", 0.0) for vertex in entity.vertices])
+    corners[:, 2] = entity.dxf.elevation.z
+    return _edges(*_seen_from_above(entity, corners, bulges), entity.is_closed, unit_mm)
 
 
-def _bulged(
-    entity: "LWPolyline | Polyline", corners: Floats, values: Floats, closed: bool, unit_mm: float
-) -> Made:
-    """Corners (n, 3) and the bulges behind them (n,), in the entity's coordinates."""
+def _seen_from_above(
+    entity: "LWPolyline | Polyline", corners: Floats, bulges: Floats
+) -> tuple[Floats, Floats]:
+    """Corners (n, 3) and the bulges behind them (n,), from the entity's coordinates into the drawing's."""
+    ocs = entity.ocs()
+    points = np.array([tuple(ocs.to_wcs(corner)) for corner in corners]).reshape(-1, 3)
+    return points, bulges * math.copysign(1.0, entity.dxf.extrusion.z)
+
+
+def _edges(corners: Floats, bulges: Floats, closed: bool, unit_mm: float) -> Made:
     if len(corners) < 2:
-        raise NotFlatError(f"has {len(corners)} vertices")
-    plane = not (entity.dxftype() == "POLYLINE" and entity.is_3d_polyline)  # type: ignore[union-attr]
-    points = corners
-    if plane:
-        ocs = entity.ocs()
-        points = np.array([tuple(ocs.to_wcs(tuple(corner))) for corner in corners])
-        values = values * math.copysign(1.0, entity.dxf.extrusion.z)
-    points = points * unit_mm
-    last = len(points) if closed else len(points) - 1
+        raise NotFlatError(f"has {len(corners)} vertices; it needs 2")
+    points = corners * unit_mm
     flat = points[:, :2]
-    edges = tuple(bulge(flat[k], flat[(k + 1) % len(flat)], float(values[k])) for k in range(last))
+    last = len(flat) if closed else len(flat) - 1
+    edges = tuple(bulge(flat[k], flat[(k + 1) % len(flat)], float(bulges[k])) for k in range(last))
     return edges, points[:, 2]
 
 
@@ -148,7 +155,7 @@ def _spline(entity: "Spline", unit_mm: float) -> Made:
     return found, points[:, 2]
 
 
-_MAKERS = {
+_MAKERS: dict[str, Callable[[Any, float], Made]] = {
     "LINE": _line,
     "ARC": _circle,
     "CIRCLE": _circle,

@@ -17,7 +17,9 @@ from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
-    from ezdxf.entities import DXFEntity, DXFGraphic, Insert
+    from ezdxf.entities.dxfentity import DXFEntity
+    from ezdxf.entities.dxfgfx import DXFGraphic
+    from ezdxf.entities.insert import Insert
 
 __all__ = ["Walk"]
 

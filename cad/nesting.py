@@ -33,12 +33,9 @@ def parts(loops: Sequence[Loop], stem: str, units: str | None, sheet: Sheet) -> 
     points = np.concatenate([loop.points for loop in loops])
     reach = float(np.abs(points).max())
     rings = [_without_straight(loop, _STRAIGHT * float(np.ptp(points, axis=0).max())) for loop in loops]
-    for ring in rings:
-        if len(ring.points) < 3 or abs(_area(ring.points)) < _MIN_AREA_MM2:
-            raise InputError(
-                f"{sheet.file}: {ring.label}: the outline at {sheet.place(ring.points[0])} encloses no area"
-            )
+    _check_area([ring for ring in rings if len(ring.points) < 3], sheet)
     _check_crossings(rings, sheet)
+    _check_area(rings, sheet)
     depth, root, parent = _nested([ring.points for ring in rings])
     outermost = np.flatnonzero(depth == 0)
     size = np.array([-abs(_area(rings[k].points)) for k in outermost])
@@ -67,6 +64,13 @@ def _area(ring: Floats) -> float:
     """Signed area of a ring (n, 2): positive counter-clockwise."""
     x, y = (ring - ring[0]).T
     return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) / 2
+
+
+def _check_area(rings: Sequence[Loop], sheet: Sheet) -> None:
+    for ring in rings:
+        if abs(_area(ring.points)) < _MIN_AREA_MM2:
+            at = sheet.place(ring.points[0])
+            raise InputError(f"{sheet.file}: {ring.label}: the outline at {at} encloses no area")
 
 
 def _turned(ring: Floats, sign: float) -> Floats:
@@ -107,18 +111,19 @@ def _check_crossings(rings: Sequence[Loop], sheet: Sheet) -> None:
     one, other = one[once], other[once]
     neighbours = (following[one] == other) | (following[other] == one)
     meeting = shapely.intersection(edges[one], edges[other])
-    wrong = ~(neighbours & (shapely.get_type_id(meeting) == shapely.GeometryType.POINT))
+    along = shapely.get_type_id(meeting) != shapely.GeometryType.POINT
+    wrong = along | ~neighbours
     if not wrong.any():
         return
-    k = int(np.flatnonzero(wrong)[0])
+    # Edges that run along each other tell more than the ends of such.
+    k = int(np.argmax(2 * along + wrong))
     where = sheet.place(shapely.get_coordinates(meeting[k])[0])
     first, second = rings[owner[one[k]]], rings[owner[other[k]]]
-    shared = shapely.get_type_id(meeting[k]) != shapely.GeometryType.POINT
     if first is second:
-        how = "runs back along itself" if shared else "meets itself"
+        how = "runs back along itself" if along[k] else "meets itself"
         raise InputError(f"{sheet.file}: {first.label}: an outline {how} at {where}")
     label = first.label if first.label == second.label else f"{first.label} and {second.label}"
-    how = "run along each other" if shared else "meet"
+    how = "run along each other" if along[k] else "meet"
     raise InputError(
         f"{sheet.file}: {label}: two outlines {how} at {where}; outlines must be apart or within each other"
     )
