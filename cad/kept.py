@@ -22,7 +22,7 @@ _QUARTER = 16
 """Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
 _COARSE = 0.01
 """Of what is allowed, for simplifying what is solid at every height."""
-_LEAST_AREA_MM2 = 1e-12
+_LEAST_AREA_MM2 = 1e-8
 
 
 def kept(
@@ -52,10 +52,12 @@ def kept(
     bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
     window = shapely.union_all(shapely.box(*bounds.T))
     shapely.prepare(window)
-    swept = swept[(shapely.area(swept) > _LEAST_AREA_MM2) & shapely.intersects(window, swept)]
+    swept = swept[(shapely.area(swept) > 0) & shapely.intersects(window, swept)]
     always = _polygons(exact()).intersection(window).difference(shapely.union_all(swept))
+    parts = shapely.get_parts(always)
     coarse = _COARSE * allowed_mm
-    far = lost.difference(always.simplify(coarse).buffer(allowed_mm - coarse, quad_segs=_QUARTER))
+    solid = shapely.union_all(parts[shapely.area(parts) > _LEAST_AREA_MM2]).simplify(coarse)
+    far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER))
     return allowed_mm if far.is_empty else None
 
 
