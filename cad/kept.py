@@ -22,7 +22,6 @@ _QUARTER = 16
 """Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
 _COARSE = 0.01
 """Of what is allowed, for simplifying what is solid at every height."""
-_LEAST_AREA_MM2 = 1e-8
 
 
 def kept(
@@ -53,10 +52,12 @@ def kept(
     window = shapely.union_all(shapely.box(*bounds.T))
     shapely.prepare(window)
     swept = swept[(shapely.area(swept) > 0) & shapely.intersects(window, swept)]
-    always = _polygons(exact()).intersection(window).difference(shapely.union_all(swept))
-    parts = shapely.get_parts(always)
+    # On a grid, so that clipped facets that share a side leave no needles between them.
     coarse = _COARSE * allowed_mm
-    solid = shapely.union_all(parts[shapely.area(parts) > _LEAST_AREA_MM2]).simplify(coarse)
+    grid = coarse / 8
+    touched = shapely.union_all(swept, grid_size=grid)
+    always = shapely.difference(_polygons(exact()).intersection(window), touched, grid_size=grid)
+    solid = always.simplify(coarse / 2)
     far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER))
     return allowed_mm if far.is_empty else None
 
