@@ -22,7 +22,6 @@ _QUARTER = 16
 """Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
 _COARSE = 0.01
 """Of what is allowed, for simplifying what is solid at every height."""
-_LEAST_AREA_MM2 = 1e-12
 
 
 def kept(
@@ -52,10 +51,14 @@ def kept(
     bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
     window = shapely.union_all(shapely.box(*bounds.T))
     shapely.prepare(window)
-    swept = swept[(shapely.area(swept) > _LEAST_AREA_MM2) & shapely.intersects(window, swept)]
-    always = _polygons(exact()).intersection(window).difference(shapely.union_all(swept))
+    swept = swept[(shapely.area(swept) > 0) & shapely.intersects(window, swept)]
+    # On a grid, so that clipped facets that share a side leave no needles between them.
     coarse = _COARSE * allowed_mm
-    far = lost.difference(always.simplify(coarse).buffer(allowed_mm - coarse, quad_segs=_QUARTER))
+    grid = coarse / 8
+    touched = shapely.union_all(swept, grid_size=grid)
+    always = shapely.difference(_polygons(exact()).intersection(window), touched, grid_size=grid)
+    solid = always.simplify(coarse / 2)
+    far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER))
     return allowed_mm if far.is_empty else None
 
 
