@@ -14,7 +14,7 @@ from palpate.cad.values import CrossSection, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
 from palpate.config.objects_text import StateText
 from palpate.errors import InputError
-from palpate.rig.import_text import edges_of, frame_out, ranges_near, rounded, sections_text
+from palpate.rig.import_text import bound_mm, edges_of, frame_out, ranges_near, rounded, sections_text
 
 __all__ = ["Shares", "Standing", "Stood", "standing"]
 
@@ -39,10 +39,14 @@ class Shares:
 
 @dataclass(frozen=True)
 class Standing:
-    """A state as it stands in an objects file, and what people are told about it."""
+    """A state as it stands in an objects file, and what people are told about it.
+
+    `off_mm`: how far true sections may be from those written, what the surface itself is off included.
+    """
 
     text: StateText
     told: ImportedStateOut
+    off_mm: float
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,7 @@ def _standing(
         heights=heights,
         sections=some,
     )
+    off = max(section.off_mm for section in sections)
     told = ImportedStateOut(
         name=state.name,
         probability=probability,
@@ -155,11 +160,11 @@ def _standing(
         sections=len(some),
         edges=(min(counts), max(counts)),
         merged=merged,
-        section_tolerance=max(section.off_mm for section in sections) - solid.off_mm,
-        merged_tolerance=apart_mm,
+        section_tolerance=bound_mm([off - solid.off_mm]),
+        merged_tolerance=bound_mm([apart_mm]),
         frame=frame_out(state.rotation, state.offset_mm),
     )
-    return Standing(text, told)
+    return Standing(text, told, off + apart_mm)
 
 
 def _left_out(items: Sequence[LeftOut]) -> tuple[LeftOutOut, ...]:

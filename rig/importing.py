@@ -112,9 +112,7 @@ def _printable(name: str) -> str:
 
 
 def _solid_object(solid: Solid, name: str, stood: Stood, wanted: Wanted) -> ImportedObject:
-    told = tuple(item.told for item in stood.states)
-    most = max(state.section_tolerance + state.merged_tolerance for state in told)
-    tolerance = bound_mm([solid.off_mm, most, wanted.deviation_mm])
+    tolerance = bound_mm([max(item.off_mm for item in stood.states), wanted.deviation_mm])
     out = ImportedObjectOut(
         name=name,
         replaced=False,
@@ -124,7 +122,7 @@ def _solid_object(solid: Solid, name: str, stood: Stood, wanted: Wanted) -> Impo
         tolerance=tolerance,
         curve_tolerance=bound_mm([solid.off_mm]),
         deviation=wanted.deviation_mm,
-        states=told,
+        states=tuple(item.told for item in stood.states),
         left_out=stood.left_out,
     )
     states = [item.text for item in stood.states]
