@@ -27,7 +27,7 @@ class Placed:
 
 
 def triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
-    """Vertices (n, 3) and faces (m, 3) of a trimesh geometry; InputError where a face names what is not there."""
+    """Vertices (n, 3) and faces (m, 3) of a trimesh geometry; InputError where a face names none of them."""
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{where}: its vertices do not have 3 coordinates each")
