@@ -21,6 +21,9 @@ SMALLEST_MM = 1.0
 LARGEST_MM = 1000.0
 """Between these is the largest side of every part that a hand of this size tells by touch."""
 
+_FAR_MM = 10000.0
+"""Bodies of one file are all within this."""
+
 MM_PER_UNIT = {"mm": 1.0, "inch": 25.4, "m": 1000.0}
 
 
@@ -42,7 +45,7 @@ def checked_solids(
     used, faces = np.unique(faces, return_inverse=True)
     vertices, faces = vertices_mm[used], faces.reshape(-1, 3).astype(np.int64)
     _check_numbers(where, vertices)
-    _check_size(where, float(np.ptp(vertices, axis=0).max()), units, largest=False)
+    _check_spread(where, vertices, units)
     tolerance = rounding(vertices)
     vertices, faces, moved = _merged(vertices, faces, tolerance)
     if not len(faces):
@@ -71,9 +74,21 @@ def _check_numbers(where: str, vertices: Floats) -> None:
         )
 
 
-def _check_size(where: str, side_mm: float, units: str | None, largest: bool = True) -> None:
-    """Refuse what is too small; and what is too large, if the side is one of a single body."""
-    if side_mm >= SMALLEST_MM and (side_mm <= LARGEST_MM or not largest):
+def _check_spread(where: str, vertices: Floats, units: str | None) -> None:
+    """Refuse what cannot hold a body of the right size, or is too far away for single precision."""
+    with np.errstate(over="ignore"):
+        spread = float(np.ptp(vertices, axis=0).max())
+    if not SMALLEST_MM <= spread <= _FAR_MM:
+        _check_size(where, spread, units)
+    if (away := float(np.abs(vertices).max())) > _FAR_MM:
+        raise InputError(
+            f"{where}: is {away:.4g} mm away from the origin of its file; "
+            f"{_FAR_MM:g} mm are possible: move it there and export it again"
+        )
+
+
+def _check_size(where: str, side_mm: float, units: str | None) -> None:
+    if SMALLEST_MM <= side_mm <= LARGEST_MM:
         return
     said = f" with --units {units}" if units else ""
     scale = side_mm / MM_PER_UNIT[units] if units else 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.cad.extras import needed
 from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
-from palpate.cad.scenes import distinct_shapes
+from palpate.cad.scenes import distinct_shapes, triangles
 from palpate.cad.values import Floats, Ints, Solid
 from palpate.errors import InputError
 
@@ -51,7 +51,9 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     data = path.read_bytes()
     if problem := {"stl": _stl_problem, "obj": _obj_problem}.get(kind, lambda _: "")(data):
         raise InputError(f"{path}: {problem}")
-    vertices, faces = _one_mesh(_scene(path, data, kind))
+    if kind == "obj" or (kind == "stl" and not _is_binary_stl(data)):
+        data = _as_utf8(data)
+    vertices, faces = _one_mesh(path, _scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")
     return checked_solids(str(path), path.stem, vertices * MM_PER_UNIT[units], faces, units=units)
@@ -70,7 +72,7 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
     if units is not None and MM_PER_UNIT[units] != _3MF_MM[unit]:
         raise InputError(f"{path}: says that it is in {unit}, not in {units}: leave --units out")
     solids: list[Solid] = []
-    for shape in distinct_shapes(scene, path.stem):
+    for shape in distinct_shapes(str(path), scene, path.stem):
         where = f"{path}: {shape.name}"
         solids += checked_solids(where, shape.name, shape.vertices * _3MF_MM[unit], shape.faces)
     return tuple(solids)
@@ -90,25 +92,32 @@ def _scene(path: Path, data: bytes, kind: str) -> Any:
         try:
             return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, **skip)
         except Exception as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            raise InputError(f"{path}: cannot be read as a {kind.upper()} file: {reason}") from None
+            reason = " ".join(str(error).split())
+            said = f": {reason}" if reason.count(" ") > 1 else "; is it whole?"
+            raise InputError(f"{path}: cannot be read as {kind.upper()}{said}") from None
 
 
-def _one_mesh(scene: Any) -> tuple[Floats, Ints]:
+def _one_mesh(path: Path, scene: Any) -> tuple[Floats, Ints]:
     """All triangles of a scene whose parts are only pieces of the file, by material or by name."""
-    meshes = [mesh for mesh in scene.geometry.values() if len(getattr(mesh, "faces", ()))]
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    vertices = np.vstack(
-        [np.zeros((0, 3)), *(np.asarray(mesh.vertices, dtype=np.float64) for mesh in meshes)]
-    )
-    faces = [
-        np.asarray(mesh.faces, dtype=np.int64) + start for mesh, start in zip(meshes, starts, strict=False)
-    ]
-    return vertices, np.vstack([np.zeros((0, 3), dtype=np.int64), *faces])
+    meshes = [triangles(str(path), mesh) for mesh in scene.geometry.values() if hasattr(mesh, "faces")]
+    if not meshes:
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    faces = [faces + start for (_, faces), start in zip(meshes, starts, strict=False)]
+    return np.vstack([vertices for vertices, _ in meshes]), np.vstack(faces)
 
 
 def _is_binary_stl(data: bytes) -> bool:
     return len(data) >= _STL_HEADER and len(data) == _STL_HEADER + _STL_FACE * _announced(data)
+
+
+def _as_utf8(data: bytes) -> bytes:
+    """Text of an older program, whose names may be in Latin-1, in the only encoding that trimesh takes."""
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode("utf-8")
+    return data
 
 
 def _announced(data: bytes) -> int:

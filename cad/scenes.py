@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from palpate.cad.values import Floats, Ints
+from palpate.errors import InputError
 
-__all__ = ["Placed", "distinct_shapes"]
+__all__ = ["Placed", "distinct_shapes", "triangles"]
 
 _SAME = 1e-6
 """Transforms whose lengths and angles differ by less are the same but for position and heading."""
@@ -25,7 +26,18 @@ class Placed:
     faces: Ints
 
 
-def distinct_shapes(scene: Any, fallback: str) -> list[Placed]:
+def triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
+    """Vertices (n, 3) and faces (m, 3) of a trimesh geometry; InputError where a face names none of them."""
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    if vertices.ndim != 2 or vertices.shape[1] != 3:
+        raise InputError(f"{where}: its vertices do not have 3 coordinates each")
+    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+        worst = int(faces.max() if faces.max() >= len(vertices) else faces.min())
+        raise InputError(f"{where}: a face has vertex {worst}, counted from 0; there are {len(vertices)}")
+    return vertices, faces
+
+
+def distinct_shapes(where: str, scene: Any, fallback: str) -> list[Placed]:
     """Parts of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
     found: list[Placed] = []
     seen: dict[str, list[Floats]] = {}
@@ -40,9 +52,9 @@ def distinct_shapes(scene: Any, fallback: str) -> list[Placed]:
         mesh = scene.geometry[geometry]
         if not hasattr(mesh, "faces"):
             continue
-        vertices = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + np.asarray(transform)[:3, 3]
         name = str(geometry).strip() or fallback
-        found.append(Placed(name, vertices, np.asarray(mesh.faces, dtype=np.int64)))
+        vertices, faces = triangles(f"{where}: {name}", mesh)
+        found.append(Placed(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
     return found
 
 

@@ -4,10 +4,13 @@ cascadio gives metres in single precision, whatever the file's unit; how finely 
 millimetres, whatever the file's unit.
 """
 
-import io
 import math
 import re
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
 from palpate.cad.extras import needed
 from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
@@ -25,6 +28,9 @@ _TURN_RAD = math.radians(10.0)
 _SHARE = 0.5
 """OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
 
+_PATIENCE_S = 60.0
+"""After so long a file is given up."""
+
 _SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001}
 
 
@@ -34,27 +40,44 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     The file has units, which `units` ("mm", "inch" or "m") may repeat. Raises InputError for what cannot be
     read, for units that are not the file's, and for what `mesh_checks` refuses.
     """
-    cascadio = needed("cascadio", "step", "reading STEP files")
-    trimesh = needed("trimesh", "step", "reading STEP files")
+    needed("cascadio", "step", "reading STEP files")
     data = path.read_bytes()
     if not data.lstrip().startswith(b"ISO-10303-21"):
         raise InputError(f"{path}: is no STEP file: it does not start with ISO-10303-21")
     if not data.rstrip().endswith(b"END-ISO-10303-21;"):
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     _check_units(path, data, units)
-    glb = cascadio.to_glb_bytes(data, tol_linear=curve_mm * _SHARE, tol_angular=_TURN_RAD, use_parallel=False)
-    try:
-        scene = trimesh.load_scene(io.BytesIO(glb), file_type="glb", process=False)
-    except Exception:
-        raise InputError(f"{path}: holds no solid that OpenCASCADE can read") from None
+    scene = _tessellated(path, curve_mm)
     solids: list[Solid] = []
-    for shape in distinct_shapes(scene, path.stem):
+    for shape in distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
         off = math.nextafter(curve_mm + rounding(vertices), math.inf)
         solids += checked_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
     if not solids:
         raise InputError(f"{path}: holds no solid")
     return tuple(solids)
+
+
+def _tessellated(path: Path, curve_mm: float) -> Any:
+    """What OpenCASCADE makes of a file, as a trimesh scene in metres."""
+    trimesh = needed("trimesh", "step", "reading STEP files")
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "tessellated.glb"
+        numbers = [repr(curve_mm * _SHARE), repr(_TURN_RAD)]
+        command = [sys.executable, "-m", "palpate.cad.tessellate", str(path.resolve()), str(target), *numbers]
+        try:
+            ended = subprocess.run(command, capture_output=True, timeout=_PATIENCE_S, check=False)
+        except subprocess.TimeoutExpired:
+            raise InputError(
+                f"{path}: OpenCASCADE was not done with it after {_PATIENCE_S:g} s; "
+                "allow its curves a larger tolerance, or export it as STL"
+            ) from None
+        if ended.returncode or not target.is_file():
+            raise InputError(f"{path}: OpenCASCADE cannot read it, or it holds no solid; export it again")
+        try:
+            return trimesh.load_scene(target, process=False)
+        except Exception:
+            raise InputError(f"{path}: holds no solid") from None
 
 
 def _check_units(path: Path, data: bytes, units: str | None) -> None:
