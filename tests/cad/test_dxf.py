@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def new(units: int = 4) -> Document:
-    document = ezdxf.new("R2010", setup=True)
+    document = ezdxf.new("R2000", setup=["linetypes"])
     document.header["$INSUNITS"] = units
     return document
 
