@@ -64,15 +64,14 @@ def _opened(path: Path) -> "Document":
     try:
         # An extra: only who reads such files needs it.
         from ezdxf.filemanagement import readfile  # noqa: PLC0415
-        from ezdxf.lldxf.const import DXFError  # noqa: PLC0415
     except ImportError:
         raise InputError("reading DXF files needs ezdxf: pip install 'palpate[cad]'") from None
     try:
         return readfile(path)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
-    except (OSError, DXFError, ValueError, LookupError, TypeError, AttributeError) as problem:
-        # Damaged files come out of the parser as any of these.
+    except Exception as problem:
+        # Damaged files come out of the parser as OSError, DXFError, StopIteration, ValueError and others.
         detail = " ".join(str(problem).split()) or type(problem).__name__
         raise InputError(f"{path}: is no readable DXF file ({detail}); save it as DXF anew") from None
 

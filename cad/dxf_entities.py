@@ -6,13 +6,14 @@ Coordinate Systems, https://help.autodesk.com/view/OARX/2024/ENU/?guid=GUID-D99F
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.cad.chains import JOIN_MM
-from palpate.cad.curves import Arc, Curve, bulge, line, spline
+from palpate.cad.curves import Arc, Curve, bulge, hull, line, mapped, spline
 from palpate.cad.values import Floats
 
 if TYPE_CHECKING:
@@ -20,12 +21,14 @@ if TYPE_CHECKING:
     from ezdxf.entities.circle import Circle
     from ezdxf.entities.dxfgfx import DXFGraphic
     from ezdxf.entities.ellipse import Ellipse
+    from ezdxf.entities.insert import Insert
     from ezdxf.entities.line import Line
     from ezdxf.entities.lwpolyline import LWPolyline
     from ezdxf.entities.polyline import Polyline
     from ezdxf.entities.spline import Spline
+    from ezdxf.math import Vec3
 
-__all__ = ["DRAWN", "NOT_DRAWN", "NotFlatError", "curves"]
+__all__ = ["DRAWN", "NOT_DRAWN", "NotFlatError", "Placing", "curves"]
 
 DRAWN = frozenset({"LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE"})
 """Kinds that outlines are made of."""
@@ -45,45 +48,72 @@ class NotFlatError(Exception):
     """What keeps an entity from being an outline; its message goes on from the entity's name."""
 
 
-def curves(entity: "DXFGraphic", unit_mm: float) -> tuple[tuple[Curve, ...], float]:
+@dataclass(frozen=True, eq=False)
+class Placing:
+    """A point p (3,) of the model space or a block is at p @ matrix (3, 3) + shift_mm (3,) in the drawing."""
+
+    matrix: Floats
+    shift_mm: Floats
+
+    def of(self, insert: "Insert") -> "Placing":
+        """For what is in a block that is inserted here."""
+        # ezdxf's own placing of blocks in blocks is wrong where the outer one is stretched in one direction.
+        rows = np.array(tuple(insert.matrix44())).reshape(4, 4)
+        return Placing(rows[:3, :3] @ self.matrix, rows[3, :3] @ self.matrix + self.shift_mm)
+
+    def __call__(self, points: Sequence["Vec3"]) -> Floats:
+        """Points (n, 3) in the drawing, mm."""
+        return np.array([tuple(point) for point in points]).reshape(-1, 3) @ self.matrix + self.shift_mm
+
+
+def curves(entity: "DXFGraphic", placing: Placing) -> tuple[tuple[Curve, ...], float]:
     """The curves of an entity of a kind in `DRAWN`, in mm, and the height that it lies at.
 
-    `unit_mm`: what a unit of the file is in mm. Raises NotFlatError.
+    Raises NotFlatError.
     """
-    kind = entity.dxftype()
-    found, heights = _MAKERS[kind](entity, unit_mm)
+    found, heights = _MAKERS[entity.dxftype()](entity, placing)
     if np.ptp(heights) > JOIN_MM:
-        raise NotFlatError(
-            f"is not flat: it goes from z = {heights.min() / unit_mm:.6g} to {heights.max() / unit_mm:.6g}"
-        )
+        raise NotFlatError(f"is not flat: it goes from z = {heights.min():.6g} mm to {heights.max():.6g} mm")
     return found, float(heights.mean())
 
 
 Made = tuple[tuple[Curve, ...], Floats]
+"""Curves, and the heights of some of their points."""
 
 
-def _line(entity: "Line", unit_mm: float) -> Made:
-    ends = np.array([tuple(entity.dxf.start), tuple(entity.dxf.end)]) * unit_mm
+def _in_plane(
+    entity: "Circle | LWPolyline | Polyline", elevation: float, made: Sequence[Curve], placing: Placing
+) -> Made:
+    """Curves in an entity's own plane, as they are seen from above."""
+    ocs = entity.ocs()
+    frame = placing(
+        [ocs.to_wcs(corner) for corner in ((0, 0, elevation), (1, 0, elevation), (0, 1, elevation))]
+    )
+    shift, axes = frame[0], (frame[1:] - frame[0]).T
+    heights = np.concatenate([hull(curve) for curve in made]) @ axes[2] + shift[2]
+    return tuple(mapped(curve, axes[:2], shift[:2]) for curve in made), heights
+
+
+def _line(entity: "Line", placing: Placing) -> Made:
+    ends = placing([entity.dxf.start, entity.dxf.end])
     return (line(ends[:, :2]),), ends[:, 2]
 
 
-def _circle(entity: "Circle | DxfArc", unit_mm: float) -> Made:
+def _circle(entity: "Circle | DxfArc", placing: Placing) -> Made:
     dxf = entity.dxf
-    x, y, z = dxf.center
-    corners = [(x, y, z), (x + dxf.radius, y, z), (x, y + dxf.radius, z)]
-    points = np.array([tuple(entity.ocs().to_wcs(corner)) for corner in corners]) * unit_mm
     start, sweep = 0.0, 2 * math.pi
     if entity.dxftype() == "ARC":
         start = math.radians(dxf.start_angle)
         sweep = _sweep(start, math.radians(dxf.end_angle))
-    return (Arc(points[0, :2], (points[1:] - points[0])[:, :2], start, sweep),), points[:, 2]
+    arc = Arc(np.array([dxf.center.x, dxf.center.y]), dxf.radius * np.eye(2), start, sweep)
+    return _in_plane(entity, dxf.center.z, [arc], placing)
 
 
-def _ellipse(entity: "Ellipse", unit_mm: float) -> Made:
+def _ellipse(entity: "Ellipse", placing: Placing) -> Made:
     dxf = entity.dxf
-    points = np.array([tuple(dxf.center), tuple(dxf.major_axis), tuple(entity.minor_axis)]) * unit_mm
-    start, sweep = dxf.start_param, _sweep(dxf.start_param, dxf.end_param)
-    return (Arc(points[0, :2], points[1:, :2], start, sweep),), points[0, 2] + np.array([0.0, *points[1:, 2]])
+    points = placing([dxf.center, dxf.center + dxf.major_axis, dxf.center + entity.minor_axis])
+    axes = (points[1:] - points[0])[:, :2]
+    return (Arc(points[0, :2], axes, dxf.start_param, _sweep(dxf.start_param, dxf.end_param)),), points[:, 2]
 
 
 def _sweep(start_rad: float, end_rad: float) -> float:
@@ -95,49 +125,38 @@ def _sweep(start_rad: float, end_rad: float) -> float:
     return 2 * math.pi if whole else sweep
 
 
-def _light_polyline(entity: "LWPolyline", unit_mm: float) -> Made:
+def _light_polyline(entity: "LWPolyline", placing: Placing) -> Made:
     corners = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
-    bulges = corners[:, 2].copy()
-    corners[:, 2] = entity.dxf.elevation
-    return _edges(*_seen_from_above(entity, corners, bulges), entity.closed, unit_mm)
+    made = _edges(corners[:, :2], corners[:, 2], entity.closed)
+    return _in_plane(entity, entity.dxf.elevation, made, placing)
 
 
-def _polyline(entity: "Polyline", unit_mm: float) -> Made:
+def _polyline(entity: "Polyline", placing: Placing) -> Made:
     if not (entity.is_2d_polyline or entity.is_3d_polyline):
         raise NotFlatError("is a mesh")
     if entity.dxf.flags & (entity.CURVE_FIT_VERTICES_ADDED | entity.SPLINE_FIT_VERTICES_ADDED):
         raise NotFlatError(
             "is fitted by a curve that the file does not hold; make it lines, arcs or a spline"
         )
-    corners = np.array([tuple(vertex.dxf.location) for vertex in entity.vertices]).reshape(-1, 3)
+    corners = [vertex.dxf.location for vertex in entity.vertices]
     if entity.is_3d_polyline:
-        return _edges(corners, np.zeros(len(corners)), entity.is_closed, unit_mm)
+        points = placing(corners)
+        return tuple(_edges(points[:, :2], np.zeros(len(points)), entity.is_closed)), points[:, 2]
     bulges = np.array([vertex.dxf.get("bulge", 0.0) for vertex in entity.vertices])
-    corners[:, 2] = entity.dxf.elevation.z
-    return _edges(*_seen_from_above(entity, corners, bulges), entity.is_closed, unit_mm)
+    flat = np.array([(corner.x, corner.y) for corner in corners]).reshape(-1, 2)
+    return _in_plane(entity, entity.dxf.elevation.z, _edges(flat, bulges, entity.is_closed), placing)
 
 
-def _seen_from_above(
-    entity: "LWPolyline | Polyline", corners: Floats, bulges: Floats
-) -> tuple[Floats, Floats]:
-    """Corners (n, 3) and the bulges behind them (n,), from the entity's coordinates into the drawing's."""
-    ocs = entity.ocs()
-    points = np.array([tuple(ocs.to_wcs(corner)) for corner in corners]).reshape(-1, 3)
-    return points, bulges * math.copysign(1.0, entity.dxf.extrusion.z)
-
-
-def _edges(corners: Floats, bulges: Floats, closed: bool, unit_mm: float) -> Made:
+def _edges(corners: Floats, bulges: Floats, closed: bool) -> list[Curve]:
+    """Between corners (n, 2), each with the bulge behind it."""
     if len(corners) < 2:
-        raise NotFlatError(f"has {len(corners)} vertices; it needs 2")
-    points = corners * unit_mm
-    flat = points[:, :2]
-    last = len(flat) if closed else len(flat) - 1
-    edges = tuple(bulge(flat[k], flat[(k + 1) % len(flat)], float(bulges[k])) for k in range(last))
-    return edges, points[:, 2]
+        raise NotFlatError(f"has too few vertices ({len(corners)})")
+    last = len(corners) if closed else len(corners) - 1
+    return [bulge(corners[k], corners[(k + 1) % len(corners)], float(bulges[k])) for k in range(last)]
 
 
-def _spline(entity: "Spline", unit_mm: float) -> Made:
-    points = np.array([tuple(point) for point in entity.control_points]).reshape(-1, 3) * unit_mm
+def _spline(entity: "Spline", placing: Placing) -> Made:
+    points = placing(entity.control_points)
     if not len(points):
         raise NotFlatError("has fit points but no control points; save it with control points")
     degree, knots = entity.dxf.degree, np.array(entity.knots, dtype=np.float64)
@@ -155,7 +174,7 @@ def _spline(entity: "Spline", unit_mm: float) -> Made:
     return found, points[:, 2]
 
 
-_MAKERS: dict[str, Callable[[Any, float], Made]] = {
+_MAKERS: dict[str, Callable[[Any, Placing], Made]] = {
     "LINE": _line,
     "ARC": _circle,
     "CIRCLE": _circle,

@@ -7,29 +7,31 @@ an outline (a region, a solid, a mesh) is refused.
 """
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from palpate.cad.chains import Stroke
-from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, NotFlatError, curves
+from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, NotFlatError, Placing, curves
 from palpate.errors import InputError
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
-    from ezdxf.entities.dxfentity import DXFEntity
     from ezdxf.entities.dxfgfx import DXFGraphic
     from ezdxf.entities.insert import Insert
 
 __all__ = ["Walk"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Style:
     """What an entity of a block takes over from the block's insertion."""
 
     layer: str
     linetype: str
+    placing: Placing
 
 
 class Walk:
@@ -39,14 +41,16 @@ class Walk:
     """
 
     def __init__(self, path: Path, document: "Document", unit_mm: float) -> None:
+        """`unit_mm`: what a unit of the file is in mm."""
         self.found: dict[str, list[tuple[Stroke, float]]] = {}
         self.left_out: Counter[str] = Counter()
         self._path, self._document, self._unit_mm = path, document, unit_mm
 
     def all(self) -> None:
         """Go through the model space. Raises InputError for what cannot be an outline of a flat part."""
+        style = _Style("0", "CONTINUOUS", Placing(self._unit_mm * np.eye(3), np.zeros(3)))
         for entity in self._document.modelspace():
-            self._collect(entity, _Style("0", "CONTINUOUS"), ())
+            self._collect(entity, style, ())
 
     def _collect(self, entity: "DXFGraphic", outer: _Style, blocks: tuple[str, ...]) -> None:
         kind = entity.dxftype()
@@ -60,7 +64,7 @@ class Walk:
         if entity.dxf.invisible:
             self.left_out["invisible entities"] += 1
         elif kind == "INSERT":
-            self._insert(entity, _Style(layer, linetype), blocks)  # type: ignore[arg-type]
+            self._insert(entity, _Style(layer, linetype, outer.placing), blocks)  # type: ignore[arg-type]
         elif not self._visible(layer):
             self.left_out[f"entities on the hidden layer '{layer}'"] += 1
         elif kind in NOT_DRAWN:
@@ -68,9 +72,9 @@ class Walk:
         elif self._dashed(linetype):
             self.left_out[f"{kind} in linetype {linetype}"] += 1
         else:
-            self._keep(entity, layer)
+            self._keep(entity, layer, outer.placing)
 
-    def _keep(self, entity: "DXFGraphic", layer: str) -> None:
+    def _keep(self, entity: "DXFGraphic", layer: str, placing: Placing) -> None:
         label, kind = f"layer '{layer}'", entity.dxftype()
         if kind not in DRAWN:
             raise InputError(
@@ -78,7 +82,7 @@ class Walk:
                 "hide its layer or draw it with lines, arcs and splines"
             )
         try:
-            made, height = curves(entity, self._unit_mm)
+            made, height = curves(entity, placing)
         except NotFlatError as problem:
             raise InputError(f"{self._path}: {label}: a {kind} {problem}") from None
         self.found.setdefault(layer, []).append((Stroke(label, made), height))
@@ -88,20 +92,15 @@ class Walk:
         if self._has_layer(style.layer) and self._document.layers.get(style.layer).is_frozen():
             self.left_out[f"blocks on the frozen layer '{style.layer}'"] += 1
             return
-        if insert.block() is None:
+        block = insert.block()
+        if block is None:
             raise InputError(f"{self._path}: inserts a block '{name}' that is not in the file")
         if name in blocks:
             raise InputError(f"{self._path}: the block '{name}' contains itself")
         for one in insert.multi_insert() if insert.mcount > 1 else (insert,):
-            for entity in one.virtual_entities(skipped_entity_callback=self._refuse):
-                self._collect(entity, style, (*blocks, name))
-
-    def _refuse(self, entity: "DXFEntity", reason: str) -> None:
-        if entity.dxftype() not in NOT_DRAWN:
-            raise InputError(
-                f"{self._path}: layer '{entity.dxf.layer}': a {entity.dxftype()} in a block cannot be placed "
-                f"({reason}); explode the block"
-            )
+            inside = replace(style, placing=style.placing.of(one))
+            for entity in block:
+                self._collect(entity, inside, (*blocks, name))
 
     def _has_layer(self, name: str) -> bool:
         return bool(self._document.layers.has_entry(name))
