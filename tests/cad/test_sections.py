@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from palpate.cad.sections import sections_of
 from palpate.cad.values import CrossSection, Floats, Solid, StableState
-from palpate.errors import InputError
 
 SHARED = Path(os.environ.get("PALPATE_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "cad"
 UPRIGHT = np.eye(3)
@@ -101,7 +100,9 @@ def region_of(section: CrossSection) -> shapely.Geometry:
     return shapely.union_all([shapely.Polygon(r.outer, r.holes) for r in section.regions])
 
 
-def check_all(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: int) -> tuple[CrossSection, ...]:
+def check_all(
+    mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: int
+) -> tuple[CrossSection, ...]:
     """Cross sections of a part, after `count` random heights have been found to be as they say."""
     solid = solid_of(mesh)
     state = resting(solid, rotation)
@@ -124,7 +125,6 @@ def check_all(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: 
             model = region_of(section)
             assert region.difference(model.buffer(grown, quad_segs=32)).area < 1e-9, (number, height)
             assert model.difference(region.buffer(grown, quad_segs=32)).area < 1e-9, (number, height)
-    return found
 
 
 @pytest.mark.parametrize(
@@ -142,4 +142,83 @@ def check_all(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: 
     ids=["box", "cone", "cone-tilted", "ball", "tube", "torus", "screw", "blade"],
 )
 def test_sections_say_the_truth(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float) -> None:
-    check_all(mesh, rotation, tolerance, 8)
+    check(mesh, rotation, tolerance, 8)
+
+
+def test_upright_walls_make_one_exact_section() -> None:
+    outline = polygon(6, 12.0)
+    (section,) = sections_of(*part_of(prism(outline, 20.0, levels=30)), 0.05)
+    assert section.z_mm == (0.0, 20.0)
+    assert section.off_mm < 1e-6
+    (region,) = section.regions
+    assert len(region.outer) == 6
+    assert not region.holes
+    assert shapely.Polygon(region.outer).symmetric_difference(shapely.Polygon(outline)).area < 1e-6
+
+
+def part_of(mesh: trimesh.Trimesh, off_mm: float = 0.0) -> tuple[Solid, StableState]:
+    solid = solid_of(mesh, off_mm)
+    return solid, resting(solid)
+
+
+def test_steps_end_sections_exactly() -> None:
+    mesh = prism_of_profile([(0, 0), (20, 0), (20, 5), (16, 5), (16, 10), (8, 10), (8, 15), (0, 15)], 12.0)
+    found = sections_of(*part_of(mesh), 0.05)
+    assert [section.z_mm for section in found] == [(0.0, 5.0), (5.0, 10.0), (10.0, 15.0)]
+    assert [region_of(section).area for section in found] == pytest.approx([240.0, 192.0, 96.0])
+    assert max(section.off_mm for section in found) < 1e-6
+
+
+def prism_of_profile(profile: list[tuple[float, float]], width: float) -> trimesh.Trimesh:
+    """A profile (x, z), extruded along y."""
+    n = len(profile)
+    shape = shapely.constrained_delaunay_triangles(shapely.Polygon(profile))
+    number = {point: k for k, point in enumerate(profile)}
+    faces = []
+    for triangle in shape.geoms:
+        a, b, c = (number[point] for point in shapely.geometry.polygon.orient(triangle).exterior.coords[:3])
+        faces += [[a, b, c], [c + n, b + n, a + n]]
+    for k in range(n):
+        a, b = k, (k + 1) % n
+        faces += [[b, a, a + n], [b, a + n, b + n]]
+    points = [[x, 0.0, z] for x, z in profile] + [[x, width, z] for x, z in profile]
+    return trimesh.Trimesh(points, faces, process=False)
+
+
+def test_a_cone_has_no_more_sections_than_its_width_asks_for() -> None:
+    mesh = trimesh.creation.cone(10, 20, sections=200)
+    found = sections_of(*part_of(mesh), 0.1)
+    assert 10 / 0.2 <= len(found) <= 1.3 * 10 / 0.2 + 2
+
+
+def test_round_walls_are_simplified_within_the_tolerance() -> None:
+    (section,) = sections_of(*part_of(trimesh.creation.cylinder(30, 20, sections=1000)), 0.05)
+    assert 40 < len(section.regions[0].outer) < 70
+    assert 0.01 < section.off_mm <= 0.05
+
+
+def test_what_the_surface_is_off_counts() -> None:
+    (section,) = sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.05)
+    assert section.off_mm == pytest.approx(0.02, abs=1e-6)
+    with pytest.raises(InputError, match=r"off by 0.02 mm already; give a --tolerance greater"):
+        sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.02)
+
+
+def test_only_the_heights_asked_for() -> None:
+    part = part_of(trimesh.creation.cone(10, 20, sections=50))
+    found = sections_of(*part, 0.2, [(18.0, 30.0), (-1.0, 1.0), (0.5, 2.0)])
+    edges = {section.z_mm[0] for section in found} ^ {section.z_mm[1] for section in found}
+    assert edges == {0.0, 2.0, 18.0, pytest.approx(20.0)}
+    with pytest.raises(InputError, match=r"no given height is on the part, which is 20 mm high"):
+        sections_of(*part, 0.2, [(25.0, 30.0)])
+
+
+def test_too_many_sections_are_refused_with_the_height() -> None:
+    part = part_of(trimesh.creation.cone(10, 20, sections=50))
+    with pytest.raises(InputError, match=r"part, a: more than 10 .* at height \d+\.\d+ mm; give --heights"):
+        sections_of(*part, 0.1, most=10)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the CAD files beside the repository")
+def test_a_printed_cube_with_letters() -> None:
+    check(trimesh.load(SHARED / "20mm-xyz-cube.stl"), UPRIGHT, 0.3, 6)
