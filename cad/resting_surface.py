@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from palpate.cad.values import Floats, Ints, Solid, StableState
 from palpate.errors import InputError
 
-__all__ = ["HEIGHT_MM", "Bools", "Surface", "surface_of"]
+__all__ = ["HEIGHT_MM", "ROUNDING", "Bools", "Surface", "surface_of"]
 
 Bools = NDArray[np.bool_]
+
+ROUNDING = 2e-7
+"""Of the size, in the coordinates of files in single precision."""
 
 HEIGHT_MM = 1e-3
 """Heights that differ by less are the same; facets thinner than it have no normal."""
@@ -28,8 +31,9 @@ class Surface:
     `vertices_mm` (n, 3); `faces` (m, 3), counter-clockwise seen from outside; `edges` (m, 3): the number of
     the edge from each corner to the next; `ends` (e, 2): an edge's vertices; `sides` (e, 2): the facet that
     runs from its first to its second vertex, and the other one. Of facets: `low`, `high` (m,) mm; `normal`
-    (m, 2): its projection, of length one; `slope` (m,): sideways over upwards; `bare` (m,): without a normal
-    in the plane, level or thin; `level` (m,).
+    (m, 2): its projection, of length one; `bare` (m,): without a normal
+    in the plane, level or thin; `level` (m,); `upright` (m,): without drift sideways but for rounding.
+    `size_mm`: the greatest extent.
     """
 
     vertices_mm: Floats
@@ -40,14 +44,10 @@ class Surface:
     low: Floats
     high: Floats
     normal: Floats
-    slope: Floats
     bare: Bools
     level: Bools
-
-    @property
-    def size_mm(self) -> float:
-        """Its greatest extent."""
-        return float(np.ptp(self.vertices_mm, axis=0).max())
+    upright: Bools
+    size_mm: float
 
     @property
     def top_mm(self) -> float:
@@ -85,6 +85,8 @@ def surface_of(solid: Solid, state: StableState) -> Surface:
     thickness = np.linalg.norm(normal, axis=1) / np.maximum(longest, 1e-300)
     low, high = corners[:, :, 2].min(axis=1), corners[:, :, 2].max(axis=1)
     level = low == high
+    size = float(np.ptp(vertices, axis=0).max())
+    slope = np.abs(normal[:, 2]) / np.maximum(flat, 1e-300)
     return Surface(
         vertices,
         solid.faces,
@@ -94,9 +96,10 @@ def surface_of(solid: Solid, state: StableState) -> Surface:
         low,
         high,
         normal[:, :2] / np.maximum(flat, 1e-300)[:, None],
-        np.abs(normal[:, 2]) / np.maximum(flat, 1e-300),
         level | (thickness < HEIGHT_MM),
         level,
+        slope * (high - low) <= 2 * ROUNDING * size,
+        size,
     )
 
 

@@ -18,6 +18,10 @@ from palpate.cad.kept import kept
 from palpate.cad.resting_surface import HEIGHT_MM, Surface, surface_of
 from palpate.cad.simplify import simplified
 from palpate.cad.slicing import Ring, regions_of, sliced
+<<<<<<< HEAD
+=======
+from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
+>>>>>>> cadsect
 from palpate.cad.tube import Outline, corners_of, facets_of, need, outline_of
 from palpate.cad.values import CrossSection, Floats, Ints, Region, Solid, StableState
 from palpate.errors import InputError
@@ -29,13 +33,11 @@ _SHARE = 0.18
 _SHARE_UPRIGHT = 0.9
 _FEW_EDGES = 48
 """Outlines of upright walls with no more are left as they are."""
-_ENOUGH = 0.95
+_ENOUGH = 0.93
 """A slab that takes so much of the tolerance is high enough."""
 _AIM = 0.985
 _TRIES = 7
 _LEAST_SLAB_MM = 1e-5
-_ROUNDING = 2e-7
-"""Of the size, in the coordinates of files in single precision."""
 _POINT_MM = 2e-6
 """Points closer together are one."""
 _LEAST_SHARE = 0.05
@@ -122,7 +124,9 @@ def _slabs(
             yield (at, to), trial
             if trial.problem:
                 return
-            at, height = to, to - at
+            # What the last one left of the tolerance tells how high the next may be.
+            share = np.clip(_AIM * budget / max(trial.drift_mm, 1e-9), 0.8, 1.5)
+            at, height = to, float(share) * (to - at)
 
 
 def _breaks(surface: Surface, budget: float) -> Floats:
@@ -130,18 +134,12 @@ def _breaks(surface: Surface, budget: float) -> Floats:
     corners = surface.vertices_mm[surface.faces[surface.level]]
     extent = np.ptp(corners, axis=1).max(axis=1, initial=0.0)
     faces = corners[extent > budget / 2, 0, 2]
-    sloping = ~surface.level & ~_upright(surface)
+    sloping = ~surface.level & ~surface.upright
     order = np.argsort(surface.low[sloping])
     low, high = surface.low[sloping][order], np.maximum.accumulate(surface.high[sloping][order])
     gap = np.flatnonzero(low[1:] > high[:-1] + HEIGHT_MM)
     bounds = np.concatenate([low[:1], high[gap], low[gap + 1], high[-1:]])
     return np.unique(np.concatenate([faces, bounds]))
-
-
-def _upright(surface: Surface) -> Floats:
-    """Which facets do not drift sideways, but for rounding."""
-    drift = surface.slope * (surface.high - surface.low)
-    return drift <= 2 * _ROUNDING * surface.size_mm
 
 
 def _highest(
@@ -205,8 +203,8 @@ def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
     facets = surface.within(low, high)
     if not len(facets):
         return _Trial((), 0.0, 0.0)
-    upright = bool((_upright(surface) | surface.bare)[facets].all())
-    rounding = _ROUNDING * surface.size_mm
+    upright = bool((surface.upright | surface.bare)[facets].all())
+    rounding = ROUNDING * surface.size_mm
     for share in (0.5, 0.42, 0.61):
         raw = [
             ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)

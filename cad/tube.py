@@ -2,11 +2,11 @@
 
 From a `Surface`, a range of heights and an outline to a bound on what the recogniser calls being off. Every
 facet is clipped to the slab and projected: all edges of all true sections in the slab lie in these pieces,
-and all convex corners on the clipped edges between facets. The distance to one edge (or vertex) of the outline
-is convex over a piece, so the greatest of its corners' distances bounds it. An edge of length L passes for one
-whose normal differs by at most asin(4δ/L), so a piece needs δ = L/4 · sin(angle) of it, too; a vertex passes
-for normals between those of its edges, tilted likewise. A piece needs the least that any edge or vertex asks,
-and is halved where that is too much, because its ends may be near to different ones.
+and all convex corners on the clipped edges between facets. The distance to one edge (or vertex) of the
+outline is convex over a piece, so the greatest of its corners' distances bounds it. An edge of length L
+passes for one whose normal differs by at most asin(4δ/L), so a piece needs δ = L/4 · sin(angle) of it, too;
+a vertex passes for normals between those of its edges, tilted likewise. A piece needs the least that any edge
+or vertex asks, and is halved where that is too much, because its ends may be near to different ones.
 
 Facets without a normal of their own (level or thinner than 1 µm) need only be near.
 """
