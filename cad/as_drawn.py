@@ -4,9 +4,10 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
+from palpate.cad.hull import centre_of_mass
 from palpate.cad.values import Floats, Solid, StableState
 
-__all__ = ["AS_DRAWN", "as_drawn", "mass_centre_mm", "volume_mm3"]
+__all__ = ["AS_DRAWN", "as_drawn", "volume_mm3"]
 
 AS_DRAWN = "as-is"
 """Name of the only state of a solid that is taken as it lies in its file."""
@@ -20,7 +21,7 @@ def as_drawn(solid: Solid) -> StableState:
     `probability` is 1. `tipping_angle_rad` is 0 if nothing holds it so: its centre of mass is not above what
     it rests on.
     """
-    centre, lowest = mass_centre_mm(solid), float(solid.vertices_mm[:, 2].min())
+    centre, lowest = centre_of_mass(solid), float(solid.vertices_mm[:, 2].min())
     offset = np.array([-centre[0], -centre[1], -lowest])
     placed = solid.vertices_mm + offset
     touching = placed[placed[:, 2] <= _RESTS * float(np.ptp(placed, axis=0).max()), :2]
@@ -37,18 +38,6 @@ def as_drawn(solid: Solid) -> StableState:
 
 def volume_mm3(solid: Solid) -> float:
     """Volume that the surface encloses, by the divergence theorem."""
-    return float(_tetrahedra(solid)[0].sum())
-
-
-def mass_centre_mm(solid: Solid) -> Floats:
-    """Centre of mass (3,) of the solid, in its file's frame, if it is as dense everywhere."""
-    volumes, centres, about = _tetrahedra(solid)
-    found: Floats = about + volumes @ centres / volumes.sum()
-    return found
-
-
-def _tetrahedra(solid: Solid) -> tuple[Floats, Floats, Floats]:
-    """Signed volumes (m,) and centres (m, 3) of the tetrahedra of a point and each facet, and that point."""
     about: Floats = solid.vertices_mm.mean(axis=0)
     a, b, c = (solid.vertices_mm[solid.faces[:, k]] - about for k in range(3))
-    return np.einsum("ij,ij->i", a, np.cross(b, c)) / 6, (a + b + c) / 4, about
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)

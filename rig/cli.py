@@ -1,5 +1,5 @@
-"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`; the rest in `cli_devices` and
-`cli_objects`.
+"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`; the rest in `cli_devices`
+and `cli_objects`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,

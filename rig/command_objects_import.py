@@ -94,7 +94,7 @@ def _check_wanted(wanted: Wanted) -> None:
 
 
 def _there(target: Path, *, add: bool) -> ObjectsFileText | None:
-    """What the objects file holds already; InputError if it may not be written, before anything is computed."""
+    """What the objects file holds already; InputError, before anything is computed, if it stays as it is."""
     check_place(target)
     if not target.exists():
         return None

@@ -6,11 +6,15 @@ Between `cad` and `importing`. Stable states that are the same but for a turn ab
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import shapely
+
 from palpate.cad.as_drawn import as_drawn
 from palpate.cad.merging import MergedState, merged
+from palpate.cad.resting_surface import Surface, surface_of
 from palpate.cad.sections import sections_of
+from palpate.cad.slicing import regions_of, sliced
 from palpate.cad.stable import LeftOut, stable_states
-from palpate.cad.values import CrossSection, Solid, StableState
+from palpate.cad.values import CrossSection, Floats, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
 from palpate.config.objects_text import StateText
 from palpate.errors import InputError
@@ -66,27 +70,19 @@ def standing(solid: Solid, shares: Shares, tell: Tell) -> Stood:
     if shares.as_is:
         return _as_it_lies(solid, shares, tell)
     tell("stable states")
-    stable, left_out = stable_states(solid, shares.least_probability)
-    if not stable:
+    stable, unstable = stable_states(solid)
+    kept, out = merged(solid, stable, _Slices(solid).of, shares.merged_mm, shares.least_probability)
+    if not kept:
         raise InputError(
             f"{solid.name}: no stable state is as probable as {shares.least_probability:g}: "
             "give a smaller --least-probability, or --states as-is"
         )
-    sections = _Sections(solid, shares, tell)
-    kept, more = merged(solid, stable, sections.of, shares.merged_mm)
-    states = [
-        _standing(
-            item.state,
-            sections.of(item.state),
-            solid,
-            shares,
-            probability=item.state.probability,
-            merged=item.count,
-            apart_mm=item.apart_mm,
-        )
-        for item in kept
-    ]
-    return Stood(tuple(states), _left_out([*left_out, *more]))
+    states = []
+    for item in kept:
+        tell(f"sections of {item.state.name}, of {len(kept)} states")
+        sections = _sections(solid, item.state, shares)
+        states.append(_standing(item.state, sections, solid, shares, item))
+    return Stood(tuple(states), _left_out([*unstable, *out]))
 
 
 def _as_it_lies(solid: Solid, shares: Shares, tell: Tell) -> Stood:
@@ -95,27 +91,35 @@ def _as_it_lies(solid: Solid, shares: Shares, tell: Tell) -> Stood:
     warnings = (
         () if state.tipping_angle_rad > 0 else ("would topple as it lies in the file, if nothing held it",)
     )
-    sections = _Sections(solid, shares, tell).of(state)
-    return Stood((_standing(state, sections, solid, shares),), (), warnings)
+    tell("sections")
+    return Stood((_standing(state, _sections(solid, state, shares), solid, shares),), (), warnings)
 
 
-class _Sections:
-    """Sections of states, each computed once."""
+class _Slices:
+    """Exact sections of a solid's states, for those who compare them."""
 
-    def __init__(self, solid: Solid, shares: Shares, tell: Tell) -> None:
-        self._solid, self._shares, self._tell = solid, shares, tell
-        self._known: dict[str, tuple[CrossSection, ...]] = {}
+    def __init__(self, solid: Solid) -> None:
+        self._solid = solid
+        self._last: tuple[StableState, Surface] | None = None  # one: hundreds of large surfaces are too many
 
-    def of(self, state: StableState) -> tuple[CrossSection, ...]:
-        """Those that are written: of all heights, or near those that were asked for."""
-        if state.name not in self._known:
-            self._tell(f"sections of {state.name}")
-            near = self._shares.heights_mm
-            ranges = None if near is None else ranges_near(near, _top_mm(self._solid, state))
-            self._known[state.name] = sections_of(
-                self._solid, state, self._shares.sections_mm, ranges, _MOST_SECTIONS
-            )
-        return self._known[state.name]
+    def of(self, state: StableState, heights_mm: Floats) -> list[shapely.Geometry]:
+        """What is solid at each of the heights; empty above the part."""
+        if self._last is None or self._last[0] is not state:
+            self._last = state, surface_of(self._solid, state)
+        surface = self._last[1]
+        return [_region(surface, float(height)) for height in heights_mm]
+
+
+def _region(surface: Surface, height_mm: float) -> shapely.Geometry:
+    regions = regions_of([ring.points for ring in sliced(surface, height_mm)])
+    return shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in regions])
+
+
+def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
+    """Those that are written: of all heights, or near those that were asked for."""
+    near = shares.heights_mm
+    ranges = None if near is None else ranges_near(near, _top_mm(solid, state))
+    return sections_of(solid, state, shares.sections_mm, ranges, _MOST_SECTIONS)
 
 
 def _top_mm(solid: Solid, state: StableState) -> float:
@@ -127,12 +131,11 @@ def _standing(
     sections: Sequence[CrossSection],
     solid: Solid,
     shares: Shares,
-    *,
-    probability: float | None = None,
-    merged: int = 1,
-    apart_mm: float = 0.0,
+    found: MergedState | None = None,
 ) -> Standing:
-    """A state in the words of the file and of the result."""
+    """A state in the words of the file and of the result; `found`: None for one that nobody dropped."""
+    probability = None if found is None else rounded(state.probability)
+    apart_mm = 0.0 if found is None else found.apart_mm
     some = sections_text([section for section in sections if section.regions])
     heights = None
     height = max(section.z[1] for section in some)
@@ -140,7 +143,7 @@ def _standing(
         top = rounded(_top_mm(solid, state))
         height = max(height, top)
         heights = [(rounded(low), rounded(high)) for low, high in ranges_near(shares.heights_mm, top)]
-    tipping = state.tipping_angle_rad or None
+    tipping = rounded(state.tipping_angle_rad) or None
     counts = [edges_of(section) for section in some]
     text = StateText(
         name=state.name,
@@ -159,7 +162,7 @@ def _standing(
         heights=None if heights is None else tuple(heights),
         sections=len(some),
         edges=(min(counts), max(counts)),
-        merged=merged,
+        merged=1 if found is None else found.count,
         section_tolerance=bound_mm([off - solid.off_mm]),
         merged_tolerance=bound_mm([apart_mm]),
         frame=frame_out(state.rotation, state.offset_mm),
