@@ -98,7 +98,7 @@ def _units_mm(text: str) -> set[float]:
     """
     entity = {
         number: body
-        for number, body in re.findall(r"#(\d+)\s*=\s*((?:'(?:[^']|'')*'|[^';])*);", text)
+        for number, body in re.findall(r"#(\d+)\s*=\s*((?:'[^']*'|[^';])*);", text)
         if "LENGTH" in body or "GLOBAL_UNIT_ASSIGNED_CONTEXT" in body
     }
     found: set[float] = set()

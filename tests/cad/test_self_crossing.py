@@ -1,4 +1,4 @@
-"""Crossing surfaces: boxes and tetrahedra whose answer is known from elsewhere, and every edge against every face."""
+"""Crossing surfaces: boxes and tetrahedra with known answers, and every edge against every face."""
 
 import numpy as np
 import pytest

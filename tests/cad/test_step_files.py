@@ -1,4 +1,4 @@
-"""STEP files of shapes whose distance is known, written by Gmsh 4.15 (OpenCASCADE 7.8), and one of SolidWorks."""
+"""STEP files, written by Gmsh 4.15 (OpenCASCADE 7.8), of shapes whose distance is known."""
 
 from pathlib import Path
 
