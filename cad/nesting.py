@@ -32,7 +32,8 @@ def parts(loops: Sequence[Loop], stem: str, units: str | None, sheet: Sheet) -> 
     """
     points = np.concatenate([loop.points for loop in loops])
     reach = float(np.abs(points).max())
-    rings = [_without_straight(loop, _STRAIGHT * float(np.ptp(points, axis=0).max())) for loop in loops]
+    within_mm = _STRAIGHT * float(np.ptp(points, axis=0).max())
+    rings = [_without_straight(loop, within_mm) for loop in loops]
     _check_area([ring for ring in rings if len(ring.points) < 3], sheet)
     _check_crossings(rings, sheet)
     _check_area(rings, sheet)
