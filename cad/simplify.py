@@ -13,7 +13,9 @@ from palpate.cad.values import Floats, Ints
 
 __all__ = ["simplified", "turned"]
 
-_MOST_PAIRS = 2_000_000
+_ABOUT = np.array([0.7, 0.9, 0.96, 1.0, 1.04, 1.12, 1.4])
+_FINE = 32
+"""A chord is as long as it may be within this part of it."""
 
 
 def turned(normal: Floats, other: Floats) -> Floats:
@@ -33,31 +35,34 @@ def simplified(points: Floats, normal: Floats, bare: Bools, budget_mm: float) ->
         return np.arange(count)
     begin = int(np.sum(normal * np.roll(normal, 1, axis=0), axis=1).argmin())
     ring = np.roll(points, -begin, axis=0)
-    reach = _reach(ring, np.roll(normal, -begin, axis=0), np.roll(bare, -begin), budget_mm).tolist()
+    normals, bares = np.roll(normal, -begin, axis=0), np.roll(bare, -begin)
+    two = _costs(ring, normals, bares, np.arange(count), np.full(count, 2)) <= budget_mm
     kept = []
-    at = 0
+    at, step = 0, 2
     while at < count:
         kept.append(at)
-        at += reach[at]
+        if two[at] and at + 2 <= count:
+            step = _reach(ring, normals, bares, budget_mm, at, step)
+            at += step
+        else:
+            at += 1
     return np.sort((np.array(kept) + begin) % count)
 
 
-def _reach(ring: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
-    """How many edges (n,) from each point on one chord may stand for; none passes the first point."""
-    count = len(ring)
-    most = count - np.arange(count)
-    good = np.ones(count, dtype=np.int64)
-    bad = most + 1
-    step = np.minimum(2, most)
-    open_ = np.flatnonzero(bad - good > 1)
-    while len(open_) and step[open_].sum() < _MOST_PAIRS:
-        fits = _costs(ring, normal, bare, open_, step[open_]) <= budget_mm
-        good[open_[fits]] = step[open_[fits]]
-        bad[open_[~fits]] = step[open_[~fits]]
-        doubled = np.minimum(2 * good, most)
-        step = np.where(doubled < bad, doubled, (good + bad) // 2)
-        open_ = open_[bad[open_] - good[open_] > 1]
-    return good
+def _reach(ring: Floats, normal: Floats, bare: Bools, budget_mm: float, start: int, guess: int) -> int:
+    """Over how many edges a chord from `start` may go, at least two; looked for about a guess first."""
+    most = len(ring) - start
+    good, bad = 2, most + 1
+    tries = np.unique(np.clip(np.round(guess * _ABOUT), 2, most).astype(np.int64))
+    while True:
+        fits = _costs(ring, normal, bare, np.full(len(tries), start), tries) <= budget_mm
+        fail = len(tries) if fits.all() else int(fits.argmin())
+        good = max(good, int(tries[fail - 1])) if fail else good
+        bad = min(bad, int(tries[fail])) if fail < len(tries) else bad
+        if bad - good <= 1 + good // _FINE:
+            return good
+        end = min(bad - 1, 4 * good)
+        tries = np.unique(np.linspace(good + 1, end, 6).astype(np.int64))
 
 
 def _costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: Ints) -> Floats:
@@ -67,7 +72,7 @@ def _costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: Ints) -
     length = np.hypot(*chord.T)
     owner = np.repeat(np.arange(len(start)), step)
     first = np.cumsum(step) - step
-    edge = start[owner] + np.arange(len(owner)) - first[owner]
+    edge = (start[owner] + np.arange(len(owner)) - first[owner]) % count
     away = ring[edge] - ring[start[owner]]
     unit = (chord / np.maximum(length, 1e-300)[:, None])[owner]
     along = away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]
