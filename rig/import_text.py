@@ -29,7 +29,7 @@ NEGLIGIBLE_MM = 1e-5
 """What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
 
 _NEAR_MM = 0.5
-_BOUND_DECIMALS = 4
+_BOUND_STEPS = 10_000  # to a millimetre
 _SUMMING_MM = 1e-9  # 0.1 + 0.2 is more than 0.3
 
 
@@ -90,7 +90,7 @@ def bound_mm(parts_mm: Iterable[float]) -> float:
     total = math.fsum(parts_mm)
     if total <= NEGLIGIBLE_MM:
         return 0.0
-    return math.ceil((total - _SUMMING_MM) * 10**_BOUND_DECIMALS) / 10**_BOUND_DECIMALS
+    return math.ceil((total - _SUMMING_MM) * _BOUND_STEPS) / _BOUND_STEPS
 
 
 def _polygon_text(region: Region, origin: Floats) -> PolygonText:

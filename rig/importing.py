@@ -6,6 +6,7 @@ to cross sections that stand for many. What they came to is added up and written
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -79,10 +80,14 @@ def import_file(path: Path, wanted: Wanted, tell: Tell = lambda _: None) -> Impo
     solids = read_solids(path, wanted.units, curve)
     objects, warnings = [], []
     for solid, name in zip(solids, _names([solid.name for solid in solids], wanted), strict=True):
-        stood = standing(solid, _shares(solid, wanted), lambda what, name=name: tell(f"{name}: {what}"))
+        stood = standing(solid, _shares(solid, wanted), partial(_told_of, tell, name))
         objects.append(_solid_object(solid, name, stood, wanted))
         warnings += [f'object "{name}": {text}' for text in stood.warnings]
     return Imported(tuple(objects), tuple(warnings))
+
+
+def _told_of(tell: Tell, name: str, what: str) -> None:
+    tell(f"{name}: {what}")
 
 
 def _shares(solid: Solid, wanted: Wanted) -> Shares:

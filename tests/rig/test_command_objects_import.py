@@ -209,9 +209,11 @@ def test_interrupted_it_leaves_nothing(
 
 
 def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Ask) -> None:
-    tip = trimesh.creation.cone(5, 30, sections=24)
-    tip.apply_transform(trimesh.transformations.rotation_matrix(math.pi, [1, 0, 0]))
-    file = mesh_file(tip, tmp_path / "tip.stl")
+    leaning = trimesh.creation.box((10, 10, 40))
+    shear = np.eye(4)
+    shear[0, 2] = 1.0
+    leaning.apply_transform(shear)
+    file = mesh_file(leaning, tmp_path / "leaning.stl")
     ended = ask(file, "--units", "mm", "--states", "as-is", "--tolerance", "0.3")
     assert ended.code == 0
     assert "would topple" in ended.out
