@@ -30,7 +30,6 @@ NEGLIGIBLE_MM = 1e-5
 
 _NEAR_MM = 0.5
 _BOUND_STEPS = 10_000  # to a millimetre
-_SUMMING_MM = 1e-9  # 0.1 + 0.2 is more than 0.3
 
 
 def ranges_near(heights_mm: Iterable[float], top_mm: float) -> list[tuple[float, float]]:
@@ -86,11 +85,9 @@ def rounded(value: float) -> float:
 
 
 def bound_mm(parts_mm: Iterable[float]) -> float:
-    """The sum of bounds, upward to a tenth of a micrometre; 0 if it is nothing but rounding."""
-    total = math.fsum(parts_mm)
-    if total <= NEGLIGIBLE_MM:
-        return 0.0
-    return math.ceil((total - _SUMMING_MM) * _BOUND_STEPS) / _BOUND_STEPS
+    """The sum of bounds, upward to a tenth of a micrometre, but for what is nothing but rounding."""
+    beyond = max(math.fsum(parts_mm) - NEGLIGIBLE_MM, 0.0)
+    return math.ceil(beyond * _BOUND_STEPS) / _BOUND_STEPS
 
 
 def _polygon_text(region: Region, origin: Floats) -> PolygonText:
