@@ -1,4 +1,5 @@
-"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`; the rest in `cli_devices`.
+"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`; the rest in `cli_devices`
+and `cli_objects`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
@@ -17,7 +18,7 @@ import typer
 from typer.exceptions import TyperException
 
 from palpate.errors import DeviceError, PalpateError, SafetyStop
-from palpate.rig import cli_devices
+from palpate.rig import cli_devices, cli_objects
 from palpate.rig.ending import ExitCode, Interrupted
 
 __all__ = ["ExitCode", "app", "main"]
@@ -236,6 +237,7 @@ def emulate(
 
 
 cli_devices.add_to(app)
+cli_objects.add_to(app)
 
 
 def main() -> None:

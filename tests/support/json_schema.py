@@ -34,7 +34,7 @@ def violations(value: Any, schema: Mapping[str, Any], at: str = "$") -> list[str
     return found
 
 
-def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], at: str) -> list[str]:  # noqa: PLR0911
+def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], at: str) -> list[str]:  # noqa: PLR0911, PLR0912
     wrong: list[str] = [f"{at}: {value!r} breaks {keyword} {wanted!r}"]
     match keyword:
         case "type":
@@ -61,6 +61,8 @@ def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], a
             return [] if len(value) <= wanted else wrong
         case "minimum":
             return [] if value >= wanted else wrong
+        case "exclusiveMinimum":
+            return [] if value > wanted else wrong
         case "pattern":
             return [] if re.search(wanted, value) else wrong
     raise NotImplementedError(f"{at}: schema keyword {keyword!r}")

@@ -1,0 +1,126 @@
+"""Which boxes of many overlap: the broad phase of every question about pairs of faces.
+
+A balanced tree of boxes is walked against itself, many pairs of nodes at a time (after Gottschalk, Lin and
+Manocha, OBBTree, SIGGRAPH 1996, with boxes along the axes). Stands beneath `self_crossing`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.cad.values import Floats, Ints
+
+__all__ = ["overlapping_pairs"]
+
+_LEAF = 4
+"""Boxes in a leaf, at least: among so few every pair is looked at."""
+_AT_ONCE = 1 << 17
+"""Pairs that are worked on together: bounds the memory, whatever the shape."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Boxes:
+    """`lo`, `hi` (n, 3) and the group of each box (n,), -1 for none."""
+
+    lo: Floats
+    hi: Floats
+    group: Ints
+
+    def meeting(self, pairs: Ints) -> Ints:
+        """Those of the pairs (k, 2) whose boxes overlap and whose groups differ."""
+        first, second = pairs.T
+        keep: NDArray[np.bool_] = (self.group[first] != self.group[second]) | (self.group[first] < 0)
+        pairs = pairs[keep]
+        # One axis after the other: most pairs are gone after the first.
+        for lo, hi in zip(self.lo.T, self.hi.T, strict=True):
+            first, second = pairs.T
+            pairs = pairs[(lo[first] <= hi[second]) & (lo[second] <= hi[first])]
+        return pairs
+
+
+def overlapping_pairs(lo: Floats, hi: Floats, group: Ints) -> Iterator[Ints]:
+    """All pairs of boxes that overlap or touch, each once, in arrays of shape (k, 2).
+
+    `lo`, `hi` (n, 3): corners of the boxes. Pairs of boxes of the same `group` (n,) are left out, except of
+    group -1, which is none.
+    """
+    if not len(lo):
+        return
+    boxes = _Boxes(lo, hi, group)
+    order, starts, nodes = _tree(boxes)
+    first_leaf = len(starts) - 1
+    stack = [np.zeros((1, 2), dtype=np.int64)]
+    while stack:
+        pairs = stack.pop()
+        if len(pairs) > _AT_ONCE:
+            stack += [pairs[_AT_ONCE:], pairs[:_AT_ONCE]]
+            continue
+        pairs = nodes.meeting(pairs)
+        if not len(pairs):
+            continue
+        # An array holds pairs of nodes of one level only.
+        if pairs[0, 0] < first_leaf:
+            stack.append(_children(pairs))
+            continue
+        for start in range(0, len(pairs), _AT_ONCE // _LEAF**2):
+            leaves = pairs[start : start + _AT_ONCE // _LEAF**2] - first_leaf
+            found = boxes.meeting(_members(order, starts, leaves))
+            if len(found):
+                yield found
+
+
+def _tree(boxes: _Boxes) -> tuple[Ints, Ints, _Boxes]:
+    """Order of the boxes, where each leaf starts in it, and boxes of all nodes: k above 2k + 1, 2k + 2.
+
+    Every node is cut at the median, along the longest side of the box of its centres.
+    """
+    count = len(boxes.lo)
+    levels = max(0, int(np.log2(count / _LEAF)) if count > _LEAF else 0)
+    order = np.arange(count)
+    centre = (boxes.lo + boxes.hi) / 2
+    for level in range(levels):
+        starts = _starts(count, level)
+        points = centre[order]
+        spread = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts)
+        node = np.repeat(np.arange(len(starts)), np.diff(np.append(starts, count)))
+        along = points[np.arange(count), spread.argmax(axis=1)[node]]
+        order = order[np.lexsort((along, node))]
+    lo, hi, group = [], [], []
+    for level in range(levels + 1):
+        starts = _starts(count, level)
+        lo.append(np.minimum.reduceat(boxes.lo[order], starts))
+        hi.append(np.maximum.reduceat(boxes.hi[order], starts))
+        least = np.minimum.reduceat(boxes.group[order], starts)
+        most = np.maximum.reduceat(boxes.group[order], starts)
+        group.append(np.where(least == most, least, -1))
+    return order, _starts(count, levels), _Boxes(np.vstack(lo), np.vstack(hi), np.concatenate(group))
+
+
+def _starts(count: int, level: int) -> Ints:
+    """Where the 2 ** level nodes of a level start in the order."""
+    result: Ints = (np.arange(1 << level) * count) >> level
+    return result
+
+
+def _children(pairs: Ints) -> Ints:
+    """Pairs of children of pairs of nodes; a node with itself has three."""
+    left, right = 2 * pairs + 1, 2 * pairs + 2
+    other = pairs[:, 0] != pairs[:, 1]
+    crossed = np.column_stack([right[:, 0], left[:, 1]])[other]
+    return np.vstack([left, right, np.column_stack([left[:, 0], right[:, 1]]), crossed])
+
+
+def _members(order: Ints, starts: Ints, leaves: Ints) -> Ints:
+    """Pairs of boxes of pairs of leaves."""
+    ends = np.append(starts[1:], len(order))
+    width = int((ends - starts).max())
+    places = starts[leaves][:, :, None] + np.arange(width)
+    there = places < ends[leaves][:, :, None]
+    one, two = np.meshgrid(np.arange(width), np.arange(width), indexing="ij")
+    one, two = one.ravel(), two.ravel()
+    both = there[:, 0, one] & there[:, 1, two]
+    both &= (leaves[:, :1] != leaves[:, 1:]) | (one < two)
+    row, column = np.nonzero(both)
+    return order[np.column_stack([places[row, 0, one[column]], places[row, 1, two[column]]])]

@@ -1,0 +1,227 @@
+"""Strokes become closed loops: ends that meet are joined. Between the readers of drawings and `nesting`.
+
+Drawings are stored as strokes in any order and direction, each with its own rounding. Ends nearer than
+`JOIN_MM` to each other are the same point; nothing further apart is ever bridged. What joining moves is added
+to the loop's deviation.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from palpate.cad.curves import Curve, hull, joined_chords
+from palpate.cad.size import MAX_SIZE_MM
+from palpate.cad.values import Floats, Ints
+from palpate.errors import InputError
+
+__all__ = ["JOIN_MM", "Loop", "Sheet", "Stroke", "closed_loops"]
+
+JOIN_MM = 5e-3
+"""Ends so near to each other are one point: four decimals of an inch, in arcs by centre and angle."""
+
+_SAME_MM = 1e-6
+"""Strokes that run so near to each other are drawn twice."""
+_FAR_MM = 100 * MAX_SIZE_MM
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The file that is read, and how a point is called in it.
+
+    A point (x, y), mm, has there the coordinates (x · per_mm[0], y · per_mm[1]) in `unit`.
+    """
+
+    file: str
+    unit: str
+    per_mm: tuple[float, float]
+
+    def place(self, *points_mm: Floats) -> str:
+        """Points (2,) as they are found in the file."""
+        named = (f"({x * self.per_mm[0]:.6g}, {y * self.per_mm[1]:.6g})" for x, y in points_mm)
+        return f"{' and '.join(named)} {self.unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class Stroke:
+    """Curves that follow each other, mm, and where in the file they come from ("layer 'cut'")."""
+
+    label: str
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A closed outline: open ring `points` (n, 2), mm; the curves are within `off_mm` of its edges."""
+
+    label: str
+    points: Floats
+    off_mm: float
+
+
+def closed_loops(strokes: Sequence[Stroke], curve_mm: float, sheet: Sheet) -> tuple[Loop, ...]:
+    """All strokes as closed loops, curves as chords within `curve_mm`. Each stroke is in one loop.
+
+    What is drawn twice is taken once. Raises InputError, with the place, where an outline is open, where
+    strokes branch, and where they are too far away or too short to be joined.
+    """
+    runs = [_run(stroke, curve_mm, sheet) for stroke in strokes]
+    closed = [_closed(run) for run in runs if _closes(run)]
+    open_runs = [run for run in runs if not _closes(run)]
+    if open_runs:
+        closed += _traced(*_netted(open_runs, sheet), sheet)
+    if not closed:
+        raise InputError(f"{sheet.file}: its lines have no length; draw closed outlines")
+    return _without_twins(closed)
+
+
+def _run(stroke: Stroke, curve_mm: float, sheet: Sheet) -> Loop:
+    """A stroke as points; not closed yet."""
+    around = np.concatenate([hull(curve) for curve in stroke.curves])
+    if not np.all(np.isfinite(around)):
+        raise InputError(f"{sheet.file}: {stroke.label} has coordinates that are no finite numbers")
+    if np.ptp(around, axis=0).max() > _FAR_MM:
+        raise InputError(
+            f"{sheet.file}: {stroke.label} has a curve at {sheet.place(around[0])} that is longer than "
+            f"{_FAR_MM:g} mm; parts up to {MAX_SIZE_MM:g} mm are allowed: is the unit right?"
+        )
+    points, off, gap = joined_chords(stroke.curves, curve_mm)
+    if gap > JOIN_MM:
+        raise InputError(
+            f"{sheet.file}: {stroke.label} has a curve from {sheet.place(points[0])} on that jumps by "
+            f"{gap:.3g} mm; draw it without a break"
+        )
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    keep = np.concatenate([[True], steps > 0])
+    return Loop(stroke.label, points[keep], off + gap)
+
+
+def _length(points: Floats) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _closes(run: Loop) -> bool:
+    return math.dist(run.points[0], run.points[-1]) <= JOIN_MM < _length(run.points)
+
+
+def _closed(run: Loop) -> Loop:
+    gap = math.dist(run.points[0], run.points[-1])
+    return Loop(run.label, run.points[:-1], run.off_mm + gap)
+
+
+def _netted(runs: Sequence[Loop], sheet: Sheet) -> tuple[list[Loop], Ints]:
+    """Runs from node to node: with both ends moved to the nodes, and the nodes (m, 2) of their ends.
+
+    Runs that joining makes a point, and such as repeat another, are left out.
+    """
+    ends = np.concatenate([[run.points[0], run.points[-1]] for run in runs])
+    pairs = cKDTree(ends).query_pairs(JOIN_MM, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(ends), len(ends)))
+    _, node = connected_components(links, directed=False)
+    _, first = np.unique(node, return_index=True)
+    moved = np.hypot(*(ends[first][node] - ends).T)
+    if moved.max() > 2 * JOIN_MM:
+        far = int(moved.argmax())
+        raise InputError(
+            f"{sheet.file}: {runs[far // 2].label} has many strokes shorter than {JOIN_MM:g} mm at "
+            f"{sheet.place(ends[far])}; join them into polylines"
+        )
+    shortest = np.where(node[::2] == node[1::2], [_length(run.points) for run in runs], 0.0)
+    shift = np.zeros(len(first))
+    np.maximum.at(shift, node, moved + np.repeat(shortest, 2))
+    kept: dict[tuple[int, int, int], list[Loop]] = {}
+    for k, run in enumerate(runs):
+        one, other = int(node[2 * k]), int(node[2 * k + 1])
+        if one == other:
+            # Shorter than what counts as a point: else it would be closed already.
+            continue
+        points = run.points.copy()
+        points[0], points[-1] = ends[first[one]], ends[first[other]]
+        if one > other:
+            points = points[::-1]
+        off = run.off_mm + float(max(shift[one], shift[other]))
+        same = kept.setdefault((min(one, other), max(one, other), len(points)), [])
+        if not any(np.abs(points - twin.points).max() <= _SAME_MM for twin in same):
+            same.append(Loop(run.label, points, off))
+    netted = [(run, key[:2]) for key, same in kept.items() for run in same]
+    return [run for run, _ in netted], np.array([nodes for _, nodes in netted], dtype=np.int64).reshape(-1, 2)
+
+
+def _traced(runs: list[Loop], nodes: Ints, sheet: Sheet) -> list[Loop]:
+    """Follow the runs from node to node; each node has to have two of them."""
+    at: dict[int, list[int]] = {}
+    for k, pair in enumerate(nodes.tolist()):
+        for node in pair:
+            at.setdefault(node, []).append(k)
+    branches = {node: own for node, own in at.items() if len(own) > 2}
+    if branches:
+        raise InputError(_branch(branches, runs, nodes, sheet))
+    loose = [(node, own[0]) for node, own in at.items() if len(own) == 1]
+    if loose:
+        raise InputError(_gap(loose, runs, nodes, sheet))
+    left = set(range(len(runs)))
+    found = []
+    for start in range(len(runs)):
+        if start not in left:
+            continue
+        chain, off, node, k = [], 0.0, int(nodes[start, 0]), start
+        while k in left:
+            left.discard(k)
+            forward = nodes[k, 0] == node
+            chain.append((runs[k].points if forward else runs[k].points[::-1])[:-1])
+            off = max(off, runs[k].off_mm)
+            node = int(nodes[k, 1] if forward else nodes[k, 0])
+            k = at[node][0] if at[node][1] == k else at[node][1]
+        found.append(Loop(runs[start].label, np.concatenate(chain), off))
+    return found
+
+
+def _branch(branches: dict[int, list[int]], runs: list[Loop], nodes: Ints, sheet: Sheet) -> str:
+    node, own = next(iter(branches.items()))
+    point = runs[own[0]].points[0 if nodes[own[0], 0] == node else -1]
+    more = f" (and at {len(branches) - 1} more places)" if len(branches) > 1 else ""
+    return (
+        f"{sheet.file}: {runs[own[0]].label}: {len(own)} lines meet at {sheet.place(point)}{more}; "
+        "an outline passes through a point once: remove the lines that are no outlines"
+    )
+
+
+def _gap(loose: list[tuple[int, int]], runs: list[Loop], nodes: Ints, sheet: Sheet) -> str:
+    """Name the two loose ends that are nearest to each other."""
+    ends = np.array([runs[k].points[0 if nodes[k, 0] == node else -1] for node, k in loose])
+    apart, other = (np.asarray(found) for found in cKDTree(ends).query(ends, k=2))
+    one = int(apart[:, 1].argmin())
+    two = int(other[one, 1]) if other[one, 1] != one else int(other[one, 0])
+    k = loose[one][1]
+    more = f" (and {len(loose) - 2} more loose ends)" if len(loose) > 2 else ""
+    where = f"{sheet.file}: {runs[k].label}"
+    if loose[two][1] == k and len(runs[k].points) == 2:
+        return (
+            f"{where}: the line between {sheet.place(ends[one], ends[two])} is in no outline{more}; remove it"
+        )
+    return (
+        f"{where}: open loop: gap of {math.dist(ends[one], ends[two]):.4g} mm between "
+        f"{sheet.place(ends[one], ends[two])}{more}; close it (ends within {JOIN_MM:g} mm are joined)"
+    )
+
+
+def _without_twins(loops: list[Loop]) -> tuple[Loop, ...]:
+    """Leave out loops that run along an earlier one from point to point, wherever they start."""
+    boxes = np.array([[*loop.points.min(axis=0), *loop.points.max(axis=0)] for loop in loops])
+    near = cKDTree(boxes).query_pairs(2 * _SAME_MM, output_type="ndarray")
+    twins = {max(pair) for pair in near.tolist() if _same_ring(*(loops[k].points for k in pair))}
+    return tuple(loop for k, loop in enumerate(loops) if k not in twins)
+
+
+def _same_ring(one: Floats, other: Floats) -> bool:
+    """The same points in the same cyclic order, in either direction."""
+    if len(one) != len(other):
+        return False
+    start = int(np.hypot(*(other - one[0]).T).argmin())
+    turned = np.roll(other, -start, axis=0)
+    backwards = np.roll(turned[::-1], 1, axis=0)
+    return any(bool(np.abs(one - ring).max() <= _SAME_MM) for ring in (turned, backwards))

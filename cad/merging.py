@@ -1,0 +1,203 @@
+"""Stable states that fingers cannot tell apart become one: a cube has six faces to rest on and one state.
+
+From `stable` to cross sections of what is left. Two states are one if a rigid motion in the plane, never
+a reflection, brings exact sections of one onto those of the other (`sameness`) at heights in the middle
+between levels of corners, of both. Whatever is at the same height of its centre of mass and as tall is
+compared.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from palpate.cad.hull import centre_of_mass
+from palpate.cad.sameness import motions
+from palpate.cad.stable import LeftOut
+from palpate.cad.values import Floats, Solid, StableState
+
+__all__ = ["MergedState", "SlicesOf", "merged"]
+
+SlicesOf = Callable[[StableState, Floats], Sequence[Any]]
+"""Exact sections of a state at heights (k,) as polygonal shapely geometries, empty ones above it."""
+
+_HEIGHTS = 12
+"""More heights than these are thinned out evenly."""
+_COMPARED = 400
+"""So many states are compared, most probable first."""
+_BALLS = 24
+"""So many states of a ball stand for all."""
+_POLE = 0.05
+"""Share of a ball's height, at either end, where sections change too fast to be compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class MergedState:
+    """A state that stands for `count` of them, with their probabilities' sum and least tipping angle.
+
+    `apart_mm`: the largest distance of any of their sections from this state's.
+    """
+
+    state: StableState
+    apart_mm: float
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Family:
+    """States that are about as tall are sliced at the same `heights_mm` (k,)."""
+
+    top_mm: float
+    heights_mm: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Sliced:
+    """A state with its slices at its family's heights, and the heights (h,) that its own levels ask for."""
+
+    state: StableState
+    centre_mm: float
+    family: _Family
+    slices: Sequence[Any]
+    own_mm: Floats
+
+
+@dataclass(eq=False)
+class _Group:
+    first: _Sliced
+    members: list[StableState] = field(default_factory=list)
+    apart_mm: float = 0.0
+
+
+def merged(
+    solid: Solid,
+    states: Sequence[StableState],
+    slices_of: SlicesOf,
+    within_mm: float,
+    least_probability: float = 0.0,
+    most: int = 24,
+) -> tuple[list[MergedState], list[LeftOut]]:
+    """States by falling probability, named anew, none within a distance of another; and what is left out.
+
+    `states` as `stable_states` orders them. A ball, whose surface is everywhere as far from its centre
+    within `within_mm`, has one state; its `apart_mm` is that of 24 states between 5 % and 95 % of its
+    height. Otherwise the 400 most probable states are compared and further ones are left out together,
+    as are those less probable than asked and those beyond the `most` most probable ones.
+    """
+    ball = _is_ball(solid, within_mm)
+    compared = states[: _BALLS if ball else _COMPARED]
+    groups: list[_Group] = []
+    families: list[_Family] = []
+    for state in compared:
+        sliced = _sliced(solid, state, families, slices_of, within_mm, _POLE if ball else 0.0)
+        group, apart = _home(sliced, groups, slices_of, within_mm)
+        group.members.append(state)
+        group.apart_mm = max(group.apart_mm, apart)
+    rest = list(states[len(compared) :])
+    out: list[LeftOut] = []
+    if ball:
+        groups[0].members += rest
+    elif rest:
+        out.append(_together(f"{len(rest)} states beyond the {_COMPARED} that are compared", rest))
+    return _chosen([_merged(group) for group in groups], out, least_probability, most)
+
+
+def _chosen(
+    found: list[MergedState], out: list[LeftOut], least: float, most: int
+) -> tuple[list[MergedState], list[LeftOut]]:
+    found = sorted(found, key=lambda item: -round(item.state.probability, 6))
+    likely = [item for item in found if item.state.probability >= least]
+    for item in found[len(likely) :]:
+        share = item.state.probability
+        out.append(LeftOut(f"improbable: {100 * share:.2g} %", share, -item.state.rotation[2]))
+    beyond = [item.state for item in likely[most:]]
+    if beyond:
+        out.append(_together(f"{len(beyond)} states beyond the {most} most probable", beyond))
+    named = [
+        replace(item, state=replace(item.state, name=f"state-{number}"))
+        for number, item in enumerate(likely[:most], start=1)
+    ]
+    return named, out
+
+
+def _together(reason: str, states: Sequence[StableState]) -> LeftOut:
+    total = sum(state.probability for state in states)
+    return LeftOut(f"{reason}: {100 * total:.2g} %", total, -states[0].rotation[2])
+
+
+def _merged(group: _Group) -> MergedState:
+    state = replace(
+        group.first.state,
+        probability=sum(item.probability for item in group.members),
+        tipping_angle_rad=min(item.tipping_angle_rad for item in group.members),
+    )
+    return MergedState(state, group.apart_mm, len(group.members))
+
+
+def _sliced(
+    solid: Solid,
+    state: StableState,
+    families: list[_Family],
+    slices_of: SlicesOf,
+    within: float,
+    pole: float,
+) -> _Sliced:
+    height = solid.vertices_mm @ state.rotation[2] + state.offset_mm[2]
+    centre = float(centre_of_mass(solid) @ state.rotation[2] + state.offset_mm[2])
+    own, top = _heights(height, within, pole), float(height.max())
+    family = next((item for item in families if abs(item.top_mm - top) <= within), None)
+    if family is None:
+        family = _Family(top, own)
+        families.append(family)
+    return _Sliced(state, centre, family, slices_of(state, family.heights_mm), own)
+
+
+def _home(sliced: _Sliced, groups: list[_Group], slices_of: SlicesOf, within: float) -> tuple[_Group, float]:
+    """The group that a state belongs to, a new one if need be, and how far apart it is from its first."""
+    for group in groups:
+        first = group.first
+        if first.family is sliced.family and abs(first.centre_mm - sliced.centre_mm) <= within:
+            apart = _apart(sliced, first, slices_of, within)
+            if apart is not None:
+                return group, apart
+    groups.append(_Group(sliced))
+    return groups[-1], 0.0
+
+
+def _apart(one: _Sliced, other: _Sliced, slices_of: SlicesOf, within: float) -> float | None:
+    """Distance of sections of one state from those of another; None if no motion brings them close."""
+    found = motions(one.slices, other.slices, within, most=1)
+    if not found:
+        return None
+    shared = one.family.heights_mm
+    if len(one.own_mm) == len(shared) and np.allclose(one.own_mm, shared, rtol=0.0, atol=within):
+        return found[0].apart_mm
+    # Levels of its own: what is between them must be the same as well, in the same motion.
+    both = np.concatenate([shared, one.own_mm])
+    every = motions(slices_of(one.state, both), slices_of(other.state, both), within, most=1)
+    return every[0].apart_mm if every else None
+
+
+def _heights(height_mm: Floats, within: float, pole: float) -> Floats:
+    """Heights (k,) in the middle between levels of corners that are further apart than a distance."""
+    top = float(height_mm.max())
+    levels = [0.0]
+    for level in np.unique(height_mm):
+        if level > levels[-1] + max(within, 1e-4 * top):
+            levels.append(float(level))
+    middles = (np.array(levels[:-1]) + np.array(levels[1:])) / 2
+    middles = middles[(middles >= pole * top) & (middles <= (1 - pole) * top)]
+    chosen = np.linspace(0, len(middles) - 1, min(len(middles), _HEIGHTS)).round().astype(int)
+    result: Floats = middles[chosen]
+    return result
+
+
+def _is_ball(solid: Solid, within: float) -> bool:
+    """Whether the whole surface is as far from the centre of mass, within a distance."""
+    corners = solid.vertices_mm[solid.faces] - centre_of_mass(solid)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    some = area > 1e-9 * area.max()
+    planes = (normal[some] * corners[some, 0]).sum(axis=1) / area[some]
+    return float(np.linalg.norm(corners, axis=2).max() - planes.min()) <= within

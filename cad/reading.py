@@ -1,0 +1,65 @@
+"""Files of all formats: which reader reads which, and what each of them takes.
+
+The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_files`) and drawings (`dxf`,
+`svg`), whose readers are imported when they are needed.
+"""
+
+from pathlib import Path
+
+from palpate.cad.mesh_checks import MM_PER_UNIT
+from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
+from palpate.cad.step_files import STEP_SUFFIXES, read_step
+from palpate.cad.values import Drawing, Solid
+from palpate.errors import InputError
+
+__all__ = ["is_drawing", "read_drawings", "read_solids"]
+
+_DRAWINGS = (".dxf", ".svg")
+
+
+def is_drawing(path: Path) -> bool:
+    """Is a file a drawing (DXF, SVG), rather than a solid (STL, OBJ, PLY, 3MF, STEP)?
+
+    Raises InputError for a suffix that is neither.
+    """
+    suffix = path.suffix.lower()
+    allowed = (*MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWINGS)
+    if suffix not in allowed:
+        raise InputError(f"{path}: unknown kind of file; allowed are {', '.join(sorted(allowed))}")
+    return suffix in _DRAWINGS
+
+
+def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
+    """All bodies of a mesh or STEP file, in mm and checked, named after the file or by it.
+
+    `units`: "mm", "inch" or "m"; needed for STL, OBJ and PLY, which have none, and to be left out or right
+    for 3MF and STEP, which have. Curves of STEP files are replaced by chords within `curve_mm`. Raises
+    InputError with what is wrong and where.
+    """
+    if is_drawing(path):
+        raise InputError(f"{path}: is a drawing, not a solid")
+    _check(path, units)
+    if path.suffix.lower() in STEP_SUFFIXES:
+        return read_step(path, units, curve_mm)
+    return read_mesh_file(path, units)
+
+
+def read_drawings(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, ...]:
+    """All parts of a drawing, in mm; `units` as its reader (`dxf`, `svg`) takes them."""
+    if not is_drawing(path):
+        raise InputError(f"{path}: is a solid, not a drawing")
+    _check(path, units)
+    if path.suffix.lower() == ".dxf":
+        from palpate.cad.dxf import read_dxf  # noqa: PLC0415 - ezdxf is an extra
+
+        return read_dxf(path, units, curve_mm)
+    from palpate.cad.svg import read_svg  # noqa: PLC0415 - svgelements is an extra
+
+    return read_svg(path, units, curve_mm)
+
+
+def _check(path: Path, units: str | None) -> None:
+    if units is not None and units not in MM_PER_UNIT:
+        raise InputError(f"--units {units}: allowed are {', '.join(MM_PER_UNIT)}")
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such file")

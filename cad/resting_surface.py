@@ -1,0 +1,135 @@
+"""A solid as it rests on the support plane: its facets' heights and headings, ready to be sliced.
+
+Between `StableState`s and cross sections. Here heights are rounded once and for all: facets that are level
+within 1 µm are made level, and those thinner than 1 µm are taken to have no normal of their own, because
+coordinates in files are no better than that. So a height means that height within 1 µm.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.cad.values import Floats, Ints, Solid, StableState
+from palpate.errors import InputError
+
+__all__ = ["HEIGHT_MM", "ROUNDING", "Bools", "Surface", "surface_of"]
+
+Bools = NDArray[np.bool_]
+
+ROUNDING = 2e-7
+"""Of the size, in the coordinates of files in single precision."""
+
+HEIGHT_MM = 1e-3
+"""Heights that differ by less are the same; facets thinner than it have no normal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A closed surface of m triangles in the frame of its state, z upwards from the support plane, mm.
+
+    `vertices_mm` (n, 3); `faces` (m, 3), counter-clockwise seen from outside; `edges` (m, 3): the number of
+    the edge from each corner to the next; `ends` (e, 2): an edge's vertices; `sides` (e, 2): the facet that
+    runs from its first to its second vertex, and the other one. Of facets: `low`, `high` (m,) mm; `normal`
+    (m, 2): its projection, of length one; `bare` (m,): without a normal
+    in the plane, level or thin; `level` (m,); `upright` (m,): without drift sideways but for rounding.
+    `size_mm`: the greatest extent.
+    """
+
+    vertices_mm: Floats
+    faces: Ints
+    edges: Ints
+    ends: Ints
+    sides: Ints
+    low: Floats
+    high: Floats
+    normal: Floats
+    bare: Bools
+    level: Bools
+    upright: Bools
+    size_mm: float
+
+    @property
+    def top_mm(self) -> float:
+        """Its greatest height."""
+        return float(self.vertices_mm[:, 2].max())
+
+    def within(self, from_mm: float, to_mm: float) -> Ints:
+        """Facets that reach into the open range of heights."""
+        return np.flatnonzero((self.low < to_mm) & (self.high > from_mm))
+
+    def peaks(self) -> Floats:
+        """Heights (k,), ascending, at which some part of it begins or ends: no neighbour is beyond."""
+        first, second = self.ends.T
+        height = self.vertices_mm[:, 2]
+        above, below = (np.zeros(len(height), dtype=bool) for _ in range(2))
+        above[first[height[second] > height[first]]] = True
+        above[second[height[first] > height[second]]] = True
+        below[first[height[second] < height[first]]] = True
+        below[second[height[first] < height[second]]] = True
+        return np.unique(height[~(above & below)])
+
+
+def surface_of(solid: Solid, state: StableState) -> Surface:
+    """Lay a solid as a state says.
+
+    Raises InputError if its surface is not closed.
+    """
+    vertices = solid.vertices_mm @ state.rotation.T + state.offset_mm
+    vertices[:, 2] = _levelled(vertices[:, 2], solid.faces)
+    edges, ends, sides = _edges_of(solid)
+    corners = vertices[solid.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    flat = np.hypot(normal[:, 0], normal[:, 1])
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    thickness = np.linalg.norm(normal, axis=1) / np.maximum(longest, 1e-300)
+    low, high = corners[:, :, 2].min(axis=1), corners[:, :, 2].max(axis=1)
+    level = low == high
+    size = float(np.ptp(vertices, axis=0).max())
+    slope = np.abs(normal[:, 2]) / np.maximum(flat, 1e-300)
+    return Surface(
+        vertices,
+        solid.faces,
+        edges,
+        ends,
+        sides,
+        low,
+        high,
+        normal[:, :2] / np.maximum(flat, 1e-300)[:, None],
+        level | (thickness < HEIGHT_MM),
+        level,
+        slope * (high - low) <= 2 * ROUNDING * size,
+        size,
+    )
+
+
+def _levelled(height: Floats, faces: Ints) -> Floats:
+    """Heights (n,) with the corners of almost level facets at the same ones."""
+    of_faces = height[faces]
+    flat = np.ptp(of_faces, axis=1) < HEIGHT_MM
+    values, group = np.unique(of_faces[flat], return_inverse=True)
+    common = values.copy()
+    begin = -np.inf
+    for index, value in enumerate(values.tolist()):
+        if value - begin >= HEIGHT_MM:
+            begin = value
+        common[index] = begin
+    result = height.copy()
+    result[faces[flat].ravel()] = common[group.ravel()]
+    return result
+
+
+def _edges_of(solid: Solid) -> tuple[Ints, Ints, Ints]:
+    count = len(solid.vertices_mm)
+    begin, end = solid.faces, np.roll(solid.faces, -1, axis=1)
+    key = np.minimum(begin, end) * count + np.maximum(begin, end)
+    keys, number = np.unique(key, return_inverse=True)
+    edges = number.reshape(key.shape)
+    sides = np.full((len(keys), 2), -1)
+    face = np.arange(len(solid.faces))[:, None].repeat(3, axis=1)
+    forth = begin < end
+    sides[edges[forth], 0] = face[forth]
+    sides[edges[~forth], 1] = face[~forth]
+    if 2 * len(keys) != key.size or (sides < 0).any():
+        raise InputError(f"{solid.name}: its surface is not closed; repair it in the CAD program")
+    return edges, np.stack([keys // count, keys % count], axis=1), sides

@@ -1,0 +1,287 @@
+"""Cross sections of a resting solid, adapted in height and proven.
+
+From a `Surface` to `CrossSection`s. Each stands for a slab of heights by one outline, taken near the slab's
+middle and simplified. `tube` bounds how far every true edge in the slab is from it; outside of a tube of that
+radius round its edges nothing changes over the slab, so every true section's material is within it of the
+outline's; `kept` proves the reverse. Slabs end at level faces and where upright walls begin or end; in
+between they are made as high as the proof allows.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from palpate.cad.kept import kept
+from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
+from palpate.cad.simplify import simplified
+from palpate.cad.slicing import Ring, regions_of, sliced
+from palpate.cad.tube import Outline, corners_of, facets_of, need, outline_of
+from palpate.cad.values import CrossSection, Floats, Ints, Region, Solid, StableState
+from palpate.errors import InputError
+
+__all__ = ["sections_of"]
+
+_SHARE = 0.18
+"""Of the tolerance, for simplifying outlines between sloping walls; drift over the slab takes the rest."""
+_SHARE_UPRIGHT = 0.9
+_FEW_EDGES = 48
+"""Outlines of upright walls with no more are left as they are."""
+_ENOUGH = 0.93
+"""A slab that takes so much of the tolerance is high enough."""
+_AIM = 0.985
+_TRIES = 7
+_LEAST_SLAB_MM = 1e-5
+_POINT_MM = 2e-6
+"""Points closer together are one."""
+_LEAST_SHARE = 0.05
+"""Of the size of a ring: no ring is simplified by more than this."""
+
+
+def sections_of(
+    solid: Solid,
+    state: StableState,
+    tolerance_mm: float,
+    heights_mm: Sequence[tuple[float, float]] | None = None,
+    most: int = 400,
+) -> tuple[CrossSection, ...]:
+    """Cross sections of a solid as it rests, from the support plane up, within a tolerance.
+
+    `heights_mm`: only these ranges, clipped to the part; `most`: no more sections than this. A height means
+    that height within 1 µm. Raises InputError if the tolerance leaves nothing beside what the solid is off
+    by, if no range meets the part, and if more sections were needed, naming the height.
+    """
+    budget = tolerance_mm - solid.off_mm
+    if not budget > 0:
+        raise InputError(
+            f"{solid.name}: its surface is off by {solid.off_mm:.3g} mm already; "
+            f"give a --tolerance greater than that"
+        )
+    surface = surface_of(solid, state)
+    found: list[CrossSection] = []
+    for begin, end in _ranges(solid, surface, heights_mm):
+        for slab, trial in _slabs(surface, begin, end, budget):
+            if trial.problem or len(found) == most:
+                why = trial.problem or f"more than {most} cross sections are needed"
+                raise InputError(
+                    f"{solid.name}, {state.name}: {why} at height {slab[0]:.4g} mm; "
+                    f"give --heights that leave it out, or a greater --tolerance"
+                )
+            found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
+    return tuple(found)
+
+
+def _ranges(
+    solid: Solid, surface: Surface, heights_mm: Sequence[tuple[float, float]] | None
+) -> list[tuple[float, float]]:
+    """Disjoint ranges of height, ascending, within the part."""
+    top = surface.top_mm
+    if heights_mm is None:
+        return [(0.0, top)]
+    merged: list[tuple[float, float]] = []
+    for begin, end in sorted((max(0.0, a), min(top, b)) for a, b in heights_mm):
+        if end - begin < HEIGHT_MM:
+            continue
+        if merged and begin <= merged[-1][1]:
+            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
+        else:
+            merged.append((begin, end))
+    if not merged:
+        raise InputError(f"{solid.name}: no given height is on the part, which is {top:.4g} mm high")
+    return merged
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What one outline is worth for a slab: `off_mm` is proven if there is no `problem`.
+
+    `drift_mm`: how far walls are from it, or an estimate; 0 where nothing can be said.
+    """
+
+    regions: tuple[Region, ...]
+    off_mm: float
+    drift_mm: float
+    problem: str = ""
+
+
+def _slabs(
+    surface: Surface, begin: float, end: float, budget: float
+) -> Iterator[tuple[tuple[float, float], _Trial]]:
+    """Slabs that tile a range, each as high as can be; the last one has a problem if it cannot be tiled."""
+    breaks = _breaks(surface, budget)
+    breaks = breaks[(breaks > begin + HEIGHT_MM) & (breaks < end - HEIGHT_MM)]
+    peaks = surface.peaks()
+    for low, high in zip([begin, *breaks], [*breaks, end], strict=True):
+        at, height = low, high - low
+        while at < high:
+            to, trial = _highest(surface, at, high, height, peaks, budget)
+            yield (at, to), trial
+            if trial.problem:
+                return
+            # What the last one left of the tolerance tells how high the next may be.
+            share = np.clip(_AIM * budget / max(trial.drift_mm, 1e-9), 0.8, 1.5)
+            at, height = to, float(share) * (to - at)
+
+
+def _breaks(surface: Surface, budget: float) -> Floats:
+    """Heights (k,) of level faces, and those at which all walls begin or cease to be upright."""
+    corners = surface.vertices_mm[surface.faces[surface.level]]
+    extent = np.ptp(corners, axis=1).max(axis=1, initial=0.0)
+    faces = corners[extent > budget / 2, 0, 2]
+    sloping = ~surface.level & ~surface.upright
+    order = np.argsort(surface.low[sloping])
+    low, high = surface.low[sloping][order], np.maximum.accumulate(surface.high[sloping][order])
+    gap = np.flatnonzero(low[1:] > high[:-1] + HEIGHT_MM)
+    bounds = np.concatenate([low[:1], high[gap], low[gap + 1], high[-1:]])
+    return np.unique(np.concatenate([faces, bounds]))
+
+
+def _highest(
+    surface: Surface, at: float, high: float, height: float, peaks: Floats, budget: float
+) -> tuple[float, _Trial]:
+    """The end of the highest slab from `at` that is found in a few tries, up to `high`.
+
+    The first guess is as high as the last slab. How far an outline is off tells by how much to change it;
+    where that says nothing, because something begins or ends in the slab, it may have to end at a peak.
+    """
+    good: tuple[float, _Trial] | None = None
+    bad = np.inf
+    to = min(high, at + height)
+    if high - to < 0.2 * height:
+        to = high
+    tries = 0
+    while True:
+        trial = _trial(surface, at, to, budget)
+        tries += 1
+        if not trial.problem:
+            good = (to, trial)
+            if to == high or trial.drift_mm >= _ENOUGH * budget or tries >= _TRIES:
+                return good
+        else:
+            bad = to
+        if good is not None and (tries >= _TRIES or bad - good[0] < 0.04 * (good[0] - at)):
+            return good
+        if good is None and bad - at < _LEAST_SLAB_MM:
+            return bad, trial
+        to = _next(at, high, good, bad, trial, peaks, budget)
+
+
+def _next(
+    at: float,
+    high: float,
+    good: tuple[float, _Trial] | None,
+    bad: float,
+    trial: _Trial,
+    peaks: Floats,
+    budget: float,
+) -> float:
+    """The end to be tried next, between one that is good, if any, and one that is bad, if any."""
+    least = at if good is None else good[0]
+    tried = bad if trial.problem else least
+    if 0 < trial.drift_mm < np.inf:
+        ratio = _AIM * budget / trial.drift_mm
+        guess = at + (tried - at) * min(max(ratio, 0.1), 4.0)
+    else:
+        between = peaks[(peaks > least) & (peaks < bad)] if bad < np.inf else peaks[:0]
+        guess = float(between[len(between) // 2]) if len(between) else np.inf
+    if bad == np.inf:
+        return high if high - guess < 0.2 * (guess - at) else min(guess, high)
+    margin = 0.02 * (bad - least)
+    if least + margin < guess < bad - margin:
+        return guess
+    return (least + bad) / 2 if good is not None else at + (bad - at) / 4
+
+
+def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
+    """Try one outline for a slab."""
+    facets = surface.within(low, high)
+    if not len(facets):
+        return _Trial((), 0.0, 0.0)
+    upright = bool((surface.upright | surface.bare)[facets].all())
+    rounding = ROUNDING * surface.size_mm
+    for share in (0.5, 0.42, 0.61):
+        raw = [
+            ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)
+        ]
+        for simplify in (_SHARE_UPRIGHT * budget if upright else _SHARE * budget, rounding):
+            if upright and simplify > rounding and sum(len(ring.points) for ring in raw) <= _FEW_EDGES:
+                continue
+            trial = _proven(surface, facets, (low, high), raw, simplify, budget)
+            if trial is not None:
+                return trial
+    return _Trial((), 0.0, 0.0, "its outline crosses or touches itself")
+
+
+def _proven(
+    surface: Surface,
+    facets: Ints,
+    slab: tuple[float, float],
+    raw: list[Ring],
+    simplify: float,
+    budget: float,
+) -> _Trial | None:
+    """Simplify an outline and prove it; None if it is not simple."""
+    rings, owners = [], []
+    count, stray = 0, 0.0
+    for ring in raw:
+        least = min(simplify, _LEAST_SHARE * float(np.ptp(ring.points, axis=0).max()))
+        own = simplified(ring.points, surface.normal[ring.facet], surface.bare[ring.facet], least)
+        if len(own) < 3:
+            own = np.arange(len(ring.points))
+        place = (np.searchsorted(own, np.arange(len(ring.points)), side="right") - 1) % len(own)
+        stray = max(stray, _stray(ring.points, ring.points[own], place))
+        rings.append(ring.points[own])
+        owners.append(count + place)
+        count += len(own)
+    outline = outline_of(rings)
+    off, good = _off(surface, facets, slab, raw, outline, owners, budget)
+    if not good:
+        return _Trial((), off, off, "a nearly level wall moves too far")
+    if rings and not shapely.MultiLineString([np.vstack([ring, ring[:1]]) for ring in rings]).is_simple:
+        return None
+    regions = regions_of(rings)
+    off = max(off, stray, 1e-9 * surface.size_mm)
+    reached = kept(
+        regions, lambda: regions_of([ring.points for ring in raw]), surface, facets, slab, off, budget
+    )
+    if reached is None:
+        return _Trial((), off, off, "something too thin leans too much")
+    return _Trial(regions, reached, off)
+
+
+def _off(
+    surface: Surface,
+    facets: Ints,
+    slab: tuple[float, float],
+    raw: list[Ring],
+    outline: Outline,
+    owners: list[Ints],
+    budget: float,
+) -> tuple[float, bool]:
+    if not raw:
+        return np.inf, False
+    middles = np.concatenate([(ring.points + np.roll(ring.points, -1, axis=0)) / 2 for ring in raw])
+    near, owner = cKDTree(middles), np.concatenate(owners)
+    most = 0.0
+    for pieces in (facets_of(surface, facets, *slab), corners_of(surface, facets, *slab)):
+        off, good = need(pieces, outline, near, owner, budget, budget)
+        most = max(most, off)
+        if not good:
+            return off, False
+    return most, True
+
+
+def _stray(points: Floats, chosen: Floats, place: Ints) -> float:
+    """How far points (n, 2) are at most from the chords between `chosen` ones; `place` (n,): whose chord."""
+    leg = (np.roll(chosen, -1, axis=0) - chosen)[place]
+    away = points - chosen[place]
+    share = np.clip(np.sum(away * leg, axis=1) / np.sum(leg**2, axis=1), 0.0, 1.0)
+    return float(np.hypot(*(away - share[:, None] * leg).T).max())
+
+
+def _cleaned(ring: Ring) -> Ring:
+    """Without points that repeat the one before."""
+    far = np.hypot(*(np.roll(ring.points, -1, axis=0) - ring.points).T) > _POINT_MM
+    return Ring(ring.points[far], ring.facet[far])

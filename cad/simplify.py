@@ -1,0 +1,84 @@
+"""Outlines with as few edges as a budget allows, in the recogniser's sense of being off.
+
+From rings of a slice to the regions of a cross section. An edge of length L stands for a run of true edges as
+well as the recogniser's tolerance δ says: they lie within δ of it and their normals differ by at most
+asin(4δ/L). So a chord costs the greater of the run's distance and of L/4 times the sine of the angle between
+normals, and a step of 0.03 mm in a long wall stays, because its riser cannot pass for the wall.
+"""
+
+import numpy as np
+
+from palpate.cad.resting_surface import Bools
+from palpate.cad.values import Floats, Ints
+
+__all__ = ["simplified", "turned"]
+
+_ABOUT = np.array([0.7, 0.9, 0.96, 1.0, 1.04, 1.12, 1.4])
+_FINE = 32
+"""A chord is as long as it may be within this part of it."""
+
+
+def turned(normal: Floats, other: Floats) -> Floats:
+    """4δ/L that lets an edge's normal (n, 2) turn to another: the sine of the angle, or 1 beyond 90°."""
+    across = np.abs(normal[:, 0] * other[:, 1] - normal[:, 1] * other[:, 0])
+    return np.where(normal[:, 0] * other[:, 0] + normal[:, 1] * other[:, 1] > 0, across, 1.0)
+
+
+def simplified(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
+    """Which points (k,) of a ring (n, 2) to keep, ascending, so that no chord costs more than the budget.
+
+    `normal` (n, 2): the outward unit normal of the edge after each point, unless it is `bare`. Starts at
+    the sharpest corner. Fewer than three are left of a ring that is no wider than the budget.
+    """
+    count = len(points)
+    if count < 4:
+        return np.arange(count)
+    begin = int(np.sum(normal * np.roll(normal, 1, axis=0), axis=1).argmin())
+    ring = np.roll(points, -begin, axis=0)
+    normals, bares = np.roll(normal, -begin, axis=0), np.roll(bare, -begin)
+    two = _costs(ring, normals, bares, np.arange(count), np.full(count, 2)) <= budget_mm
+    kept = []
+    at, step = 0, 2
+    while at < count:
+        kept.append(at)
+        if two[at] and at + 2 <= count:
+            step = _reach(ring, normals, bares, budget_mm, at, step)
+            at += step
+        else:
+            at += 1
+    return np.sort((np.array(kept) + begin) % count)
+
+
+def _reach(ring: Floats, normal: Floats, bare: Bools, budget_mm: float, start: int, guess: int) -> int:
+    """Over how many edges a chord from `start` may go, at least two; looked for about a guess first."""
+    most = len(ring) - start
+    good, bad = 2, most + 1
+    tries = np.unique(np.clip(np.round(guess * _ABOUT), 2, most).astype(np.int64))
+    while True:
+        fits = _costs(ring, normal, bare, np.full(len(tries), start), tries) <= budget_mm
+        fail = len(tries) if fits.all() else int(fits.argmin())
+        good = max(good, int(tries[fail - 1])) if fail else good
+        bad = min(bad, int(tries[fail])) if fail < len(tries) else bad
+        if bad - good <= 1 + good // _FINE:
+            return good
+        end = min(bad - 1, 4 * good)
+        tries = np.unique(np.linspace(good + 1, end, 6).astype(np.int64))
+
+
+def _costs(ring: Floats, normal: Floats, bare: Bools, start: Ints, step: Ints) -> Floats:
+    """What the chords from points `start` (k,) over `step` (k,) edges each cost."""
+    count = len(ring)
+    chord = ring[(start + step) % count] - ring[start]
+    length = np.hypot(*chord.T)
+    owner = np.repeat(np.arange(len(start)), step)
+    first = np.cumsum(step) - step
+    edge = (start[owner] + np.arange(len(owner)) - first[owner]) % count
+    away = ring[edge] - ring[start[owner]]
+    unit = (chord / np.maximum(length, 1e-300)[:, None])[owner]
+    along = away[:, 0] * unit[:, 0] + away[:, 1] * unit[:, 1]
+    beyond = along - np.clip(along, 0.0, length[owner])
+    distance = np.hypot(away[:, 0] * unit[:, 1] - away[:, 1] * unit[:, 0], beyond)
+    turn = turned(normal[edge], np.stack([unit[:, 1], -unit[:, 0]], axis=1))
+    cost = np.maximum(distance, np.where(bare[edge], 0.0, length[owner] / 4 * turn))
+    result: Floats = np.maximum.reduceat(cost, first)
+    return result

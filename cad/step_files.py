@@ -1,0 +1,121 @@
+"""STEP files (ISO 10303-21), tessellated by OpenCASCADE through cascadio, into checked solids.
+
+cascadio gives metres in single precision, whatever the file's unit; how finely curves are cut is asked for in
+millimetres, whatever the file's unit.
+"""
+
+import math
+import re
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from palpate.cad.extras import needed
+from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
+from palpate.cad.scenes import distinct_shapes
+from palpate.cad.surface import rounding
+from palpate.cad.values import Solid
+from palpate.errors import InputError
+
+__all__ = ["STEP_SUFFIXES", "read_step"]
+
+STEP_SUFFIXES = (".step", ".stp")
+
+_TURN_RAD = math.radians(10.0)
+"""Most that neighbouring chords of a curve turn by."""
+_SHARE = 0.5
+"""OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
+
+_PATIENCE_S = 60.0
+"""After so long a file is given up."""
+
+_SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001}
+
+
+def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
+    """Solids of a STEP file in mm, curves replaced by chords within `curve_mm`; each shape once.
+
+    The file has units, which `units` ("mm", "inch" or "m") may repeat. Raises InputError for what cannot be
+    read, for units that are not the file's, and for what `mesh_checks` refuses.
+    """
+    needed("cascadio", "step", "reading STEP files")
+    data = path.read_bytes()
+    if not data.lstrip().startswith(b"ISO-10303-21"):
+        raise InputError(f"{path}: is no STEP file: it does not start with ISO-10303-21")
+    if not data.rstrip().endswith(b"END-ISO-10303-21;"):
+        raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
+    _check_units(path, data, units)
+    scene = _tessellated(path, curve_mm)
+    solids: list[Solid] = []
+    for shape in distinct_shapes(str(path), scene, path.stem):
+        vertices = shape.vertices * 1000.0
+        off = math.nextafter(curve_mm + rounding(vertices), math.inf)
+        solids += checked_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
+    if not solids:
+        raise InputError(f"{path}: holds no solid")
+    return tuple(solids)
+
+
+def _tessellated(path: Path, curve_mm: float) -> Any:
+    """What OpenCASCADE makes of a file, as a trimesh scene in metres."""
+    trimesh = needed("trimesh", "step", "reading STEP files")
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "tessellated.glb"
+        numbers = [repr(curve_mm * _SHARE), repr(_TURN_RAD)]
+        command = [sys.executable, "-m", "palpate.cad.tessellate", str(path.resolve()), str(target), *numbers]
+        try:
+            ended = subprocess.run(command, capture_output=True, timeout=_PATIENCE_S, check=False)
+        except subprocess.TimeoutExpired:
+            raise InputError(
+                f"{path}: OpenCASCADE was not done with it after {_PATIENCE_S:g} s; "
+                "allow its curves a larger tolerance, or export it as STL"
+            ) from None
+        if ended.returncode or not target.is_file():
+            raise InputError(f"{path}: OpenCASCADE cannot read it, or it holds no solid; export it again")
+        try:
+            return trimesh.load_scene(target, process=False)
+        except Exception:
+            raise InputError(f"{path}: holds no solid") from None
+
+
+def _check_units(path: Path, data: bytes, units: str | None) -> None:
+    """Refuse a file without a unit of length, or with another than the one that was said."""
+    stated = _units_mm(data.decode("latin-1"))
+    if not stated:
+        raise InputError(f"{path}: states no unit of length; export it again with one")
+    if units is not None and any(abs(mm / MM_PER_UNIT[units] - 1) > 1e-9 for mm in stated):
+        said = " and ".join(f"{mm:g} mm" for mm in sorted(stated))
+        raise InputError(f"{path}: says that its unit is {said}, not {units}: leave --units out")
+
+
+def _units_mm(text: str) -> set[float]:
+    """Units of length, in mm, of all contexts of a STEP file.
+
+    A context lists its units; a unit of length is metres with a prefix, or a number of another unit (ISO
+    10303-41, conversion_based_unit).
+    """
+    entity = {
+        number: body
+        for number, body in re.findall(r"#(\d+)\s*=\s*((?:'[^']*'|[^';])*);", text)
+        if "LENGTH" in body or "GLOBAL_UNIT_ASSIGNED_CONTEXT" in body
+    }
+    found: set[float] = set()
+    for body in entity.values():
+        for listed in re.findall(r"GLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^)]*)\)", body):
+            found |= {mm for number in re.findall(r"#(\d+)", listed) if (mm := _length_mm(entity, number))}
+    return found
+
+
+def _length_mm(entity: dict[str, str], number: str) -> float:
+    """Length in mm of a unit, 0 if it is none of length."""
+    body = entity.get(number, "")
+    if "LENGTH_UNIT" not in body:
+        return 0.0
+    if metres := re.search(r"SI_UNIT\s*\(\s*(?:\$|\.(\w+)\.)\s*,\s*\.METRE\.", body):
+        return _SI_MM.get(metres[1] or "", 0.0)
+    conversion = re.search(r"CONVERSION_BASED_UNIT\s*\(\s*'[^']*'\s*,\s*#(\d+)", body)
+    measure = entity.get(conversion[1], "") if conversion else ""
+    size = re.search(r"LENGTH_MEASURE\s*\(\s*([-+.\dEe]+)\s*\)\s*,\s*#(\d+)", measure)
+    return float(size[1]) * _length_mm(entity, size[2]) if size and size[2] != number else 0.0

@@ -1,0 +1,223 @@
+"""Cross sections against trimesh's own sections at random heights: regions, edges and normals."""
+
+import itertools
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from palpate.cad.sections import sections_of
+from palpate.cad.values import CrossSection, Floats, Solid, StableState
+from palpate.errors import InputError
+
+SHARED = Path(os.environ.get("PALPATE_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "cad"
+UPRIGHT = np.eye(3)
+
+
+def solid_of(mesh: trimesh.Trimesh, off_mm: float = 0.0) -> Solid:
+    return Solid("part", np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64), off_mm)
+
+
+def resting(solid: Solid, rotation: Floats = UPRIGHT) -> StableState:
+    lowest = (solid.vertices_mm @ rotation.T)[:, 2].min()
+    return StableState("a", rotation, np.array([0.0, 0.0, -lowest]), 1.0, 0.5, np.zeros((3, 2)))
+
+
+def turned(seed: int) -> Floats:
+    return Rotation.random(random_state=seed).as_matrix()
+
+
+def prism(outline: Floats, height: float, twist_rad: float = 0.0, levels: int = 2) -> trimesh.Trimesh:
+    """Walls of two triangles between levels, turned by a twist in all; convex outlines only."""
+    rings = []
+    for share in np.linspace(0, 1, levels):
+        c, s = np.cos(twist_rad * share), np.sin(twist_rad * share)
+        rings.append(np.column_stack([outline @ [[c, s], [-s, c]], np.full(len(outline), height * share)]))
+    n = len(outline)
+    faces = [[0, k + 1, k] for k in range(1, n - 1)]
+    top = (levels - 1) * n
+    faces += [[top, top + k, top + k + 1] for k in range(1, n - 1)]
+    for level, k in itertools.product(range(levels - 1), range(n)):
+        a, b = level * n + k, level * n + (k + 1) % n
+        faces += [[a, b, b + n], [a, b + n, a + n]]
+    return trimesh.Trimesh(np.vstack(rings), faces, process=False)
+
+
+def polygon(sides: int, radius: float) -> Floats:
+    angle = 2 * np.pi * np.arange(sides) / sides
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def edges_and_vertices(section: CrossSection) -> tuple[Floats, Floats, Floats, Floats]:
+    """Starts, ends (n, 2), normal angles (n,) and those of the edges before (n,), the plain way."""
+    rows = []
+    for region in section.regions:
+        for ring in (region.outer, *region.holes):
+            for k in range(len(ring)):
+                p, a, b = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
+                rows.append([*a, *b, *(np.arctan2(-(q - o)[0], (q - o)[1]) for o, q in ((a, b), (p, a)))])
+    table = np.array(rows)
+    return table[:, :2], table[:, 2:4], table[:, 4], table[:, 5]
+
+
+def worst_excess(section: CrossSection, points: Floats, normals: Floats) -> float:
+    """How far beyond `off_mm` true edge points (n, 2) with normals (n,) rad are from what passes for them."""
+    start, end, heading, before = edges_and_vertices(section)
+    leg = end - start
+    length = np.hypot(*leg.T)
+    tilt = np.where(4 * section.off_mm < length, np.arcsin(np.minimum(4 * section.off_mm / length, 1)), np.pi)
+    share = np.clip(np.einsum("nkc,kc->nk", points[:, None] - start, leg) / length**2, 0, 1)
+    to_edge = np.linalg.norm(points[:, None] - start - share[:, :, None] * leg, axis=2)
+    turn = np.abs(np.angle(np.exp(1j * (normals[:, None] - heading))))
+    to_edge[turn > tilt + 1e-6] = np.inf
+    to_vertex = np.linalg.norm(points[:, None] - start, axis=2)
+    bend = np.angle(np.exp(1j * (heading - before)))
+    tilt_before = np.array([tilt[np.argmin(np.linalg.norm(end - s, axis=1))] for s in start])
+    after = np.angle(np.exp(1j * (normals[:, None] - before)))
+    to_vertex[(after < -tilt_before - 1e-6) | (after > bend + tilt + 1e-6)] = np.inf
+    return float(np.minimum(to_edge.min(axis=1), to_vertex.min(axis=1)).max()) - section.off_mm
+
+
+def true_section(mesh: trimesh.Trimesh, height: float) -> tuple[Floats, Floats, shapely.Geometry]:
+    """Points on the true edges, their normals, and the region."""
+    lines, faces = trimesh.intersections.mesh_plane(mesh, [0, 0, 1], [0, 0, height], return_faces=True)
+    lines = lines[:, :, :2]
+    normal = mesh.face_normals[faces]
+    share = np.array([0.001, 0.25, 0.5, 0.75, 0.999])
+    points = lines[:, :1] + share[:, None] * (lines[:, 1:] - lines[:, :1])
+    cut = mesh.section([0, 0, 1], [0, 0, height])
+    region = shapely.Polygon()
+    for ring in cut.discrete:
+        region = region.symmetric_difference(shapely.Polygon(ring[:, :2]))
+    angle = np.arctan2(normal[:, 1], normal[:, 0])
+    return points.reshape(-1, 2), angle.repeat(len(share)), region
+
+
+def region_of(section: CrossSection) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(r.outer, r.holes) for r in section.regions])
+
+
+def check(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float, count: int) -> None:
+    """Find the cross sections of a part, and compare `count` of them with it at random heights."""
+    solid = solid_of(mesh)
+    state = resting(solid, rotation)
+    found = sections_of(solid, state, tolerance, most=3000)
+    moved = trimesh.Trimesh(solid.vertices_mm @ rotation.T + state.offset_mm, solid.faces, process=False)
+    top = moved.vertices[:, 2].max()
+    assert found[0].z_mm[0] == 0.0
+    assert found[-1].z_mm[1] == pytest.approx(top, abs=1e-3)
+    assert all(a.z_mm[1] == b.z_mm[0] for a, b in itertools.pairwise(found))
+    random = np.random.default_rng(3)
+    for number in random.permutation(len(found))[:count]:
+        section = found[number]
+        assert section.off_mm <= tolerance * (1 + 1e-9)
+        low, high = section.z_mm
+        for share in (random.uniform(0, 0.1), random.uniform(), random.uniform(0.9, 1)):
+            height = low + share * (high - low)
+            points, normals, region = true_section(moved, height)
+            assert worst_excess(section, points, normals) < 1e-6, (number, height)
+            grown = section.off_mm * 1.002 + 2e-6
+            model = region_of(section)
+            assert region.difference(model.buffer(grown, quad_segs=32)).area < 1e-9, (number, height)
+            assert model.difference(region.buffer(grown, quad_segs=32)).area < 1e-9, (number, height)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "rotation", "tolerance"),
+    [
+        (trimesh.creation.box((8, 12, 4)), turned(1), 0.4),
+        (trimesh.creation.cone(6, 8, sections=32), UPRIGHT, 0.2),
+        (trimesh.creation.cone(6, 8, sections=32), turned(4), 0.5),
+        (trimesh.creation.icosphere(3, radius=8), UPRIGHT, 0.4),
+        (trimesh.creation.annulus(4, 9, 12, sections=40), turned(6), 0.8),
+        (trimesh.creation.torus(12, 4, 30, 16), UPRIGHT, 0.5),
+        (prism(polygon(4, 12.0), 20.0, 1.0, 9), UPRIGHT, 0.8),
+        (prism(polygon(6, 12.0) * [1, 0.1], 20.0, 0.5, 7), UPRIGHT, 0.6),
+    ],
+    ids=["box", "cone", "cone-tilted", "ball", "tube", "torus", "screw", "blade"],
+)
+def test_sections_say_the_truth(mesh: trimesh.Trimesh, rotation: Floats, tolerance: float) -> None:
+    check(mesh, rotation, tolerance, 8)
+
+
+def test_upright_walls_make_one_exact_section() -> None:
+    outline = polygon(6, 12.0)
+    (section,) = sections_of(*part_of(prism(outline, 20.0, levels=30)), 0.05)
+    assert section.z_mm == (0.0, 20.0)
+    assert section.off_mm < 1e-6
+    (region,) = section.regions
+    assert len(region.outer) == 6
+    assert not region.holes
+    assert shapely.Polygon(region.outer).symmetric_difference(shapely.Polygon(outline)).area < 1e-6
+
+
+def part_of(mesh: trimesh.Trimesh, off_mm: float = 0.0) -> tuple[Solid, StableState]:
+    solid = solid_of(mesh, off_mm)
+    return solid, resting(solid)
+
+
+def test_steps_end_sections_exactly() -> None:
+    mesh = prism_of_profile([(0, 0), (20, 0), (20, 5), (16, 5), (16, 10), (8, 10), (8, 15), (0, 15)], 12.0)
+    found = sections_of(*part_of(mesh), 0.05)
+    assert [section.z_mm for section in found] == [(0.0, 5.0), (5.0, 10.0), (10.0, 15.0)]
+    assert [region_of(section).area for section in found] == pytest.approx([240.0, 192.0, 96.0])
+    assert max(section.off_mm for section in found) < 1e-6
+
+
+def prism_of_profile(profile: list[tuple[float, float]], width: float) -> trimesh.Trimesh:
+    """A profile (x, z), extruded along y."""
+    n = len(profile)
+    shape = shapely.constrained_delaunay_triangles(shapely.Polygon(profile))
+    number = {point: k for k, point in enumerate(profile)}
+    faces = []
+    for triangle in shape.geoms:
+        a, b, c = (number[point] for point in shapely.geometry.polygon.orient(triangle).exterior.coords[:3])
+        faces += [[a, b, c], [c + n, b + n, a + n]]
+    for k in range(n):
+        a, b = k, (k + 1) % n
+        faces += [[b, a, a + n], [b, a + n, b + n]]
+    points = [[x, 0.0, z] for x, z in profile] + [[x, width, z] for x, z in profile]
+    return trimesh.Trimesh(points, faces, process=False)
+
+
+def test_a_cone_has_no_more_sections_than_its_width_asks_for() -> None:
+    mesh = trimesh.creation.cone(10, 20, sections=200)
+    found = sections_of(*part_of(mesh), 0.1)
+    assert 10 / 0.2 <= len(found) <= 1.3 * 10 / 0.2 + 2
+
+
+def test_round_walls_are_simplified_within_the_tolerance() -> None:
+    (section,) = sections_of(*part_of(trimesh.creation.cylinder(30, 20, sections=1000)), 0.05)
+    assert 40 < len(section.regions[0].outer) < 70
+    assert 0.01 < section.off_mm <= 0.05
+
+
+def test_what_the_surface_is_off_counts() -> None:
+    (section,) = sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.05)
+    assert section.off_mm == pytest.approx(0.02, abs=1e-6)
+    with pytest.raises(InputError, match=r"off by 0.02 mm already; give a --tolerance greater"):
+        sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.02)
+
+
+def test_only_the_heights_asked_for() -> None:
+    part = part_of(trimesh.creation.cone(10, 20, sections=50))
+    found = sections_of(*part, 0.2, [(18.0, 30.0), (-1.0, 1.0), (0.5, 2.0)])
+    ends = {section.z_mm[0] for section in found} ^ {section.z_mm[1] for section in found}
+    assert sorted(ends) == pytest.approx([0.0, 2.0, 18.0, 20.0])
+    with pytest.raises(InputError, match=r"no given height is on the part, which is 20 mm high"):
+        sections_of(*part, 0.2, [(25.0, 30.0)])
+
+
+def test_too_many_sections_are_refused_with_the_height() -> None:
+    part = part_of(trimesh.creation.cone(10, 20, sections=50))
+    with pytest.raises(InputError, match=r"part, a: more than 10 .* at height \d+\.\d+ mm; give --heights"):
+        sections_of(*part, 0.1, most=10)
+
+
+@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the CAD files beside the repository")
+def test_a_printed_cube_with_letters() -> None:
+    check(trimesh.load(SHARED / "20mm-xyz-cube.stl"), UPRIGHT, 0.3, 6)

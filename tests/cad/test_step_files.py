@@ -1,0 +1,83 @@
+"""STEP files, written by Gmsh 4.15 (OpenCASCADE 7.8), of shapes whose distance is known."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from palpate.cad.reading import read_solids
+from palpate.errors import InputError
+
+HERE = Path(__file__).parent / "step"
+
+
+def volume(solid):
+    return trimesh.Trimesh(solid.vertices_mm, solid.faces, process=False).volume
+
+
+def off_sphere(p):
+    return np.abs(np.sqrt((p**2).sum(axis=1)) - 20)
+
+
+def off_torus(p):
+    return np.abs(np.hypot(np.hypot(p[:, 0], p[:, 1]) - 30, p[:, 2]) - 8)
+
+
+def off_cylinder(p):
+    return np.abs(np.maximum(np.hypot(p[:, 0], p[:, 1]) - 10, np.maximum(-p[:, 2], p[:, 2] - 30)))
+
+
+def off_cone(p):
+    side = (np.hypot(p[:, 0], p[:, 1]) - 15 + p[:, 2] / 3) * 3 / np.sqrt(10)
+    return np.abs(np.maximum(side, np.maximum(-p[:, 2], p[:, 2] - 30)))
+
+
+@pytest.mark.parametrize("curve_mm", [0.3, 0.1])
+@pytest.mark.parametrize(
+    ("name", "off"),
+    [("sphere", off_sphere), ("torus", off_torus), ("cylinder", off_cylinder), ("cone", off_cone)],
+)
+def test_chords_stay_within_what_is_said(name, off, curve_mm):
+    (solid,) = read_solids(HERE / f"{name}.step", None, curve_mm)
+    share = np.array([(i, j, 6 - i - j) for i in range(7) for j in range(7 - i)]) / 6
+    points = np.einsum("sc,mcx->msx", share, solid.vertices_mm[solid.faces]).reshape(-1, 3)
+    assert curve_mm < solid.off_mm < curve_mm * 1.01
+    assert off(points).max() <= solid.off_mm
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "units"),
+    [("SI_UNIT(.CENTI.,.METRE.)", 10.0, None), ("SI_UNIT(.MILLI.,.METRE.)", 1.0, "mm")],
+)
+def test_units_are_those_of_the_file_and_chords_are_in_mm_all_the_same(tmp_path, unit, scale, units):
+    path = tmp_path / "sphere.step"
+    path.write_text((HERE / "sphere.step").read_text().replace("SI_UNIT(.MILLI.,.METRE.)", unit))
+    (solid,) = read_solids(path, units, 0.2 * scale)
+    assert np.ptp(solid.vertices_mm, axis=0).max() == pytest.approx(40 * scale, rel=1e-5)
+    middles = solid.vertices_mm[solid.faces].mean(axis=1)
+    assert 0.02 * scale < np.abs(np.sqrt((middles**2).sum(axis=1)) - 20 * scale).max() <= 0.2 * scale
+    with pytest.raises(InputError, match="leave --units out"):
+        read_solids(path, "inch", 0.2)
+
+
+def test_bodies_and_voids():
+    assert [volume(solid) for solid in read_solids(HERE / "two.step", None, 0.1)] == pytest.approx(
+        [6000, 1000]
+    )
+    (hollow,) = read_solids(HERE / "hollow.step", None, 0.1)
+    assert volume(hollow) == pytest.approx(27000 - 125)
+
+
+def test_damaged_files_are_refused(tmp_path):
+    text = (HERE / "cylinder.step").read_text()
+    path = tmp_path / "part.stp"
+    for damaged, said in (
+        ("", "does not start"),
+        (text[: len(text) // 2], "cut short"),
+        (text.replace("CLOSED_SHELL", "CLOSED_SHEL"), "OpenCASCADE|solid"),
+        (text.replace("LENGTH_UNIT()", ""), "unit"),
+    ):
+        path.write_text(damaged)
+        with pytest.raises(InputError, match=said):
+            read_solids(path, None, 0.1)

@@ -1,0 +1,240 @@
+"""SVG files: shapes against closed forms and svgelements' own points, units, and what is refused."""
+
+import io
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import svgelements
+
+from palpate.cad.svg import read_svg
+from palpate.cad.values import Drawing
+from palpate.errors import InputError
+
+ROOT = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+PAGE = 'width="200mm" height="100mm" viewBox="0 0 200 100"'
+SQUARE = '<rect x="10" y="20" width="30" height="20"/>'
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "part.svg"
+
+
+def read(file: Path, body: str, page: str = PAGE, units: str | None = None) -> tuple[Drawing, ...]:
+    file.write_text(f"<svg {ROOT} {page}>{body}</svg>", encoding="utf-8")
+    return read_svg(file, units, 0.005)
+
+
+def shape(drawing: Drawing) -> shapely.MultiPolygon:
+    return shapely.MultiPolygon([(region.outer, list(region.holes)) for region in drawing.regions])
+
+
+def box(drawing: Drawing) -> list[float]:
+    return [float(value) for value in shape(drawing).bounds]
+
+
+@pytest.mark.parametrize(
+    ("body", "area"),
+    [
+        (SQUARE, 600.0),
+        ('<rect x="10" y="10" width="40" height="30" rx="5"/>', 1200 - (4 - math.pi) * 25),
+        ('<rect x="10" y="10" width="40" height="30" rx="8" ry="99"/>', 1200 - (4 - math.pi) * 8 * 15),
+        ('<circle cx="50" cy="50" r="20"/>', math.pi * 400),
+        ('<ellipse cx="50" cy="50" rx="20" ry="4"/>', math.pi * 80),
+        ('<polygon points="0,0 30,0 30,40"/>', 600.0),
+        ('<polyline points="0 0 30 0 30 40 0 0" fill="none" stroke="red"/>', 600.0),
+        ('<path d="M50 50h30v-40h-30z"/>', 1200.0),
+        ('<path d="m50 50 30 0 0 -40"/><line x1="80" y1="10" x2="50" y2="50"/>', 600.0),
+        ('<path d="M20 50a30 15 0 1 0 60 0A30 15 0 1 0 20 50"/>', math.pi * 450),
+        ('<path d="M20 50A0 9 0 0 0 40 50V70z"/>', 200.0),
+        ('<path d="M0 0q30 0 30 30h-30z"/>', 900 * 2 / 3 + 900 / 6),
+        ('<path d="M0 0q15 0 15 15t15 15h-30z"/>', 450.0),
+        ('<path d="M0 0c20 0 30 10 30 30h-30z"/>', 750.0),
+        (
+            '<path d="M0 0h10v10h-10zm20 0h10v10h-10z" transform="translate(9 9) scale(2 3)"/>',
+            [600.0, 600.0],
+        ),
+        (
+            '<g transform="rotate(30)"><circle cx="60" cy="10" r="5" transform="skewX(40)scale(3 1)"/></g>',
+            75 * math.pi,
+        ),
+        (SQUARE + '<circle cx="20" cy="30" r="5"/>', 600 - math.pi * 25),
+    ],
+)
+def test_area_of_every_shape(file: Path, body: str, area: float | list[float]) -> None:
+    found = read(file, body)
+    wanted = area if isinstance(area, list) else [area]
+    for drawing, exact in zip(found, wanted, strict=True):
+        whole = shape(drawing)
+        assert whole.is_valid
+        assert whole.area == pytest.approx(exact, abs=drawing.off_mm * whole.length + 1e-6)
+        assert drawing.off_mm <= 0.005 + 1e-6
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<path d="M20 50c5 -30 40 -30 30 10s-10 20 -30 -10z" transform="rotate(20 50 50)"/>',
+        '<path d="M60 50a20 8 33 1 0 9 5z" transform="translate(40 9)skewY(20)"/>',
+        '<path d="M20 50q20 -40 40 0T70 80z" transform="matrix(1 .3 -.2 1.2 30 -20)"/>',
+        '<g transform="translate(80 60)scale(-1 1)"><ellipse rx="30" ry="9" transform="rotate(50)"/></g>',
+    ],
+)
+def test_points_of_transformed_paths(file: Path, body: str) -> None:
+    """svgelements' own points of each path are within the stated deviation; y is turned round."""
+    (found,) = read(file, body)
+    drawing = svgelements.SVG.parse(
+        io.StringIO(f"<svg {ROOT} width='200' height='100'>{body}</svg>"), reify=False
+    )
+    (drawn,) = (element for element in drawing.elements() if isinstance(element, svgelements.Shape))
+    own = svgelements.Path(*drawn.segments(transformed=False))
+    points = np.array([(p.x, p.y) for p in (own.point(t) * drawn.transform for t in np.linspace(0, 1, 400))])
+    ring = shapely.LinearRing(found.regions[0].outer)
+    assert shapely.distance(shapely.points(points * (1, -1)), ring).max() <= found.off_mm + 1e-6
+
+
+@pytest.mark.parametrize(
+    ("page", "factor"),
+    [
+        ('width="200mm" height="100mm" viewBox="0 0 200 100"', 1.0),
+        ('width="20cm" height="10cm" viewBox="0 0 400 200"', 0.5),
+        ('width="4in" height="2in" viewBox="0 0 101.6 50.8"', 1.0),
+        ('width="720pt" height="720pt"', 25.4 / 96),
+        ('width="96px" viewBox="0 0 48 30"', 25.4 / 48),
+        ('width="100mm" height="100mm" viewBox="0 0 100 50"', 1.0),
+        ('width="100mm" height="100mm" viewBox="0 0 100 50" preserveAspectRatio="xMinYMin slice"', 2.0),
+        ('width="10pc" height="400Q" viewBox="0 0 400 1e2"', 25.4 / 6 / 40),
+    ],
+)
+def test_units_of_the_page(file: Path, page: str, factor: float) -> None:
+    (found,) = read(file, SQUARE, page)
+    assert np.ptp(found.regions[0].outer, axis=0) == pytest.approx([30 * factor, 20 * factor], rel=1e-9)
+    assert box(found)[0] == pytest.approx(10 * factor)
+    assert box(found)[3] == pytest.approx(-20 * factor)
+
+
+@pytest.mark.parametrize(
+    "page",
+    ["", 'viewBox="0 0 9 9"', 'width="80" height="40" viewBox="0 0 9 9"', 'width="100%" height="auto"'],
+)
+def test_units_asked_for(file: Path, page: str) -> None:
+    with pytest.raises(InputError, match="has no units: add --units mm, inch or m"):
+        read(file, SQUARE, page)
+    (found,) = read(file, SQUARE, page, units="inch")
+    assert np.ptp(found.regions[0].outer, axis=0) == pytest.approx([30 * 25.4, 20 * 25.4])
+    with pytest.raises(InputError, match=r"30000 mm.*it would be 30 mm if its unit were mm"):
+        read(file, SQUARE, page, units="m")
+
+
+def test_units_of_the_page_and_others_asked_for(file: Path) -> None:
+    assert read(file, SQUARE, units="mm")
+    assert read(file, SQUARE, 'width="3in" viewBox="0 0 80 80"', units="inch")
+    with pytest.raises(
+        InputError, match=r"is in mm \(its width and height\), not in inch: leave --units out"
+    ):
+        read(file, SQUARE, units="inch")
+
+
+def test_origin_of_the_view_is_the_top_left(file: Path) -> None:
+    (found,) = read(file, SQUARE, 'width="200mm" height="100mm" viewBox="-5 8 200 100"')
+    assert box(found) == pytest.approx([15, -32, 45, -12])
+
+
+def test_what_is_not_seen_is_no_outline(file: Path) -> None:
+    hidden = (
+        '<style>.gone{display:none}</style><defs><rect id="r" width="9" height="9"/></defs>'
+        '<rect class="gone" width="9" height="9"/><g display="none"><circle r="9"/></g>'
+        '<g style="visibility:hidden"><circle r="8"/></g><circle r="7" fill="none"/>'
+        '<clipPath id="c"><circle r="6"/></clipPath><mask><circle r="5"/></mask>'
+        '<symbol><circle r="4"/></symbol>'
+        '<marker><circle r="3"/></marker><pattern><circle r="2"/></pattern><text x="3" y="9">Part</text>'
+    )
+    (found,) = read(file, hidden + SQUARE)
+    assert box(found) == pytest.approx([10, -40, 40, -20])
+    with pytest.raises(InputError, match="holds no outlines"):
+        read(file, hidden)
+
+
+def test_used_shapes_are_where_they_are_used(file: Path) -> None:
+    body = '<defs><rect id="r" width="9" height="5"/></defs>'
+    found = read(
+        file, body + '<use xlink:href="#r" x="20" y="30"/><use href="#r" transform="scale(2)" x="30"/>'
+    )
+    assert [drawing.name for drawing in found] == ["part-1", "part-2"]
+    assert box(found[0]) == pytest.approx([60, -10, 78, 0])
+    assert box(found[1]) == pytest.approx([20, -35, 29, -30])
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (
+            '<path id="rim" d="M50 50h30v10l-29.7 -10"/>',
+            r"path 'rim': open loop: gap of 0.3 mm between \(50, 50\) and \(50.3, 50\) mm from the top left",
+        ),
+        ('<path d="M50 50l30 30h-30l30 -30z"/>', r"path 1: an outline meets itself at \(65, 65\) mm"),
+        (SQUARE + '<rect x="35" y="30" width="30" height="20"/>', r"rect 1 and rect 2: two outlines meet at"),
+        ('<path id="x" d="M0 0L1 bad"/>', "path 'x' has d='M0 0L1 bad', which cannot be read"),
+        ('<path d="M0 0C1 1 2 2 3"/>', "a <path> has d='M0 0C1 1 2 2 3', which"),
+        ('<polygon points="1 2 3"/>', "a <polygon> has points='1 2 3'"),
+        ('<circle r="1foo"/>', "a <circle> has r='1foo'"),
+        ('<rect width="-1" height="3"/>', "a <rect> has width='-1'"),
+        ('<g transform="spin(3)"><circle r="3"/></g>', r"a <g> has transform='spin\(3\)'"),
+        ('<circle r="3" style="transform: scale(2)"/>', "a <circle> has style='transform"),
+        ('<use href="#x"/>', "uses '#x', which is no shape of the file"),
+        ('<symbol id="s"><circle r="3"/></symbol><use xlink:href="#s"/>', "uses '#s', which is no shape"),
+        ('<use href="other.svg#x"/>', "uses 'other.svg#x', which is no shape of the file"),
+        ('<circle r="1e300"/>', "finite numbers|longer than"),
+        ('<circle r="0.2"/>', r"circle 1: the part at .* its largest side is 0.4 mm"),
+        ("", "holds no outlines"),
+    ],
+)
+def test_refused(file: Path, body: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as raised:
+        read(file, body)
+    assert str(file) in str(raised.value)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("page", "said"),
+    [
+        ('width="wide" height="3mm"', "its width is 'wide'; needed is a length"),
+        ('width="0mm" height="3mm"', "its width is '0mm'; needed is a length"),
+        ('width="9mm" height="3mm" viewBox="0 0 9"', "its viewBox is '0 0 9'; needed are four numbers"),
+        ('width="9mm" height="3mm" viewBox="0 0 -9 3"', "its viewBox is"),
+        ('width="9mm" height="9mm" viewBox="0 0 9 3" preserveAspectRatio="none"', "stretches its viewBox"),
+    ],
+)
+def test_page_that_cannot_be(file: Path, page: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        read(file, SQUARE, page)
+
+
+@pytest.mark.parametrize("content", [b"", b"\0\0", b"<svg", b"<html></html>", b"solid x", b"\xff\xfe<svg/>"])
+def test_no_svg_file(file: Path, content: bytes) -> None:
+    with pytest.raises(InputError, match="there is no such file"):
+        read_svg(file, None, 0.01)
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"no readable SVG file|is XML but no SVG|has no units") as raised:
+        read_svg(file, None, 0.01)
+    assert "\n" not in str(raised.value)
+
+
+def test_long_faulty_path_is_refused_at_once(file: Path) -> None:
+    """No grammar goes back and tries again."""
+    for fault in ("M" + "1" * 20000 + "!", "M" + "1 " * 20000 + "!", "M0 0" + "z " * 20000 + "!"):
+        with pytest.raises(InputError, match="cannot be read"):
+            read(file, f'<path d="{fault}"/>')
+
+
+def test_missing_extra_is_named(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "svgelements", None)
+    with pytest.raises(
+        InputError, match=r"reading SVG files needs svgelements: pip install 'palpate\[cad\]'"
+    ):
+        read(file, SQUARE)

@@ -1,0 +1,319 @@
+"""`palpate objects import`: from CAD files to objects files that are read again."""
+
+import functools
+import json
+import math
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+from command import Ended, run_here
+from json_schema import violations
+from shapely import affinity
+from solids import ELL, WEDGE, mesh_file, prism
+
+from palpate.config import ObjectModel, State, load_objects
+from palpate.config.schema import schema_text
+
+Ask = Callable[..., Ended]
+
+SHARED_CAD = Path(__file__).parents[3] / "shared" / "data" / "cad"
+needs_parts = pytest.mark.skipif(
+    not SHARED_CAD.is_dir(), reason="no folder of CAD files beside the repository"
+)
+
+
+@pytest.fixture
+def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    return lambda *args: run_here(["objects", "import", *args], monkeypatch, capsys)
+
+
+COARSE = ("--units", "mm", "--tolerance", 0.5)  # few sections, quickly
+AS_IS = ("--units", "mm", "--states", "as-is")
+
+
+@pytest.fixture
+def angle(tmp_path: Path) -> Path:
+    return mesh_file(prism(ELL, 20), tmp_path / "angle.stl")
+
+
+def only(file: Path) -> ObjectModel:
+    (model,) = load_objects(file).objects
+    return model
+
+
+def region_at(state: State, height: float) -> shapely.Geometry:
+    (section,) = [part for part in state.sections if part.z_mm[0] <= height < part.z_mm[1]]
+    return shapely.union_all([shapely.Polygon(item.outer, item.holes) for item in section.polygons])
+
+
+def cut_of(mesh: trimesh.Trimesh, height: float) -> shapely.Geometry:
+    """trimesh's section of a solid: its outlines, inside where an odd number of them is round."""
+    path = mesh.section(plane_origin=[0, 0, height], plane_normal=[0, 0, 1])
+    rings = [shapely.Polygon(ring[:, :2]) for ring in path.discrete]
+    return functools.reduce(shapely.symmetric_difference, rings)
+
+
+def refused(ended: Ended, message: str, folder: Path) -> None:
+    assert (ended.code, ended.out) == (2, "")
+    assert message in ended.err
+    assert ended.err.startswith("error: ")
+    assert ended.err.count("\n") == 1
+    assert list(folder.glob("*.json")) == list(folder.glob(".*.part")) == []
+
+
+def test_an_angle_rests_as_trimesh_says(angle: Path, tmp_path: Path, ask: Ask) -> None:
+    ended = ask(angle, *COARSE, "--least-probability", 0)
+    assert (ended.code, ended.err) == (0, "")
+    model = only(tmp_path / "angle.objects.json")
+    assert model.name == "angle"
+    assert 0 < model.tolerance_mm <= 0.5
+    mesh = prism(ELL, 20)
+    _, expected = trimesh.poses.compute_stable_poses(mesh, sigma=0, n_samples=1, threshold=0)
+    lying = expected[0] + expected[1]
+    # Lying on either side it is a mirror image of itself, which fingers do tell apart.
+    found = sorted((state.probability or 0.0 for state in model.states), reverse=True)
+    assert sum(found) == pytest.approx(1, abs=1e-5)
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+    assert lying == pytest.approx(2 * found[0], abs=2e-3)
+
+
+def test_sections_are_those_of_the_solid(angle: Path, tmp_path: Path, ask: Ask) -> None:
+    told = ask(angle, *COARSE, "--json").json["objects"][0]
+    for state, out in zip(only(tmp_path / "angle.objects.json").states, told["states"], strict=True):
+        mesh = prism(ELL, 20)
+        frame = np.eye(4)
+        frame[:3, :3], frame[:3, 3] = out["frame"]["rotation"], out["frame"]["offset"]
+        mesh.apply_transform(frame)
+        assert state.top_mm == pytest.approx(mesh.bounds[1, 2], abs=2e-3)
+        for height in np.linspace(0.3, state.top_mm - 0.3, 7):
+            expected = cut_of(mesh, float(height))
+            found = region_at(state, float(height))
+            assert (
+                found.symmetric_difference(expected).area
+                <= only(tmp_path / "angle.objects.json").tolerance_mm * expected.length + 1e-3
+            )
+
+
+def test_a_cube_is_one_state(tmp_path: Path, ask: Ask) -> None:
+    file = mesh_file(trimesh.creation.box((20, 20, 20)), tmp_path / "cube.ply")
+    told = ask(file, "--units", "mm", "--json")
+    assert violations(told.json, json.loads(schema_text("import"))) == []
+    (cube,) = told.json["objects"]
+    (state,) = cube["states"]
+    assert (state["merged"], state["probability"], cube["tolerance"]) == (6, 1.0, 0.0)
+    assert state["tipping_angle"] == pytest.approx(math.pi / 4, abs=1e-6)
+    (section,) = only(tmp_path / "cube.objects.json").states[0].sections
+    assert section.z_mm == (0.0, 20.0)
+    side = np.hypot(*(np.roll(section.polygons[0].outer, -1, axis=0) - section.polygons[0].outer).T)
+    np.testing.assert_allclose(side, [20.0] * 4, atol=2e-6)
+    assert "state-1" in told.err
+
+
+def test_a_cone_is_within_its_tolerance(tmp_path: Path, ask: Ask) -> None:
+    file = mesh_file(trimesh.creation.cone(10, 20, sections=48), tmp_path / "cone.stl")
+    options = ["--units", "mm", "--states", "as-is", "--tolerance", 0.2, "--deviation", 0.1]
+    (told,) = ask(file, *options, "--json").json["objects"]
+    model = only(tmp_path / "cone.objects.json")
+    (state,) = model.states
+    assert state.name == "as-is"
+    assert state.probability is None
+    assert 0.2 < model.tolerance_mm <= 0.3
+    assert model.tolerance_mm == told["tolerance"]
+    assert 20 < len(state.sections) < 60
+    for height in np.linspace(0.05, 19.5, 40):
+        found, radius = region_at(state, float(height)), 10 * (1 - height / 20)
+        reach = np.hypot(*shapely.get_coordinates(found).T).max()
+        assert abs(reach - radius) <= model.tolerance_mm - 0.1 + 1e-6
+
+
+def test_heights(angle: Path, tmp_path: Path, ask: Ask) -> None:
+    """Sections near the fingers' heights only: the same ones, and it is said."""
+    ask(angle, *COARSE, "--out", "all.json")
+    ended = ask(angle, *COARSE, "--heights", "12,5", "--out", "some.json")
+    assert ended.code == 0
+    assert "--heights" in ended.out
+    everywhere, near = only(tmp_path / "all.json"), only(tmp_path / "some.json")
+    for full, part in zip(everywhere.states, near.states, strict=True):
+        assert part.heights_mm is not None
+        for low, high in part.heights_mm:
+            assert high - low <= 1.0 + 1e-9
+        for height in (5.0, 12.0):
+            assert part.known_at(height)
+            if height < part.top_mm:
+                regions = [region_at(model, height) for model in (part, full)]
+                apart = 2 * everywhere.tolerance_mm * regions[0].length
+                assert shapely.symmetric_difference(*regions).area <= apart
+        assert not part.known_at(1.0) or part.top_mm < 1.0
+
+
+def test_a_low_part_keeps_its_uppermost_millimetre(tmp_path: Path, ask: Ask) -> None:
+    file = mesh_file(trimesh.creation.box((20, 30, 3)), tmp_path / "plate.stl")
+    ask(file, "--units", "mm", "--states", "as-is", "--heights", "10")
+    (state,) = only(tmp_path / "plate.objects.json").states
+    assert state.heights_mm == ((2.0, 3.0),)
+    assert state.known_at(10.0)
+
+
+def test_adding_keeps_what_is_there(angle: Path, tmp_path: Path, ask: Ask) -> None:
+    short = {"name": "plate", "outline": [[0, 0], [70, 0], [70, 25]], "height": 20}
+    file = tmp_path / "mine.json"
+    content = {"format": "palpate/objects@1", "units": "mm", "objects": [{**short, "name": "angle"}, short]}
+    file.write_text(json.dumps(content))
+    ended = ask(angle, *AS_IS, "--out", file)
+    assert ended.code == 2
+    assert f"{file} is there already: add to it with --add" in ended.err
+    assert json.loads(file.read_text()) == content
+
+    told = ask(angle, *AS_IS, "--out", file, "--add", "--json").json
+    assert told["objects"][0]["replaced"]
+    written = json.loads(file.read_text())["objects"]
+    assert [item["name"] for item in written] == ["angle", "plate"]
+    assert written[1] == short
+    assert "states" in written[0]
+
+    told = ask(angle, *AS_IS, "--name", "angle 2", "--out", file, "--add", "--json").json
+    assert not told["objects"][0]["replaced"]
+    assert [item.name for item in load_objects(file).objects] == ["angle", "plate", "angle 2"]
+
+
+def test_a_file_that_cannot_be_added_to_is_left_alone(angle: Path, tmp_path: Path, ask: Ask) -> None:
+    file = tmp_path / "mine.json"
+    file.write_text("{}")
+    ended = ask(angle, *AS_IS, "--out", file, "--add")
+    assert ended.code == 2
+    assert str(file) in ended.err
+    assert file.read_text() == "{}"
+    assert ask(angle, *AS_IS, "--out", tmp_path / "none" / "x.json").code == 2
+
+
+def test_interrupted_it_leaves_nothing(
+    angle: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("os.replace", interrupt)
+    ended = ask(angle, *AS_IS)
+    assert ended.code == 130
+    assert ended.err.strip().splitlines() == ["interrupted: torque off", "nothing was written"] or (
+        "nothing was written" in ended.err
+    )
+    assert sorted(item.name for item in tmp_path.iterdir()) == ["angle.stl"]
+
+
+def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Ask) -> None:
+    leaning = trimesh.creation.box((10, 10, 40))
+    shear = np.eye(4)
+    shear[0, 2] = 1.0
+    leaning.apply_transform(shear)
+    file = mesh_file(leaning, tmp_path / "leaning.stl")
+    ended = ask(file, "--units", "mm", "--states", "as-is", "--tolerance", "0.3")
+    assert ended.code == 0
+    assert "would topple" in ended.out
+    assert (
+        len(
+            ask(file, "--units", "mm", "--states", "as-is", "--tolerance", 0.3, "--out", "b", "--json").json[
+                "warnings"
+            ]
+        )
+        == 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "--units"),
+        (["--units", "mm", "--thickness", "5"], "--thickness is for drawings"),
+        (["--units", "mm", "--tolerance", "0"], "--tolerance is 0 mm; it must be from 0.001 to 5 mm"),
+        (["--units", "mm", "--tolerance", "nan"], "--tolerance is nan mm"),
+        (["--units", "mm", "--deviation", "-1"], "--deviation is -1 mm; it must be from 0 to 5 mm"),
+        (["--units", "mm", "--least-probability", "2"], "--least-probability is 2; it must be from 0 to 1"),
+        (
+            ["--units", "mm", "--heights", "5,x"],
+            '--heights "5,x": "x" is no height in mm; write them as 5,12',
+        ),
+        (["--units", "mm", "--heights", "5,,6"], '"" is no height'),
+        (["--units", "mm", "--heights", "inf"], '"inf" is no height'),
+        (["--units", "mm", "--name", " a"], "--name must be printable"),
+        (["--units", "mm", "--name", ""], "--name has 0 characters"),
+        (["--units", "feet"], "'feet' is not one of"),
+    ],
+)
+def test_options_are_checked(angle: Path, tmp_path: Path, ask: Ask, options: list[str], message: str) -> None:
+    refused(ask(angle, *options), message, tmp_path)
+
+
+def test_broken_files_are_refused(tmp_path: Path, ask: Ask) -> None:
+    mesh = prism(ELL, 20)
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    refused(ask(mesh_file(mesh, tmp_path / "open.stl"), "--units", "mm"), "open.stl", tmp_path)
+    (tmp_path / "empty.stl").write_bytes(b"")
+    refused(ask(tmp_path / "empty.stl", "--units", "mm"), "empty.stl", tmp_path)
+    refused(ask(tmp_path / "missing.stl", "--units", "mm"), "missing.stl", tmp_path)
+    (tmp_path / "part.doc").write_bytes(b"x")
+    refused(ask(tmp_path / "part.doc", "--units", "mm"), "part.doc", tmp_path)
+
+
+def test_the_summary_fits_80_columns(angle: Path, ask: Ask) -> None:
+    ended = ask(angle, *COARSE)
+    assert max(map(len, ended.out.splitlines())) <= 80
+    assert "how often" in ended.out
+    assert "palpate objects show angle.objects.json" in ended.out
+
+
+@needs_parts
+def test_units_of_a_real_part(tmp_path: Path, ask: Ask) -> None:
+    told = ask(SHARED_CAD / "angle_block.STL", "--units", "inch", "--json").json
+    (block,) = told["objects"]
+    mesh = trimesh.load(SHARED_CAD / "angle_block.STL", force="mesh")
+    np.testing.assert_allclose(block["size"], np.ptp(mesh.vertices, axis=0) * 25.4, rtol=1e-5)
+    assert block["volume"] == pytest.approx(mesh.volume * 25.4**3, rel=1e-4)
+    assert load_objects(tmp_path / "angle_block.objects.json").objects[0].name == "angle_block"
+
+
+@needs_parts
+def test_an_open_real_part_is_refused(tmp_path: Path, ask: Ask) -> None:
+    refused(ask(SHARED_CAD / "wallhole.obj", "--units", "mm"), "wallhole.obj", tmp_path)
+
+
+def test_a_drawing(tmp_path: Path, ask: Ask) -> None:
+    ezdxf = pytest.importorskip("ezdxf")
+    document = ezdxf.new(units=ezdxf.units.IN)
+    corners = [(10, 10), (12, 10), (12, 11), (10, 11)]
+    document.modelspace().add_lwpolyline(corners, close=True)
+    document.modelspace().add_circle((11, 10.5), 0.25)
+    document.saveas(tmp_path / "plate.dxf")
+    refused(ask(tmp_path / "plate.dxf"), "add --thickness", tmp_path)
+    told = ask(tmp_path / "plate.dxf", "--thickness", 6.35, "--json").json["objects"][0]
+    model = only(tmp_path / "plate.objects.json")
+    (state,) = model.states
+    (section,) = state.sections
+    assert (state.name, section.z_mm, told["volume"]) == ("flat", (0.0, 6.35), None)
+    assert 0 < model.tolerance_mm <= 0.05
+    assert told["states"][0]["frame"]["offset"] == pytest.approx([-11 * 25.4, -10.5 * 25.4, 0], abs=1e-9)
+    box = shapely.box(-25.4, -12.7, 25.4, 12.7)
+    disc = shapely.Point(0, 0).buffer(6.35, quad_segs=200)
+    found = region_at(state, 3.0)
+    assert found.symmetric_difference(box.difference(disc)).area < model.tolerance_mm * disc.length
+    assert found.hausdorff_distance(affinity.scale(found, -1)) < 0.1
+
+
+def test_a_prism_in_every_format_is_the_same_object(tmp_path: Path, ask: Ask) -> None:
+    """The states of a wedge do not depend on the format it came in."""
+    found = []
+    for suffix in ("stl", "obj", "ply"):
+        file = mesh_file(prism(WEDGE, 18), tmp_path / f"wedge.{suffix}")
+        ask(file, *COARSE, "--out", f"{suffix}.json")
+        found.append(only(tmp_path / f"{suffix}.json"))
+    for other in found[1:]:
+        for a, b in zip(found[0].states, other.states, strict=True):
+            assert a.probability == pytest.approx(b.probability, abs=1e-4)
+            assert len(a.sections) == len(b.sections)
