@@ -17,7 +17,7 @@ import typer
 from typer.exceptions import TyperException
 
 from palpate.errors import DeviceError, PalpateError, SafetyStop
-from palpate.rig import cli_devices
+from palpate.rig import cli_devices, cli_objects
 from palpate.rig.ending import ExitCode, Interrupted
 
 __all__ = ["ExitCode", "app", "main"]
@@ -236,6 +236,7 @@ def emulate(
 
 
 cli_devices.add_to(app)
+cli_objects.add_to(app)
 
 
 def main() -> None:
