@@ -17,7 +17,7 @@ from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
-from palpate.config.objects_file import ObjectsFileText
+from palpate.config.objects_text import ObjectsFileText
 from palpate.config.ports_result import SerialPortsOut
 from palpate.config.recognition_result import RecognitionOut
 from palpate.config.references_file import ReferencesFile

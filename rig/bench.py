@@ -18,6 +18,7 @@ from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.emulated import EmulatedRig, MockRig, emulate, on_mock_wires
 from palpate.rig.emulated_table import EmulatedTable
 from palpate.rig.hand import Hand
+from palpate.rig.heights import check_known
 from palpate.rig.outside import Outside
 from palpate.rig.scene import Placement, draw_placement, placement_of
 
@@ -43,16 +44,19 @@ class BenchRig:
 def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) -> Placement | None:
     """What lies on the table of an emulated rig; None for a real one.
 
-    Raises InputError for a scene on a real rig, or one that does not fit the catalogue, and for an object
-    that is too high for an arm's links to pass above it.
+    Raises InputError for a scene on a real rig, or one that does not fit the catalogue, for an object that
+    is too high for an arm's links to pass above it, and for one that is not known where a finger is.
     """
+    check_known(objects.objects, rig.fingers)
     _check_heights(rig, objects)
     if rig.emulation is None:
         if scene is not None:
             raise InputError(f'--scene is for emulated rigs; rig "{rig.name}" has real devices')
         return None
     if scene is not None:
-        return placement_of(scene, objects)
+        placement = placement_of(scene, objects)
+        check_known([placement.model], rig.fingers)  # it may come from a file of its own
+        return placement
     return draw_placement(objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0]))
 
 
@@ -64,7 +68,7 @@ def _check_heights(rig: RigFile, objects: ObjectsFile) -> None:
     lowest = min(arms, key=lambda arm: arm.links.links_height_mm)
     room = lowest.links.links_height_mm
     for model in objects.objects:
-        top = max(section.z_mm[1] for state in model.states for section in state.sections)
+        top = max(state.top_mm for state in model.states)
         if top >= room:
             raise InputError(
                 f'object "{model.name}" is {top:g} mm high; the links of finger "{lowest.name}" pass '

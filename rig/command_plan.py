@@ -12,6 +12,7 @@ from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.convert import grips_of, models_of
 from palpate.rig.explained import Felt, explain, explanation_lines
 from palpate.rig.files import check_place, write_text
+from palpate.rig.heights import check_known, fingers_of
 from palpate.rig.next_grip import plan_for
 from palpate.rig.plan_picture import plan_picture
 from palpate.rig.plan_table import print_plan
@@ -33,8 +34,10 @@ def run_plan(
 ) -> int:
     """Plan, print, draw; returns the exit code (1 if nothing fits or no grip would tell anything apart)."""
     rig_file = load_calibrated(rig, calibration=calibration).rig
-    catalogue = Catalogue(models_of(load_objects(objects or shipped_objects())))
+    objects_file = load_objects(objects or shipped_objects())
     felt = Felt(grips_of(load_contacts(contacts)))
+    check_known(objects_file.objects, [*rig_file.fingers, *fingers_of(felt.contacts)])
+    catalogue = Catalogue(models_of(objects_file))
     if picture is not None:
         check_place(picture)
     planned = plan_for(rig_file, catalogue, felt.contacts, Strategy(strategy), seed)

@@ -23,6 +23,7 @@ from palpate.rig.explained import (
     why_out,
 )
 from palpate.rig.files import write_text
+from palpate.rig.heights import check_known, fingers_of
 from palpate.rig.report import recognition_out, recognition_picture
 
 __all__ = ["run_recognize"]
@@ -45,8 +46,10 @@ def run_recognize(
     `asked` names an object, or "object/state", of which to say whether and why it was ruled out. `statistics`
     asks for the counts of the memo's tables.
     """
-    catalogue = Catalogue(models_of(load_objects(objects)))
+    objects_file = load_objects(objects)
     felt = Felt(grips_of(load_contacts(contacts)))
+    check_known(objects_file.objects, fingers_of(felt.contacts))
+    catalogue = Catalogue(models_of(objects_file))
     named = None if asked is None else state_named(catalogue, asked)
     begin = time.perf_counter()
     recognition = recognise(catalogue, felt.contacts, max_spurious)

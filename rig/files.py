@@ -1,6 +1,7 @@
 """Writing result files so that a reader never meets half of one."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from palpate.errors import InputError
@@ -21,13 +22,20 @@ def check_place(path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write `text` beside `path` first and move it there; InputError if the place cannot be written."""
+    """Write `text` beside `path` first and move it there; InputError if the place cannot be written.
+
+    Whatever ends it before the move, such as an interrupt, leaves nothing behind.
+    """
     partial = _partial(path)
     try:
         partial.write_text(text, encoding="utf-8")
         os.replace(partial, path)
-    except OSError as error:
-        raise InputError(f"{path} cannot be written: {error.strerror}; choose another place") from error
+    except BaseException as error:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(f"{path} cannot be written: {error.strerror}; choose another place") from error
+        raise
 
 
 def _partial(path: Path) -> Path:

@@ -62,7 +62,7 @@ def outline_at(placement: Placement, height_mm: float) -> Outline | None:
             rings = rings_of(placement, section)
             start = np.vstack(rings)
             end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
-            return Outline(start, end, max(part.z_mm[1] for part in placement.state.sections))
+            return Outline(start, end, placement.state.top_mm)
     return None
 
 

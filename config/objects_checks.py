@@ -1,0 +1,144 @@
+"""Does what an objects file says make sense? Every finding with its place in the file.
+
+Stands behind `objects_text`, where the values have the right kinds already, and before `objects_file`. What
+an outline must be is in `outlines`.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.config.fields import Point
+from palpate.config.objects_text import ObjectsFileText, ObjectText, SectionText, StateText
+from palpate.config.outlines import outline_problem, polygons_problem
+from palpate.config.problems import Place
+
+__all__ = ["NOUNS", "Finding", "heights_in_words", "objects_problems"]
+
+NOUNS: Mapping[str, str] = {
+    "objects": "object",
+    "states": "state",
+    "sections": "section",
+    "polygons": "polygon",
+    "outline": "outline point",
+    "outer": "outer point",
+    "holes": "hole",
+}
+"""What messages call the entries of a file's lists."""
+
+_PROBABILITY_SLACK = 1e-6
+
+Finding = tuple[Place, str]
+"""Where in the file, and what is wrong there."""
+
+
+def objects_problems(text: ObjectsFileText) -> Iterator[Finding]:
+    """Everything that is wrong with what the values say, with its place; nothing for a good file."""
+    yield from _repeated_names([entry.name for entry in text.objects], ("objects",), "object")
+    for index, entry in enumerate(text.objects):
+        yield from _object_problems(entry, ("objects", index))
+
+
+def _repeated_names(names: list[str], place: Place, noun: str) -> Iterator[Finding]:
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            yield (
+                (*place, index),
+                f"the name is taken by {noun} {names.index(name)} already ({noun}s are counted from 0)",
+            )
+
+
+def _object_problems(entry: ObjectText, place: Place) -> Iterator[Finding]:
+    if entry.states is None:
+        for key, value in (("outline", entry.outline), ("height", entry.height)):
+            if value is None:
+                yield place, f'the key "{key}" is missing (or give "states")'
+        if entry.outline is not None:
+            yield from _outline_problems(entry.outline, (*place, "outline"))
+        return
+    if entry.outline is not None or entry.height is not None:
+        yield place, 'has "states" and "outline" or "height"; give either the short form or states'
+    yield from _repeated_names([state.name for state in entry.states], (*place, "states"), "state")
+    total = sum(state.probability or 0.0 for state in entry.states)
+    if total > 1 + _PROBABILITY_SLACK:
+        yield place, f"the probabilities of its states add up to {total:.4g}; at most 1 is possible"
+    for index, state in enumerate(entry.states):
+        yield from _state_problems(state, (*place, "states", index))
+
+
+def _state_problems(state: StateText, place: Place) -> Iterator[Finding]:
+    yield from _heights_problems(state, place)
+    for index, section in enumerate(state.sections):
+        at = (*place, "sections", index)
+        if section.z[0] < 0:
+            yield (*at, "z"), f"starts at {section.z[0]:g} mm, below the support plane"
+        for other, earlier in enumerate(state.sections[:index]):
+            if section.z[0] < earlier.z[1] and earlier.z[0] < section.z[1]:
+                yield (*at, "z"), f"overlaps the heights of section {other}"
+        yield from _section_problems(section, at)
+
+
+def _heights_problems(state: StateText, place: Place) -> Iterator[Finding]:
+    """Whether a state's height, the heights at which it is known, and its sections go together."""
+    if state.height is None:
+        if state.heights is not None:
+            yield place, 'has "heights" but no "height": how high the part is must be known then'
+        return
+    top = state.height
+    known = [(0.0, top)] if state.heights is None else state.heights
+    for index, (low, high) in enumerate(known):
+        at = (*place, "heights", index)
+        if low < 0:
+            yield at, f"starts at {low:g} mm, below the support plane"
+        if high > top:
+            yield at, f"ends at {high:g} mm, above the part's height of {top:g} mm"
+        if index > 0 and low <= known[index - 1][1]:
+            yield at, f"starts at {low:g} mm, where the one before has not ended; give them in order, apart"
+    for index, section in enumerate(state.sections):
+        low, high = section.z
+        if not any(first <= low and high <= last for first, last in known):
+            what = f"[{low:g}, {high:g}] mm is not within the heights at which the state is known"
+            yield (*place, "sections", index, "z"), f"{what}: {heights_in_words(known)}"
+    highest = max(section.z[1] for section in state.sections)
+    if state.heights is None and highest < top:
+        what = f"ends at {highest:g} mm, below its height of {top:g} mm"
+        yield place, f'{what}; say at which "heights" its sections are known'
+
+
+def heights_in_words(ranges: Iterable[tuple[float, float]]) -> str:
+    """Ranges of height as people read them: "4.5–5.5 and 11.5–12.5 mm"."""
+    *others, last = [f"{low:g}–{high:g}" for low, high in ranges]
+    return f"{', '.join(others)} and {last} mm" if others else f"{last} mm"
+
+
+def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
+    simple = True
+    for index, polygon in enumerate(section.polygons):
+        at = (*place, "polygons", index)
+        outlines = [((*at, "outer"), polygon.outer)]
+        outlines += [((*at, "holes", number), hole) for number, hole in enumerate(polygon.holes)]
+        for where, outline in outlines:
+            for finding in _outline_problems(outline, where):
+                simple = False
+                yield finding
+    if not simple:
+        return
+    found = polygons_problem(
+        [(_array(polygon.outer), [_array(hole) for hole in polygon.holes]) for polygon in section.polygons]
+    )
+    if found is not None:
+        number, hole_number, what = found
+        inner: Place = () if hole_number is None else ("holes", hole_number)
+        yield (*place, "polygons", number, *inner), what
+
+
+def _outline_problems(outline: list[Point], place: Place) -> Iterator[Finding]:
+    found = outline_problem(_array(outline))
+    if found is not None:
+        point, what = found
+        yield (place if point is None else (*place, point)), what
+
+
+def _array(outline: list[Point]) -> NDArray[np.float64]:
+    return np.array(outline, dtype=np.float64).reshape(-1, 2)

@@ -1,0 +1,116 @@
+"""The text of an objects file, format `palpate/objects@1`: its tables as they stand there, and the writer.
+
+Between JSON and `objects_file`, which checks what the values mean.
+"""
+
+import json
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from palpate.config.fields import Bounded, FileModel, Fraction, Length, Name, Point, Positive
+
+__all__ = [
+    "ObjectText",
+    "ObjectsFileText",
+    "Outline",
+    "PolygonText",
+    "SectionText",
+    "StateText",
+    "objects_json",
+]
+
+Outline = Annotated[list[Point], Field(description="Corner points [x, y], mm, either way round, not closed.")]
+
+
+class PolygonText(FileModel):
+    """A polygon as it stands in the file."""
+
+    outer: Outline
+    holes: list[Outline] = Field(default=[], description="Outlines of holes, inside `outer`.")
+
+
+class SectionText(FileModel):
+    """A cross section as it stands in the file."""
+
+    z: Bounded = Field(description="[from, to], mm above the support plane.")
+    polygons: list[PolygonText] = Field(min_length=1)
+
+
+class StateText(FileModel):
+    """A stable state as it stands in the file."""
+
+    name: Name
+    probability: Fraction | None = Field(default=None, description="How often the object comes to rest so.")
+    tipping_angle: Annotated[float, Field(strict=True, ge=0, le=np.pi)] | None = Field(
+        default=None, description="Smallest tilt that tips the object over, rad."
+    )
+    height: Positive | None = Field(
+        default=None, description="Height of the part in this state, mm; above it there is nothing."
+    )
+    heights: list[Bounded] | None = Field(
+        default=None,
+        min_length=1,
+        description="Heights [from, to] at which the sections are known, mm, ascending; without it, all are.",
+    )
+    sections: list[SectionText] = Field(min_length=1)
+
+
+class ObjectText(FileModel):
+    """An object as it stands in the file: `outline` and `height`, or `states`."""
+
+    name: Name
+    tolerance: Length = Field(
+        default=0.0, description="The part's true outline is within this distance of the model's, mm."
+    )
+    outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
+    height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
+    states: list[StateText] | None = Field(default=None, min_length=1)
+
+
+class ObjectsFileText(FileModel):
+    """The file as it stands; source of the exported JSON Schema."""
+
+    format: Literal["palpate/objects@1"]
+    units: Literal["mm"] = Field(description="mm is the only unit; convert other drawings on import.")
+    objects: list[ObjectText] = Field(min_length=1)
+
+
+_WIDTH = 100  # to which points are filled; keys and brackets come on top
+
+
+def objects_json(text: ObjectsFileText) -> str:
+    """The text of the file: short things on one line, the points of an outline several to a line.
+
+    Reading it gives the same values again, to the last digit.
+    """
+    return _laid_out(text.model_dump(mode="json", exclude_unset=True), 0) + "\n"
+
+
+def _laid_out(value: Any, indent: int) -> str:
+    """JSON of a value whose further lines begin in column `indent` + 1."""
+    if isinstance(value, dict):
+        before, after = "{", "}"
+        parts = [f"{_plain(key)}: {_laid_out(item, indent + 1)}" for key, item in value.items()]
+    elif isinstance(value, list):
+        before, after = "[", "]"
+        parts = [_laid_out(item, indent + 1) for item in value]
+    else:
+        return _plain(value)
+    return before + f",\n{' ' * (indent + 1)}".join(_filled(parts, _WIDTH - indent)) + after
+
+
+def _filled(parts: list[str], width: int) -> list[str]:
+    """As many parts to a line as fit; those of several lines begin one of their own."""
+    lines = parts[:1]
+    for part in parts[1:]:
+        if len(lines[-1]) + len(part) + 2 <= width and "\n" not in lines[-1] + part:
+            lines[-1] += f", {part}"
+        else:
+            lines.append(part)
+    return lines
+
+
+def _plain(value: object) -> str:
+    return json.dumps(value, ensure_ascii=False, allow_nan=False)
