@@ -1,4 +1,4 @@
-"""Results of `palpate objects show` and `objects check`: `palpate/objects-listing@1`, `palpate/objects-check@1`."""
+"""Results of `palpate objects show` (`palpate/objects-listing@1`) and `check` (`palpate/objects-check@1`)."""
 
 from typing import Literal
 
@@ -48,8 +48,8 @@ class PairOut(Out):
     """Two states that are not sure to be told apart.
 
     `likeness`: "same" if they can never be, because what fingers reach of them agrees within their own
-    tolerances; "doubtful" if it agrees within what contacts may hide besides; "unknown" if one is not known at
-    the height of some finger and the others do not tell them apart. `apart_mm`: largest distance of the
+    tolerances; "doubtful" if it agrees within what contacts may hide besides; "unknown" if one is not known
+    at the height of some finger and the others do not tell them apart. `apart_mm`: largest distance of the
     sections at `compared_mm`, in the best fit; null if no finger there meets either. `tolerance_mm`: of both
     together; `within_mm`: that and twice the bound of contacts.
     """

@@ -17,6 +17,7 @@ from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
+from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut
 from palpate.config.objects_text import ObjectsFileText
 from palpate.config.ports_result import SerialPortsOut
 from palpate.config.recognition_result import RecognitionOut
@@ -40,6 +41,8 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "grip": GripOut,
     "identification": IdentificationOut,
     "objects": ObjectsFileText,
+    "objects-check": ObjectsCheckOut,
+    "objects-listing": ObjectsListingOut,
     "recognition": RecognitionOut,
     "references": ReferencesFile,
     "replay": ReplayOut,

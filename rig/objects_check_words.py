@@ -99,7 +99,9 @@ def _help_words(pair: SeparatingOut) -> str:
 
 def _heights(heights_mm: Sequence[float]) -> str:
     words = [f"{height:g}" for height in heights_mm]
-    return f"{words[0] if len(words) == 1 else ', '.join(words[:-1]) + ' and ' + words[-1]} mm" if words else ""
+    return (
+        f"{words[0] if len(words) == 1 else ', '.join(words[:-1]) + ' and ' + words[-1]} mm" if words else ""
+    )
 
 
 def _more(count: int) -> list[str]:

@@ -11,6 +11,7 @@ from palpate.config import AnyFinger, RigFile
 from palpate.drivers.finger import Line
 from palpate.errors import InputError
 from palpate.rig.convert import dent_allowance_mm, kinematics_of, tip_bound_mm
+from palpate.rig.stage import planned_turn
 
 __all__ = ["AtHeight", "RigFingers", "heights_in_words", "rig_fingers"]
 
@@ -65,9 +66,9 @@ def heights_in_words(at: Sequence[AtHeight]) -> str:
 
 
 def _bound_mm(finger: AnyFinger, rig: RigFile) -> float:
-    """Bound of a contact in the middle of the table: kinematics, dent and tip together, infinite out of reach."""
+    """Bound of a contact in the middle of the table, of all that adds to it; infinite out of reach."""
     kinematics = kinematics_of(finger)
     x, y = finger.base_mm
     servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
-    own = kinematics.position_bound_mm(servos)
+    own = kinematics.position_bound_mm(servos) + planned_turn(rig.stage, 0.0).position_bound_mm((0.0, 0.0))
     return own + dent_allowance_mm(finger, rig.closing) + tip_bound_mm(finger)

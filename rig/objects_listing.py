@@ -40,7 +40,7 @@ def print_listing(out: ObjectsListingOut, console: Console) -> None:
 def _table(out: ObjectsListingOut) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("object", width=_NAME, no_wrap=True, overflow="ellipsis")
-    for title in ("sections", "edges", "top mm", "fold", "prob.", "tips"):
+    for title in ("sections", "edges", "top mm", "symmetry", "prob.", "tips"):
         table.add_column(title, justify="right", no_wrap=True)
     for name, states in groupby(out.states, key=lambda item: item.object):
         first, *others = states
@@ -59,7 +59,7 @@ def _cells(state: StateListedOut) -> list[str]:
         str(state.sections),
         str(low) if low == high else f"{low}–{high}",
         f"{state.top_mm:.4g}" + ("" if state.heights_mm is None else "*"),
-        str(state.symmetry_order),
+        "–" if state.symmetry_order == 1 else f"{state.symmetry_order}-fold",
         "–" if state.probability is None else f"{100 * state.probability:.3g} %",
         "–" if tips is None else f"{math.degrees(tips):.3g}°",
     ]

@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 
 
 def measures(regions: Sequence[shapely.Geometry]) -> Floats:
-    """Area, perimeter, parts, the hull's area and perimeter, least disc's radius: (n, 6), 0 for nothing; mm."""
+    """Area, perimeter, parts, the hull's area and perimeter, smallest disc: (n, 6), mm; 0 for nothing."""
     shapes = np.array(regions, dtype=object)
     hulls = shapely.convex_hull(shapes)
     columns = [
@@ -59,5 +59,7 @@ def _holds(inner: Floats, outer: Floats, within_mm: Floats) -> NDArray[np.bool_]
         ],
         axis=-1,
     )
-    result: NDArray[np.bool_] = np.all(inner[..., [0, 3, 4, 5]] <= most * (1 + _ROUNDING) + _ROUNDING, axis=-1)
+    result: NDArray[np.bool_] = np.all(
+        inner[..., [0, 3, 4, 5]] <= most * (1 + _ROUNDING) + _ROUNDING, axis=-1
+    )
     return result

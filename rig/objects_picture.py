@@ -4,7 +4,6 @@ The end of the way of `palpate objects show`. Pure and deterministic: equal valu
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import PurePath
 
 import shapely
 
@@ -68,14 +67,12 @@ def draw_objects(
     return picture + "\n", left_out
 
 
-def _head(
-    title: str, states: Sequence[Resting], fingers: RigFingers, room: float
-) -> tuple[list[str], float]:
+def _head(title: str, states: Sequence[Resting], fingers: RigFingers, room: float) -> tuple[list[str], float]:
     """Title, what it is of, and the meaning of the colours; where they end."""
     objects = len({state.object_name for state in states})
     where = (
-        f"{counted(len(states), 'state', 'states')} of {counted(objects, 'object', 'objects')}; fingers of rig "
-        f"{fingers.rig_name} at {heights_in_words(fingers.at)}"
+        f"{counted(len(states), 'state', 'states')} of {counted(objects, 'object', 'objects')}; "
+        f"fingers of rig {fingers.rig_name} at {heights_in_words(fingers.at)}"
     )
     y = _EDGE - 8
     head = []

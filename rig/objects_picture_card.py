@@ -32,13 +32,14 @@ from palpate.rig.objects_reach import unreached
 from palpate.rig.objects_stack import Level, Range
 from palpate.rig.objects_symmetry import Symmetry, symmetry_of_region
 from palpate.rig.picture_frame import nice_step
-from palpate.rig.picture_style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TRUTH
-from palpate.rig.svg import Floats, element, path_data, shorten, text
+from palpate.rig.picture_style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
+from palpate.rig.svg import Floats, element, path_data, shorten, shorten_middle, text, text_width
 
 __all__ = ["Told", "draw_card", "ranges_words"]
 
 _FINE = 0.15  # SVG units that a drawn line may be off
 _MOST_RAYS = 12
+_RAY = 0.6  # of the way to the furthest corner
 
 
 @dataclass(frozen=True)
@@ -58,17 +59,18 @@ def draw_card(card: Card, told: Told, fingers: RigFingers, corner: tuple[float, 
         "rect", x=left, y=top, width=WIDTH, height=HEIGHT, rx=4.0, fill=CARD, stroke=RULE, stroke_width=THIN
     )
     if card.is_stack:
-        drawing, beneath = _stack(card, page), _stack_words(card, told)
+        drawing, beneath = _stack(card, page, fingers), _stack_words(card, told)
     else:
         symmetry = symmetry_of_region(card.shown[0].region)
-        drawing = _section(card.shown[0], page, _tip_mm(card, fingers), symmetry)
+        tip_mm = min(_radii(card.ranges_mm, fingers), default=fingers.slimmest_mm)
+        drawing = _section(card.shown[0], page, tip_mm, symmetry)
         beneath = _section_words(card, told, symmetry)
     ladder = draw_ladder(card, fingers, left + WIDTH - MARGIN - BAR_WIDTH, top + LINES)
     return (
         frame
         + _heading(card, left, top)
         + drawing
-        + _scale_bar(left + MARGIN, top + HEIGHT - BOTTOM + 4, scale)
+        + _scale_bar(left + MARGIN, top + HEIGHT - BOTTOM + 12, scale)
         + ladder
         + _beneath(beneath, told, left, top)
     )
@@ -123,50 +125,59 @@ def _path(
 
 
 def _section(level: Level, page: _Page, tip_mm: float, symmetry: Symmetry) -> str:
-    region = page.shape(level.region)
-    hull = page.shape(shapely.convex_hull(level.region))
     return (
-        _path(hull.difference(region), CONCAVE, None)
-        + _path(page.shape(unreached(level.region, tip_mm)), UNREACHED, UNREACHED_LINE, 0.8, "3 2")
-        + _path(region, FOUND_FILL, FOUND, 1.6)
+        _pockets(level, page, tip_mm)
+        + _path(page.shape(level.region), FOUND_FILL, FOUND, 1.6)
         + _symmetry_marks(level.region, page, symmetry)
     )
 
 
-def _stack(card: Card, page: _Page) -> str:
+def _stack(card: Card, page: _Page, fingers: RigFingers) -> str:
+    """All sections over each other; those that fingers meet in the fingers' colour, with their pockets."""
     top = card.state.state.top_mm
+    met = [(item, _radii([item.z_mm], fingers)) for item in card.shown]
     drawn = [_path(page.shape(shapely.union_all([item.region for item in card.shown])), FOUND_FILL, None)]
-    drawn += [_path(page.shape(item.region), "none", shade(item.z_mm[0], top), 1.3) for item in card.shown]
+    drawn += [_pockets(item, page, min(radii)) for item, radii in met if radii]
+    drawn += [
+        _path(page.shape(item.region), "none", shade(item.z_mm[0], top), 1.3)
+        for item, radii in met
+        if not radii
+    ]
+    drawn += [_path(page.shape(item.region), "none", TIP, 2.0) for item, radii in met if radii]
     return "".join(drawn)
 
 
+def _pockets(level: Level, page: _Page, tip_mm: float) -> str:
+    """What lies within the section's hull and outside of the section, and what of it no tip reaches."""
+    region, hull = page.shape(level.region), page.shape(shapely.convex_hull(level.region))
+    outside = _path(hull.difference(region), CONCAVE, None)
+    return outside + _path(page.shape(unreached(level.region, tip_mm)), UNREACHED, UNREACHED_LINE, 0.8, "3 2")
+
+
 def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: Symmetry) -> str:
-    """The centre, and a ray to the furthest corner with its images; a circle where there are many."""
+    """The centre, and a ray towards the furthest corner with its images; a circle where there are many."""
     if symmetry.order == 1:
         return ""
     corners = shapely.get_coordinates(region) - symmetry.centre_mm
     furthest = corners[int(np.hypot(*corners.T).argmax())]
     centre = page.point(symmetry.centre_mm)
-    tip = page.point(symmetry.centre_mm + furthest) - centre
+    tip = _RAY * (page.point(symmetry.centre_mm + furthest) - centre)
     marks = [element("circle", cx=centre[0], cy=centre[1], r=2.4, fill=INK)]
-    look = {"stroke": INK, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
+    look: dict[str, str | float] = {"stroke": INK, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
     if symmetry.order > _MOST_RAYS:
-        radius = float(np.hypot(*tip)) * 0.72
+        radius = float(np.hypot(*tip))
         marks.append(element("circle", cx=centre[0], cy=centre[1], r=radius, fill="none", **look))
         return "".join(marks)
     for k in range(symmetry.order):
         c, s = math.cos(2 * math.pi * k / symmetry.order), math.sin(2 * math.pi * k / symmetry.order)
-        x, y = centre + (c * tip[0] - s * tip[1], s * tip[0] + c * tip[1])
+        x, y = centre + np.array([[c, -s], [s, c]]) @ tip
         marks.append(element("line", x1=centre[0], y1=centre[1], x2=x, y2=y, **look))
     return "".join(marks)
 
 
-def _tip_mm(card: Card, fingers: RigFingers) -> float:
-    """Radius of the slimmest tip that meets the section, or of the rig's slimmest if none does."""
-    radii = [
-        at.tip_radius_mm for at in fingers.at for low, high in card.ranges_mm if low <= at.height_mm <= high
-    ]
-    return min(radii, default=fingers.slimmest_mm)
+def _radii(ranges_mm: Sequence[Range], fingers: RigFingers) -> list[float]:
+    """Radii of the tips that are at heights within the ranges."""
+    return [at.tip_radius_mm for at in fingers.at for low, high in ranges_mm if low <= at.height_mm <= high]
 
 
 def _heading(card: Card, left: float, top: float) -> str:
@@ -185,18 +196,19 @@ def _heading(card: Card, left: float, top: float) -> str:
         rests.append(f"comes to rest so {100 * state.probability:.3g} %")
     if state.tipping_angle_rad is not None:
         rests.append(f"tips at {math.degrees(state.tipping_angle_rad):.3g}°")
-    lines = [(state.name, 12.5, INK, None), (what, 11.5, MUTED, None), (", ".join(rests), 11.5, MUTED, None)]
-    shown = [text(shorten(card.state.object_name, 14, room, bold=True), x, top + 22, size=14, weight="bold")]
-    for number, (line, size, fill, weight) in enumerate(lines):
+    lines = [(state.name, 12.5, INK), (what, 11.5, MUTED), (", ".join(rests), 11.5, MUTED)]
+    name = shorten_middle(card.state.object_name, 14, room, bold=True)
+    shown = [text(name, x, top + 22, size=14, weight="bold")]
+    for number, (line, size, fill) in enumerate(lines):
         y = top + 40 + 16 * number
-        shown.append(text(shorten(line, size, room), x, y, size=size, fill=fill, weight=weight))
+        shown.append(text(shorten_middle(line, size, room), x, y, size=size, fill=fill))
     return "".join(shown)
 
 
 def _section_words(card: Card, told: Told, symmetry: Symmetry) -> str:
     words = f"{counted(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
-    if card.different > 1:
-        words += f" (all sections: {_fold(told.symmetry_order)})"
+    if told.symmetry_order != symmetry.order:
+        words += f" (state: {told.symmetry_order})"
     return words
 
 
@@ -211,11 +223,11 @@ def _fold(order: int) -> str:
 
 
 def _beneath(words: str, told: Told, left: float, top: float) -> str:
-    room, x, y = WIDTH - 2 * MARGIN, left + MARGIN, top + HEIGHT - BOTTOM + 34
+    room, x, y = WIDTH - 2 * MARGIN, left + MARGIN, top + HEIGHT - BOTTOM + 42
     shown = [text(shorten(words, 11.5, room), x, y, size=11.5, fill=MUTED)]
     if told.twins:
         more = f" and {len(told.twins) - 1} more" if len(told.twins) > 1 else ""
-        head = shorten(f"feels like {told.twins[0]}", 11.5, room - 7.5 * len(more))
+        head = shorten_middle(f"feels like {told.twins[0]}", 11.5, room - text_width(more, 11.5))
         shown.append(text(f"{head}{more}", x, y + 16, size=11.5, fill=TRUTH))
     return "".join(shown)
 

@@ -44,7 +44,7 @@ def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float) -> str
     drawn.append(element("line", **ends, stroke=INK, stroke_width=THIN))
     drawn.append(text("0", ladder.left - 4, ladder.bottom - 3, size=_NUMBER, fill=MUTED, anchor="end"))
     middle, above = (ladder.left + ladder.right) / 2, ladder.y(high) - 4
-    drawn.append(text(f"{high:.4g}", middle, above, size=_NUMBER, fill=MUTED, anchor="middle"))
+    drawn.append(text(f"{high:.4g} mm", middle, above, size=_NUMBER, fill=MUTED, anchor="middle"))
     return "".join(drawn) + _fingers(heights, ladder)
 
 

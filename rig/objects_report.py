@@ -1,4 +1,4 @@
-"""Pairs and separating heights as the values that are printed and written as JSON. Between twins and results."""
+"""Pairs and separating heights as they are printed and written as JSON. Between twins and results."""
 
 from collections.abc import Sequence
 

@@ -4,11 +4,11 @@ From a `Pair` to ranges of height. A range counts only if no motion at all leave
 heights and in the range within what contacts may hide: no turned or shifted alternative is forgotten.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-import shapely
 
 from palpate.cad.sameness import apart_mm
 from palpate.rig.objects_measures import measures, within_reach
@@ -52,7 +52,7 @@ def _ranges(pair: Pair) -> Iterator[Range]:
     """Ranges between steps of either, where both are known and one is there at least."""
     first, second = pair.first.state, pair.second.state
     steps = sorted({*first.steps_mm, *second.steps_mm})
-    for low, high in zip(steps, steps[1:], strict=False):
+    for low, high in pairwise(steps):
         middle = (low + high) / 2
         if first.state.known_at(middle) and second.state.known_at(middle):
             yield low, high

@@ -12,7 +12,7 @@ import shapely
 
 from palpate.config import ObjectsFile, Section, State
 
-__all__ = ["Level", "Range", "Resting", "resting", "joined_ranges"]
+__all__ = ["Level", "Range", "Resting", "joined_ranges", "resting"]
 
 Range = tuple[float, float]
 

@@ -1,4 +1,4 @@
-"""Rotational symmetry of a section and of a state, as the recogniser has it. For the listing and the picture."""
+"""Rotational symmetry of a section and of a state, as the recogniser has it. For listing and picture."""
 
 from dataclasses import dataclass
 

@@ -1,9 +1,9 @@
 """Which states a rig's fingers can never tell apart, and which they may not. Between states and results.
 
 Two states feel the same where one rigid motion in the plane brings what tips can reach of the one onto that
-of the other, at every height that fingers are at. How far off it leaves them is the region Hausdorff distance,
-and the least over all such motions decides. Fingers are taken to be able to touch everywhere at their height,
-so a pair that is called the same stays the same for a rig that reaches less.
+of the other, at every height that fingers are at. How far off it leaves them is a Hausdorff distance, and the
+least over all such motions decides. Fingers are taken to be able to touch everywhere at their height, so a
+pair that is called the same stays the same for a rig that reaches less.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -63,8 +63,8 @@ class Pair:
     """Two states that are not sure to be told apart.
 
     `apart_mm`: how far the sections that fingers meet are apart in the best fit; None if no finger meets
-    either, or nothing is known. `tolerance_mm`: of both together; `within_mm`: what contacts may hide besides.
-    `compared`: at which heights; `motions`: all fits within `within_mm`.
+    either, or nothing is known. `tolerance_mm`: of both together; `within_mm`: that and what contacts may
+    hide. `compared`: at which heights; `motions`: all fits, or some that show that there is one.
     """
 
     first: Felt
@@ -103,8 +103,7 @@ def _candidates(felt: Sequence[Felt], fingers: RigFingers) -> Iterator[tuple[int
         known = np.array([at in item.region for item in felt])
         found: Floats = measures([item.region.get(at, shapely.Polygon()) for item in felt])
         possible &= within_reach(found[:, None], found[None], within) | ~(known[:, None] & known)
-    for first, second in np.argwhere(possible).tolist():
-        yield first, second
+    yield from map(tuple, np.argwhere(possible).tolist())
 
 
 def _pair(first: Felt, second: Felt, find: FindMotions) -> Pair | None:
