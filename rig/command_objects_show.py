@@ -19,10 +19,16 @@ from palpate.rig.objects_picture_card import Told
 from palpate.rig.objects_report import name_out, pair_out, rig_out
 from palpate.rig.objects_stack import Resting, resting
 from palpate.rig.objects_symmetry import symmetry_of_state
-from palpate.rig.objects_twins import Pair, alike
+from palpate.rig.objects_twins import Likeness, Pair, alike
 from palpate.rig.terminal import Doing
 
 __all__ = ["picture_beside", "run_objects_show"]
+
+_LIKE = {
+    Likeness.SAME: "feels like",
+    Likeness.DOUBTFUL: "may feel like",
+    Likeness.UNKNOWN: "as far as known, feels like",
+}
 
 
 def run_objects_show(
@@ -60,13 +66,14 @@ def picture_beside(objects: Path) -> Path:
 
 
 def _twins(state: Resting, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Names of the states that feel like one."""
-    others = [
-        (pair.second if pair.first.state is state else pair.first).state.name
-        for pair in pairs
-        if state in (pair.first.state, pair.second.state)
-    ]
-    return tuple(others)
+    """Which states feel like one, or may; those that do for certain first."""
+    mine = [pair for pair in pairs if state in (pair.first.state, pair.second.state)]
+    return tuple(
+        f"{words} {(pair.second if pair.first.state is state else pair.first).state.name}"
+        for likeness, words in _LIKE.items()
+        for pair in mine
+        if pair.likeness is likeness
+    )
 
 
 def _listed(state: Resting, told: Told) -> StateListedOut:

@@ -1,5 +1,6 @@
 """What `palpate objects check` found, in words for a terminal of 80 columns."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 from palpate.config.objects_result import ObjectsCheckOut, PairOut, RigHeightsOut, SeparatingOut
@@ -9,6 +10,7 @@ __all__ = ["check_lines", "fit_words", "rig_words"]
 
 _SHOWN = 40  # pairs of a kind
 _RANGES_SHOWN = 4
+_NOTHING_MM = 0.005
 
 
 def check_lines(out: ObjectsCheckOut) -> list[str]:
@@ -60,6 +62,8 @@ def fit_words(pair: PairOut) -> str:
         return f"at {at} there is nothing of either: no finger touches them"
     if pair.likeness == "doubtful":
         return f"{pair.apart_mm:.2f} mm apart at {at}; {pair.within_mm:.2f} mm are told apart for certain"
+    if pair.apart_mm < _NOTHING_MM:
+        return f"the same at {at}"
     allowed = f", within their tolerances ({pair.tolerance_mm:.2f} mm)" if pair.tolerance_mm else ""
     return f"{pair.apart_mm:.2f} mm apart at {at}{allowed}"
 
@@ -88,13 +92,20 @@ def _pair_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
 
 def _help_words(pair: SeparatingOut) -> str:
     """Which heights would tell the two apart."""
-    known = "" if pair.known else ", as far as their sections are known"
     if pair.separating_mm:
-        shown = [f"{low:.4g}–{high:.4g}" for low, high in pair.separating_mm[:_RANGES_SHOWN]]
+        shown = [_inside(found) for found in pair.separating_mm[:_RANGES_SHOWN]]
         more = len(pair.separating_mm) - len(shown)
         rest = f" and {counted(more, 'more range', 'more ranges')}" if more else ""
         return f"a finger at {' or '.join(shown)} mm{rest} would tell them apart"
-    return f"no one height would tell them apart for certain{known}"
+    if not pair.known:
+        return "no one height at which both are known would tell them apart"
+    return "no one height would tell them apart for certain"
+
+
+def _inside(range_mm: tuple[float, float]) -> str:
+    """A range to hundredths of a mm, rounded inward: all of what is said holds."""
+    low, high = math.ceil(100 * range_mm[0] - 1e-3) / 100, math.floor(100 * range_mm[1] + 1e-3) / 100
+    return f"{low:g}–{high:g}" if low < high else f"{range_mm[0]:.6g}–{range_mm[1]:.6g}"
 
 
 def _heights(heights_mm: Sequence[float]) -> str:

@@ -3,6 +3,7 @@
 import math
 from itertools import groupby
 
+from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -44,7 +45,7 @@ def _table(out: ObjectsListingOut) -> Table:
         table.add_column(title, justify="right", no_wrap=True)
     for name, states in groupby(out.states, key=lambda item: item.object):
         first, *others = states
-        tolerance = f" ±{first.tolerance_mm:.3g} mm" if first.tolerance_mm else ""
+        tolerance = f" ±{first.tolerance_mm:.2g} mm" if first.tolerance_mm else ""
         table.add_row(Text(f"{_cut(name, _NAME - len(tolerance))}{tolerance}", style="bold"))
         for state in (first, *others):
             table.add_row(*_cells(state))
@@ -90,4 +91,4 @@ def _pair_lines(pair: PairOut) -> list[str]:
 
 
 def _cut(name: str, room: int) -> str:
-    return name if len(name) <= room else f"{name[: room - 1]}…"
+    return name if cell_len(name) <= room else f"{set_cell_size(name, room - 1).rstrip()}…"

@@ -98,7 +98,7 @@ def _legend(fingers: RigFingers, y: float, right: float) -> tuple[list[str], flo
             f"no tip of radius {fingers.slimmest_mm:g} mm gets there",
         ),
         (centre + ray, "turns after which it looks the same"),
-        (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "height of fingers, mm"),
+        (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "heights of fingers, mm"),
     )
     x = _EDGE
     drawn = []
@@ -140,7 +140,7 @@ def _description(states: Sequence[Resting], told: Mapping[Resting, Told]) -> str
     words = []
     for state in states:
         twins = told[state].twins
-        like = f", feels like {'; '.join(twins)}" if twins else ""
+        like = f"; {'; '.join(twins)}" if twins else ""
         words.append(
             f"{state.name}: {counted(len(state.levels), 'section', 'sections')} up to "
             f"{state.state.top_mm:.4g} mm{like}."

@@ -44,7 +44,7 @@ _RAY = 0.6  # of the way to the furthest corner
 
 @dataclass(frozen=True)
 class Told:
-    """What is known of a card's state besides: `twins` are the names of states that feel like it."""
+    """What is known of a card's state besides: `twins` says of other states that they feel like it."""
 
     symmetry_order: int
     twins: tuple[str, ...]
@@ -189,14 +189,16 @@ def _heading(card: Card, left: float, top: float) -> str:
     else:
         which = "one section" if card.different == 1 else f"section {card.number} of {card.different}"
         what = f"{which}, at {ranges_words(card.ranges_mm)} mm"
-    if state.heights_mm is not None:
-        what += f" (known at {ranges_words(state.heights_mm)} mm only)"
     rests = []
     if state.probability is not None:
         rests.append(f"comes to rest so {100 * state.probability:.3g} %")
     if state.tipping_angle_rad is not None:
         rests.append(f"tips at {math.degrees(state.tipping_angle_rad):.3g}°")
-    lines = [(state.name, 12.5, INK), (what, 11.5, MUTED), (", ".join(rests), 11.5, MUTED)]
+    known = "" if state.heights_mm is None else f"known at {ranges_words(state.heights_mm)} mm only"
+    lines = [
+        (state.name, 12.5, INK),
+        *((line, 11.5, MUTED) for line in (what, ", ".join(rests), known) if line),
+    ]
     name = shorten_middle(card.state.object_name, 14, room, bold=True)
     shown = [text(name, x, top + 22, size=14, weight="bold")]
     for number, (line, size, fill) in enumerate(lines):
@@ -208,7 +210,7 @@ def _heading(card: Card, left: float, top: float) -> str:
 def _section_words(card: Card, told: Told, symmetry: Symmetry) -> str:
     words = f"{counted(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
     if told.symmetry_order != symmetry.order:
-        words += f" (state: {told.symmetry_order})"
+        words += ", state not" if told.symmetry_order == 1 else f", state {told.symmetry_order}-fold"
     return words
 
 
@@ -227,7 +229,7 @@ def _beneath(words: str, told: Told, left: float, top: float) -> str:
     shown = [text(shorten(words, 11.5, room), x, y, size=11.5, fill=MUTED)]
     if told.twins:
         more = f" and {len(told.twins) - 1} more" if len(told.twins) > 1 else ""
-        head = shorten_middle(f"feels like {told.twins[0]}", 11.5, room - text_width(more, 11.5))
+        head = shorten_middle(told.twins[0], 11.5, room - text_width(more, 11.5))
         shown.append(text(f"{head}{more}", x, y + 16, size=11.5, fill=TRUTH))
     return "".join(shown)
 

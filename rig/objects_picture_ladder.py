@@ -15,7 +15,7 @@ from palpate.rig.svg import element, path_data, text
 
 __all__ = ["draw_ladder", "shade"]
 
-_WIDE = 14.0
+_WIDE, _BEFORE = 14.0, 32.0
 _APART = 13.0  # of numbers beneath each other
 _NUMBER = 11.0
 _THIN_BAND = 3.0
@@ -32,7 +32,7 @@ def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float) -> str
     """The ladder, as high as a card's room, with its upper left corner at `left`, `top`."""
     heights = [at.height_mm for at in fingers.at]
     high = card.state.state.top_mm
-    ladder = _Ladder(left + 18, top + ROOM - 4, (ROOM - 14) / max(high, *heights))
+    ladder = _Ladder(left + _BEFORE, top + ROOM - 4, (ROOM - 14) / max(high, *heights))
     drawn = [ladder.band((0.0, high), PAPER, AXIS, "2 2")]
     drawn += [ladder.band(run, FAINT, RULE) for run in _runs(card.state.levels, ladder.scale)]
     if card.is_stack:
@@ -42,9 +42,12 @@ def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float) -> str
         drawn += [ladder.band(found, FOUND, None) for found in card.ranges_mm]
     ends = {"x1": ladder.left - 14, "x2": ladder.right + 14, "y1": ladder.bottom, "y2": ladder.bottom}
     drawn.append(element("line", **ends, stroke=INK, stroke_width=THIN))
-    drawn.append(text("0", ladder.left - 4, ladder.bottom - 3, size=_NUMBER, fill=MUTED, anchor="end"))
-    middle, above = (ladder.left + ladder.right) / 2, ladder.y(high) - 4
-    drawn.append(text(f"{high:.4g} mm", middle, above, size=_NUMBER, fill=MUTED, anchor="middle"))
+    beside, above = ladder.left - 4, ladder.y(high) + 4
+    drawn.append(
+        text(f"{high:.4g}", beside, min(above, ladder.bottom - 3), size=_NUMBER, fill=MUTED, anchor="end")
+    )
+    if above < ladder.bottom - _APART - 3:
+        drawn.append(text("0", beside, ladder.bottom - 3, size=_NUMBER, fill=MUTED, anchor="end"))
     return "".join(drawn) + _fingers(heights, ladder)
 
 

@@ -18,10 +18,10 @@ __all__ = [
 MARGIN, GAP = 14.0, 14.0
 ROOM = 190.0
 """Side of the square in which a section is drawn."""
-BAR_WIDTH = 64.0
+BAR_WIDTH = 78.0
 """Width of the ladder of heights with its numbers."""
 WIDTH = 2 * MARGIN + ROOM + 12 + BAR_WIDTH
-LINES, BOTTOM = 86.0, 82.0
+LINES, BOTTOM = 102.0, 80.0
 HEIGHT = LINES + ROOM + BOTTOM
 
 CONCAVE = "#f6ecd4"
