@@ -1,9 +1,10 @@
 """From a rough alignment of two stacks to the best one near it: least squares first, then the least maximum.
 
-Beneath `sameness`. Both steps see the distances of all corners of each stack from the outlines of the other,
-linearised about where the first stack lies now. Gauss–Newton gets exact copies onto each other in a few steps;
-where outlines differ, what counts is the largest distance, and a linear programme with a trust region
-lowers it (Madsen, An algorithm for minimax solution of overdetermined systems, J. Inst. Maths Applics 16, 1975).
+Beneath `sameness`. Both steps see the distances of all corners of each stack from the outlines of the
+other, linearised about where the first stack lies now. Gauss–Newton gets exact copies onto each other in
+a few steps; where outlines differ, what counts is the largest distance, and a linear programme with a
+trust region lowers it (Madsen, An algorithm for minimax solution of overdetermined systems, J. Inst.
+Maths Applics 16, 1975).
 """
 
 from dataclasses import dataclass
@@ -21,8 +22,14 @@ _SQUARES = 12
 _PROGRAMMES = 12
 _SETTLED = 1e-9
 """A step this small beside the figure changes nothing more."""
+_SLOW = 0.9
+"""Least squares that leave more than this share of a sum are near their end; exact copies drop far faster."""
+_ACTIVE = 60
+"""Largest residuals that a programme sees; a step counts only if it lowers the largest of all."""
 _WORTH = 1e-3
 """A programme that lowers the maximum by a smaller share was the last one."""
+_HOPE = 0.05
+"""Share by which each programme left is hoped to lower the maximum, unless the last one did by more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,20 +47,25 @@ def moved(points_mm: Floats, turn_rad: float) -> Floats:
     return result
 
 
-def aligned(a: Stack, b: Stack, pose: Pose) -> Pose:
-    """The pose near a given one at which corners of either stack are least far from the other's outlines."""
+def aligned(a: Stack, b: Stack, pose: Pose, enough_mm: float) -> Pose:
+    """The pose near a given one at which corners of either stack are least far from the other's outlines.
+
+    Given up early where programmes gain too little to come within `enough_mm`.
+    """
     best, least = pose, _worst(a, b, pose)
     reach = max(a.reach_mm, b.reach_mm)
+    squares = np.inf
     for _ in range(_SQUARES):
         off, rows = _linearised(a, b, pose)
-        step = np.linalg.lstsq(rows, -off)[0]
+        step = np.asarray(np.linalg.lstsq(rows, -off)[0], dtype=np.float64)
         pose = _stepped(pose, step, a.reach_mm)
         worst = _worst(a, b, pose)
         if worst < least:
             best, least = pose, worst
-        if np.abs(step).max() <= _SETTLED * reach:
+        squares, before = float(off @ off), squares
+        if np.abs(step).max() <= _SETTLED * reach or squares > _SLOW * before:
             break
-    return _least_maximum(a, b, best, least) if least > 10 * _SETTLED * reach else best
+    return _least_maximum(a, b, best, least, enough_mm) if least > 10 * _SETTLED * reach else best
 
 
 def largest_mm(a: Stack, b: Stack, pose: Pose) -> float:
@@ -128,29 +140,27 @@ def _feet(points: Floats, outline: Outline) -> tuple[Floats, Floats]:
     return foot, normal
 
 
-def _least_maximum(a: Stack, b: Stack, pose: Pose, worst: float) -> Pose:
+def _least_maximum(a: Stack, b: Stack, pose: Pose, worst: float, enough: float) -> Pose:
     trust = worst
-    for _ in range(_PROGRAMMES):
+    for left in reversed(range(_PROGRAMMES)):
         off, rows = _linearised(a, b, pose)
         step = _programme(off, rows, trust)
         there = _stepped(pose, step, a.reach_mm)
         now = _worst(a, b, there)
-        if now >= worst:
-            trust /= 4
-            if trust < _WORTH * worst:
-                break
-            continue
         gain = 1 - now / worst
-        pose, worst = there, now
-        if gain < _WORTH:
+        if gain > 0:
+            pose, worst = there, now
+        else:
+            trust /= 4
+        settled = trust < _WORTH * worst if gain <= 0 else gain < _WORTH
+        if settled or worst * (1 - max(gain, _HOPE) * left) > enough:
             break
     return pose
 
 
 def _programme(off: Floats, rows: Floats, trust: float) -> Floats:
     """The step (3,) within ± trust that makes the largest |off + rows @ step| least."""
-    # No residual changes by more than 3 · trust, so smaller ones cannot become the largest.
-    own = np.abs(off) >= np.abs(off).max() - 6 * trust
+    own = np.argsort(-np.abs(off))[:_ACTIVE]
     off, rows = off[own], rows[own]
     ones = np.ones((len(off), 1))
     limits = np.vstack([np.hstack([rows, -ones]), np.hstack([-rows, -ones])])
@@ -160,5 +170,5 @@ def _programme(off: Floats, rows: Floats, trust: float) -> Floats:
         b_ub=np.concatenate([-off, off]),
         bounds=[(-trust, trust)] * 3 + [(0.0, None)],
     )
-    step: Floats = found.x[:3]
-    return step
+    # Staying here is always allowed: a programme that fails (rounding) means no step.
+    return np.zeros(3) if found.x is None else np.asarray(found.x[:3], dtype=float)

@@ -57,8 +57,9 @@ def distance_to_edges(points_mm: Floats, starts_mm: Floats, ends_mm: Floats) -> 
 def furthest_mm(starts_mm: Floats, ends_mm: Floats, other: Outline) -> float:
     """Upper bound of the largest distance of points on edges (n, 2) → (n, 2) from an outline.
 
-    At most 1e-6 of itself and 1e-9 mm too large. Why the bound from above holds: the distance from one edge of the outline is convex along a
-    piece, so it is nowhere larger than at the ends of the piece; the distance from the outline is no larger.
+    At most 1e-6 of itself and 1e-9 mm too large. Why the bound from above holds: the distance from one
+    edge of the outline is convex along a piece, so it is nowhere larger than at the ends of the piece;
+    the distance from the outline is no larger.
     """
 
     def at(points: Floats, edges: Ints) -> Floats:
@@ -72,7 +73,8 @@ def furthest_mm(starts_mm: Floats, ends_mm: Floats, other: Outline) -> float:
         vague = upper > reached * (1 + _SHARE) + _ROUNDING_MM
         if not vague.any():
             return reached * (1 + _SHARE) + _ROUNDING_MM
-        p, q, at_p, at_q, edge_p, edge_q = (x[vague] for x in (p, q, at_p, at_q, edge_p, edge_q))
+        p, q, at_p, at_q = p[vague], q[vague], at_p[vague], at_q[vague]
+        edge_p, edge_q = edge_p[vague], edge_q[vague]
         middle = (p + q) / 2
         at_m, edge_m = other.nearest(middle)
         reached = max(reached, float(at_m.max()))

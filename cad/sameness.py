@@ -1,10 +1,11 @@
 """Are two stacks of sections the same up to a rigid motion in the plane? All motions that make them so.
 
-Between cross sections and whoever asks what fingers can tell apart: duplicates among stable states, twins among
-objects. The search of the turn misses nothing: with reference points together (`stacks`) the outlines are
-within (1 + 4/π) of the wanted distance if any shift brings them within it, and a turn by w moves no
-corner at radius r by more than 2 r sin(w/2), so a whole interval of turns is ruled out by one corner that is
-too far away. Each local minimum that is left is refined by shift and turn (`alignment`) and measured exactly.
+Between cross sections and whoever asks what fingers can tell apart: duplicates among stable states,
+twins among objects. The search of the turn misses nothing: with reference points together (`stacks`) the
+outlines are within (1 + 4/π) of the wanted distance if any shift brings them within it, and a turn by w
+moves no corner at radius r by more than 2 r sin(w/2), so a whole interval of turns is ruled out by one
+corner that is too far away. Each local minimum that is left is refined by shift and turn (`alignment`)
+and measured exactly.
 """
 
 import math
@@ -26,16 +27,17 @@ __all__ = ["Motion", "apart_mm", "motions"]
 _FIRST = 32
 """Intervals of turn at the start; each division makes two of one."""
 _NARROWEST_RAD = 0.004
-_FEW = 24
-"""So many corners of a section are asked before all are."""
+_FEW, _MANY = 24, 120
+"""So many corners of a section are asked in wider intervals, and in the narrowest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A point p goes to R(`turn_rad`) @ p + `shift_mm` (2,); turns are in (−π, π].
 
-    `apart_mm`: the largest Hausdorff distance of outlines over all sections then, rounded up by at most 1e-6
-    of itself and 1e-9 mm. `any_turn`: any other turn about the same centre keeps to the asked distance as well.
+    `apart_mm`: the largest Hausdorff distance of outlines over all sections then, rounded up by at most
+    1e-6 of itself and 1e-9 mm. `any_turn`: any other turn about the same centre keeps to the asked
+    distance as well.
     """
 
     turn_rad: float
@@ -44,14 +46,15 @@ class Motion:
     any_turn: bool = False
 
 
-def motions(a: Sequence[Any], b: Sequence[Any], within_mm: float) -> list[Motion]:
-    """Rigid motions, without reflection, that bring each section a[k] within a distance of b[k]; best first.
+def motions(a: Sequence[Any], b: Sequence[Any], within_mm: float, most: int | None = None) -> list[Motion]:
+    """Rigid motions, without reflection, that bring each section a[k] close to b[k]; best first.
 
-    Sections are polygonal shapely geometries (mm) at the same heights; an empty one matches empty ones only.
-    Outlines, holes too, are compared by Hausdorff distance; no point of a region may be further than that
-    from the other region either. Motions come in neighbourhoods: one is returned for each local minimum
-    of the distance over turns (closer than about 0.5° they count as one), or a single one that says
-    `any_turn` for what is round. Sections that are all empty match at any turn.
+    Sections are polygonal shapely geometries (mm) at the same heights; an empty one matches empty ones
+    only. Outlines, holes too, are compared by Hausdorff distance; no point of a region may be further
+    than that from the other region either. Motions come in neighbourhoods: one is returned for each
+    local minimum of the distance over turns (closer than about 0.5° they count as one), or a single one
+    that says `any_turn` for what is round. Sections that are all empty match at any turn. The search
+    ends when `most` are found, likely ones first.
     """
     if len(a) != len(b):
         raise ValueError(f"stacks have {len(a)} and {len(b)} sections: they must be at the same heights")
@@ -66,10 +69,12 @@ def motions(a: Sequence[Any], b: Sequence[Any], within_mm: float) -> list[Motion
         return [_motion(mine, its, Pose(0.0, its.centre_mm), any_turn=True)]
     found: list[Motion] = []
     for turn in _turns(mine, its, within_mm):
-        pose = aligned(mine, its, Pose(turn, its.centre_mm))
+        pose = aligned(mine, its, Pose(turn, its.centre_mm), within_mm)
         motion = _motion(mine, its, pose)
         if motion.apart_mm <= within_mm + 1e-8 * its.reach_mm and _fills(mine, its, motion, within_mm):
             found.append(motion)
+        if len(found) == most:
+            break
     found.sort(key=lambda item: (item.apart_mm, abs(item.turn_rad)))
     return _distinct(found)
 
@@ -92,23 +97,25 @@ def _motion(a: Stack, b: Stack, pose: Pose, any_turn: bool = False) -> Motion:
 
 
 def _turns(a: Stack, b: Stack, within: float) -> Floats:
-    """Turns (t,) to refine: local minima of the corners' largest distance where none is ruled out."""
+    """Turns (t,) to refine, likely ones first: local minima of the corners' largest distance."""
     reach = max(a.reach_mm, b.reach_mm)
     limit = (1 + STEINER) * within + 1e-8 * reach
     narrowest = max(_NARROWEST_RAD, within / (2 * reach))
     half, number = math.pi / _FIRST, np.arange(_FIRST)
     while True:
-        turn = (2 * number + 1) * half
-        for few in (True, False):
-            worst, kept = _ruled(a, b, turn, half, limit, few)
-            number, turn = number[kept], turn[kept]
-        if not len(number) or half <= narrowest:
+        last = half <= narrowest
+        turn = np.asarray((2 * number + 1) * half, dtype=np.float64)
+        worst, kept = _ruled(a, b, turn, half, limit, _MANY if last else _FEW)
+        number, turn = number[kept], turn[kept]
+        if last or not len(number):
             break
         half, number = half / 2, (2 * number[:, None] + np.arange(2)).ravel()
-    return turn[_local_minima(number, worst, round(math.pi / half))]
+    minima = _local_minima(number, worst, round(math.pi / half))
+    result: Floats = turn[minima[np.argsort(worst[minima], kind="stable")]]
+    return result
 
 
-def _ruled(a: Stack, b: Stack, turn: Floats, half: float, limit: float, few: bool) -> tuple[Floats, Ints]:
+def _ruled(a: Stack, b: Stack, turn: Floats, half: float, limit: float, most: int) -> tuple[Floats, Ints]:
     """Largest corner distances of the turns that are not ruled out, and which turns these are."""
     kept = np.arange(len(turn))
     worst = np.zeros(len(turn))
@@ -117,7 +124,7 @@ def _ruled(a: Stack, b: Stack, turn: Floats, half: float, limit: float, few: boo
             (mine.starts_mm, its, 1.0, a.centre_mm, b.centre_mm),
             (its.starts_mm, mine, -1.0, b.centre_mm, a.centre_mm),
         ):
-            own = (points[:: max(len(points) // _FEW, 1)] if few else points) - here
+            own = points[:: -(-len(points) // most)] - here
             off = _distances(own, outline, sign * turn[kept], there)
             swing = 2 * math.sin(half / 2) * np.hypot(*own.T)
             left = (off - swing).max(axis=1, initial=0.0) <= limit
@@ -147,8 +154,8 @@ def _local_minima(number: Ints, worst: Floats, count: int) -> Ints:
 def _fills(a: Stack, b: Stack, motion: Motion, within: float) -> bool:
     """Whether no point of a region is further than about `within` from the other region.
 
-    Outlines can be close where regions are not: a disc against a thin ring. Buffers' arcs are inscribed by
-    up to half a percent, hence the share on top.
+    Outlines can be close where regions are not: a disc against a thin ring. Buffers' arcs are inscribed
+    by up to half a percent, hence the share on top.
     """
     c, s = math.cos(motion.turn_rad), math.sin(motion.turn_rad)
     wide = 1.01 * within + 1e-8 * b.reach_mm

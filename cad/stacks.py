@@ -1,11 +1,11 @@
 """Sections of a solid at several heights, as one figure that can be turned and shifted in the plane.
 
-Between shapely's geometries and `sameness`. A stack has a reference point that moves with it and hardly moves
-when it is bent: the mean of the Steiner points of the sections' convex hulls. If a motion brings every section
-of one stack within d of the other's, the reference points come within 4/π · d of each other, and no point
-that follows every motion does better (Aichholzer, Alt & Rote, Matching shapes with a reference point, Int. J.
-Computational Geometry and Applications 7, 1997). `could_match` and `round_bound_mm` use nothing that can be wrong by
-more than they allow for: what they rule out is out.
+Between shapely's geometries and `sameness`. A stack has a reference point that moves with it and hardly
+moves when it is bent: the mean of the Steiner points of the sections' convex hulls. If a motion brings
+every section of one stack within d of the other's, the reference points come within 4/π · d of each
+other, and no point that follows every motion does better (Aichholzer, Alt & Rote, Matching shapes with a
+reference point, Int. J. Computational Geometry and Applications 7, 1997). `could_match` and
+`round_bound_mm` use nothing that can be wrong by more than they allow for: what they rule out is out.
 """
 
 import math
@@ -30,8 +30,9 @@ STEINER = 4 / math.pi
 class Stack:
     """Sections and what is compared of them; empty sections are left out, `full` (k,) says which are not.
 
-    `steiner_mm` (s, 2) of the hulls, `centre_mm` (2,) their mean, `reach_mm` the largest distance from it to
-    an outline; per section `area_mm2`, `girth_mm` (the hull's perimeter), `perimeter_mm`, `parts` (s,).
+    `steiner_mm` (s, 2) of the hulls, `centre_mm` (2,) their mean, `reach_mm` the largest distance from
+    it to an outline; per section `area_mm2`, `girth_mm` (the hull's perimeter), `perimeter_mm`, `parts`
+    (s,).
     """
 
     full: tuple[bool, ...]
@@ -73,7 +74,8 @@ def could_match(a: Stack, b: Stack, within_mm: float) -> bool:
     """False only where no motion brings every section of `a` within a distance of the one of `b`.
 
     A region that is widened by d gains at most d · perimeter + π d² for each of its parts, its hull's
-    perimeter at most 2π d (both by Steiner's formula); distances between Steiner points change by 2 · 4/π d.
+    perimeter at most 2π d (both by Steiner's formula); distances between Steiner points change by 2 ·
+    4/π d.
     """
     if a.full != b.full:
         return False
@@ -96,8 +98,8 @@ def could_match(a: Stack, b: Stack, within_mm: float) -> bool:
 def round_bound_mm(a: Stack, b: Stack) -> float:
     """How far sections are apart at any turn at most, with reference points together; inf if unknown.
 
-    Known where all rings go round the reference point: a ray from it meets each of them somewhere between
-    its least and its largest radius, so two rings are no further apart than the range of both.
+    Known where all rings go round the reference point: a ray from it meets each of them somewhere
+    between its least and its largest radius, so two rings are no further apart than the range of both.
     """
     worst = 0.0
     for mine, its in zip(a.outlines, b.outlines, strict=True):
