@@ -74,7 +74,7 @@ def _twin_lines(out: ObjectsListingOut) -> list[str]:
             lines.append(f"* {item.object}, {item.state} is known at {ranges} mm only")
     if not out.twins:
         return [*lines, "these fingers tell all states apart"]
-    lines.append("not told apart by these fingers (= never, ≈ may or may not be, ? as far as known)")
+    lines.append("not told apart by these fingers: = never, ≈ perhaps not, ? as far as known")
     for pair in out.twins[:_SHOWN]:
         lines += _pair_lines(pair)
     if len(out.twins) > _SHOWN:

@@ -108,7 +108,9 @@ def _path(
     shape: shapely.Geometry, fill: str, stroke: str | None, width: float = THIN, dash: str | None = None
 ) -> str:
     """A region of the page as one path; nothing for an empty one."""
-    polygons = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon"]
+    polygons = [
+        part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty
+    ]
     rings = [np.array(ring.coords)[:-1] for part in polygons for ring in (part.exterior, *part.interiors)]
     if not rings:
         return ""

@@ -6,6 +6,7 @@ least over all such motions decides. Fingers are taken to be able to touch every
 pair that is called the same stays the same for a rig that reaches less.
 """
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from palpate.cad.sameness import Motion
+from palpate.cad.sameness import Motion, apart_mm
 from palpate.rig.objects_fingers import AtHeight, RigFingers
 from palpate.rig.objects_measures import Floats, measures, within_reach
 from palpate.rig.objects_reach import filled
@@ -26,6 +27,7 @@ FindMotions = Callable[[Sequence[shapely.Geometry], Sequence[shapely.Geometry], 
 """`palpate.cad.sameness.motions`, or another that finds all motions within a distance."""
 
 _ROUNDING_MM = 1e-6
+_TURNS_TRIED = 8
 
 
 class Likeness(StrEnum):
@@ -123,12 +125,38 @@ def _pair(first: Felt, second: Felt, find: FindMotions) -> Pair | None:
     motions = find(one, other, within)
     if not motions:
         return None
-    if motions[0].any_turn:  # it stands for all turns about one place, of which it need not be the best
-        motions = find(one, other, tolerance + _ROUNDING_MM) or motions
     apart = min(motion.apart_mm for motion in motions)
+    if motions[0].any_turn:  # it stands for all turns, of which it need not be the best
+        apart = min(apart, _round_apart_mm(one, other))
     if apart > tolerance + _ROUNDING_MM:
         return pair(Likeness.DOUBTFUL, apart, motions)
     return pair(all_known, apart, motions)
+
+
+def _round_apart_mm(one: Sequence[shapely.Geometry], other: Sequence[shapely.Geometry]) -> float:
+    """How far off round figures are at the best of some turns that bring a corner onto a corner.
+
+    Chords fall on chords at one of them if the figures are copies of each other.
+    """
+    first, second = one[0], other[0]
+    centres = [np.array(shapely.get_coordinates(shapely.centroid(item))[0]) for item in (first, second)]
+    corners = [shapely.get_coordinates(item) - at for item, at in zip((first, second), centres, strict=True)]
+    radius = [np.hypot(*points.T) for points in corners]
+    furthest = corners[0][int(radius[0].argmax())]
+    nearest = np.argsort(np.abs(radius[1] - radius[0].max()), kind="stable")[:_TURNS_TRIED]
+    turns = np.arctan2(*corners[1][nearest].T[::-1]) - math.atan2(furthest[1], furthest[0])
+    return min(_apart_about(one, other, turn, centres) for turn in turns.tolist())
+
+
+def _apart_about(
+    one: Sequence[shapely.Geometry],
+    other: Sequence[shapely.Geometry],
+    turn_rad: float,
+    centres_mm: Sequence[Floats],
+) -> float:
+    """How far off the turn leaves the two with one's centre on the other's."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    return apart_mm(one, other, turn_rad, centres_mm[1] - np.array([[c, -s], [s, c]]) @ centres_mm[0])
 
 
 def _stacks(

@@ -32,6 +32,8 @@ _ESCAPES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"}
 
 def escape(value: str) -> str:
     """Text that is safe between tags and in quotes; characters that XML cannot hold become U+FFFD."""
+    if value.isascii() and value.isprintable() and not any(c in value for c in _ESCAPES):
+        return value  # as nearly all is, and long paths are
     return "".join(_ESCAPES.get(c, c if _allowed(c) else "\ufffd") for c in value)
 
 
