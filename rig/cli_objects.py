@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from palpate.rig.interrupted import if_interrupted
+
 __all__ = ["add_to"]
 
 _FileArgument = Annotated[
@@ -48,9 +50,12 @@ def _show(
     """
     from palpate.rig.command_objects_show import run_objects_show
 
-    raise typer.Exit(
-        run_objects_show(objects=file, rig=rig, picture=picture, json=json, calibration=not no_calibration)
-    )
+    with if_interrupted("no picture was written"):
+        raise typer.Exit(
+            run_objects_show(
+                objects=file, rig=rig, picture=picture, json=json, calibration=not no_calibration
+            )
+        )
 
 
 def _check(
@@ -65,4 +70,5 @@ def _check(
     """
     from palpate.rig.command_objects_check import run_objects_check
 
-    raise typer.Exit(run_objects_check(objects=file, rig=rig, json=json, calibration=not no_calibration))
+    with if_interrupted("nothing was written"):
+        raise typer.Exit(run_objects_check(objects=file, rig=rig, json=json, calibration=not no_calibration))

@@ -257,7 +257,7 @@ def test_measures_tell_a_square_from_a_longer_one_and_from_nothing() -> None:
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the classic outlines are not beside the repository")
 def test_pairs_that_are_told_apart_fit_in_no_way_that_brute_force_finds() -> None:
-    found = resting(load_objects(SHARED))[:80]
+    found = resting(load_objects(SHARED))[:50]
     fingers = fingers_at(10, bound=2.0)
     listed = {(pair.first.state.name, pair.second.state.name) for pair in alike(found, fingers, motions)}
     regions = [filled(state.region_at(10), 5.0) for state in found]
@@ -271,7 +271,7 @@ def test_pairs_that_are_told_apart_fit_in_no_way_that_brute_force_finds() -> Non
 
 
 def _brute_apart(first: shapely.Geometry, second: shapely.Geometry) -> float:
-    """How far off two regions are left by the best of turns by 4°, centres of area together; at least the least."""
+    """How far off the best of turns by 4° leaves two regions, centres of area together."""
     centred = [affinity.translate(item, -item.centroid.x, -item.centroid.y) for item in (first, second)]
     turned = [affinity.rotate(centred[0], angle, origin=(0, 0)) for angle in range(0, 360, 4)]
     return float(
