@@ -79,11 +79,6 @@ class Pair:
     motions: tuple[Motion, ...]
 
     @property
-    def is_touched(self) -> bool:
-        """Whether any finger meets either at all."""
-        return any(not item.region[at].is_empty for item in (self.first, self.second) for at in self.compared)
-
-    @property
     def touched(self) -> tuple[tuple[shapely.Geometry, ...], tuple[shapely.Geometry, ...]]:
         """What fingers reach of both, height by height, where they meet anything."""
         return _stacks(self.first, self.second, self.compared)
