@@ -18,6 +18,7 @@ from palpate.config.contacts_file import ContactsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.import_result import ImportOut
+from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut
 from palpate.config.objects_text import ObjectsFileText
 from palpate.config.ports_result import SerialPortsOut
 from palpate.config.recognition_result import RecognitionOut
@@ -42,6 +43,8 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "identification": IdentificationOut,
     "import": ImportOut,
     "objects": ObjectsFileText,
+    "objects-check": ObjectsCheckOut,
+    "objects-listing": ObjectsListingOut,
     "recognition": RecognitionOut,
     "references": ReferencesFile,
     "replay": ReplayOut,

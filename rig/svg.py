@@ -10,7 +10,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Floats", "element", "escape", "number", "path_data", "shorten", "text", "text_width", "wrap"]
+__all__ = [
+    "Floats",
+    "element",
+    "escape",
+    "number",
+    "path_data",
+    "shorten",
+    "shorten_middle",
+    "text",
+    "text_width",
+    "wrap",
+]
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +32,8 @@ _ESCAPES = {"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;"}
 
 def escape(value: str) -> str:
     """Text that is safe between tags and in quotes; characters that XML cannot hold become U+FFFD."""
+    if value.isascii() and value.isprintable() and not any(c in value for c in _ESCAPES):
+        return value  # as nearly all is, and long paths are
     return "".join(_ESCAPES.get(c, c if _allowed(c) else "\ufffd") for c in value)
 
 
@@ -97,6 +110,20 @@ def shorten(content: str, size: float, room: float, *, bold: bool = False) -> st
     while content and text_width(content + "…", size, bold=bold) > room:
         content = content[:-1]
     return content.rstrip() + "…"
+
+
+def shorten_middle(content: str, size: float, room: float, *, bold: bool = False) -> str:
+    """The text, or its beginning and end with an ellipsis between: names of parts often differ at the end."""
+    if text_width(content, size, bold=bold) <= room:
+        return content
+    kept = len(content)
+    while kept and text_width(f"{content[:kept]}…", size, bold=bold) > room:
+        kept -= 1
+    for keep in range(kept, 0, -1):
+        short = f"{content[: keep - keep // 3].rstrip()}…{content[len(content) - keep // 3 :].lstrip()}"
+        if text_width(short, size, bold=bold) <= room:
+            return short
+    return "…"
 
 
 def wrap(content: str, size: float, room: float, *, most_lines: int, bold: bool = False) -> list[str]:

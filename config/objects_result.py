@@ -1,0 +1,134 @@
+"""Results of `palpate objects show` (`palpate/objects-listing@1`) and `check` (`palpate/objects-check@1`)."""
+
+from typing import Literal
+
+from palpate.config.results import Interval, Out, Rounded
+
+__all__ = [
+    "ObjectsCheckOut",
+    "ObjectsListingOut",
+    "PairOut",
+    "RigHeightOut",
+    "RigHeightsOut",
+    "SeparatingOut",
+    "StateListedOut",
+    "StateNameOut",
+    "UnknownHeightOut",
+]
+
+
+class StateNameOut(Out):
+    """A state of an object of the file."""
+
+    object: str
+    state: str
+
+
+class RigHeightOut(Out):
+    """A height at which fingers are, mm over the support plane; `tip_radius_mm`: of the slimmest there."""
+
+    height_mm: Rounded
+    tip_radius_mm: Rounded
+    fingers: tuple[str, ...]
+
+
+class RigHeightsOut(Out):
+    """What of a rig decides which states it can tell apart.
+
+    `contact_bound_mm`: how far off a contact may be at most, about the middle of the table.
+    """
+
+    name: str
+    shipped: bool
+    heights: tuple[RigHeightOut, ...]
+    contact_bound_mm: Rounded
+
+
+class PairOut(Out):
+    """Two states that are not sure to be told apart.
+
+    `likeness`: "same" if they can never be, because what fingers reach of them agrees within their own
+    tolerances; "doubtful" if it agrees within what contacts may hide besides; "unknown" if one is not known
+    at the height of some finger and the others do not tell them apart. `apart_mm`: largest distance of the
+    sections at `compared_mm`, in the best fit; null if no finger there meets either. `tolerance_mm`: of both
+    together; `within_mm`: that and twice the bound of contacts.
+    """
+
+    first: StateNameOut
+    second: StateNameOut
+    likeness: Literal["same", "doubtful", "unknown"]
+    apart_mm: Rounded | None
+    tolerance_mm: Rounded
+    within_mm: Rounded
+    compared_mm: tuple[Rounded, ...]
+
+
+class SeparatingOut(PairOut):
+    """A pair with the heights at which a finger would tell the two apart for certain, mm.
+
+    `tried` of `ranges`: how many of the ranges over which neither section changes were looked at. `known`:
+    whether both states are known at all heights.
+    """
+
+    separating_mm: tuple[Interval, ...]
+    tried: int
+    ranges: int
+    known: bool
+
+
+class UnknownHeightOut(Out):
+    """A state that is not known at heights of the rig's fingers, mm."""
+
+    state: StateNameOut
+    heights_mm: tuple[Rounded, ...]
+
+
+class StateListedOut(Out):
+    """A state, as it stands in the file.
+
+    `edges`: fewest and most of a section. `heights_mm`: ranges at which the sections are known, null for all.
+    `top_mm`: how high it is. `symmetry_order`: it looks the same after each nth of a turn.
+    """
+
+    object: str
+    state: str
+    sections: int
+    edges: tuple[int, int]
+    top_mm: Rounded
+    heights_mm: tuple[Interval, ...] | None
+    symmetry_order: int
+    probability: Rounded | None
+    tipping_angle_rad: Rounded | None
+    tolerance_mm: Rounded
+
+
+class ObjectsListingOut(Out):
+    """Every state of the file, and those that the rig's fingers do not tell apart for certain.
+
+    `picture`: where the picture was written; `left_out`: states that are not in it, because it would get too
+    large.
+    """
+
+    format: Literal["palpate/objects-listing@1"] = "palpate/objects-listing@1"
+    objects: str
+    rig: RigHeightsOut
+    states: tuple[StateListedOut, ...]
+    twins: tuple[PairOut, ...]
+    picture: str
+    left_out: tuple[StateNameOut, ...]
+
+
+class ObjectsCheckOut(Out):
+    """What a rig's fingers cannot, or may not, tell apart. `pairs_compared`: of states, all with each other.
+
+    `told_apart`: so many of them are told apart for certain, wherever the fingers can reach.
+    """
+
+    format: Literal["palpate/objects-check@1"] = "palpate/objects-check@1"
+    objects: str
+    rig: RigHeightsOut
+    states: int
+    pairs_compared: int
+    told_apart: int
+    pairs: tuple[SeparatingOut, ...]
+    not_known: tuple[UnknownHeightOut, ...]

@@ -1,0 +1,40 @@
+"""Where no fingertip gets: slots that are too narrow, the insides of corners, holes. Regions in and out.
+
+Between `objects_stack` and everything that compares or draws what fingers can feel. A tip comes from outside
+and keeps its height, so it stays out of holes, and of pockets whose mouths are narrower than it is.
+"""
+
+import shapely
+
+__all__ = ["filled", "unreached"]
+
+_SHALLOW_MM = 0.02  # what is nowhere deeper than this is left alone: arcs are chords here
+_QUARTER_CHORDS = 16
+_STEP_MM = 0.5  # between the points of a piece whose depth is asked
+
+
+def unreached(region: shapely.Geometry, tip_radius_mm: float) -> shapely.Geometry:
+    """The part of the plane outside of a region that no disc of the radius from far away can cover.
+
+    Empty for a convex region. Pieces that are nowhere deeper than 0.02 mm behind what tips can cover are left
+    out; slits count however narrow they are.
+    """
+    if region.is_empty or shapely.equals(region, shapely.convex_hull(region)):
+        return shapely.Polygon()
+    grown = region.buffer(tip_radius_mm, quad_segs=_QUARTER_CHORDS)
+    whole = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(grown)])
+    closed = whole.buffer(-tip_radius_mm, quad_segs=_QUARTER_CHORDS)
+    pieces = [part for part in shapely.get_parts(closed.difference(region)) if _is_deep(part, closed)]
+    return shapely.union_all(pieces)
+
+
+def filled(region: shapely.Geometry, tip_radius_mm: float) -> shapely.Geometry:
+    """The region with what no tip reaches added: two that agree in this feel the same all round."""
+    more = unreached(region, tip_radius_mm)
+    return region if more.is_empty else shapely.union_all([region, more])
+
+
+def _is_deep(part: shapely.Geometry, closed: shapely.Geometry) -> bool:
+    along = shapely.points(shapely.get_coordinates(shapely.segmentize(part, _STEP_MM)))
+    depth = shapely.distance(along, shapely.boundary(closed)).max(initial=0.0)
+    return part.geom_type == "Polygon" and bool(depth > _SHALLOW_MM)

@@ -1,0 +1,101 @@
+"""A state of an object as fingers meet it: what is there at each height, and how well that is known.
+
+From the objects file to `objects_twins` and `objects_picture`. Regions are Shapely's, mm, in the object's own
+frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import shapely
+
+from palpate.config import ObjectsFile, Section, State
+
+__all__ = ["Level", "Range", "Resting", "joined_ranges", "resting"]
+
+Range = tuple[float, float]
+
+_SAME_PLACES_MM = 1e-6  # regions whose points agree to this are drawn and listed as one
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """A range of height (mm, both ends included) over which the region is one and the same."""
+
+    z_mm: Range
+    region: shapely.Geometry
+    edges: int
+
+
+@dataclass(frozen=True, eq=False)
+class Resting:
+    """One state of one object; the true outlines are within `tolerance_mm` of the regions."""
+
+    object_name: str
+    state: State
+    tolerance_mm: float
+
+    @property
+    def name(self) -> str:
+        """Object and state, as results name them."""
+        return f"{self.object_name}, {self.state.name}"
+
+    @cached_property
+    def levels(self) -> tuple[Level, ...]:
+        """What is there, from the bottom up; sections that touch and are the same are one level."""
+        levels: list[Level] = []
+        for section in sorted(self.state.sections, key=lambda part: part.z_mm):
+            level = Level(section.z_mm, _region(section), _edge_count(section))
+            below = levels[-1] if levels else None
+            if below is not None and below.z_mm[1] == level.z_mm[0] and _same(below.region, level.region):
+                levels[-1] = Level((below.z_mm[0], level.z_mm[1]), below.region, below.edges)
+            else:
+                levels.append(level)
+        return tuple(levels)
+
+    def region_at(self, z_mm: float) -> shapely.Geometry:
+        """What a finger at a height meets, empty for nothing; where two sections meet, whichever stands out.
+
+        The height must be known: `State.known_at`.
+        """
+        found = [level.region for level in self.levels if level.z_mm[0] <= z_mm <= level.z_mm[1]]
+        return found[0] if len(found) == 1 else shapely.union_all(found)
+
+    @property
+    def steps_mm(self) -> tuple[float, ...]:
+        """Heights at which something begins or ends, ascending: sections, and what is known."""
+        ends = [z for level in self.levels for z in level.z_mm]
+        ends += [z for known in self.state.heights_mm or () for z in known]
+        return tuple(sorted({*ends, 0.0, self.state.top_mm}))
+
+
+def resting(objects: ObjectsFile) -> tuple[Resting, ...]:
+    """Every state of every object, in the file's order."""
+    return tuple(
+        Resting(item.name, state, item.tolerance_mm) for item in objects.objects for state in item.states
+    )
+
+
+def joined_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:
+    """Ranges in ascending order, with those that touch joined."""
+    joined: list[Range] = []
+    for low, high in sorted(ranges):
+        if joined and low <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(high, joined[-1][1]))
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
+def _region(section: Section) -> shapely.Geometry:
+    polygons = [shapely.Polygon(item.outer, item.holes) for item in section.polygons]
+    return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
+
+
+def _edge_count(section: Section) -> int:
+    return sum(len(ring) for item in section.polygons for ring in (item.outer, *item.holes))
+
+
+def _same(first: shapely.Geometry, second: shapely.Geometry) -> bool:
+    return bool(shapely.equals_exact(first, second, _SAME_PLACES_MM, normalize=True))

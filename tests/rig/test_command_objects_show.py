@@ -1,0 +1,157 @@
+"""`palpate objects show` and `check`: what they print, write and return."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import Ended, run_here
+from json_schema import violations
+from stacked_parts import L_SHAPE, mirrored, objects, part, polygon, rectangle, section
+
+from palpate.config import shipped_rig
+from palpate.config.schema import schema_text
+
+Ask = Callable[..., Ended]
+
+FOOT, LEG = rectangle(60, 20), rectangle(8, 20)
+NAME = "bracket-with-a-name-as-from-a-drawing-office-revision-C"
+PARTS = [
+    part(
+        "angle", section(0, 8, FOOT), section(8, 40, LEG), tolerance=0.05, probability=0.4, tipping_angle=0.5
+    ),
+    part(NAME, section(0, 5, FOOT), section(5, 40, LEG)),
+    part("L", section(0, 20, L_SHAPE)),
+    part("mirrored", section(0, 20, mirrored(L_SHAPE))),
+    part("block", section(0, 20, rectangle(70, 40))),
+    part("wider", section(0, 20, rectangle(70, 41))),
+]
+
+
+@pytest.fixture
+def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
+    """Run a command on a file of parts, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def asked(command: str, parts: list[dict[str, Any]], *options: object) -> Ended:
+        Path("parts.objects.json").write_text(json.dumps(objects(*parts)))
+        return run_here(["objects", command, "parts.objects.json", *options], monkeypatch, capsys)
+
+    return asked
+
+
+def rig_with(*heights: float) -> Path:
+    """The shipped rig with its fingers elsewhere; "rig.toml" in the current folder."""
+    left = iter(heights)
+    text = re.sub(r"height_mm = [\d.]+", lambda _: f"height_mm = {next(left)}", shipped_rig().read_text())
+    path = Path("rig.toml")
+    path.write_text(text)
+    return path
+
+
+def test_check_says_what_is_never_told_apart_and_what_would_help(ask: Ask) -> None:
+    ended = ask("check", PARTS)
+    assert (ended.code, ended.err) == (1, "")
+    assert re.search(
+        r"^6 states, 15 pairs:\n +13 told apart\n +1 never .*\n +1 may or may not", ended.out, re.M
+    )
+    never, maybe = ended.out.split("never told apart\n", 2)[2].split("may or may not be told apart\n")
+    assert f"  angle, s\n  = {NAME}, s\n" in never.replace("  =  ", "\n  = ")
+    assert "a finger at 5–8 mm would tell them apart" in never
+    assert "block, s  ≈  wider, s" in maybe
+    assert "0.50 mm apart at 10 mm" in maybe
+    assert "no one height would tell them apart for certain" in maybe
+    assert max(map(len, ended.out.splitlines())) <= 80
+
+
+def test_check_writes_the_same_as_json(ask: Ask) -> None:
+    ended = ask("check", PARTS, "--json")
+    assert ended.code == 1
+    assert not violations(ended.json, json.loads(schema_text("objects-check")))
+    assert (ended.json["states"], ended.json["pairs_compared"], ended.json["told_apart"]) == (6, 15, 13)
+    first, second = ended.json["pairs"]
+    assert (first["first"]["object"], first["second"]["object"], first["likeness"]) == ("angle", NAME, "same")
+    assert first["separating_mm"] == [[5.0, 8.0]]
+    assert (second["likeness"], second["separating_mm"]) == ("doubtful", [])
+    assert second["apart_mm"] == pytest.approx(0.5, abs=1e-4)
+    assert second["within_mm"] == pytest.approx(2 * ended.json["rig"]["contact_bound_mm"])
+    assert [item["height_mm"] for item in ended.json["rig"]["heights"]] == [10.0]
+
+
+def test_check_ends_well_if_nothing_is_the_same(ask: Ask) -> None:
+    assert ask("check", PARTS[2:]).code == 0
+    low = ask("check", PARTS[:2], "--rig", rig_with(6, 10, 10))
+    assert low.code == 0
+    assert "at 6 mm: f1, tip of radius 5 mm" in low.out
+    assert "0 never told apart" in low.out
+
+
+def test_check_says_which_states_are_not_known_where_fingers_are(ask: Ask) -> None:
+    known = part("known", section(9, 11, FOOT), heights=[[9, 11]], height=30.0)
+    ended = ask("check", [known, part("foot", section(0, 30, FOOT))], "--rig", rig_with(10, 10, 20))
+    assert ended.code == 0
+    assert "1 not told apart as far as their sections are known" in ended.out
+    assert "known, s: 20 mm" in ended.out
+    assert "no one height at which both are known" in ended.out
+
+
+def test_show_lists_draws_and_names_twins(ask: Ask) -> None:
+    ended = ask("show", PARTS)
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.out.startswith("parts.objects.json: 6 objects, 6 states\n")
+    assert re.search(r"^angle ±0.05 mm *\n  s +2 +4 +40 +– +40 % +28.6°$", ended.out, re.M)
+    assert re.search(r"^block *\n  s +1 +4 +20 +2-fold +– +–$", ended.out, re.M)
+    assert "fingers of rig bench, the shipped one\n  at 10 mm: f1, f2, f3, tips of radius 5 mm" in ended.out
+    assert "block, s  ≈  wider, s" in ended.out
+    assert f"  = {NAME}, s" in ended.out.replace("  =  ", "\n  = ")
+    assert ended.out.endswith("picture parts.objects.svg\n")
+    assert max(len(line.rstrip()) for line in ended.out.splitlines()) <= 80
+    picture = Path("parts.objects.svg").read_text()
+    assert f"feels like {NAME[:12]}" in picture
+    assert "may feel like wider, s" in picture
+
+
+def test_show_as_json_with_a_place_for_the_picture(ask: Ask) -> None:
+    ended = ask("show", PARTS, "--json", "--picture", "elsewhere.svg")
+    assert ended.code == 0
+    assert not violations(ended.json, json.loads(schema_text("objects-listing")))
+    assert ended.json["picture"] == "elsewhere.svg"
+    assert Path("elsewhere.svg").exists()
+    assert not Path("parts.objects.svg").exists()
+    assert [item["state"] for item in ended.json["states"]] == ["s"] * 6
+    assert [item["symmetry_order"] for item in ended.json["states"]] == [1, 1, 1, 1, 2, 2]
+    assert ended.json["states"][0]["edges"] == [4, 4]
+    assert [item["likeness"] for item in ended.json["twins"]] == ["same", "doubtful"]
+
+
+def test_show_never_writes_over_the_drawing_that_a_part_came_from(ask: Ask) -> None:
+    for name in ("parts.svg", "parts.json"):
+        Path(name).write_text("a drawing")
+    assert ask("show", PARTS[:1]).code == 0
+    assert Path("parts.svg").read_text() == Path("parts.json").read_text() == "a drawing"
+
+
+def test_show_says_that_all_is_told_apart(ask: Ask) -> None:
+    ended = ask("show", [PARTS[2], part("disc", section(0, 20, polygon(30, 20)))])
+    assert "these fingers tell all states apart" in ended.out
+
+
+@pytest.mark.parametrize("command", ["show", "check"])
+def test_a_file_that_is_wrong_or_missing_is_one_line(
+    ask: Ask, command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crossed = part("crossed", section(0, 5, [[0, 0], [10, 10], [10, 0], [0, 10]]))
+    ended = ask(command, [crossed])
+    assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
+    assert 'object "crossed"' in ended.err
+    gone = run_here(["objects", command, "gone.json"], monkeypatch, capsys)
+    assert (gone.code, gone.err.count("\n")) == (2, 1)
+
+
+def test_a_picture_that_cannot_be_written_is_refused_first(ask: Ask) -> None:
+    ended = ask("show", PARTS[:1], "--picture", "no-such-folder/a.svg")
+    assert (ended.code, ended.out) == (2, "")
+    assert "no-such-folder/a.svg cannot be written" in ended.err
