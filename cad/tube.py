@@ -87,7 +87,9 @@ class Pieces:
         children = points.shape[1]
         return Pieces(
             points.reshape(-1, *points.shape[2:]),
-            *(np.repeat(values, children, axis=0) for values in (self.first, self.last, self.bare)),
+            np.repeat(self.first, children, axis=0),
+            np.repeat(self.last, children, axis=0),
+            np.repeat(self.bare, children, axis=0),
         )
 
 
