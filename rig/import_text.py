@@ -84,6 +84,11 @@ def rounded(value: float) -> float:
     return round(float(value), DECIMALS) + 0.0
 
 
+def share(value: float) -> float:
+    """A probability, downward: all states' together must not come to more than 1."""
+    return math.floor(value * 10**DECIMALS) / float(10**DECIMALS)
+
+
 def bound_mm(parts_mm: Iterable[float]) -> float:
     """The sum of bounds, upward to a tenth of a micrometre, but for what is nothing but rounding."""
     beyond = max(math.fsum(parts_mm) - NEGLIGIBLE_MM, 0.0)
