@@ -118,9 +118,9 @@ def _members(order: Ints, starts: Ints, leaves: Ints) -> Ints:
     width = int((ends - starts).max())
     places = starts[leaves][:, :, None] + np.arange(width)
     there = places < ends[leaves][:, :, None]
-    one, two = np.meshgrid(np.arange(width), np.arange(width), indexing="ij")
-    one, two = one.ravel(), two.ravel()
+    one, two = np.divmod(np.arange(width**2), width)
     both = there[:, 0, one] & there[:, 1, two]
     both &= (leaves[:, :1] != leaves[:, 1:]) | (one < two)
     row, column = np.nonzero(both)
-    return order[np.column_stack([places[row, 0, one[column]], places[row, 1, two[column]]])]
+    result: Ints = order[np.column_stack([places[row, 0, one[column]], places[row, 1, two[column]]])]
+    return result

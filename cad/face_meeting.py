@@ -75,7 +75,8 @@ def _sides(surface: Surface, pairs: Ints) -> Ints:
     corners = surface.corners[pairs[:, 0]]
     base, normal = surface.corners[pairs[:, 1], 0], surface.normals[pairs[:, 1]]
     height = np.einsum("kvc,kc->kv", corners, normal) - np.einsum("kc,kc->k", base, normal)[:, None]
-    return (height > surface.tolerance).astype(np.int64) - (height < -surface.tolerance)
+    result: Ints = (height > surface.tolerance).astype(np.int64) - (height < -surface.tolerance)
+    return result
 
 
 def _reaches(sides: Ints) -> Bools:

@@ -118,7 +118,7 @@ def test_numbers_that_are_none_are_refused():
 
 
 def test_a_sheet_of_two_sides_encloses_nothing_or_overlaps():
-    with pytest.raises(InputError, match="overlap|no volume"):
+    with pytest.raises(InputError, match=r"overlap|no volume"):
         checked_solids(
             "p", "p", np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0.0]]), np.array([[0, 1, 2], [0, 2, 1]])
         )

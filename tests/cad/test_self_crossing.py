@@ -42,7 +42,7 @@ def test_boxes_on_a_grid():
     """Edges, corners and diagonals fall onto each other in every way; touching along them is allowed."""
     rng = np.random.default_rng(1)
     seen = {True: 0, False: 0}
-    for trial in range(300):
+    for trial in range(160):
         lo = rng.integers(0, 4, (2, 3)).astype(float)
         hi = lo + rng.integers(1, 4, (2, 3))
         cells = rng.integers(1, 4, (2, 3))
@@ -62,7 +62,7 @@ def test_boxes_on_a_grid():
         )
         assert (crossed(vertices, faces) > 0) == expected, (trial, lo, hi, cells)
         seen[expected] += 1
-    assert min(seen.values()) > 50
+    assert min(seen.values()) > 30
 
 
 def test_tetrahedra_cross_unless_a_plane_separates_them_or_one_holds_the_other():
@@ -74,7 +74,7 @@ def test_tetrahedra_cross_unless_a_plane_separates_them_or_one_holds_the_other()
         rows = np.vstack(
             [np.column_stack([-a, np.ones((4, 2))]), np.column_stack([b, -np.ones(4), np.ones(4)])]
         )
-        margin = -linprog([0, 0, 0, 0, -1], rows, np.zeros(8), [(-1, 1)] * 3 + [(None, None)] * 2).fun
+        margin = -linprog([0, 0, 0, 0, -1], rows, np.zeros(8), bounds=[(-1, 1)] * 3 + [(None, None)] * 2).fun
         held = any(
             (np.linalg.solve(np.vstack([outer.T, np.ones(4)]), np.vstack([inner.T, np.ones(4)])) > 0).all()
             for outer, inner in ((a, b), (b, a))

@@ -33,7 +33,7 @@ def off_cone(p):
     return np.abs(np.maximum(side, np.maximum(-p[:, 2], p[:, 2] - 30)))
 
 
-@pytest.mark.parametrize("curve_mm", [0.3, 0.1])
+@pytest.mark.parametrize("curve_mm", [0.2])
 @pytest.mark.parametrize(
     ("name", "off"),
     [("sphere", off_sphere), ("torus", off_torus), ("cylinder", off_cylinder), ("cone", off_cone)],
