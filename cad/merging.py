@@ -22,11 +22,11 @@ __all__ = ["MergedState", "SlicesOf", "merged"]
 SlicesOf = Callable[[StableState, Floats], Sequence[Any]]
 """Exact sections of a state at heights (k,) as polygonal shapely geometries, empty ones above it."""
 
-_HEIGHTS = 12
+_HEIGHTS = 8
 """More heights than these are thinned out evenly."""
 _COMPARED = 400
 """So many states are compared, most probable first."""
-_BALLS = 24
+_BALLS = 12
 """So many states of a ball stand for all."""
 _POLE = 0.05
 """Share of a ball's height, at either end, where sections change too fast to be compared."""
@@ -81,7 +81,7 @@ def merged(
     """States by falling probability, named anew, none within a distance of another; and what is left out.
 
     `states` as `stable_states` orders them. A ball, whose surface is everywhere as far from its centre
-    within `within_mm`, has one state; its `apart_mm` is that of 24 states between 5 % and 95 % of its
+    within `within_mm`, has one state; its `apart_mm` is that of 12 states between 5 % and 95 % of its
     height. Otherwise the 400 most probable states are compared and further ones are left out together,
     as are those less probable than asked and those beyond the `most` most probable ones.
     """
