@@ -18,7 +18,7 @@ from palpate.cad.values import CrossSection, Floats, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
 from palpate.config.objects_text import StateText
 from palpate.errors import InputError
-from palpate.rig.import_text import bound_mm, edges_of, frame_out, ranges_near, rounded, sections_text
+from palpate.rig.import_text import bound_mm, edges_of, frame_out, ranges_near, rounded, sections_text, share
 
 __all__ = ["Shares", "Standing", "Stood", "standing"]
 
@@ -134,7 +134,7 @@ def _standing(
     found: MergedState | None = None,
 ) -> Standing:
     """A state in the words of the file and of the result; `found`: None for one that nobody dropped."""
-    probability = None if found is None else rounded(state.probability)
+    probability = None if found is None else share(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
     some = sections_text([section for section in sections if section.regions])
     heights = None

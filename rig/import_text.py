@@ -29,6 +29,7 @@ NEGLIGIBLE_MM = 1e-5
 """What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
 
 _NEAR_MM = 0.5
+_SUMMING = 1e-9  # a sixth, six times added, is less than 1
 _BOUND_STEPS = 10_000  # to a millimetre
 
 
@@ -82,6 +83,12 @@ def frame_out(rotation: Floats, offset_mm: Floats) -> FrameOut:
 def rounded(value: float) -> float:
     """A number of the file."""
     return round(float(value), DECIMALS) + 0.0
+
+
+def share(value: float) -> float:
+    """A probability, downward: all states' together must not come to more than 1."""
+    scale: int = 10**DECIMALS
+    return math.floor((value + _SUMMING) * scale) / scale
 
 
 def bound_mm(parts_mm: Iterable[float]) -> float:
