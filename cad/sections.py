@@ -8,14 +8,14 @@ between they are made as high as the proof allows.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
 from palpate.cad.kept import kept
-from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
+from palpate.cad.resting_surface import HEIGHT_MM, Surface, surface_of
 from palpate.cad.simplify import simplified
 from palpate.cad.slicing import Ring, regions_of, sliced
 from palpate.cad.tube import Outline, corners_of, facets_of, need, outline_of
@@ -27,13 +27,20 @@ __all__ = ["sections_of"]
 _SHARE = 0.18
 """Of the tolerance, for simplifying outlines between sloping walls; drift over the slab takes the rest."""
 _SHARE_UPRIGHT = 0.9
-_FEW_EDGES = 48
-"""Outlines of upright walls with no more are left as they are."""
+_FEW_EDGES = 60
+"""Outlines with no more are left as they are."""
 _ENOUGH = 0.93
 """A slab that takes so much of the tolerance is high enough."""
 _AIM = 0.985
 _TRIES = 7
-_LEAST_SLAB_MM = 1e-5
+_LEAST_SLAB_MM = 1e-3
+_LEVEL = "a nearly level wall moves too far"
+_THIN_MM, _MOST_THIN = 0.02, 4
+"""Nobody knows a finger's height better: after so many lower slabs in a row, heights are skipped."""
+_MOST_SKIPPED_MM = 0.32
+"""At once, beside a height where sections cannot be given."""
+_LEAST_KNOWN_MM = 0.25
+"""Sections between skipped heights are left out too if they cover less."""
 _POINT_MM = 2e-6
 """Points closer together are one."""
 _LEAST_SHARE = 0.05
@@ -50,8 +57,10 @@ def sections_of(
     """Cross sections of a solid as it rests, from the support plane up, within a tolerance.
 
     `heights_mm`: only these ranges, clipped to the part; `most`: no more sections than this. A height means
-    that height within 1 µm. Raises InputError if the tolerance leaves nothing beside what the solid is off
-    by, if no range meets the part, and if more sections were needed, naming the height.
+    that height within 1 µm. Heights at which a wall is so nearly level that a slab of 0.02 mm would leave
+    the tolerance are in no section: there nothing is known. Raises InputError if the tolerance leaves
+    nothing beside what the solid is off by, if no range meets the part, if no height can be known, and if
+    more sections were needed, naming the height.
     """
     budget = tolerance_mm - solid.off_mm
     if not budget > 0:
@@ -61,16 +70,36 @@ def sections_of(
         )
     surface = surface_of(solid, state)
     found: list[CrossSection] = []
+    problem = ""
     for begin, end in _ranges(solid, surface, heights_mm):
         for slab, trial in _slabs(surface, begin, end, budget):
-            if trial.problem or len(found) == most:
-                why = trial.problem or f"more than {most} cross sections are needed"
+            problem = problem or trial.problem
+            if len(found) == most:
                 raise InputError(
-                    f"{solid.name}, {state.name}: {why} at height {slab[0]:.4g} mm; "
-                    f"give --heights that leave it out, or a greater --tolerance"
+                    f"{solid.name}, {state.name}: more than {most} cross sections are needed at height "
+                    f"{slab[0]:.4g} mm; give --heights that leave it out, or a greater --tolerance"
                 )
-            found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
-    return tuple(found)
+            if not trial.problem:
+                found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
+    if not any(section.regions for section in found):
+        raise InputError(
+            f"{solid.name}, {state.name}: no section can be given at any height: {problem}; "
+            "give a greater --tolerance"
+        )
+    return tuple(_long_runs(found))
+
+
+def _long_runs(sections: list[CrossSection]) -> Iterator[CrossSection]:
+    """Those that follow one another over a quarter of a millimetre, or over all there is."""
+    run: list[CrossSection] = []
+    for section in [*sections, None]:
+        if run and (section is None or section.z_mm[0] > run[-1].z_mm[1]):
+            long = run[-1].z_mm[1] - run[0].z_mm[0] >= _LEAST_KNOWN_MM
+            if long or len(run) == len(sections):
+                yield from run
+            run = []
+        if section is not None:
+            run.append(section)
 
 
 def _ranges(
@@ -109,20 +138,26 @@ class _Trial:
 def _slabs(
     surface: Surface, begin: float, end: float, budget: float
 ) -> Iterator[tuple[tuple[float, float], _Trial]]:
-    """Slabs that tile a range, each as high as can be; the last one has a problem if it cannot be tiled."""
+    """Slabs that tile a range, each as high as can be; those with a problem have no outline.
+
+    Beside a height that has a problem more and more is skipped, so that a nearly level wall is soon over.
+    """
     breaks = _breaks(surface, budget)
     breaks = breaks[(breaks > begin + HEIGHT_MM) & (breaks < end - HEIGHT_MM)]
     peaks = surface.peaks()
     for low, high in zip([begin, *breaks], [*breaks, end], strict=True):
-        at, height = low, high - low
+        at, height, skip, thin = low, high - low, _THIN_MM, 0
         while at < high:
             to, trial = _highest(surface, at, high, height, peaks, budget)
+            thin = thin + 1 if to - at < _THIN_MM and to < high else 0
+            if trial.problem or thin > _MOST_THIN:
+                trial = replace(trial, problem=trial.problem or _LEVEL)
+                to = min(high, at + skip)
+                skip = min(2 * skip, _MOST_SKIPPED_MM)
+            elif not thin:
+                skip = _THIN_MM
             yield (at, to), trial
-            if trial.problem:
-                return
-            # What the last one left of the tolerance tells how high the next may be.
-            share = np.clip(_AIM * budget / max(trial.drift_mm, 1e-9), 0.8, 1.5)
-            at, height = to, float(share) * (to - at)
+            at, height = to, max(to - at, _THIN_MM)
 
 
 def _breaks(surface: Surface, budget: float) -> Floats:
@@ -200,13 +235,12 @@ def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
     if not len(facets):
         return _Trial((), 0.0, 0.0)
     upright = bool((surface.upright | surface.bare)[facets].all())
-    rounding = ROUNDING * surface.size_mm
     for share in (0.5, 0.42, 0.61):
         raw = [
             ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)
         ]
-        for simplify in (_SHARE_UPRIGHT * budget if upright else _SHARE * budget, rounding):
-            if upright and simplify > rounding and sum(len(ring.points) for ring in raw) <= _FEW_EDGES:
+        for simplify in (_SHARE_UPRIGHT * budget if upright else _SHARE * budget, 0.0):
+            if simplify and sum(len(ring.points) for ring in raw) <= _FEW_EDGES:
                 continue
             trial = _proven(surface, facets, (low, high), raw, simplify, budget)
             if trial is not None:
@@ -238,7 +272,7 @@ def _proven(
     outline = outline_of(rings)
     off, good = _off(surface, facets, slab, raw, outline, owners, budget)
     if not good:
-        return _Trial((), off, off, "a nearly level wall moves too far")
+        return _Trial((), off, off, _LEVEL)
     if rings and not shapely.MultiLineString([np.vstack([ring, ring[:1]]) for ring in rings]).is_simple:
         return None
     regions = regions_of(rings)

@@ -13,6 +13,8 @@ from palpate.cad.values import Floats, Ints
 
 __all__ = ["simplified", "turned"]
 
+_STRAIGHT = 1e-7
+"""Sine of the turn between facets of one plane, or next to it."""
 _ABOUT = np.array([0.7, 0.9, 0.96, 1.0, 1.04, 1.12, 1.4])
 _FINE = 32
 """A chord is as long as it may be within this part of it."""
@@ -27,9 +29,24 @@ def turned(normal: Floats, other: Floats) -> Floats:
 def simplified(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
     """Which points (k,) of a ring (n, 2) to keep, ascending, so that no chord costs more than the budget.
 
-    `normal` (n, 2): the outward unit normal of the edge after each point, unless it is `bare`. Starts at
-    the sharpest corner. Fewer than three are left of a ring that is no wider than the budget.
+    `normal` (n, 2): the outward unit normal of the edge after each point, unless it is `bare`. Points in a
+    straight line go in any case; a budget of 0 keeps all others. Starts at the sharpest corner. Fewer than
+    three are left of a ring that is no wider than the budget.
     """
+    bent = np.flatnonzero(_bends(normal, bare))
+    if len(bent) < 4 or budget_mm <= 0:
+        return bent if len(bent) > 2 else np.arange(len(points))
+    return bent[_fewest(points[bent], normal[bent], bare[bent], budget_mm)]
+
+
+def _bends(normal: Floats, bare: Bools) -> Bools:
+    """Where a ring (n,) has a corner, however slight: facets of one plane leave points in a straight line."""
+    before, bare_before = np.roll(normal, 1, axis=0), np.roll(bare, 1)
+    result: Bools = (turned(normal, before) > _STRAIGHT) | bare | bare_before
+    return result
+
+
+def _fewest(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
     count = len(points)
     if count < 4:
         return np.arange(count)

@@ -84,7 +84,7 @@ def _import(
         typer.Option(
             "--tolerance", metavar="MM", help="What the model may be off the file; all parts added."
         ),
-    ] = 0.05,
+    ] = 0.1,
     deviation: Annotated[
         float,
         typer.Option(

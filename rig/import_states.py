@@ -3,7 +3,9 @@
 Between `cad` and `importing`. Stable states that are the same but for a turn about the vertical become one.
 """
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import shapely
@@ -18,7 +20,17 @@ from palpate.cad.values import CrossSection, Floats, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
 from palpate.config.objects_text import StateText
 from palpate.errors import InputError
-from palpate.rig.import_text import bound_mm, edges_of, frame_out, ranges_near, rounded, sections_text, share
+from palpate.rig.import_text import (
+    NEGLIGIBLE_MM,
+    bound_mm,
+    edges_of,
+    frame_out,
+    ranges_known,
+    ranges_near,
+    rounded,
+    sections_text,
+    share,
+)
 
 __all__ = ["Shares", "Standing", "Stood", "standing"]
 
@@ -77,12 +89,18 @@ def standing(solid: Solid, shares: Shares, tell: Tell) -> Stood:
             f"{solid.name}: no stable state is as probable as {shares.least_probability:g}: "
             "give a smaller --least-probability, or --states as-is"
         )
-    states = []
-    for item in kept:
-        tell(f"sections of {item.state.name}, of {len(kept)} states")
-        sections = _sections(solid, item.state, shares)
-        states.append(_standing(item.state, sections, solid, shares, item))
+    tell(f"sections of {len(kept)} states")
+    with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1)) as pool:
+        work = [pool.submit(_sectioned, solid, item, shares) for item in kept]
+        for done, _ in enumerate(as_completed(work), start=1):
+            tell(f"sections of {len(kept)} states, {done} done")
+        states = [future.result() for future in work]
     return Stood(tuple(states), _left_out([*unstable, *out]))
+
+
+def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> Standing:
+    """One state, in a process of its own: large parts take seconds for each."""
+    return _standing(item.state, _sections(solid, item.state, shares), solid, item)
 
 
 def _as_it_lies(solid: Solid, shares: Shares, tell: Tell) -> Stood:
@@ -92,7 +110,7 @@ def _as_it_lies(solid: Solid, shares: Shares, tell: Tell) -> Stood:
         () if state.tipping_angle_rad > 0 else ("would topple as it lies in the file, if nothing held it",)
     )
     tell("sections")
-    return Stood((_standing(state, _sections(solid, state, shares), solid, shares),), (), warnings)
+    return Stood((_standing(state, _sections(solid, state, shares), solid),), (), warnings)
 
 
 class _Slices:
@@ -130,19 +148,17 @@ def _standing(
     state: StableState,
     sections: Sequence[CrossSection],
     solid: Solid,
-    shares: Shares,
     found: MergedState | None = None,
 ) -> Standing:
     """A state in the words of the file and of the result; `found`: None for one that nobody dropped."""
     probability = None if found is None else share(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
     some = sections_text([section for section in sections if section.regions])
-    heights = None
-    height = max(section.z[1] for section in some)
-    if shares.heights_mm is not None:
-        top = rounded(_top_mm(solid, state))
-        height = max(height, top)
-        heights = [(rounded(low), rounded(high)) for low, high in ranges_near(shares.heights_mm, top)]
+    top = rounded(_top_mm(solid, state))
+    height = max(top, *(section.z[1] for section in some))
+    known = ranges_known(sections)
+    everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - NEGLIGIBLE_MM
+    heights = None if everywhere else known
     tipping = rounded(state.tipping_angle_rad) or None
     counts = [edges_of(section) for section in some]
     text = StateText(

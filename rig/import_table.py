@@ -7,12 +7,14 @@ from rich.markup import escape
 from rich.table import Table
 
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut, ImportOut
+from palpate.config.objects_checks import heights_in_words
 from palpate.rig.answer_words import counted
 
 __all__ = ["show"]
 
 _UNKNOWN = "–"
 _MOST_STATES = 24
+_MOST_KNOWN = 6
 
 
 def show(out: ImportOut, console: Console) -> None:
@@ -32,7 +34,7 @@ def _show_object(item: ImportedObjectOut, console: Console) -> None:
     for left in item.left_out:
         count = counted(left.states, "state", "states")
         console.print(f"left out: {count}, {_percent(left.probability)} together: {escape(left.reason)}")
-    for line in _tolerance(item):
+    for line in (*_known(item), *_tolerance(item)):
         console.print(line)
     console.print()
 
@@ -79,11 +81,19 @@ def _tolerance(item: ImportedObjectOut) -> list[str]:
     ]
     some = [f"{value:.4f} {what}" for value, what in parts if value > 0]
     total = f"tolerance {item.tolerance:.4f} mm" if item.tolerance else "tolerance 0: exact"
-    lines = [f"{total} = {' + '.join(some)}" if some else total]
-    known = next((state.heights for state in item.states if state.heights is not None), None)
-    if known is not None:
-        lines.append("known near the given --heights only: fingers elsewhere are refused")
-    return lines
+    return [f"{total} = {' + '.join(some)}" if some else total]
+
+
+def _known(item: ImportedObjectOut) -> list[str]:
+    """Which states are not known at all heights, a line each as long as these are few."""
+    some = [state for state in item.states if state.heights is not None]
+    lines = [
+        f"{state.name} is known at {heights_in_words(state.heights or ())} only"
+        for state in some[:_MOST_KNOWN]
+    ]
+    if len(some) > _MOST_KNOWN:
+        lines.append(f"and so are {len(some) - _MOST_KNOWN} further states")
+    return [*lines, "a rig with a finger elsewhere is refused"] if some else []
 
 
 def _percent(share: float) -> str:

@@ -20,6 +20,7 @@ __all__ = [
     "edges_of",
     "frame_out",
     "polygons_text",
+    "ranges_known",
     "ranges_near",
     "rounded",
     "sections_text",
@@ -48,6 +49,18 @@ def ranges_near(heights_mm: Iterable[float], top_mm: float) -> list[tuple[float,
         else:
             ranges.append((low, high))
     return ranges or [(max(top_mm - 2 * _NEAR_MM, 0.0), top_mm)]
+
+
+def ranges_known(sections: Sequence[CrossSection]) -> list[tuple[float, float]]:
+    """Ranges of height (mm) that sections cover, ascending and apart, as the file has them."""
+    ranges: list[tuple[float, float]] = []
+    for section in sections:
+        low, high = (rounded(end) for end in section.z_mm)
+        if ranges and low <= ranges[-1][1]:
+            ranges[-1] = ranges[-1][0], high
+        else:
+            ranges.append((low, high))
+    return ranges
 
 
 def sections_text(sections: Sequence[CrossSection]) -> list[SectionText]:

@@ -42,7 +42,7 @@ class Wanted:
 
     units: str | None = None
     name: str | None = None
-    tolerance_mm: float = 0.05
+    tolerance_mm: float = 0.1
     deviation_mm: float = 0.0
     heights_mm: tuple[float, ...] | None = None
     thickness_mm: float | None = None
