@@ -3,6 +3,7 @@
     python benchmarks/bench_calibration.py --seeds 50 --out calibrations.jsonl
     python benchmarks/bench_calibration.py --tell calibrations.jsonl
 
+With `--records DIR`, what every rig measured is kept; another run with the same directory fits it again.
 With `--simulated`, calibration measures geometry, tips and taxels of the same rigs without servos, ports and
 time between: twenty times faster. Parts are identified on the emulated bench in either case.
 
@@ -40,6 +41,7 @@ from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
 from palpate.rig.calibration_hand import connecting
 from palpate.rig.convert import models_of
 from palpate.rig.known_well import check_known_well
+from palpate.rig.record_keeper import FileKeeper
 from palpate.rig.scene import draw_placement
 from palpate.rig.truth import in_hand_frame
 from palpate.rig.whole_run import Job, carry_out
@@ -61,7 +63,7 @@ class Nothing:
         del record
 
 
-def one(seed: int, scenes: int, before: int, simulated: bool) -> dict[str, object]:
+def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | None) -> dict[str, object]:
     """Calibrate one rig and identify parts on it; everything that is worth keeping."""
     rig = load_rig(RIG)
     bench = set_up(rig, None, seed)
@@ -73,8 +75,9 @@ def one(seed: int, scenes: int, before: int, simulated: bool) -> dict[str, objec
     begin = time.perf_counter()
     world = SimulatedRig(rig, seed)
     connect = world.connect if simulated else connecting(outside(bench), table, print)
+    keeper = Nothing() if records is None else FileKeeper(records / f"{seed}.json")
     try:
-        file = calibrate(job, connect, Nothing(), lambda _: None)
+        file = calibrate(job, connect, keeper, lambda _: None)
     except PalpateError as error:
         return {"seed": seed, "failed": str(error)}
     row: dict[str, object] = {
@@ -160,6 +163,9 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
                 "gain_off": float(wrong[bound < LOADED].max()),
                 "gain_loaded": int((bound < LOADED).sum()),
                 "gain_broken": int((wrong > bound).sum()),
+                "gain_off_5": float(wrong[bound < 0.05].max(initial=0.0)),
+                "gain_count_5": int((bound < 0.05).sum()),
+                "gain_over_5": int((wrong[bound < LOADED] > 0.05).sum()),
                 "stiffness_off": tactile.stiffness_n_per_mm / truth.stiffness_n_per_mm - 1,
                 "dead": dead == {(taxel.row, taxel.col) for taxel in tactile.unusable},
                 "play_off_mm": found.actuators.slide.backlash_mm - truth.slide_play_mm,
@@ -234,6 +240,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=2, help="identifications after calibration")
     parser.add_argument("--before", type=int, default=1, help="and before")
     parser.add_argument("--simulated", action="store_true")
+    parser.add_argument("--records", type=Path, help="directory for what rigs measured")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("calibrations.jsonl"))
     parser.add_argument("--tell", type=Path)
@@ -241,13 +248,18 @@ def main() -> None:
     if args.tell:
         tell(args.tell)
         return
+    if args.records:
+        args.records.mkdir(exist_ok=True)
     done = set()
     if args.out.exists():
         done = {json.loads(line)["seed"] for line in args.out.read_text().splitlines()}
     with ProcessPoolExecutor(args.jobs) as pool, args.out.open("a") as out:
         wanted = [seed for seed in range(args.first, args.first + args.seeds) if seed not in done]
         for future in as_completed(
-            [pool.submit(one, seed, args.scenes, args.before, args.simulated) for seed in wanted]
+            [
+                pool.submit(one, seed, args.scenes, args.before, args.simulated, args.records)
+                for seed in wanted
+            ]
         ):
             out.write(json.dumps(future.result()) + "\n")
             out.flush()

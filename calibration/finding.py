@@ -19,7 +19,8 @@ from palpate.errors import InputError
 __all__ = ["Found", "at_bearing", "find", "touches_of"]
 
 _ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
-_OTHER_MM = 0.006  # what is left: stopping, force, tares
+_STEP_LEFT = 0.1  # of a slide's encoder step: it is measured on the move, over several of them
+_OTHER_MM = 0.006  # what is left: force, tares
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ def touches_of(
     per_rad = np.array([model.mm_per_rad for model in models])[finger]
     gear = np.array([model.gear_ratio for model in models])[finger]
     zero = np.array([model.prior[4] for model in models])[finger]
-    along = np.abs(per_rad) * TICK_RAD / math.sqrt(12)
+    along = np.abs(per_rad) * TICK_RAD * _STEP_LEFT
     # Contacts are oblique by less than 48°: half of what the aim is off counts, or so.
     across = 0.5 * np.abs(zero + per_rad * slide) * TICK_RAD / np.abs(gear) / math.sqrt(12)
     placing = np.array([item.placing for item in touched], dtype=np.int64)

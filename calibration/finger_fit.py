@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from palpate.calibration.reference import Reference
-from palpate.drivers.finger import TICK_RAD
 
 __all__ = ["AIM_PLAY", "BASE", "COLUMNS", "HEADING", "RADIUS", "SCALE", "ZERO"]
 __all__ += ["FingerModel", "Fit", "Placing", "Touches", "fit_fingers", "predicted"]
@@ -31,7 +30,6 @@ BASE, HEADING, RADIUS, ZERO, AIM_PLAY, SCALE = slice(0, 2), 2, 3, 4, 5, 6
 _OUTLIER = 4.5  # standard deviations
 _STARTS = 12  # orientations from which a plate's is looked for
 _ROUNDS = 6
-_MOST_TILTED = 0.55  # squared sine of the most oblique touches, 48°
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +81,7 @@ class Touches:
 class Fit:
     """Values (fingers, 7) and poses (placings, 3: x, y, θ) that explain touches best.
 
-    `covariance` is that of all fingers' values in their order, then all poses, if noise is as declared and
-    does not repeat itself; `systematic` is what to add to it because encoder steps do.
+    `covariance` is that of all fingers' values in their order, then all poses, if noise is as declared.
     `residual_mm` (n,): how much further than the tip's radius each touch was from the surface; `normal`
     (n, 2): the surface's outward normal there, in W; `room_mm` (n,): from there to the face's end;
     `centre_mm` (n, 2): the tips'. `outlier` (n,): touches that were left out. `chi_square` of the fitted
@@ -94,7 +91,6 @@ class Fit:
     values: Floats
     poses: Floats
     covariance: Floats
-    systematic: Floats
     residual_mm: Floats
     normal: Floats
     room_mm: Floats
@@ -278,7 +274,6 @@ class _Problem:
             values,
             poses,
             covariance,
-            self._systematic(covariance, touched, x, normal, used),
             residual,
             normal,
             room,
@@ -287,29 +282,6 @@ class _Problem:
             square,
             max(int(used.sum()) - math.ceil(bound), 1),
         )
-
-    def _systematic(
-        self, covariance: Floats, touched: Floats, x: Floats, normal: Floats, used: Bools
-    ) -> Floats:
-        """What encoder steps that do not average out may add to the covariance.
-
-        A slide that is stopped by a contact comes to rest in the same part of a step again and again, and in
-        which part depends on how obliquely it touches. So for each finger half a step, along the travel, is
-        taken for a standard deviation of an error that is the same in all its touches, and of one that
-        changes its sign from head-on to the most oblique ones. `touched` (k, unknowns): derivatives of the
-        used touches over their deviations.
-        """
-        along = self.centres(self.split(x)[0])[1]
-        out = (normal * along).sum(axis=1)
-        tilt = 1 - 2 * np.clip((1 - out**2) / _MOST_TILTED, 0.0, 1.0)
-        half = np.abs(self._mm_per_rad) * TICK_RAD / 2
-        result = np.zeros_like(covariance)
-        for finger in range(self._count):
-            mine = np.where(self.touches.finger == finger, out * half[finger], 0.0)
-            for pattern in (mine, mine * tilt):
-                moved = covariance @ (touched.T @ (pattern[used] / self.touches.sigma_mm[used]))
-                result += np.outer(moved, moved)
-        return result
 
 
 def _first_poses(problem: _Problem, values: Floats, known: Floats) -> Floats:

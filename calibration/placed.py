@@ -79,7 +79,7 @@ def in_hand(specs: Sequence[Finger], fit: Fit) -> InHand:
         step[k] = _STEP
         slopes[:, k] = (_moved(nominal, flat + step)[0] - _moved(nominal, flat - step)[0]) / (2 * _STEP)
     values, frame = _moved(nominal, flat)
-    own = (fit.covariance + fit.systematic)[: len(flat), : len(flat)]
+    own = fit.covariance[: len(flat), : len(flat)]
     return InHand(values.reshape(fit.values.shape), slopes @ own @ slopes.T, frame)
 
 

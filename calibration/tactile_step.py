@@ -21,7 +21,25 @@ from palpate.drivers.tactile.messages import Description
 
 __all__ = ["measure_tactile"]
 
-_DISC_DEG = (0.0, -12.0, 12.0, -24.0, 24.0, -36.0, 36.0, -46.0, 46.0)
+_DISC_DEG = (
+    0.0,
+    -6.0,
+    6.0,
+    -12.0,
+    12.0,
+    -18.0,
+    18.0,
+    -24.0,
+    24.0,
+    -30.0,
+    30.0,
+    -36.0,
+    36.0,
+    -42.0,
+    42.0,
+    -47.0,
+    47.0,
+)
 _PLATE_DEG = (-10.0, 10.0)
 _IDLE_S = 6.0
 _BEARING_SIGMA_RAD = math.radians(0.3)

@@ -22,7 +22,8 @@ from palpate.rig.room import gap_mm, pieces_of
 from palpate.rig.run import Run
 from palpate.rig.stage import planned_turn
 
-__all__ = ["Close", "Stage", "Touch", "aim", "begin", "close_fingers", "go_to", "look", "retract_all"]
+__all__ = ["Close", "Measure", "Stage", "Touch", "aim", "begin", "close_fingers", "go_to", "look"]
+__all__ += ["measure_at_rest", "retract_all"]
 
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
 _ARRIVED_MM = 0.8
@@ -36,6 +37,10 @@ _MOST_BACKS = 3
 _FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 
+Measure = Callable[[Hand, Sequence[Run]], list[tuple[Run, ContactPatch | None]]]
+"""How fingers that rest in contact, or have met nothing, are measured: their patches, in their order."""
+
+
 class Stage(Enum):
     """What a finger is doing, for whoever shows progress."""
 
@@ -45,27 +50,36 @@ class Stage(Enum):
     RETRACTING = "retracting"
 
 
-def close_fingers(hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], None]) -> list[Touch]:
+def close_fingers(
+    hand: Hand,
+    grip: Sequence[Close],
+    tell: Callable[[Stage], None],
+    measure: Measure | None = None,
+) -> list[Touch]:
     """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
 
-    A grip in which a servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that
-    fails and SafetyStop for a finger that is held by something it does not feel; the hand's `close` then
-    ends all motion.
+    `measure`: how contacts are measured after the slow touch, None for where fingers rest. A grip in which a
+    servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that fails and SafetyStop
+    for a finger that is held by something it does not feel; the hand's `close` then ends all motion.
     """
     under_way: list[Run] = []
     try:
-        return _carry_out(hand, grip, tell, under_way)
+        return _carry_out(hand, grip, tell, measure or measure_at_rest, under_way)
     except WatchdogTripped as tripped:
         hand.notice(f"{tripped}; the grip is begun again")
     hand.arm()
     if under_way:
         look(hand, under_way)
         go_to(hand, dict.fromkeys(under_way, 0.0))
-    return _carry_out(hand, grip, tell, [])
+    return _carry_out(hand, grip, tell, measure or measure_at_rest, [])
 
 
 def _carry_out(
-    hand: Hand, grip: Sequence[Close], tell: Callable[[Stage], None], under_way: list[Run]
+    hand: Hand,
+    grip: Sequence[Close],
+    tell: Callable[[Stage], None],
+    measure: Measure,
+    under_way: list[Run],
 ) -> list[Touch]:
     """Carry out a grip; `under_way` is filled with the fingers that have left where they wait."""
     tell(Stage.AIMING)
@@ -85,7 +99,7 @@ def _carry_out(
     patches: dict[str, ContactPatch | None] = {}
     if found:
         tell(Stage.TOUCHING)
-        patches = {run.finger.name: patch for run, patch in _measure(hand, found)}
+        patches = {run.finger.name: patch for run, patch in _measured(hand, found, measure)}
     turned = hand.turn
     touches = [concluded(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(Stage.RETRACTING)
@@ -290,8 +304,8 @@ def _is_crowded(hand: Hand, run: Run, runs: Sequence[Run]) -> bool:
     return any(float(gap_mm(own, other).min()) < hand.rig.closing.clearance_mm for other in others)
 
 
-def _measure(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
-    """Back off, touch again slowly, let everything settle, and look."""
+def _measured(hand: Hand, runs: Sequence[Run], measure: Measure) -> list[tuple[Run, ContactPatch | None]]:
+    """Back off, touch again slowly, let everything settle, and measure."""
     _settle(hand, runs)
     again, back = list(runs), hand.rig.closing.back_off_mm
     for _ in range(_MOST_BACKS):
@@ -299,6 +313,11 @@ def _measure(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | 
         if not again:
             break
         back *= 2  # they had run further into it than they backed off
+    return measure(hand, runs)
+
+
+def measure_at_rest(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+    """What the arrays feel while fingers rest; None for those that do not touch."""
     measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
     return [
         (run, run.finger.extractor.extract(frames) if run.touched else None)

@@ -9,12 +9,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import typer
-from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table as RichTable
 
 from palpate.calibration.references import placings_for
-from palpate.calibration.run_record import RunRecord
 from palpate.config import (
     CalibrationFile,
     RigFile,
@@ -37,6 +35,7 @@ from palpate.rig.calibration_report import write_report
 from palpate.rig.console_table import ConsoleTable
 from palpate.rig.files import check_place, write_text
 from palpate.rig.may_move import ask_to_move
+from palpate.rig.record_keeper import FileKeeper
 from palpate.rig.terminal import Doing
 
 __all__ = ["run_calibrate"]
@@ -93,7 +92,7 @@ def run_calibrate(
         check_place(path)
     if not yes:
         ask_to_move(console)
-    keeper = _FileKeeper(places.record)
+    keeper = FileKeeper(places.record)
     if restart:
         keeper.forget()
     bench = set_up(described, None, seed)
@@ -117,34 +116,6 @@ def run_calibrate(
         typer.echo(to_json(out))
     _show(out, console if json else Console(highlight=False, soft_wrap=True))
     return 0
-
-
-class _FileKeeper:
-    """Keeps the run record in a file that is always whole."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def load(self) -> RunRecord | None:
-        """What is there; InputError if it cannot be read."""
-        if not self._path.exists():
-            return None
-        try:
-            return RunRecord.model_validate_json(self._path.read_bytes())
-        except (OSError, ValidationError) as error:
-            what = str(error).splitlines()[0]
-            raise InputError(
-                f"{self._path}: the calibration that was begun cannot be taken up ({what}); "
-                "add --restart to begin anew"
-            ) from None
-
-    def save(self, record: RunRecord) -> None:
-        """Replace what is there."""
-        write_text(self._path, record.model_dump_json(indent=1) + "\n")
-
-    def forget(self) -> None:
-        """There is nothing to resume any more."""
-        self._path.unlink(missing_ok=True)
 
 
 class _Progress:

@@ -19,7 +19,7 @@ from palpate.rig.reach import Close
 from palpate.rig.run import Run
 from palpate.rig.stage import planned_turn
 
-__all__ = ["press", "run_into"]
+__all__ = ["counts_as_contact", "press", "run_into"]
 
 _SPEED_MM_S = 4.0
 _FORCE_N = 3.0
@@ -94,7 +94,7 @@ def _felt(hand: Hand, runs: Sequence[Run], deadline_s: float) -> dict[Run, float
                 run.finger, heard=bool(frames), since_s=heard_s[run], now=hand.clock.now()
             )
             run.finger.extractor.follow(frames)
-            if frames and _counts_as_contact(hand, run.finger, run.finger.extractor.force_n(frames[-1])):
+            if frames and counts_as_contact(hand, run.finger, run.finger.extractor.force_n(frames[-1])):
                 slide = run.finger.drive.closing_servos[0]
                 felt[run] = hand.states([slide])[slide.dxl_id].position_rad
                 stop_at(hand.bus, {slide: slide.nearest_rad(felt[run])})
@@ -171,7 +171,7 @@ def _sample(hand: Hand, pressed: Sequence[_Pressed]) -> None:
             continue
         finger.extractor.follow(frames)
         item.force_n = finger.extractor.force_n(frames[-1])
-        felt = _counts_as_contact(hand, finger, item.force_n)
+        felt = counts_as_contact(hand, finger, item.force_n)
         out = _outward(item.run)
         item.rows.append(
             (far.position_rad, out * far.current_a, item.leg if felt or item.leg == OUT else FREE)
@@ -222,7 +222,7 @@ def _end(hand: Hand, runs: Sequence[Run]) -> None:
     hand.disarm()
 
 
-def _counts_as_contact(hand: Hand, finger: HostFinger, force_n: float) -> bool:
+def counts_as_contact(hand: Hand, finger: HostFinger, force_n: float) -> bool:
     """Whether a force counts as contact; SafetyStop if it is more than is allowed."""
     hard = hand.rig.closing.max_force_n
     if force_n > hard:

@@ -17,6 +17,7 @@ from palpate.config import Finger, RigFile
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.rig.closing import Close, Stage, Touch, close_fingers
 from palpate.rig.convert import slide_kinematics
+from palpate.rig.creeping import measure_creeping
 from palpate.rig.hand import Hand
 from palpate.rig.pressing import press, run_into
 from palpate.rig.reach import Reach, reach_of
@@ -66,7 +67,8 @@ class HandProber:
         """Close fingers on approaches, all at once."""
         closes = [self._close(probe) for probe in grip]
         ways = [self._way(self.approaches[probe.approach]) for probe in grip]
-        touches = {touch.finger_index: touch for touch in close_fingers(self._hand, closes, self._tell)}
+        done = close_fingers(self._hand, closes, self._tell, measure_creeping)
+        touches = {touch.finger_index: touch for touch in done}
         found = [touches[close.finger_index] for close in closes]
         return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
 

@@ -136,11 +136,12 @@ class SimulatedProber:
         centre, travel = _centre(truth, item, way, found)
         towards = _towards(self._world.outline, centre)
         angle = towards - travel - truth.array_heading_rad + self._world.rng.normal(0, math.radians(0.5))
+        # Rigs measure on the move, over whole steps: hardly anything of their rounding is left.
         found += self._world.rng.normal(0, 0.004) / truth.mm_per_rad
         return Touched(
             self._world.rig.fingers[item.finger].name,
             placing,
-            (self._step(item.aim_rad), self._step(found)),
+            (self._step(item.aim_rad), found),
             way,
             math.remainder(angle, 2 * math.pi),
             math.radians(3.0),
