@@ -20,15 +20,16 @@ __all__ = ["surface_apart_between_mm", "surface_apart_mm"]
 _CLOSE = 1e-6
 """Share of the size that need not be told from zero."""
 _ROUNDING = 1e-9
-_WORTH = 1.05
-"""A bound so many times a distance that some point has is not improved upon."""
+_WORTH, _SHARE = 1.5, 0.1
+"""Where some point is off, a bound of so many times its distance and this share of what is wanted will do."""
 _FIRST = 256
 """So many vertices are asked first: a motion that is none of the solid's is mostly found out by them."""
 _SHARP = 24
 """After so many rounds of cutting, anything within the wanted distance will do."""
 _ROUNDS = 40
-_PIECES = 1_000_000
-"""More pieces than these, over all rounds, would take too long; beyond a quarter anything within will do."""
+_MANY, _TOO_MANY = 3, 10
+_PIECES = 100_000
+"""Pieces over all rounds, in multiples of facets and `_PIECES`: then anything within will do; then it ends."""
 
 
 def surface_apart_mm(solid: Solid, rotation: Floats, shift_mm: Floats, within_mm: float) -> float | None:
@@ -104,11 +105,12 @@ def _pieces_off(
 ) -> float | None:
     """Bound over triangles (k, 3, 3); `least`: a distance that some point is known to have."""
     most, looked = 0.0, 0
+    some = len(surface.faces) + _PIECES
     for number in range(_ROUNDS):
         if not len(pieces):
             return most
         looked += len(pieces)
-        if looked > _PIECES:
+        if looked > _TOO_MANY * some:
             return None
         at_middle, triangle = surface.nearest(pieces.mean(axis=1), normal, close, within)
         least = max(least, float(at_middle.max()))
@@ -116,8 +118,9 @@ def _pieces_off(
             return None
         off = surface.off_mm(pieces, np.repeat(triangle[:, None], 3, axis=1))
         bound = off.max(axis=1)
-        hasty = number >= _SHARP or 4 * looked > _PIECES
-        good = bound <= (within if hasty else min(within, max(close, _WORTH * least)))
+        hasty = number >= _SHARP or looked > _MANY * some
+        enough = close if least <= close else _WORTH * least + _SHARE * within
+        good = bound <= (within if hasty else min(within, enough))
         most = max(most, float(bound[good].max(initial=0.0)))
         pieces, kept = _cut(surface, pieces[~good], triangle[~good], close / 4)
         normal = normal[~good][kept]
