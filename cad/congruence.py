@@ -29,7 +29,7 @@ _SHARP = 24
 _ROUNDS = 40
 _MANY, _TOO_MANY = 3, 10
 _PIECES = 100_000
-"""Pieces over all rounds, in multiples of facets and `_PIECES`: then anything within will do; then it ends."""
+"""Pieces over all rounds, in multiples of facets + `_PIECES`: then anything within will do; then it ends."""
 
 
 def surface_apart_mm(solid: Solid, rotation: Floats, shift_mm: Floats, within_mm: float) -> float | None:

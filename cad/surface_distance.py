@@ -28,7 +28,7 @@ class SurfaceDistance:
 
     `corners_mm` (m, 3, 3); `normal` (m, 3): unit vectors, zero where `flat` (m,); `inward` (m, 3, 3): unit
     vectors in the plane of the triangle, from the side after each corner to its inside; `size_mm`: the
-    diagonal of the box round everything.
+    diagonal of the box round everything; `looked`: points that were asked for so far.
     """
 
     def __init__(self, solid: Solid) -> None:
@@ -48,6 +48,7 @@ class SurfaceDistance:
         length = np.linalg.norm(inward, axis=2, keepdims=True)
         self.inward: Floats = inward / np.where(length > 0, length, 1.0)
         self._low, self._high = self.corners_mm.min(axis=1), self.corners_mm.max(axis=1)
+        self.looked = 0
         self._trees: dict[int, Any] = {}
 
     @cached_property
@@ -63,6 +64,7 @@ class SurfaceDistance:
         `normal` (p, 3): about that of the surface near each point, which only makes the search fast; most
         points are expected within `near_mm`.
         """
+        self.looked += len(points_mm)
         axis = np.abs(normal).argmax(axis=1)
         off, triangle = np.full(len(points_mm), np.inf), np.full(len(points_mm), -1)
         left = np.arange(len(points_mm))
