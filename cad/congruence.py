@@ -60,7 +60,8 @@ def _apart(surface: SurfaceDistance, rotation: Floats, shift: Floats, within: fl
         return None
     close = min(_CLOSE * surface.size_mm, within)
     points = surface.vertices_mm @ rotation.T + shift
-    on_vertex, vertex = surface.vertex_tree.query(points, distance_upper_bound=within)
+    found = surface.vertex_tree.query(points, distance_upper_bound=within)
+    on_vertex, vertex = np.asarray(found[0]), np.asarray(found[1])
     normal = surface.normal @ rotation.T
     least = _vertices_off(surface, points, on_vertex, normal, close, within)
     if least > within:
@@ -165,7 +166,8 @@ def _parted(pieces: Floats, inside: Floats) -> tuple[Floats, Ints]:
 
 def _has_extent(parts: Floats) -> NDArray[np.bool_]:
     """Whether parts (k, 3, 3) are triangles; those without area lie on the side of another part."""
-    result: NDArray[np.bool_] = np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]).any(axis=1)
+    area = np.linalg.norm(np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]), axis=1)
+    result: NDArray[np.bool_] = np.asarray(area > 0)
     return result
 
 

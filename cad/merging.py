@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.hull import centre_of_mass
-from palpate.cad.sameness import Motion, motions
+from palpate.cad.sameness import Motion, apart_mm, motions
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.values import Floats, Solid, StableState
@@ -31,8 +31,9 @@ _COMPARED = 400
 """So many states are compared, most probable first."""
 _TURNS = 16
 """So many motions that sections allow are tried on the solid."""
-_LOOKED, _LOOKED_PER_FACET = 800_000, 8
-"""After so many points whose distance from the surface was asked (10 µs each), nothing more is compared."""
+_FACETS = 100_000
+"""A surface of so many facets is worth twice the effort."""
+_UPRIGHT = 1e-5
 _BALLS = 12
 """So many states of a ball stand for all."""
 _POLE = 0.05
@@ -86,6 +87,7 @@ def merged(
     within_mm: float,
     least_probability: float = 0.0,
     most: int = 24,
+    effort: int = 800_000,
 ) -> tuple[list[MergedState], list[LeftOut]]:
     """States by falling probability, named anew, none within a distance of another; and what is left out.
 
@@ -93,13 +95,15 @@ def merged(
     within `within_mm`, has one state; its `apart_mm` is that of 12 states between 5 % and 95 % of its
     height. Otherwise the 400 most probable states are compared and further ones are left out together,
     as are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
-    until they take too long: what is left out says so, with no probability of its own.
+    until the distance from the surface of `effort` points was asked (10 µs each; twice as many for 100,000
+    facets): what is left out says so, with no probability of its own.
     """
     ball = _is_ball(solid, within_mm)
     compared = states[: _BALLS if ball else _COMPARED]
     groups: list[_Group] = []
     families: list[_Family] = []
-    pairs = _Pairs(slices_of, within_mm, None if ball else SurfaceDistance(solid))
+    looks = round(effort * (1 + len(solid.faces) / _FACETS))
+    pairs = _Pairs(slices_of, within_mm, looks, None if ball else SurfaceDistance(solid))
     for state in compared:
         sliced = _sliced(solid, state, families, slices_of, within_mm, _POLE if ball else 0.0)
         group, apart = _home(sliced, groups, pairs)
@@ -189,24 +193,32 @@ def _home(sliced: _Sliced, groups: list[_Group], pairs: "_Pairs") -> tuple[_Grou
 class _Pairs:
     """How far pairs of states of one solid are apart; `surface`: None if sections are proof enough.
 
-    `unproven`: states that were not compared any more.
+    `looks`: points that may be asked for; `unproven`: states that were not compared any more; `known`:
+    motions in the file's frame that bring the solid onto itself, and their inverses.
     """
 
     slices_of: SlicesOf
     within_mm: float
+    looks: int
     surface: SurfaceDistance | None
     unproven: list[StableState] = field(default_factory=list)
+    known: list[tuple[Floats, Floats]] = field(default_factory=list)
 
     def apart_mm(self, one: _Sliced, other: _Sliced) -> float | None:
         """Distance of a state from another; None if no motion is found that brings them close."""
+        shared = one.family.heights_mm
+        alike = len(one.own_mm) == len(shared) and np.allclose(
+            one.own_mm, shared, rtol=0.0, atol=self.within_mm
+        )
         first, second = one.slices, other.slices
+        if alike:
+            least = self._of_solid(one.state, other.state, self._known_motions(one, other))
+            if least is not None:
+                return least
         found = motions(first, second, self.within_mm, most=1)
         if not found:
             return None
-        shared = one.family.heights_mm
-        if len(one.own_mm) != len(shared) or not np.allclose(
-            one.own_mm, shared, rtol=0.0, atol=self.within_mm
-        ):
+        if not alike:
             # Levels of its own: what is between them must be the same as well, in the same motion.
             both = np.concatenate([shared, one.own_mm])
             first, second = self.slices_of(one.state, both), self.slices_of(other.state, both)
@@ -218,18 +230,35 @@ class _Pairs:
         every = motions(first, second, self.within_mm, most=_TURNS)
         return self._of_solid(one.state, other.state, every)
 
+    def _known_motions(self, one: _Sliced, other: _Sliced) -> list[Motion]:
+        """A symmetry of the solid, or two in a row, as the motion in the plane from one state to another."""
+        if not self.known:
+            return []
+        turns, shifts = (np.array(values) for values in zip(*self.known, strict=True))
+        again = shifts[:, None] + np.einsum("aij,bj->abi", turns, shifts)
+        turns = np.concatenate([turns, (turns[:, None] @ turns).reshape(-1, 3, 3)])
+        shifts = np.concatenate([shifts, again.reshape(-1, 3)])
+        tilt = np.linalg.norm(turns @ one.state.rotation[2] - other.state.rotation[2], axis=1)
+        best = int(tilt.argmin())
+        if tilt[best] > _UPRIGHT:
+            return []
+        turn_rad, shift_mm = _in_plane(one.state, other.state, turns[best], shifts[best])
+        apart = apart_mm(one.slices, other.slices, turn_rad, shift_mm)
+        return [Motion(turn_rad, shift_mm, apart)] if apart <= self.within_mm else []
+
     def _of_solid(self, one: StableState, other: StableState, found: Sequence[Motion]) -> float | None:
         """Distance by the first motion that the whole surface allows."""
         for motion in found:
             if self.surface is None:
                 return motion.apart_mm
-            if self.surface.looked > _LOOKED + _LOOKED_PER_FACET * len(self.surface.faces):
+            if self.surface.looked >= self.looks:
                 if one not in self.unproven:
                     self.unproven.append(one)
                 return None
             rotation, shift = _in_file(one, other, motion)
             apart = surface_apart_between_mm(self.surface, rotation, shift, self.within_mm)
             if apart is not None:
+                self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
                 return max(apart, motion.apart_mm)
         return None
 
@@ -241,6 +270,14 @@ def _in_file(one: StableState, other: StableState, motion: Motion) -> tuple[Floa
     rotation = other.rotation.T @ turn @ one.rotation
     there = turn @ one.offset_mm + np.array([*motion.shift_mm, 0.0]) - other.offset_mm
     return rotation, other.rotation.T @ there
+
+
+def _in_plane(one: StableState, other: StableState, rotation: Floats, shift: Floats) -> tuple[float, Floats]:
+    """The turn and shift (2,) of a motion in the file's frame that keeps the vertical: `_in_file`, undone."""
+    turn = other.rotation @ rotation @ one.rotation.T
+    turn_rad = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    there = other.rotation @ shift + other.offset_mm - turn @ one.offset_mm
+    return turn_rad, there[:2]
 
 
 def _area_mm2(ring: Floats) -> float:

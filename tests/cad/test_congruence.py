@@ -38,7 +38,7 @@ def sampled_mm(mesh, rotation, shift, seed=0, count=60):
 
 
 def saddle(h):
-    """A slab whose top is a saddle of one quad, cut along one diagonal; a quarter turn takes the other one."""
+    """A slab whose top is a saddle of one quad; a quarter turn takes the other diagonal."""
     base = np.array([(-10, -10), (10, -10), (10, 10), (-10, 10)], dtype=float)
     top = 20.0 + h * np.array([1.0, -1.0, 1.0, -1.0])
     points = np.vstack([np.column_stack([base, np.zeros(4)]), np.column_stack([base, top])])
