@@ -27,7 +27,7 @@ _FIRST = 256
 _SHARP = 24
 """After so many rounds of cutting, anything within the wanted distance will do."""
 _ROUNDS = 40
-_MANY, _TOO_MANY = 3, 10
+_MANY, _TOO_MANY = 3, 6
 _PIECES = 100_000
 """Pieces over all rounds, in multiples of facets + `_PIECES`: then anything within will do; then it ends."""
 
@@ -68,7 +68,7 @@ def _apart(surface: SurfaceDistance, rotation: Floats, shift: Floats, within: fl
         return None
     known = np.where(on_vertex <= close, vertex, -1)[surface.faces]
     of_facet = on_vertex[surface.faces].max(axis=1)
-    done = (known >= 0).all(axis=1)
+    done: NDArray[np.bool_] = np.asarray((known >= 0).all(axis=1))
     done[done] = np.isin(_key(known[done]), _key(surface.faces))
     most = float(of_facet[done].max(initial=0.0))
     rest = _pieces_off(surface, points[surface.faces[~done]], normal[~done], least, close, within)

@@ -196,11 +196,12 @@ def test_a_prism_of_64_sides_stands_or_lies():
     assert not out
 
 
-def test_sections_that_allow_two_motions_are_tried_with_both():
-    # Sections are rectangles; a dent between them tells which way round the plate lies.
+@pytest.mark.parametrize("again", [(6, 18, 7), (12, 0, 7), (12, 18, 11)])
+def test_sections_that_allow_four_motions_are_tried_with_all(again):
+    # Sections are squares; dents between them, alike by half a turn, tell which turn is right.
     cuts = np.r_[0.0, 0.2, np.linspace(1.1, 18.9, 16), 19.8, 20.0] - 10.0
     cells = np.ones((19, 19, 19), dtype=bool)
-    cells[6, 0, 11] = cells[12, 0, 7] = False  # the same again after half a turn about y
+    cells[6, 0, 11] = cells[again] = False
     found, _ = run(_blocks(cuts, cells))
     assert sorted(counts(found)) == [1, 1, 2, 2]
 
