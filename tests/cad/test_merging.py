@@ -1,6 +1,8 @@
 """Symmetric states become one; trimesh cuts the sections."""
 
 import math
+import os
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import trimesh
 from palpate.cad.merging import merged
 from palpate.cad.stable import stable_states
 from palpate.cad.values import Solid
+
+CAD = Path(os.environ.get("PALPATE_CAD_FILES", Path(__file__).parents[3] / "shared" / "data" / "cad"))
 
 
 def solid(mesh):
@@ -28,7 +32,7 @@ def slicer(mesh):
             region = shapely.Polygon()
             for loop in [] if cut is None else cut.discrete:
                 region = region.symmetric_difference(shapely.Polygon(loop[:, :2]))
-            sections.append(region)
+            sections.append(region.simplify(1e-9))
         return sections
 
     return slices_of
@@ -134,3 +138,76 @@ def test_what_is_improbable_is_judged_after_merging():
     found, out = run(trimesh.creation.box((30, 20, 10)), least_probability=0.2)
     assert counts(found) == [2, 2]
     assert [item.reason for item in out] == ["improbable: 11 %"]
+
+
+def _blocks(cuts, solid_cells):
+    """The surface of those cells of a grid, the same in x, y and z, that are solid."""
+    n = len(cuts) - 1
+    cells = np.zeros((n + 2,) * 3, dtype=bool)
+    cells[1:-1, 1:-1, 1:-1] = solid_cells
+    quads = []
+    for axis in range(3):
+        behind = np.roll(cells, 1, axis=axis)
+        for index in np.argwhere(cells != behind):
+            u, v = np.eye(3, dtype=int)[[(axis + 1) % 3, (axis + 2) % 3]]
+            ring = [index, index + u, index + u + v, index + v]
+            quads.append(ring[::-1] if cells[tuple(index)] else ring)
+    corners = np.array(quads) - 1
+    triangles = corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
+    points, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    return trimesh.Trimesh(cuts[points], faces.reshape(-1, 3), process=False)
+
+
+def test_an_engraving_between_the_sections_keeps_states_apart():
+    cuts = np.r_[0.0, 0.2, np.linspace(1.1, 18.9, 16), 19.8, 20.0] - 10.0
+    plain = np.ones((19, 19, 19), dtype=bool)
+    engraved = plain.copy()
+    engraved[6, 0, 11] = False  # 0.2 mm deep
+    whole, mesh = _blocks(cuts, plain), _blocks(cuts, engraved)
+    assert whole.is_watertight
+    assert mesh.is_watertight
+    assert counts(run(whole)[0]) == [6]
+    states, _ = stable_states(solid(mesh))
+    seen = {}
+
+    def slices_of(state, heights_mm):
+        seen[state.name] = slicer(mesh)(state, heights_mm)
+        return seen[state.name]
+
+    found, _ = merged(solid(mesh), states, slices_of, 0.05)
+    full = [name for name, sections in seen.items() if all(abs(item.area - 400) < 1e-6 for item in sections)]
+    assert len(full) == 4, "seen by their sections alone, four states are those of a plain cube"
+    assert counts(found) == [1] * 6
+
+
+def test_a_cube_with_letters_has_six_states():
+    file = CAD / "20mm-xyz-cube.stl"
+    if not file.exists():
+        pytest.skip(f"no {file.name} in {CAD}: set PALPATE_CAD_FILES")
+    mesh = trimesh.load_mesh(file)
+    mesh.merge_vertices()
+    assert counts(run(mesh)[0]) == [1] * 6
+
+
+def test_a_prism_of_64_sides_stands_or_lies():
+    found, out = run(trimesh.creation.cylinder(10, 30, sections=64), within=0.01)
+    assert sorted(counts(found)) == [2, 64]
+    assert max(item.apart_mm for item in found) < 1e-4
+    assert not out
+
+
+@pytest.mark.parametrize("again", [(6, 18, 7), (12, 0, 7), (12, 18, 11)])
+def test_sections_that_allow_four_motions_are_tried_with_all(again):
+    # Sections are squares; dents between them, alike by half a turn, tell which turn is right.
+    cuts = np.r_[0.0, 0.2, np.linspace(1.1, 18.9, 16), 19.8, 20.0] - 10.0
+    cells = np.ones((19, 19, 19), dtype=bool)
+    cells[6, 0, 11] = cells[again] = False
+    found, _ = run(_blocks(cuts, cells))
+    assert sorted(counts(found)) == [1, 1, 2, 2]
+
+
+def test_a_limit_of_proofs_is_said():
+    found, out = run(trimesh.creation.box((30, 20, 10)), effort=0)
+    assert counts(found) == [1] * 6
+    reason = "not compared, it would take too long: 3 states may be as others are"
+    assert [(item.reason, item.probability) for item in out] == [(reason, 0.0)]
