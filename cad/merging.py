@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.hull import centre_of_mass
-from palpate.cad.sameness import Motion, apart_mm, motions
+from palpate.cad.sameness import Motion, motions
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.values import Floats, Solid, StableState
@@ -34,6 +34,10 @@ _TURNS = 16
 _FACETS = 100_000
 """A surface of so many facets is worth twice the effort."""
 _UPRIGHT = 1e-5
+_NEARLY = 0.05
+"""Of the distance allowed: surfaces so near have sections that near, but where walls are all but level."""
+_MOST_KNOWN = 160
+"""So many symmetries are kept; two of them in a row reach the others."""
 _BALLS = 12
 """So many states of a ball stand for all."""
 _POLE = 0.05
@@ -211,10 +215,10 @@ class _Pairs:
             one.own_mm, shared, rtol=0.0, atol=self.within_mm
         )
         first, second = one.slices, other.slices
-        if alike:
-            least = self._of_solid(one.state, other.state, self._known_motions(one, other))
-            if least is not None:
-                return least
+        if alike and self.surface is not None:
+            exactly = self._by_symmetry(self.surface, one.state, other.state)
+            if exactly is not None:
+                return exactly
         found = motions(first, second, self.within_mm, most=1)
         if not found:
             return None
@@ -230,21 +234,27 @@ class _Pairs:
         every = motions(first, second, self.within_mm, most=_TURNS)
         return self._of_solid(one.state, other.state, every)
 
-    def _known_motions(self, one: _Sliced, other: _Sliced) -> list[Motion]:
-        """A symmetry of the solid, or two in a row, as the motion in the plane from one state to another."""
-        if not self.known:
-            return []
+    def _by_symmetry(self, surface: SurfaceDistance, one: StableState, other: StableState) -> float | None:
+        """Distance by a known symmetry of the solid, or two in a row, if it is nearly exact.
+
+        Then no sections need to be compared.
+        """
+        if not self.known or surface.looked >= self.looks:
+            return None
         turns, shifts = (np.array(values) for values in zip(*self.known, strict=True))
         again = shifts[:, None] + np.einsum("aij,bj->abi", turns, shifts)
         turns = np.concatenate([turns, (turns[:, None] @ turns).reshape(-1, 3, 3)])
         shifts = np.concatenate([shifts, again.reshape(-1, 3)])
-        tilt = np.linalg.norm(turns @ one.state.rotation[2] - other.state.rotation[2], axis=1)
+        tilt = np.linalg.norm(turns @ one.rotation[2] - other.rotation[2], axis=1)
         best = int(tilt.argmin())
         if tilt[best] > _UPRIGHT:
-            return []
-        turn_rad, shift_mm = _in_plane(one.state, other.state, turns[best], shifts[best])
-        apart = apart_mm(one.slices, other.slices, turn_rad, shift_mm)
-        return [Motion(turn_rad, shift_mm, apart)] if apart <= self.within_mm else []
+            return None
+        turn_rad, shift_mm = _in_plane(one, other, turns[best], shifts[best])
+        rotation, shift = _in_file(one, other, Motion(turn_rad, shift_mm, 0.0))
+        apart = surface_apart_between_mm(surface, rotation, shift, _NEARLY * self.within_mm)
+        if apart is not None and len(self.known) < _MOST_KNOWN:
+            self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
+        return apart
 
     def _of_solid(self, one: StableState, other: StableState, found: Sequence[Motion]) -> float | None:
         """Distance by the first motion that the whole surface allows."""
@@ -258,7 +268,8 @@ class _Pairs:
             rotation, shift = _in_file(one, other, motion)
             apart = surface_apart_between_mm(self.surface, rotation, shift, self.within_mm)
             if apart is not None:
-                self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
+                if len(self.known) < _MOST_KNOWN:
+                    self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
                 return max(apart, motion.apart_mm)
         return None
 
