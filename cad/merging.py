@@ -33,10 +33,11 @@ _TURNS = 16
 """So many motions that sections allow are tried on the solid."""
 _FACETS = 100_000
 """A surface of so many facets is worth twice the effort."""
-_UPRIGHT = 1e-5
+_UPRIGHT = 1e-3
+"""How far a symmetry may be from bringing one state to stand as another; it is put right then."""
 _NEARLY = 0.05
 """Of the distance allowed: surfaces so near have sections that near, but where walls are all but level."""
-_MOST_KNOWN = 160
+_MOST_KNOWN = 64
 """So many symmetries are kept; two of them in a row reach the others."""
 _BALLS = 12
 """So many states of a ball stand for all."""
