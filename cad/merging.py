@@ -37,8 +37,8 @@ _UPRIGHT = 1e-3
 """How far a symmetry may be from bringing one state to stand as another; it is put right then."""
 _NEARLY = 0.05
 """Of the distance allowed: surfaces so near have sections that near, but where walls are all but level."""
-_MOST_KNOWN = 64
-"""So many symmetries are kept; two of them in a row reach the others."""
+_FIRST_KNOWN = 32
+"""So many symmetries are kept as they come, later on only those that two others in a row do not make."""
 _BALLS = 12
 """So many states of a ball stand for all."""
 _POLE = 0.05
@@ -253,7 +253,7 @@ class _Pairs:
         turn_rad, shift_mm = _in_plane(one, other, turns[best], shifts[best])
         rotation, shift = _in_file(one, other, Motion(turn_rad, shift_mm, 0.0))
         apart = surface_apart_between_mm(surface, rotation, shift, _NEARLY * self.within_mm)
-        if apart is not None and len(self.known) < _MOST_KNOWN:
+        if apart is not None and len(self.known) < _FIRST_KNOWN:
             self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
         return apart
 
@@ -269,8 +269,7 @@ class _Pairs:
             rotation, shift = _in_file(one, other, motion)
             apart = surface_apart_between_mm(self.surface, rotation, shift, self.within_mm)
             if apart is not None:
-                if len(self.known) < _MOST_KNOWN:
-                    self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
+                self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
                 return max(apart, motion.apart_mm)
         return None
 
