@@ -1,7 +1,7 @@
 """CAD files become a catalogue, and every state of every object in it is identified on the emulated bench.
 
     python benchmarks/bench_cad.py ../shared/data/cad
-    python benchmarks/bench_cad.py FOLDER --heights 5,12 --seeds 2
+    python benchmarks/bench_cad.py FOLDER --heights 5,10 --seeds 2
 
 The catalogue is what `palpate objects import` makes of the folder's solids near the fingers' heights. What
 lies on the table is cut from the same meshes by trimesh at exactly these heights, so that the import's
@@ -32,6 +32,7 @@ from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import outside, set_up
 from palpate.rig.convert import models_of
+from palpate.rig.heights import check_known
 from palpate.rig.importing import Wanted, import_file
 from palpate.rig.scene import draw_placement
 from palpate.rig.whole_run import Job, carry_out
@@ -129,12 +130,13 @@ def identified(rig: RigFile, catalogue: Catalogue, item: Lying, seed: int) -> tu
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--heights", default="5,12")
+    parser.add_argument("--heights", default="5,10")
     parser.add_argument("--seeds", type=int, default=1)
     args = parser.parse_args()
     heights = tuple(float(part) for part in args.heights.split(","))
     objects, lying = solids_in(args.folder, heights)
     rig = at_heights(load_rig(shipped_rig()), heights)
+    check_known(objects.objects, rig.fingers)
     catalogue = Catalogue(models_of(objects))
     wrong = 0
     for item in lying:
