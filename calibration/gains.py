@@ -17,7 +17,7 @@ from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit
 from palpate.calibration.measured import IN
 from palpate.calibration.pattern import approach
 from palpate.calibration.press_model import Known, Solution, solve
-from palpate.calibration.ramps import PressedAt, Ramps, ramps_of
+from palpate.calibration.ramps import PressedAt, Ramps, ramps_of, telling
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 
@@ -83,9 +83,10 @@ def gains_of(
 ) -> GainFit:
     """What the presses of one finger, at several bearings, say of its array.
 
-    Only the way in is looked at: there play is used up and friction always has the same sign. Raises
-    InputError without presses, for an array that is not bent round a cylinder, and for presses that move
-    or feel too little.
+    Only the way in is looked at: there play is used up and friction always has the same sign. Presses that
+    met nothing where they should have are left out, as long as they are fewer than half. Raises InputError
+    without presses, for an array that is not bent round a cylinder, and for presses that move or feel too
+    little.
     """
     if not presses:
         raise InputError("gains of an array: there are no presses; press a reference at several bearings")
@@ -95,6 +96,7 @@ def gains_of(
             "by presses; give the gains of this one in the rig file"
         )
     full = description.max_count - 0.5 - idle.zero_counts
+    presses = telling(presses, idle.live, full, idle.noise_counts, expected.mm_per_rad)
     ramps = ramps_of(presses, idle.live, full, idle.noise_counts, expected.mm_per_rad)
     silent = _silent(ramps, idle)
     usable = idle.live & ~silent

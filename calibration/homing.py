@@ -18,6 +18,8 @@ __all__ = ["Described", "Homing", "homed"]
 
 Floats = NDArray[np.float64]
 
+_SURE = 5.0  # standard deviations
+
 
 @dataclass(frozen=True)
 class Described:
@@ -112,7 +114,7 @@ def _uncertainty(
 
 def _check_scale(described: Described, scale: float, sigma: float) -> None:
     off = abs(scale / described.mm_per_rad - 1)
-    if off > described.spread + 3 * sigma / abs(described.mm_per_rad):
+    if off > described.spread + _SURE * sigma / abs(described.mm_per_rad):
         raise InputError(
             f"{described.servo} moves {2 * math.pi * scale:.3f} mm per turn between its stops; the rig file "
             f"says {2 * math.pi * described.mm_per_rad:.3f} mm ± {100 * described.spread:.2g} %; check "

@@ -14,7 +14,7 @@ from palpate.calibration.measured import FREE, IN, Press
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["LEVELS", "PressedAt", "Ramps", "ramps_of"]
+__all__ = ["LEVELS", "PressedAt", "Ramps", "ramps_of", "telling"]
 
 LEVELS = 16
 
@@ -85,14 +85,33 @@ def ramps_of(
     )
 
 
-def _ramp(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
-    place = mm_per_rad * press.slide_rad
-    free = _moving(press, FREE, mm_per_rad)
+def telling(
+    presses: Sequence[PressedAt], live: Mask, full: Floats, noise: float, mm_per_rad: float
+) -> list[PressedAt]:
+    """Presses that moved and felt enough, or all if these are fewer than half.
+
+    A reference whose place is known by a few touches is met a little elsewhere than foreseen now and then.
+    """
+    found = [item for item in presses if _enough(*_parts(item.press, live, full, noise, mm_per_rad))]
+    return found if 2 * len(found) >= len(presses) else list(presses)
+
+
+def _parts(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> tuple[Mask, Mask]:
+    """Samples (n,) of a slide that moves: those of its free way, and those that count as pressing."""
     total = press.counts[:, live].sum(axis=1)
     felt = total > _FELT_SIGMAS * noise * np.sqrt(live.sum())
     within = ~((press.counts >= full) & live).any(axis=(1, 2))
-    chosen = _moving(press, IN, mm_per_rad) & felt & within
-    if free.sum() < _FEWEST or chosen.sum() < _FEWEST:
+    return _moving(press, FREE, mm_per_rad), _moving(press, IN, mm_per_rad) & felt & within
+
+
+def _enough(free: Mask, chosen: Mask) -> bool:
+    return bool(free.sum() >= _FEWEST and chosen.sum() >= _FEWEST)
+
+
+def _ramp(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
+    place = mm_per_rad * press.slide_rad
+    free, chosen = _parts(press, live, full, noise, mm_per_rad)
+    if not _enough(free, chosen):
         raise InputError(
             f"finger {press.finger}, placing {press.placing}: a press has too few samples of a slide that "
             f"moves ({free.sum()} free, {chosen.sum()} that feel something; {_FEWEST} are needed); begin it "

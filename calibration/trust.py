@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _STILL_SIGMAS = 5.0
-_MOST_SIDEWAYS = 0.75  # of what an aim is off by, in touches that are oblique by less than 48°
+_MOST_SIDEWAYS = 1.12  # tangent of 48°: touches are not more oblique, and an aim that is off shifts them so
 _MOST_OUTLIERS = 0.1  # of a placing's touches
 _MOST_SQUARES = 2.0  # chi square over its degrees of freedom
 _SURE = 4.5  # standard deviations of a reference's size
@@ -55,7 +55,7 @@ def check_still(
             )
         off = abs(other.servos_rad[1] - item.servos_rad[1]) * per_rad
         limit = _STILL_SIGMAS * math.hypot(per_rad * TICK_RAD / math.sqrt(6), 0.01)
-        limit += _play_mm(model[item.finger], item)
+        limit += _sideways_mm(model[item.finger], item, other)
         if off > limit:
             raise InputError(
                 f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
@@ -64,10 +64,15 @@ def check_still(
             )
 
 
-def _play_mm(model: FingerModel, item: Touched) -> float:
-    """How much further an oblique touch may be if the aim has come to it from the other side."""
+def _sideways_mm(model: FingerModel, item: Touched, other: Touched) -> float:
+    """How much further an oblique touch may be if the aim has come to it from the other side.
+
+    It stands a few encoder steps elsewhere then, which is seen, and on the other flank of its play.
+    """
     distance = abs(float(model.prior[ZERO]) + model.mm_per_rad * item.servos_rad[1])
-    return 2 * 2 * float(model.prior[AIM_PLAY]) * distance * _MOST_SIDEWAYS
+    apart = abs(other.servos_rad[0] - item.servos_rad[0]) + TICK_RAD
+    turned = 4 * float(model.prior[AIM_PLAY]) + apart / abs(model.gear_ratio)
+    return turned * distance * _MOST_SIDEWAYS
 
 
 def check_fit(
