@@ -26,7 +26,7 @@ Bools = NDArray[np.bool_]
 _HELD_OUT_EVERY = (
     7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers
 )
-_LEAST_SHARE = 0.25
+_LEAST_SHARE = 1.0
 _TYPICAL_MM = 0.012
 _COUNT = 6
 

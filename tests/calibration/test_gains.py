@@ -131,3 +131,12 @@ def test_presses_that_say_nothing_are_errors() -> None:
     flat = replace(DESCRIPTION, shape=Shape.FLAT)
     with pytest.raises(InputError, match="cylindrical"):
         gains_of([good], flat, idle, EXPECTED)
+
+
+def test_a_press_that_met_nothing_is_left_out() -> None:
+    pressed = bench(11)
+    first = pressed.presses[0]
+    missed = replace(first, press=replace(first.press, counts=np.zeros_like(first.press.counts)))
+    found = gains_of([*pressed.presses, missed], DESCRIPTION, pressed.idle, EXPECTED)
+    assert found.gain == pytest.approx(pressed.found.gain)
+    assert len(found.friction_a) == len(pressed.presses)

@@ -21,6 +21,7 @@ from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
 from palpate.calibration.measured import Touched
 from palpate.calibration.reference import Disc
 from palpate.calibration.trust import check_fit, check_still, growth_mm
+from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
 Ints = NDArray[np.int64]
@@ -148,3 +149,17 @@ def test_the_same_touches_again_tell_whether_it_has_moved() -> None:
         InputError, match=r"disc near \(35, 20\) mm: finger f2 touched it at first and missed"
     ):
         check_still(first, [first[0], first[2]], models(), placing)
+
+
+def test_an_aim_that_came_from_the_other_side_explains_some_of_it() -> None:
+    """It rests a few encoder steps elsewhere, and an oblique touch is met later or sooner."""
+    first = [Touched(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)]
+    placing = placings()[1]
+    further = once_more(first, 0.25)
+    with pytest.raises(InputError, match=r"finger f1 met it 0.25 mm from where"):
+        check_still(first, further, models(), placing)
+    aim, slide = further[0].servos_rad
+    turned = [replace(further[0], servos_rad=(aim + 4 * TICK_RAD, slide)), *further[1:]]
+    check_still(first, turned, models(), placing)
+    with pytest.raises(InputError, match=r"finger f1 met it 1.00 mm from where"):
+        check_still(first, once_more(turned, 0.75), models(), placing)
