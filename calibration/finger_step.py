@@ -26,7 +26,7 @@ Bools = NDArray[np.bool_]
 _HELD_OUT_EVERY = (
     7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers
 )
-_LEAST_SHARE = 1.0
+_LEAST_SHARE = 1.0  # what repeats itself does not show in the scatter
 _TYPICAL_MM = 0.012
 _COUNT = 6
 
@@ -88,8 +88,8 @@ def fitted(
 ) -> tuple[Touches, Fit, Fit]:
     """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
 
-    Once it is known that touches agree, what they scatter by says better what they are worth than the
-    devices' steps did: the fit is made again with that.
+    Once it is known that touches agree, the fit is made again with what they scatter by, if that is more than
+    the devices' steps let expect. What repeats itself does not show in the scatter, so never with less.
     """
     touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
