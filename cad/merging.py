@@ -37,7 +37,7 @@ _UPRIGHT = 1e-3
 """How far a symmetry may be from bringing one state to stand as another; it is put right then."""
 _NEARLY = 0.05
 """Of the distance allowed: surfaces so near have sections that near, but where walls are all but level."""
-_FIRST_KNOWN = 32
+_FIRST_KNOWN = 128
 """So many symmetries are kept as they come, later on only those that two others in a row do not make."""
 _BALLS = 12
 """So many states of a ball stand for all."""
