@@ -115,7 +115,8 @@ class CylinderTip:
         place = np.arange(cols)
         span = (place >= runs.first[:, None]) & (place <= runs.last[:, None]) & runs.found[:, None]
         beside = (_widened(span, _BESIDE) & ~_widened(runs.other, 1) & columns.seen) | span
-        force = np.where(span, columns.force_n, 0.0).sum(axis=1)
+        # Crosstalk and a patch's thin ends leave some of its load on columns that are not the patch's.
+        force = np.where(beside, columns.force_n, 0.0).sum(axis=1)
         touched = runs.found & (force >= self._calibration.contact_force_n)
         flags = self._flags(columns, runs, span, usable, full)
         angle, half, wide = self._normals(columns, runs, span, beside, flags, touched, exact=exact)
@@ -292,22 +293,21 @@ class CylinderTip:
     def _force_bound(self, columns: Columns, span: Mask, beside: Mask, doubt_counts: Floats | None) -> Floats:
         """Bound of the force (n,) N: gain errors of taxels, at most their common limit, noise and drift."""
         spread = self._spreads / (1 - self._spreads)  # of a gain: its force may be wrong by this share
-        patch = columns.taxel_n * span[:, None, :]
-        force = np.where(span, columns.force_n, 0.0)
+        patch = columns.taxel_n * beside[:, None, :]
+        force = np.where(beside, columns.force_n, 0.0)
         total = force.sum(axis=1)
         doubt = np.where(columns.seen, SIGMAS * np.sqrt(np.where(columns.seen, columns.variance, 0.0)), 0.0)
         likely = SIGMAS / math.sqrt(3) * np.sqrt(np.einsum("nrc,nrc,rc->n", patch, patch, spread**2))
         loaded = np.maximum(patch, 0.0)
         mean = np.einsum("nrc,rc->n", loaded, spread) / np.maximum(loaded.sum(axis=(1, 2)), 1e-12)
         noise = SIGMAS * math.sqrt((columns.noise_n**2).sum())
-        tails = np.abs(np.where(beside & ~span, columns.force_n, 0.0).sum(axis=1))
         guessed = np.abs(total - patch.sum(axis=(1, 2)))
-        bound: Floats = np.minimum(likely, mean * total) + noise + tails + guessed
+        bound: Floats = np.minimum(likely, mean * total) + noise + guessed
         low, high = np.maximum(force - doubt, 0.0), np.where(columns.seen, force + doubt, np.inf)
         hidden = by_shape(low[:, None], high[:, None])[:, 0]
         bound += np.where(span & ~columns.seen, hidden, 0.0).sum(axis=1)
         if doubt_counts is not None:
-            bound += (doubt_counts * self._n_per_count * span[:, None, :]).sum(axis=(1, 2))
+            bound += (doubt_counts * self._n_per_count * beside[:, None, :]).sum(axis=(1, 2))
         return bound
 
 
