@@ -62,7 +62,11 @@ def screen(*views: FingerView, width: int = 44, colour: bool = False, keys: bool
     picture = WatchPicture("rig bench", 12.3, "", ("a note",), views, 8.0, keys)
     out = io.StringIO()
     console = Console(
-        file=out, width=width, force_terminal=colour, color_system="truecolor" if colour else None
+        file=out,
+        width=width,
+        force_terminal=colour,
+        color_system="truecolor" if colour else None,
+        no_color=not colour,
     )
     console.print(watch_view(picture, width=width, colour=colour))
     return out.getvalue().splitlines()
