@@ -121,6 +121,9 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
         "inside": bool(truth and truth.inside_bounds),
         "position_error_mm": None if truth is None else truth.position_error_mm,
         "grips": out.grips,
+        "drifted": out.calibration.drifted if out.calibration else None,
+        "rms_mm": out.calibration.residual_rms_mm if out.calibration else None,
+        "expected_rms_mm": out.calibration.expected_rms_mm if out.calibration else None,
         "wall_s": time.perf_counter() - begin,
     }
 

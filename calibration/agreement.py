@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
-from palpate.config import CalibratedBounds, CalibrationFile
+from palpate.config import CalibrationFile
+from palpate.config.calibration_finger import CalibratedFinger
+from palpate.drivers.finger import TICK_RAD
 
 __all__ = ["FALSE_ALARMS", "Agreement", "Promise", "Surface", "agreement_of", "covariance_of", "promises_of"]
 
@@ -32,13 +34,14 @@ class Promise:
     """What a finger's contacts are off by, as standard deviations in mm.
 
     `scatter_mm`: each touch by itself, along the surface's normal. `fit_mm`: all touches alike, in an unknown
-    direction. `play_mm`: each touch by itself, across the slide. `sigmas`: bounds of what is as good as
-    normally distributed are so many deviations.
+    direction. `along_mm` and `across_mm`: each touch by itself, along and across the slide. `sigmas`: bounds
+    of what is as good as normally distributed are so many deviations.
     """
 
     scatter_mm: float
     fit_mm: float
-    play_mm: float
+    along_mm: float
+    across_mm: float
     sigmas: float
 
 
@@ -78,37 +81,52 @@ class Agreement:
         return self.chi_square > float(chdtri(self.freedom, FALSE_ALARMS))
 
 
-def promises_of(calibration: CalibrationFile) -> list[Promise] | None:
-    """What a calibration promises of every finger; None if it does not bound the contacts of all."""
-    residuals, bounds = calibration.residuals, [item.bounds for item in calibration.fingers]
+def promises_of(calibration: CalibrationFile, *, at_rest: bool) -> list[Promise] | None:
+    """What a calibration promises of every finger; None if it does not bound the contacts of all.
+
+    `at_rest`: touches were measured with slides at rest, anywhere in an encoder step; else on the move, as
+    those of the calibration itself.
+    """
+    residuals = calibration.residuals
     if residuals is None or residuals.degrees_of_freedom == 0:
         return None
     scatter = residuals.rms_mm * math.sqrt(residuals.touches / residuals.degrees_of_freedom)
-    found = [_promise(item, scatter, calibration.coverage) for item in bounds if item is not None]
-    return found if len(found) == len(bounds) else None
+    found = [_promise(item, scatter, calibration.coverage, at_rest=at_rest) for item in calibration.fingers]
+    known = [item for item in found if item is not None]
+    return known if len(known) == len(found) else None
 
 
-def _promise(bounds: CalibratedBounds, scatter_mm: float, coverage: float) -> Promise:
+def _promise(
+    finger: CalibratedFinger, scatter_mm: float, coverage: float, *, at_rest: bool
+) -> Promise | None:
     # The way back from bounds to deviations that `placed.bounds_of` went. Overshoot is left out: that of slow
-    # touches is in what they differ by, and so are the encoders' steps. Play may be taken up anywhere.
-    parts = bounds.parts_mm
+    # touches is in what they differ by. Slides rest at the same end of a step time and again, so half a step
+    # is not divided by anything. Play may be taken up anywhere.
+    if finger.bounds is None or finger.place is None:
+        return None
+    parts = finger.bounds.parts_mm
+    along_mm = abs(finger.place.mm_per_turn) * TICK_RAD / (4 * math.pi)
+    aim_mm = math.sqrt(max(parts.quantisation**2 - along_mm**2, 0.0))
+    play_mm = parts.play / math.sqrt(3)
     return Promise(
         scatter_mm=max(scatter_mm, _LEAST_MM),
         fit_mm=parts.fit / math.sqrt(float(chdtri(2, 1 - coverage))),
-        play_mm=parts.play / math.sqrt(3),
+        along_mm=along_mm if at_rest else 0.0,
+        across_mm=math.hypot(play_mm, aim_mm) if at_rest else play_mm,
         sigmas=float(ndtri((1 + coverage) / 2)),
     )
 
 
 def covariance_of(surface: Surface, promises: Sequence[Promise]) -> Floats:
     """Covariance (n, n) of the distances of touches from the surface, mm²; `promises`: of every finger."""
-    scatter, fit, play, sigmas = np.array(
-        [(item.scatter_mm, item.fit_mm, item.play_mm, item.sigmas) for item in promises]
+    scatter, fit, along, across, sigmas = np.array(
+        [(item.scatter_mm, item.fit_mm, item.along_mm, item.across_mm, item.sigmas) for item in promises]
     )[surface.finger].T
-    across = np.abs(surface.normal[:, 0] * surface.travel[:, 1] - surface.normal[:, 1] * surface.travel[:, 0])
+    cosine = (surface.normal * surface.travel).sum(axis=1)
     same = surface.finger[:, None] == surface.finger
     shared = np.where(same, surface.normal @ surface.normal.T, 0.0) * np.outer(fit, fit)
-    own = scatter**2 + (across * play) ** 2 + (surface.dent_mm / sigmas) ** 2 + surface.tolerance_mm**2 / 3
+    own = scatter**2 + (surface.dent_mm / sigmas) ** 2 + surface.tolerance_mm**2 / 3
+    own += (cosine * along) ** 2 + (1 - cosine**2) * across**2
     result: Floats = shared + np.diag(own)
     return result
 

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from palpate.calibration.choice import choose
 from palpate.calibration.finding import find, touches_of
-from palpate.calibration.finger_fit import FingerModel, Fit, Placing, Touches, fit_fingers
+from palpate.calibration.finger_fit import (
+    COLUMNS,
+    RADIUS,
+    FingerModel,
+    Fit,
+    Placing,
+    Touches,
+    fit_fingers,
+)
 from palpate.calibration.measured import Touched
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.trust import check_fit, check_still
@@ -26,7 +34,9 @@ Bools = NDArray[np.bool_]
 _HELD_OUT_EVERY = (
     7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers
 )
-_LEAST_SHARE = 1.0  # what repeats itself does not show in the scatter
+_LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains do to forces repeats itself
+_LATE_MM = 0.005  # a tip creeps 1 mm in a second, and what was felt is a few milliseconds old
+_BOUND_SIGMAS = 3.3
 _TYPICAL_MM = 0.012
 _COUNT = 6
 
@@ -88,19 +98,35 @@ def fitted(
 ) -> tuple[Touches, Fit, Fit]:
     """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
 
-    Once it is known that touches agree, the fit is made again with what they scatter by, if that is more than
-    the devices' steps let expect. What repeats itself does not show in the scatter, so never with less.
+    Once it is known that touches agree, the fit is made again with what they scatter by: servos that come to
+    rest in the same part of a step again and again scatter by less than steps let expect. What repeats itself
+    does not show in the scatter: the fit's poses take some of it in, the radii what is alike in all dents.
     """
     touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     check_fit(specs, models, placings, touches, fit)
     share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
-    fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))
+    fit = _with_dents_alike(specs, touches, fit_fingers(models, placings, touches, (fit.values, fit.poses)))
     without = fit_fingers(
         models, placings, touches.with_used(~held_out(len(touched))), (fit.values, fit.poses)
     )
     return touches, fit, without
+
+
+def _with_dents_alike(specs: Sequence[Finger], touches: Touches, fit: Fit) -> Fit:
+    """A fit whose radii are as uncertain as what all dents of a finger may be off by alike.
+
+    Touches know a radius less a dent only, and one dent is nearly as deep as the other: what is wrong with
+    all of them is in the radius. It comes from the stiffness and from how old the array's frames are.
+    """
+    covariance = fit.covariance.copy()
+    for index, spec in enumerate(specs):
+        dent_mm = float(touches.dent_mm[touches.finger == index].mean())
+        soft_mm = dent_mm * spec.tip.stiffness_spread / _BOUND_SIGMAS
+        at = index * COLUMNS + RADIUS
+        covariance[at, at] += soft_mm**2 + _LATE_MM**2 / 3
+    return replace(fit, covariance=covariance)
 
 
 def held_out(count: int) -> Bools:

@@ -65,7 +65,7 @@ def run_check(
 def _shapes(on_bench: RigOnBench, touching: Touching) -> ReferencesFile:
     """What is to be touched; InputError if there is nothing to compare touches with."""
     slides_of(on_bench.described)
-    if on_bench.calibration is None or promises_of(on_bench.calibration) is None:
+    if on_bench.calibration is None or promises_of(on_bench.calibration, at_rest=False) is None:
         raise InputError(
             "--touch compares touches with a calibration, and there is none that says where all fingers "
             f"stand: make it with `palpate calibrate --rig {on_bench.path}`"
@@ -93,7 +93,7 @@ def _touched(
     on_bench: RigOnBench, file: CalibrationFile, shapes: ReferencesFile, console: Console, seed: int
 ) -> Retouch:
     """Connect, touch the disc, disconnect."""
-    promises = promises_of(file)
+    promises = promises_of(file, at_rest=False)
     assert promises is not None, "refused before"
     bench = set_up(on_bench.described, None, seed)
     table = emulated_table(bench, seed) or ConsoleTable(console)

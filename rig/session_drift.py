@@ -41,7 +41,7 @@ def session_agreement(
     None if there is no calibration with bounds, more than one hypothesis is left, or contacts are too few.
     """
     recognition = result.recognition
-    promises = None if calibration is None else promises_of(calibration)
+    promises = None if calibration is None else promises_of(calibration, at_rest=True)
     if promises is None or recognition is None or recognition.verdict is not Verdict.UNIQUE:
         return None
     since = result.moved_before[-1] - 1 if result.moved_before else 0

@@ -21,7 +21,7 @@ from palpate.rig.emulated import emulate
 
 Floats = NDArray[np.float64]
 RIG: RigFile = load_rig(shipped_rig())
-PROMISES = [Promise(0.012, 0.02, 0.03, 3.29)] * 3
+PROMISES = [Promise(0.012, 0.02, 0.0, 0.03, 3.29)] * 3
 
 
 def disc_touches(rng: np.random.Generator, each: int = 5) -> Surface:
@@ -104,11 +104,27 @@ def test_what_cannot_be_told_is_not_told() -> None:
 
 def test_promises_are_the_deviations_behind_the_bounds() -> None:
     file = truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
-    promises = promises_of(file)
+    promises = promises_of(file, at_rest=False)
     assert promises is not None
-    assert [item.scatter_mm for item in promises] == pytest.approx([0.012 * math.sqrt(160 / 140)] * 3)
+    assert [item.scatter_mm for item in promises] == pytest.approx([0.003 * math.sqrt(160 / 140)] * 3)
     assert [item.fit_mm for item in promises] == pytest.approx([0.006] * 3, rel=2e-3)
     assert promises[0].sigmas == pytest.approx(3.2905, abs=1e-4)
-    assert promises_of(file.model_copy(update={"residuals": None})) is None
+    assert promises_of(file.model_copy(update={"residuals": None}), at_rest=False) is None
     bare = [file.fingers[0].model_copy(update={"bounds": None}), *file.fingers[1:]]
-    assert promises_of(file.model_copy(update={"fingers": bare})) is None
+    assert promises_of(file.model_copy(update={"fingers": bare}), at_rest=False) is None
+
+
+def test_slides_at_rest_may_be_half_a_step_from_where_they_seem() -> None:
+    """Touches of a session scatter by steps that touches of the calibration, on the move, do not show."""
+    file = truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
+    moving, resting = promises_of(file, at_rest=False), promises_of(file, at_rest=True)
+    assert moving is not None
+    assert resting is not None
+    for item, still, finger in zip(moving, resting, file.fingers, strict=True):
+        assert finger.bounds is not None
+        assert item.along_mm == 0
+        assert still.along_mm == pytest.approx(100 / 4096 / 2, rel=0.01)
+        parts = finger.bounds.parts_mm
+        aim = still.across_mm**2 - parts.play**2 / 3
+        assert math.sqrt(aim + still.along_mm**2) == pytest.approx(parts.quantisation)
+        assert item.across_mm == pytest.approx(parts.play / math.sqrt(3))

@@ -60,7 +60,7 @@ def touched(
     """A re-touch of a simulated rig whose calibration has bases of fingers off by so much."""
     world = SimulatedRig(RIG, seed, spoil)
     file = truth_calibration(RIG, world.fingers, off_mm=off_mm)
-    promises = promises_of(file)
+    promises = promises_of(file, at_rest=False)
     assert promises is not None
     rig = calibrated(RIG, file)
     with world.connect(rig, moving=True) as there:
@@ -105,7 +105,7 @@ class Empty(SimulatedProber):
 
 def test_no_disc_is_said() -> None:
     world = SimulatedRig(RIG, 0)
-    promises = promises_of(truth_calibration(RIG, world.fingers))
+    promises = promises_of(truth_calibration(RIG, world.fingers), at_rest=False)
     assert promises is not None
     with pytest.raises(InputError, match=r"the disc was not found near \(0, 0\) mm"):
         retouch(RIG, Empty(world, RIG), DISC, promises)

@@ -28,7 +28,7 @@ MADE = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 
 _FARTHEST_MM = 220.0
 _SIGMAS, _PLANE = 3.29, 3.72  # that 99.9 % of a normal distribution lie within, along a line and in a plane
-_SCATTER_MM, _FIT_MM = 0.012, 0.006
+_SCATTER_MM, _FIT_MM = 0.003, 0.006
 _STIFFNESS_BOUND, _GAIN_BOUND = 0.02, 0.02
 
 
