@@ -29,6 +29,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2, kstest
 
+from palpate.calibration.agreement import promises_of
 from palpate.calibration.hand_frame import Place, hand_frame
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, calibrated, load_objects, load_rig, shipped_objects
@@ -37,11 +38,12 @@ from palpate.config.shipped import shipped_references
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
-from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
+from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate, references_of
 from palpate.rig.calibration_hand import connecting
 from palpate.rig.convert import models_of
 from palpate.rig.known_well import check_known_well
 from palpate.rig.record_keeper import FileKeeper
+from palpate.rig.retouch import retouch
 from palpate.rig.scene import draw_placement
 from palpate.rig.truth import in_hand_frame
 from palpate.rig.whole_run import Job, carry_out
@@ -89,6 +91,7 @@ def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | No
     assert file.residuals is not None
     row["residuals"] = file.residuals.model_dump(mode="json", exclude={"touches_seen"})
     row["after"] = [identified(seed, k, file) for k in range(scenes)]
+    row["retouched"] = retouched(seed, file) if scenes else None
     row["before"] = [identified(seed, k, None) for k in range(before)]
     return row
 
@@ -109,7 +112,7 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
     begin = time.perf_counter()
     try:
         check_known_well(used, RIG.name)
-        job = Job(used, Catalogue(models_of(objects)), seen, Strategy.PLANNED, seed, file)
+        job = Job(used, Catalogue(models_of(objects)), seen, Strategy.PLANNED, seed, file, datetime.now(UTC))
         out = carry_out(job, outside(bench), []).out(wall_seconds=0.0, session=None)
     except PalpateError as error:
         return {"part": lying.model.name, "verdict": "refused", "why": str(error)}
@@ -125,6 +128,24 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
         "rms_mm": out.calibration.residual_rms_mm if out.calibration else None,
         "expected_rms_mm": out.calibration.expected_rms_mm if out.calibration else None,
         "wall_s": time.perf_counter() - begin,
+    }
+
+
+def retouched(seed: int, file: CalibrationFile) -> dict[str, object]:
+    """Whether a re-touch of the rig, which has not changed, agrees with its calibration."""
+    drawn = load_rig(RIG)
+    rig, bench = calibrated(drawn, file), set_up(drawn, None, seed)
+    table = emulated_table(bench, seed + 1)
+    promises = promises_of(file, at_rest=False)
+    assert table is not None
+    assert promises is not None
+    disc = references_of(load_references(shipped_references()))[0]
+    with connecting(outside(bench), table, print)(rig, moving=True) as there:
+        found = retouch(rig, there.prober, disc, promises).agreement
+    return {
+        "drifted": found.drifted,
+        "rms_mm": found.rms_mm,
+        "expected_rms_mm": found.expected_rms_mm,
     }
 
 
@@ -232,7 +253,14 @@ def tell(path: Path) -> None:
         }
         print(
             f"{when}: {len(right)} of {len(runs)} identified rightly inside bounds, {len(wrong)} wrongly; "
-            f"{verdicts}"
+            f"{verdicts}; said to have changed: {sum(bool(run.get('drifted')) for run in runs)}"
+        )
+    touched = [row["retouched"] for row in rows if row.get("retouched")]
+    if touched:
+        rms = [found["rms_mm"] / found["expected_rms_mm"] for found in touched]
+        print(
+            f"touched again: {sum(found['drifted'] for found in touched)} of {len(touched)} said to have "
+            f"changed; residuals in the median {np.median(rms):.2f} of what is expected"
         )
 
 
