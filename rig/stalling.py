@@ -106,13 +106,16 @@ def _drive(hand: Hand, slide: Servo, kinematics: SlideKinematics, to_mm: float, 
 
 
 def _stalled(hand: Hand, finger: HostFinger) -> float:
-    """Servo angle (rad) at which a slide has come to stand."""
+    """Servo angle (rad) at which a slide has come to stand: the mean of what is read while it stands."""
     slide, kinematics = finger.drive.closing_servos[0], slide_of(finger)
     moved = abs(_STILL_MM / kinematics.mm_per_rad)
+    read: list[tuple[float, float]] = []
     at, since = math.inf, hand.clock.now()
     while hand.clock.now() - since < _STILL_S:
         hand.pause(_PERIOD_S)
         now_at = hand.states([slide])[slide.dxl_id].position_rad
+        read.append((hand.clock.now(), now_at))
         if abs(now_at - at) > moved:
             at, since = now_at, hand.clock.now()
-    return at
+    # It may have crept on by less than what counts as motion.
+    return float(np.mean([angle for when, angle in read if when > since + _STILL_S / 2]))
