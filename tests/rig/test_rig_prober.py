@@ -39,7 +39,7 @@ def test_a_slide_stalls_where_its_stop_is(rig: ProbedRig, number: int, side: int
     at = rig.prober.home(0, STOPS_MM[number])
     # The carriage is at its stop, and the drive has gone on by the half play.
     drive = truth.zero_mm + truth.mm_per_rad * at
-    assert drive == pytest.approx(STOPS_MM[number] + side * truth.slide_play_mm, abs=0.1)
+    assert drive == pytest.approx(STOPS_MM[number] + side * truth.slide_play_mm, abs=0.015), "half a step"
     assert rig.goal_current(SLIDE) == allowed
     assert rig.waits()
 
