@@ -195,8 +195,7 @@ def _result(
         scale, scale_sigma, zero, zero_sigma = (
             home.mm_per_rad, home.mm_per_rad_sigma, home.zero_mm, home.zero_sigma_mm,
         )  # fmt: skip
-    back_mm = min(2 * play.half_mm, touch_speed_mm_s * settle_s)
-    seen = touching(spec, play, _homed(spec, stalls, play), back_mm)
+    seen = touching(spec, play, _homed(spec, stalls, play))
     slide = SlideCalibration(
         direction_confirmed=friction.way > 0,
         mm_per_turn=2 * math.pi * scale,

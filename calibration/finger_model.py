@@ -5,7 +5,7 @@ the part pushes the tip back; the zero that is fitted is the one that belongs to
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ __all__ = ["Homed", "Touching", "finger_model", "mm_per_rad_of", "touching", "to
 
 Floats = NDArray[np.float64]
 
-_BOUND_SIGMAS = 3.3
 _LEAST = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6])
 """Standard deviations that no prior goes below, so that nothing is quite certain."""
 
@@ -51,22 +50,17 @@ class Touching:
     covariance: Floats
 
 
-def touching(spec: Finger, play: Play | None, homed: Homed | None, back_mm: float = 0.0) -> Touching:
-    """What is known of a slide by the rig file, its play and its stops, as far as they were measured.
-
-    `back_mm`: a slide that stops may come back by so much within its play, and the tip not with it.
-    """
-    come_back = np.diag([(back_mm / _BOUND_SIGMAS) ** 2, 0.0])
+def touching(spec: Finger, play: Play | None, homed: Homed | None) -> Touching:
+    """What is known of a slide by the rig file, its play and its stops, as far as they were measured."""
     if homed is not None:
-        found = _from_stops(homed)
-        return replace(found, covariance=found.covariance + come_back)
+        return _from_stops(homed)
     per_rad = mm_per_rad_of(spec)
     half, sigma = _half_mm(spec, play)
     # The rig file's zero is at Goal Position 0, half a turn of the servo away.
     share, away = spec.slide.mm_per_turn_spread**2 / 3, per_rad * math.pi
     zero = sigma**2 + spec.slide.zero_bound_mm**2 / 3 + away**2 * share
     covariance = np.array([[zero, away * share], [away * share, share]])
-    return Touching(spec.slide.zero_mm + away - half, per_rad, covariance + come_back)
+    return Touching(spec.slide.zero_mm + away - half, per_rad, covariance)
 
 
 def touching_of(found: SlideCalibration) -> Touching:
