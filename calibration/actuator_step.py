@@ -82,7 +82,6 @@ def measure_actuators(
                 touch_speed_mm_s,
                 coverage,
             ),
-            touch_speed_mm_s=touch_speed_mm_s,
             settle_s=_settle_s([stop for stop in stops if stop.finger == spec.name], mm_per_rad_of(spec)),
             aim_turns=_aim_turns(spec, found),
             aim_friction_a=frictions[index],
@@ -174,7 +173,6 @@ def _result(
     overshoot: OvershootFit,
     *,
     settle_s: float,
-    touch_speed_mm_s: float,
     aim_turns: bool,
     aim_friction_a: float,
 ) -> ActuatorsCalibration:
