@@ -124,9 +124,9 @@ def _group_lines(group: Alike, width: int) -> Iterator[str]:
 
 
 def _names(states: Iterable[StateNameOut]) -> str:
-    """Such as "angle, state-1, state-2; block, state-1"."""
+    """Such as "angle: state-1, state-2; block: state-1"."""
     return "; ".join(
-        ", ".join((name, *(item.state for item in found)))
+        f"{name}: {', '.join(item.state for item in found)}"
         for name, found in groupby(states, key=lambda item: item.object)
     )
 

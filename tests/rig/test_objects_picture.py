@@ -13,7 +13,7 @@ from palpate.config import load_objects, shipped_objects
 from palpate.rig.labels import Box
 from palpate.rig.objects_fingers import RigFingers
 from palpate.rig.objects_picture import draw_objects
-from palpate.rig.objects_picture_card import Told, ranges_words
+from palpate.rig.objects_picture_card import Told, Twins, ranges_words
 from palpate.rig.objects_picture_ladder import shade
 from palpate.rig.objects_picture_plan import MOST_CARDS, MOST_CONTOURS, cards_of
 from palpate.rig.objects_picture_style import CONCAVE, HEIGHT, UNREACHED, WIDTH
@@ -39,10 +39,17 @@ def states(tmp_path: Path) -> Any:
     return of
 
 
+LONG = "bracket-with-a-name-as-from-a-drawing-office, state-1"
+TWINS = (
+    Twins("feels like", tuple(f"state-{k}" for k in range(2, 9))),
+    Twins("may feel like", (LONG, "that")),
+    Twins("as far as known, feels like", (LONG,)),
+)
+
+
 def drawn(found: tuple[Resting, ...], fingers: RigFingers = FINGERS) -> ET.Element:
-    """The picture, parsed; every state feels like two with long names."""
-    twins = ("may feel like bracket-with-a-name-as-from-a-drawing-office, state-1", "feels like that")
-    told = {state: Told(symmetry_of_state(state).order, twins) for state in found}
+    """The picture, parsed; every state feels like some, of which one has a long name."""
+    told = {state: Told(symmetry_of_state(state).order, TWINS) for state in found}
     return ET.fromstring(draw_objects("parts.json", found, told, fingers)[0])
 
 
