@@ -27,7 +27,7 @@ __all__ = ["picture_beside", "run_objects_show"]
 _LIKE = {
     Likeness.SAME: "feels like",
     Likeness.DOUBTFUL: "may feel like",
-    Likeness.UNKNOWN: "as far as known, feels like",
+    Likeness.UNKNOWN: "as far as known like",
 }
 
 

@@ -59,7 +59,7 @@ def _table(out: ObjectsListingOut, *, every: bool) -> Table:
     for name, states in groupby(out.states, key=lambda item: item.object):
         listed = list(states)
         first = listed[0]
-        tolerance = f" ±{first.tolerance_mm:.2g} mm" if first.tolerance_mm else ""
+        tolerance = f" ±{_up(first.tolerance_mm):g} mm" if first.tolerance_mm else ""
         table.add_row(Text(f"{_cut(name, _NAME - len(tolerance))}{tolerance}", style="bold"))
         shown = len(listed) if every or len(listed) <= _SHOWN + 1 else _SHOWN
         for state in listed[:shown]:
@@ -83,16 +83,25 @@ def _cells(state: StateListedOut) -> list[str]:
     ]
 
 
+def _up(tolerance_mm: float) -> float:
+    """Rounded up to thousandths."""
+    return math.ceil(1000 * tolerance_mm - 1e-6) / 1000
+
+
 def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
-    """Which states are not known at all heights."""
-    some = [item for item in out.states if item.heights_mm is not None]
-    shown = len(some) if every or len(some) <= _SHOWN + 1 else _SHOWN
-    for item in some[:shown]:
-        ranges = item.heights_mm or ()
-        known = known_words(ranges, item.top_mm, len(ranges) + 1 if every else _RANGES)
-        yield from _wrapped(f"{item.object}, {item.state}: {known}", "* ", width)
-    if shown < len(some):
-        yield f"* and {len(some) - shown} more are not known at all heights; --all lists them"
+    """Which states are not known at all heights, a line for those of an object that are known alike."""
+    alike: dict[tuple[str, str], list[StateNameOut]] = {}
+    for item in out.states:
+        if item.heights_mm is not None:
+            words = known_words(item.heights_mm, item.top_mm, len(item.heights_mm) + 1 if every else _RANGES)
+            name = StateNameOut(object=item.object, state=item.state)
+            alike.setdefault((item.object, words), []).append(name)
+    shown = len(alike) if every or len(alike) <= _SHOWN + 1 else _SHOWN
+    for (_, words), states in list(alike.items())[:shown]:
+        yield from _wrapped(f"{_names(states)} {'is' if len(states) == 1 else 'are'} {words}", "* ", width)
+    left = sum(len(states) for states in list(alike.values())[shown:])
+    if left:
+        yield f"* and {counted(left, 'more state is', 'more states are')} not known at all heights; --all"
 
 
 def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]:

@@ -250,9 +250,9 @@ def _twins_words(twins: Twins, room: float) -> str:
         words = f"{twins.words} {', '.join(twins.names[:count])}{_more(twins, count)}"
         if text_width(words, 11.5) <= room:
             return words
-    more = _more(twins, 1)
-    first = f"{twins.words} {twins.names[0]}"
-    return f"{shorten_middle(first, 11.5, room - text_width(more, 11.5))}{more}"
+    before, more = f"{twins.words} ", _more(twins, 1)
+    left = room - text_width(before + more, 11.5)
+    return f"{before}{shorten_middle(twins.names[0], 11.5, left)}{more}"
 
 
 def _more(twins: Twins, shown: int) -> str:
@@ -261,8 +261,11 @@ def _more(twins: Twins, shown: int) -> str:
 
 def _known(known_mm: Sequence[Range], top_mm: float, room: float) -> str:
     """At which heights it is known, with as many of the ranges as there is room for."""
-    words = (known_words(known_mm, top_mm, most) for most in range(_MOST_RANGES, -1, -1))
-    return next(said for said in words if text_width(said, 11.5) <= room or "range" in said)
+    for most in range(_MOST_RANGES, 0, -1):
+        words = known_words(known_mm, top_mm, most)
+        if text_width(words, 11.5) <= room:
+            return words
+    return known_words(known_mm, top_mm, 0)
 
 
 def _scale_bar(x: float, y: float, scale: float) -> str:

@@ -268,7 +268,7 @@ def test_the_summary_fits_80_columns(angle: Path, ask: Ask) -> None:
 
 def test_units_of_a_real_part(tmp_path: Path, ask: Ask) -> None:
     part = cad_file("angle_block.STL")
-    told = ask(part, "--units", "inch", "--json").json
+    told = ask(part, "--units", "inch", "--heights", "5", "--json").json
     (block,) = told["objects"]
     mesh = trimesh.load(part, force="mesh")
     np.testing.assert_allclose(block["size"], np.ptp(mesh.vertices, axis=0) * 25.4, rtol=1e-5)

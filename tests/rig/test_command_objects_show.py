@@ -149,21 +149,19 @@ def test_many_states_that_feel_alike_fit_on_a_screen(
     monkeypatch.setenv("COLUMNS", str(columns))
     parts = [many(24), part("block", section(0, 20, rectangle(30, 20.1)))]
     lines = ask("show", parts).out.splitlines()
-    assert len(lines) <= 70
+    assert len(lines) <= 52
     assert max(len(line.rstrip()) for line in lines) <= columns
     said = re.sub(r"\s+", " ", " ".join(lines))
     assert "and 4 more; --all" in said
     assert f"= each two of nut: {', '.join(f'state-{k}' for k in range(1, 25))} the same at 10 mm" in said
     assert "≈ each of nut: state-1," in said
     assert "and each of block: s 0.05 mm apart at 10 mm" in said
-    assert "* nut, state-20: not known at 12–12.02 mm" in said
-    assert "and 4 more are not known at all heights" in said
+    assert re.search(r"\* nut: state-1, .*, state-24 are not known at 12–12.02 mm", said)
 
 
 def test_all_lists_every_state_and_pair(ask: Ask) -> None:
     out = ask("show", [many(24)], "--all").out
     assert len(re.findall(r"^  state-\d+ ", out, re.M)) == 24
-    assert len(re.findall(r"^\* nut, state-", out, re.M)) == 24
     assert len(re.findall(r"^  nut, state-\d+  =  nut, state-\d+$", out, re.M)) == 276
     assert "--all" not in out
 

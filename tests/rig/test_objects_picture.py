@@ -43,7 +43,7 @@ LONG = "bracket-with-a-name-as-from-a-drawing-office, state-1"
 TWINS = (
     Twins("feels like", tuple(f"state-{k}" for k in range(2, 9))),
     Twins("may feel like", (LONG, "that")),
-    Twins("as far as known, feels like", (LONG,)),
+    Twins("as far as known like", (LONG,)),
 )
 
 
@@ -57,6 +57,8 @@ def odd_parts() -> list[dict[str, Any]]:
     cone = [section(k / 4, (k + 1) / 4, polygon(48, 40 - k / 6)) for k in range(200)]
     twisted = [section(k, k + 1, moved(U_SHAPE, k / 90, 0, 0)) for k in range(70)]
     known = {"heights": [[4.5, 5.5], [9.5, 10.5]], "height": 40.0}
+    gaps = {"heights": [[100.11 * k, 100.11 * k + 100.07] for k in range(9)], "height": 1000.0}
+    grid = [section(low, high, U_SHAPE) for low, high in gaps["heights"]]
     return [
         part("cone", *cone, probability=0.123456, tipping_angle=0.4321, tolerance=0.05),
         part("twisted-U", *twisted),
@@ -66,6 +68,7 @@ def odd_parts() -> list[dict[str, Any]]:
         part("storeys", section(0, 5, L_SHAPE), section(5, 9, rectangle(9, 9)), section(9, 70, L_SHAPE)),
         part("known", section(4.5, 5.5, L_SHAPE), section(9.5, 10.5, rectangle(9, 9)), **known),
         part("posts", section(0, 30, rectangle(12, 30), rectangle(12, 30, 58))),
+        part("gaps", *grid, **gaps),
     ]
 
 
@@ -94,10 +97,14 @@ def cards(picture: ET.Element) -> list[Box]:
 def test_texts_cover_no_other_and_stay_inside_of_their_cards(states: Any) -> None:
     picture = drawn(states(*odd_parts()))
     words = texts(picture)
+    said = [line for _, line in words]
+    assert said.count("feels like state-2, state-3 and 5 more") == 11
+    assert any(line.startswith("may feel like bracket") and line.endswith("1 and 1 more") for line in said)
+    assert "not known at 9 ranges of height" in said
     for (first, one), (second, other) in combinations(words, 2):
         assert not first.overlaps(second), f"{one!r} and {other!r}"
     frames = cards(picture)
-    assert len(frames) == 10
+    assert len(frames) == 11
     top = min(frame.top for frame in frames)
     for box, said in words:
         if box.y > top:
