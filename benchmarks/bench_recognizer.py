@@ -22,7 +22,8 @@ import numpy as np
 import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place
+from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place
+from shared_files import SHARED_OUTLINES
 
 from palpate.recognizer import Catalogue, Contact, NormalRange, ObjectModel, recognise
 

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from campaign_checks import Outcome, asked, outcome
 from campaign_objects import FAMILIES
 from campaign_trials import NORMALS_DEG, Setting, drawn
-from shapely_bench import SHARED_OUTLINES
+from shared_files import SHARED_OUTLINES
 
 _CHUNK = 50
 

@@ -142,6 +142,7 @@ def _show(
         typer.Option("--picture", help="Where to write the picture (SVG); FILE's stem + .objects.svg, here."),
     ] = None,
     no_calibration: _NoCalibrationOption = False,
+    every: Annotated[bool, typer.Option("--all", help="List all states, and pairs one by one.")] = False,
     json: _JsonOption = False,
 ) -> None:
     """List every state of every object, and draw its sections into one picture (SVG).
@@ -153,7 +154,12 @@ def _show(
     with if_interrupted("no picture was written"):
         raise typer.Exit(
             run_objects_show(
-                objects=file, rig=rig, picture=picture, json=json, calibration=not no_calibration
+                objects=file,
+                rig=rig,
+                picture=picture,
+                every=every,
+                json=json,
+                calibration=not no_calibration,
             )
         )
 

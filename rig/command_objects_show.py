@@ -15,7 +15,7 @@ from palpate.rig.files import check_place, write_text
 from palpate.rig.objects_fingers import rig_fingers
 from palpate.rig.objects_listing import print_listing
 from palpate.rig.objects_picture import draw_objects
-from palpate.rig.objects_picture_card import Told
+from palpate.rig.objects_picture_card import Told, Twins
 from palpate.rig.objects_report import name_out, pair_out, rig_out
 from palpate.rig.objects_stack import Resting, resting
 from palpate.rig.objects_symmetry import symmetry_of_state
@@ -27,14 +27,23 @@ __all__ = ["picture_beside", "run_objects_show"]
 _LIKE = {
     Likeness.SAME: "feels like",
     Likeness.DOUBTFUL: "may feel like",
-    Likeness.UNKNOWN: "as far as known, feels like",
+    Likeness.UNKNOWN: "as far as known like",
 }
 
 
 def run_objects_show(
-    *, objects: Path, rig: Path | None, picture: Path | None, json: bool, calibration: bool = True
+    *,
+    objects: Path,
+    rig: Path | None,
+    picture: Path | None,
+    every: bool = False,
+    json: bool = False,
+    calibration: bool = True,
 ) -> int:
-    """List, draw and print; returns the exit code, 0. An existing picture is written over."""
+    """List, draw and print; returns the exit code, 0. An existing picture is written over.
+
+    `every`: a long listing, with each state and pair for itself; JSON has them always.
+    """
     fingers = rig_fingers(load_calibrated(rig, calibration=calibration).rig)
     states = resting(load_objects(objects))
     place = picture or picture_beside(objects)
@@ -56,7 +65,8 @@ def run_objects_show(
     if json:
         typer.echo(to_json(out))
     else:
-        print_listing(out, Console(highlight=False, markup=False, emoji=False, soft_wrap=True))
+        console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
+        print_listing(out, console, every=every)
     return 0
 
 
@@ -65,15 +75,15 @@ def picture_beside(objects: Path) -> Path:
     return Path(f"{objects.stem.removesuffix('.objects')}.objects.svg")
 
 
-def _twins(state: Resting, pairs: Sequence[Pair]) -> tuple[str, ...]:
+def _twins(state: Resting, pairs: Sequence[Pair]) -> tuple[Twins, ...]:
     """Which states feel like one, or may; those that do for certain first."""
-    mine = [pair for pair in pairs if state in (pair.first.state, pair.second.state)]
-    return tuple(
-        f"{words} {(pair.second if pair.first.state is state else pair.first).state.name}"
-        for likeness, words in _LIKE.items()
-        for pair in mine
-        if pair.likeness is likeness
-    )
+    others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKE}
+    for pair in pairs:
+        if state in (pair.first.state, pair.second.state):
+            other = (pair.second if pair.first.state is state else pair.first).state
+            same_object = other.object_name == state.object_name
+            others[pair.likeness].append(other.state.name if same_object else other.name)
+    return tuple(Twins(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
 
 
 def _listed(state: Resting, told: Told) -> StateListedOut:

@@ -53,19 +53,23 @@ def rig_words(rig: RigHeightsOut) -> list[str]:
     return [f"fingers of rig {rig.name}{shipped}", *heights, off]
 
 
-def fit_words(pair: PairOut) -> str:
-    """How well the two agree at the fingers' heights."""
+def fit_words(*pairs: PairOut) -> str:
+    """How well two agree at the fingers' heights; or each two of several pairs that are alike in all else."""
+    pair = pairs[0]
     at = _heights(pair.compared_mm)
     if not pair.compared_mm:
         return "at no finger's height are both known"
-    if pair.apart_mm is None:
+    found = [item.apart_mm for item in pairs if item.apart_mm is not None]
+    if not found:
         return f"at {at} there is nothing of either: no finger touches them"
+    least, most = f"{min(found):.2f}", f"{max(found):.2f}"
+    apart = f"{least if least == most else f'{least}–{most}'} mm apart at {at}"
     if pair.likeness == "doubtful":
-        return f"{pair.apart_mm:.2f} mm apart at {at}; {pair.within_mm:.2f} mm are told apart for certain"
-    if pair.apart_mm < _NOTHING_MM:
+        return f"{apart}; {pair.within_mm:.2f} mm are told apart for certain"
+    if max(found) < _NOTHING_MM:
         return f"the same at {at}"
     allowed = f", within their tolerances ({pair.tolerance_mm:.2f} mm)" if pair.tolerance_mm else ""
-    return f"{pair.apart_mm:.2f} mm apart at {at}{allowed}"
+    return f"{apart}{allowed}"
 
 
 def _kind(title: str, sign: str, pairs: Sequence[SeparatingOut]) -> list[str]:

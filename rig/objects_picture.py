@@ -10,6 +10,7 @@ import shapely
 from palpate.rig.answer_words import counted
 from palpate.rig.objects_fingers import RigFingers, heights_in_words
 from palpate.rig.objects_picture_card import Told, draw_card
+from palpate.rig.objects_picture_ladder import shade
 from palpate.rig.objects_picture_plan import Card, cards_of
 from palpate.rig.objects_picture_style import (
     CONCAVE,
@@ -38,7 +39,7 @@ def draw_objects(
     cards, left_out = cards_of(states, fingers)
     columns = min(_COLUMNS, max(len(cards), 2))
     width = 2 * _EDGE + columns * WIDTH + (columns - 1) * GAP
-    head, y = _head(title, states, fingers, width - 2 * _EDGE)
+    head, y = _head(title, states, cards, fingers, width - 2 * _EDGE)
     scales = _scales(cards)
     drawn = []
     for index, card in enumerate(cards):
@@ -67,7 +68,9 @@ def draw_objects(
     return picture + "\n", left_out
 
 
-def _head(title: str, states: Sequence[Resting], fingers: RigFingers, room: float) -> tuple[list[str], float]:
+def _head(
+    title: str, states: Sequence[Resting], cards: Sequence[Card], fingers: RigFingers, room: float
+) -> tuple[list[str], float]:
     """Title, what it is of, and the meaning of the colours; where they end."""
     objects = len({state.object_name for state in states})
     where = (
@@ -82,16 +85,20 @@ def _head(title: str, states: Sequence[Resting], fingers: RigFingers, room: floa
     for line in wrap(where, 13.5, room, most_lines=2):
         y += 21
         head.append(text(line, _EDGE, y, size=13.5, fill=MUTED))
-    legend, y = _legend(fingers, y + 26, _EDGE + room)
+    stacks = any(card.is_stack for card in cards)
+    legend, y = _legend(fingers, y + 26, _EDGE + room, stacks=stacks)
     return [*head, *legend], y + 22
 
 
-def _legend(fingers: RigFingers, y: float, right: float) -> tuple[list[str], float]:
-    """What the colours and marks mean, in as many lines as it takes; y of the last."""
+def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tuple[list[str], float]:
+    """What the colours and marks mean, in as many lines as it takes; y of the last.
+
+    `stacks`: sections are drawn over each other.
+    """
     swatch = {"width": 20.0, "height": 12.0, "y": -10.0}
     centre = element("circle", cx=2.0, cy=-4.0, r=2.4, fill=INK)
     ray = element("path", d="M2,-4H22", stroke=INK, stroke_width=0.9, stroke_dasharray="5 3")
-    entries = (
+    entries = [
         (element("rect", **swatch, fill=CONCAVE), "pocket: reached from some directions only"),
         (
             element("rect", **swatch, fill=UNREACHED, stroke=UNREACHED_LINE, stroke_dasharray="3 2"),
@@ -99,7 +106,15 @@ def _legend(fingers: RigFingers, y: float, right: float) -> tuple[list[str], flo
         ),
         (centre + ray, "turns after which it looks the same"),
         (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "heights of fingers, mm"),
-    )
+    ]
+    if stacks:
+        lines = [
+            element("path", d=f"M0,{y}H20", stroke=stroke, stroke_width=1.6)
+            for y, stroke in ((-9, shade(0.0, 1.0)), (-4, shade(0.5, 1.0)), (1, shade(1.0, 1.0)))
+        ]
+        entries.append(("".join(lines), "sections, the higher the darker"))
+        line = element("path", d="M0,-4H20", stroke=TIP, stroke_width=2.0)
+        entries.append((line, "sections at heights of fingers"))
     x = _EDGE
     drawn = []
     for mark, words in entries:
@@ -140,7 +155,7 @@ def _description(states: Sequence[Resting], told: Mapping[Resting, Told]) -> str
     words = []
     for state in states:
         twins = told[state].twins
-        like = f"; {'; '.join(twins)}" if twins else ""
+        like = "".join(f"; {item.words} {', '.join(item.names)}" for item in twins)
         words.append(
             f"{state.name}: {counted(len(state.levels), 'section', 'sections')} up to "
             f"{state.state.top_mm:.4g} mm{like}."

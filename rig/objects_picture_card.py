@@ -14,6 +14,7 @@ from shapely import affinity
 
 from palpate.rig.answer_words import counted
 from palpate.rig.objects_fingers import RigFingers
+from palpate.rig.objects_known import known_words
 from palpate.rig.objects_picture_ladder import draw_ladder, shade
 from palpate.rig.objects_picture_plan import Card
 from palpate.rig.objects_picture_style import (
@@ -35,19 +36,28 @@ from palpate.rig.picture_frame import nice_step
 from palpate.rig.picture_style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
 from palpate.rig.svg import Floats, element, path_data, shorten, shorten_middle, text, text_width
 
-__all__ = ["Told", "draw_card", "ranges_words"]
+__all__ = ["Told", "Twins", "draw_card", "ranges_words"]
 
 _FINE = 0.15  # SVG units that a drawn line may be off
 _MOST_RAYS = 12
+_MOST_RANGES = 4
 _RAY = 0.6  # of the way to the furthest corner
 
 
 @dataclass(frozen=True)
+class Twins:
+    """`names` of other states, and in `words` how they are like a card's: "feels like"."""
+
+    words: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Told:
-    """What is known of a card's state besides: `twins` says of other states that they feel like it."""
+    """What is known of a card's state besides: `twins` are other states that feel like it, or may."""
 
     symmetry_order: int
-    twins: tuple[str, ...]
+    twins: tuple[Twins, ...]
 
 
 def draw_card(card: Card, told: Told, fingers: RigFingers, corner: tuple[float, float], scale: float) -> str:
@@ -196,7 +206,7 @@ def _heading(card: Card, left: float, top: float) -> str:
         rests.append(f"comes to rest so {100 * state.probability:.3g} %")
     if state.tipping_angle_rad is not None:
         rests.append(f"tips at {math.degrees(state.tipping_angle_rad):.3g}°")
-    known = "" if state.heights_mm is None else f"known at {ranges_words(state.heights_mm)} mm only"
+    known = "" if state.heights_mm is None else _known(state.heights_mm, state.top_mm, room)
     lines = [
         (state.name, 12.5, INK),
         *((line, 11.5, MUTED) for line in (what, ", ".join(rests), known) if line),
@@ -229,11 +239,33 @@ def _fold(order: int) -> str:
 def _beneath(words: str, told: Told, left: float, top: float) -> str:
     room, x, y = WIDTH - 2 * MARGIN, left + MARGIN, top + HEIGHT - BOTTOM + 42
     shown = [text(shorten(words, 11.5, room), x, y, size=11.5, fill=MUTED)]
-    if told.twins:
-        more = f" and {len(told.twins) - 1} more" if len(told.twins) > 1 else ""
-        head = shorten_middle(told.twins[0], 11.5, room - text_width(more, 11.5))
-        shown.append(text(f"{head}{more}", x, y + 16, size=11.5, fill=TRUTH))
+    for number, twins in enumerate(told.twins, 1):
+        shown.append(text(_twins_words(twins, room), x, y + 16 * number, size=11.5, fill=TRUTH))
     return "".join(shown)
+
+
+def _twins_words(twins: Twins, room: float) -> str:
+    """As many names as fit, and how many more there are; of a name that is too long, beginning and end."""
+    for count in range(len(twins.names), 1, -1):
+        words = f"{twins.words} {', '.join(twins.names[:count])}{_more(twins, count)}"
+        if text_width(words, 11.5) <= room:
+            return words
+    before, more = f"{twins.words} ", _more(twins, 1)
+    left = room - text_width(before + more, 11.5)
+    return f"{before}{shorten_middle(twins.names[0], 11.5, left)}{more}"
+
+
+def _more(twins: Twins, shown: int) -> str:
+    return f" and {len(twins.names) - shown} more" if len(twins.names) > shown else ""
+
+
+def _known(known_mm: Sequence[Range], top_mm: float, room: float) -> str:
+    """At which heights it is known, with as many of the ranges as there is room for."""
+    for most in range(_MOST_RANGES, 0, -1):
+        words = known_words(known_mm, top_mm, most)
+        if text_width(words, 11.5) <= room:
+            return words
+    return known_words(known_mm, top_mm, 0)
 
 
 def _scale_bar(x: float, y: float, scale: float) -> str:

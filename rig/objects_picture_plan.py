@@ -70,7 +70,7 @@ def _different(state: Resting) -> list[tuple[Level, ...]]:
 def _chosen(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:
     """The lowest, the highest, those that fingers meet, and some evenly between."""
     heights = [at.height_mm for at in fingers.at]
-    met = [k for k, level in enumerate(levels) if any(level.z_mm[0] <= z <= level.z_mm[1] for z in heights)]
+    met = [k for k, level in enumerate(levels) if any(level.is_at(z) for z in heights)]
     met = met[: MOST_CONTOURS - 2]
     even = np.linspace(0, len(levels) - 1, min(len(levels), MOST_CONTOURS - len(met))).round().astype(int)
     return tuple(levels[k] for k in sorted({*even.tolist(), *met}))

@@ -21,7 +21,7 @@ ROOM = 190.0
 BAR_WIDTH = 78.0
 """Width of the ladder of heights with its numbers."""
 WIDTH = 2 * MARGIN + ROOM + 12 + BAR_WIDTH
-LINES, BOTTOM = 102.0, 80.0
+LINES, BOTTOM = 102.0, 102.0
 HEIGHT = LINES + ROOM + BOTTOM
 
 CONCAVE = "#f6ecd4"

@@ -10,13 +10,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.cad.sameness import apart_mm
-from palpate.rig.objects_measures import measures, within_reach
-from palpate.rig.objects_reach import filled
+from palpate.cad.sameness import Motion, apart_mm
+from palpate.rig.objects_measures import within_reach
+from palpate.rig.objects_reached import Reached, surely_within
 from palpate.rig.objects_stack import Range, joined_ranges
 from palpate.rig.objects_twins import FindMotions, Pair
 
 __all__ = ["MOST_TRIED", "Separating", "separating"]
+
+_THINNEST_MM = 0.01  # no finger is put into less: tops that are off by a rounding differ there
 
 MOST_TRIED = 64
 """Ranges of height that are tried for a pair; of finely cut parts some, evenly chosen."""
@@ -24,7 +26,7 @@ MOST_TRIED = 64
 
 @dataclass(frozen=True)
 class Separating:
-    """Ranges of height (mm) at which a finger would tell the two apart.
+    """Ranges of height (mm) at which a finger would tell the two apart; those wider than 0.01 mm.
 
     `tried` of `ranges` were looked at; `known`: whether both states are known at every height.
     """
@@ -45,7 +47,8 @@ def separating(pair: Pair, find: FindMotions) -> Separating:
     telling = [ranges[k] for k in chosen if _tells(pair, sum(ranges[k]) / 2, find)]
     states = (pair.first.state.state, pair.second.state.state)
     known = all(state.heights_mm is None for state in states)
-    return Separating(joined_ranges(telling), len(chosen), len(ranges), known)
+    wide = [found for found in joined_ranges(telling) if found[1] - found[0] > _THINNEST_MM]
+    return Separating(tuple(wide), len(chosen), len(ranges), known)
 
 
 def _ranges(pair: Pair) -> Iterator[Range]:
@@ -60,16 +63,19 @@ def _ranges(pair: Pair) -> Iterator[Range]:
 
 def _tells(pair: Pair, height_mm: float, find: FindMotions) -> bool:
     """Whether a finger of the rig's slimmest kind at a height would tell the two apart."""
-    slimmest = pair.first.fingers.slimmest_mm
-    new = [filled(item.state.region_at(height_mm), slimmest) for item in (pair.first, pair.second)]
-    if all(region.is_empty for region in new):
+    new, its = (item.reached_at(height_mm) for item in (pair.first, pair.second))
+    if new.region.is_empty and its.region.is_empty:
         return False
-    within = np.array(pair.within_mm)
-    sizes = measures(new)
-    if not within_reach(sizes[0], sizes[1], within):
+    if not within_reach(new.measures, its.measures, np.array(pair.within_mm)):
         return True
-    one, other = pair.touched
-    kept = (apart_mm(new[:1], new[1:], motion.turn_rad, motion.shift_mm) for motion in pair.motions)
-    if any(off <= pair.within_mm for off in kept):
+    if any(_keeps(motion, new, its, pair.within_mm) for motion in pair.motions):
         return False
-    return not find((*one, new[0]), (*other, new[1]), pair.within_mm)
+    one, other = pair.touched
+    return not find((*one, new.region), (*other, its.region), pair.within_mm)
+
+
+def _keeps(motion: Motion, one: Reached, other: Reached, within_mm: float) -> bool:
+    """Whether the two are still within the distance of each other: cheaply, if that is certain."""
+    if surely_within(one, other, motion, within_mm):
+        return True
+    return apart_mm([one.region], [other.region], motion.turn_rad, motion.shift_mm) <= within_mm

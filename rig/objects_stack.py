@@ -27,6 +27,10 @@ class Level:
     region: shapely.Geometry
     edges: int
 
+    def is_at(self, z_mm: float) -> bool:
+        """Whether a height is in the range."""
+        return self.z_mm[0] <= z_mm <= self.z_mm[1]
+
 
 @dataclass(frozen=True, eq=False)
 class Resting:
@@ -59,7 +63,7 @@ class Resting:
 
         The height must be known: `State.known_at`.
         """
-        found = [level.region for level in self.levels if level.z_mm[0] <= z_mm <= level.z_mm[1]]
+        found = [level.region for level in self.levels if level.is_at(z_mm)]
         return found[0] if len(found) == 1 else shapely.union_all(found)
 
     @property

@@ -19,6 +19,7 @@ from palpate.cad.sameness import Motion, apart_mm
 from palpate.rig.objects_fingers import AtHeight, RigFingers
 from palpate.rig.objects_measures import Floats, measures, within_reach
 from palpate.rig.objects_reach import filled
+from palpate.rig.objects_reached import Reached
 from palpate.rig.objects_stack import Resting
 
 __all__ = ["Felt", "FindMotions", "Likeness", "Pair", "alike"]
@@ -58,6 +59,19 @@ class Felt:
     def region(self) -> dict[AtHeight, shapely.Geometry]:
         """What the fingers reach of the state at each of those heights."""
         return {at: filled(self.state.region_at(at.height_mm), at.tip_radius_mm) for at in self.known}
+
+    def reached_at(self, height_mm: float) -> Reached:
+        """What the rig's slimmest tips would reach at another height."""
+        levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_at(height_mm))
+        if levels not in self._reached:
+            region = self.state.region_at(height_mm)
+            self._reached[levels] = Reached(filled(region, self.fingers.slimmest_mm))
+        return self._reached[levels]
+
+    @cached_property
+    def _reached(self) -> dict[tuple[int, ...], Reached]:
+        """By the levels that are found at a height: so often is it computed, not once for every pair."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)

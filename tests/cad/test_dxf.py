@@ -1,7 +1,6 @@
 """DXF files as others write them: every kind of entity, units, layers, blocks, and what is refused."""
 
 import math
-import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,15 +13,11 @@ from ezdxf import units as dxf_units
 from ezdxf.document import Drawing as Document
 from ezdxf.layouts import BaseLayout
 from ezdxf.math import Vec2, rational_bspline_from_arc
+from shared_files import cad_file
 
 from palpate.cad.dxf import _INSUNITS, read_dxf
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
-
-SHARED_CAD = Path(os.environ.get("PALPATE_CAD_FILES", Path(__file__).parents[3] / "shared" / "data" / "cad"))
-needs_shared = pytest.mark.skipif(
-    not SHARED_CAD.exists(), reason="no CAD files beside the repository, nor in PALPATE_CAD_FILES"
-)
 
 Draw = Callable[[BaseLayout], object]
 SQUARE = [(0, 0), (30, 0), (30, 20), (0, 20)]
@@ -337,7 +332,6 @@ def test_missing_extra_is_named(file: Path, monkeypatch: pytest.MonkeyPatch) -> 
         read_dxf(file, None, 0.01)
 
 
-@needs_shared
 @pytest.mark.parametrize(
     ("name", "holes", "size_mm"),
     [
@@ -352,7 +346,7 @@ def test_missing_extra_is_named(file: Path, monkeypatch: pytest.MonkeyPatch) -> 
 )
 def test_drawings_that_others_made(name: str, holes: list[int], size_mm: list[tuple[float, float]]) -> None:
     """A plate, a sheet of four parts with a note, and a tool; all are in inches."""
-    found = read_dxf(SHARED_CAD / name, None, 0.01)
+    found = read_dxf(cad_file(name), None, 0.01)
     assert [len(drawing.regions[0].holes) for drawing in found] == holes
     for drawing, size in zip(found, size_mm, strict=True):
         assert np.ptp(drawing.regions[0].outer, axis=0) == pytest.approx(size, abs=0.02)

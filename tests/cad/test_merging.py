@@ -1,19 +1,16 @@
 """Symmetric states become one; trimesh cuts the sections."""
 
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
+from shared_files import cad_file
 
 from palpate.cad.merging import merged
 from palpate.cad.stable import stable_states
 from palpate.cad.values import Solid
-
-CAD = Path(os.environ.get("PALPATE_CAD_FILES", Path(__file__).parents[3] / "shared" / "data" / "cad"))
 
 
 def solid(mesh):
@@ -181,10 +178,7 @@ def test_an_engraving_between_the_sections_keeps_states_apart():
 
 
 def test_a_cube_with_letters_has_six_states():
-    file = CAD / "20mm-xyz-cube.stl"
-    if not file.exists():
-        pytest.skip(f"no {file.name} in {CAD}: set PALPATE_CAD_FILES")
-    mesh = trimesh.load_mesh(file)
+    mesh = trimesh.load_mesh(cad_file("20mm-xyz-cube.stl"))
     mesh.merge_vertices()
     assert counts(run(mesh)[0]) == [1] * 6
 

@@ -1,23 +1,15 @@
 """Mesh files written by trimesh and by CAD programs, and what is left of them when they are damaged."""
 
-import os
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from shared_files import cad_file
 
 from palpate.cad.reading import is_drawing, read_drawings, read_solids
 from palpate.errors import InputError
-
-SHARED = Path(os.environ.get("PALPATE_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "cad"
-
-
-def shared(name):
-    if not (SHARED / name).is_file():
-        pytest.skip(f"{name} is not beside the repository (PALPATE_SHARED_DATA)")
-    return SHARED / name
 
 
 def volume(solid):
@@ -34,8 +26,8 @@ def volume(solid):
     ],
 )
 def test_files_of_cad_programs(name, units, side_mm):
-    (solid,) = read_solids(shared(name), units, 0.05)
-    oracle = trimesh.load_mesh(shared(name))
+    (solid,) = read_solids(cad_file(name), units, 0.05)
+    oracle = trimesh.load_mesh(cad_file(name))
     scale = {"mm": 1.0, "inch": 25.4}[units]
     assert volume(solid) == pytest.approx(oracle.volume * scale**3, rel=1e-6)
     assert len(solid.faces) == len(oracle.faces)
@@ -47,7 +39,7 @@ def test_a_file_that_is_no_solid_says_where():
     with pytest.raises(
         InputError, match=r"wallhole.obj: .*the edge from \(.*\) to \(.*\) mm belongs to 4 faces"
     ):
-        read_solids(shared("wallhole.obj"), "mm", 0.05)
+        read_solids(cad_file("wallhole.obj"), "mm", 0.05)
 
 
 @pytest.mark.parametrize("kind", ["stl", "stl_ascii", "obj", "ply"])

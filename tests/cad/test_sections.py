@@ -1,20 +1,18 @@
 """Cross sections against trimesh's own sections at random heights: regions, edges and normals."""
 
 import itertools
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
 from scipy.spatial.transform import Rotation
+from shared_files import cad_file
 
 from palpate.cad.sections import sections_of
 from palpate.cad.values import CrossSection, Floats, Solid, StableState
 from palpate.errors import InputError
 
-SHARED = Path(os.environ.get("PALPATE_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "cad"
 UPRIGHT = np.eye(3)
 
 
@@ -218,6 +216,5 @@ def test_too_many_sections_are_refused_with_the_height() -> None:
         sections_of(*part, 0.1, most=10)
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="needs the CAD files beside the repository")
 def test_a_printed_cube_with_letters() -> None:
-    check(trimesh.load(SHARED / "20mm-xyz-cube.stl"), UPRIGHT, 0.3, 6)
+    check(trimesh.load(cad_file("20mm-xyz-cube.stl")), UPRIGHT, 0.3, 6)

@@ -1,14 +1,13 @@
 """Stable states against trimesh's poses, closed forms and files of others."""
 
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared_files import cad_file
 
 from palpate.cad.hull import centre_of_mass, hull_of
 from palpate.cad.stable import LEAST_TIPPING_RAD, stable_states
@@ -16,7 +15,6 @@ from palpate.cad.tumbling import solid_angles
 from palpate.cad.values import Solid
 from palpate.errors import InputError
 
-CAD = Path(os.environ.get("PALPATE_CAD_FILES", Path(__file__).parents[3] / "shared" / "data" / "cad"))
 MADE = {
     "box": trimesh.creation.box((30, 20, 10)),
     "prism of eight sides": trimesh.creation.cylinder(25, 20, sections=8),
@@ -71,9 +69,7 @@ def test_states_of_made_solids_are_those_of_trimesh(name):
     "name", ["20mm-xyz-cube.stl", "7_8ths_cube.stl", "angle_block.STL", "featuretype.STL"]
 )
 def test_states_of_files_are_those_of_trimesh(name):
-    if not (CAD / name).exists():
-        pytest.skip(f"no {name} in {CAD}: set PALPATE_CAD_FILES")
-    mesh = trimesh.load_mesh(CAD / name)
+    mesh = trimesh.load_mesh(cad_file(name))
     mesh.merge_vertices()
     check(mesh)
 

@@ -8,8 +8,9 @@ import shapely
 from campaign_checks import asked, holding_cell, outcome
 from campaign_objects import FAMILIES, catalogue_of, objects_of
 from campaign_trials import Trial, drawn
-from shapely_bench import SHARED_OUTLINES, Placed
+from shapely_bench import Placed
 from shapely_contacts import edges_of
+from shared_files import needs_shared_outlines
 
 from palpate.recognizer import Contact
 
@@ -35,9 +36,7 @@ def test_own_and_shipped_models(part: int) -> None:
     assert lost(campaign_part(part, ("memo", "own", "loose"))) == []
 
 
-@pytest.mark.skipif(
-    not SHARED_OUTLINES.exists(), reason="the catalogue of cut parts is not beside the repository"
-)
+@needs_shared_outlines
 @pytest.mark.parametrize("part", range(PARTS_OF_TEST // 2, PARTS_OF_TEST))
 def test_with_cut_parts(part: int) -> None:
     assert lost(campaign_part(part, FAMILIES)) == []

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from shapely_bench import (
     MOST_DRAWS,
-    SHARED_OUTLINES,
     SHIPPED_OBJECTS,
     Placed,
     flat,
@@ -22,6 +21,7 @@ from shapely_bench import (
     touch,
     until_touched,
 )
+from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
 from palpate.recognizer import Catalogue, Recognition, recognise
 from palpate.recognizer.contact import Contact
@@ -84,9 +84,7 @@ def test_unknown_normals(seed: int) -> None:
         assert_kept(recognise(shipped(), contacts), placed, (seed, trial))
 
 
-@pytest.mark.skipif(
-    not SHARED_OUTLINES.exists(), reason="the catalogue of cut parts is not beside the repository"
-)
+@needs_shared_outlines
 def test_cut_parts() -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)

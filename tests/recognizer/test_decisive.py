@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 from decisive_grips import checked, drawn
-from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS
+from shapely_bench import SHIPPED_OBJECTS
+from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
 
 @pytest.mark.parametrize(
@@ -15,7 +16,7 @@ from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS
             SHARED_OUTLINES,
             150,
             12,
-            marks=pytest.mark.skipif(not SHARED_OUTLINES.exists(), reason="needs the shared outlines"),
+            marks=needs_shared_outlines,
         ),
     ],
     ids=["six", "outlines"],

@@ -1,18 +1,16 @@
 """What a closing claims is true of the bench: places, normals, free ways, forces, distances of fingers."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from emulated_session import EmulatedSession, emulated_session
+from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from touched import run_checked
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer.segments import distance_range
 from palpate.rig.bench import connect
-
-SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
 
 
 def gaps_mm(session: EmulatedSession) -> list[float]:
@@ -36,9 +34,7 @@ def test_every_touch_is_within_its_bounds(number: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    not SHARED_OUTLINES.exists(), reason="no outlines of real cut parts beside the repository"
-)
+@needs_shared_outlines
 @pytest.mark.parametrize("seed", range(2))
 def test_every_touch_on_real_parts_is_within_its_bounds(seed: int) -> None:
     touches = run_checked(emulated_session(seed=seed, objects=load_objects(SHARED_OUTLINES)), 3, seed)

@@ -14,17 +14,13 @@ import trimesh
 from command import Ended, run_here
 from json_schema import violations
 from shapely import affinity
+from shared_files import cad_file
 from solids import ELL, WEDGE, mesh_file, prism
 
 from palpate.config import ObjectModel, State, load_objects
 from palpate.config.schema import schema_text
 
 Ask = Callable[..., Ended]
-
-SHARED_CAD = Path(__file__).parents[3] / "shared" / "data" / "cad"
-needs_parts = pytest.mark.skipif(
-    not SHARED_CAD.is_dir(), reason="no folder of CAD files beside the repository"
-)
 
 
 @pytest.fixture
@@ -270,19 +266,18 @@ def test_the_summary_fits_80_columns(angle: Path, ask: Ask) -> None:
     assert "palpate objects show angle.objects.json" in ended.out
 
 
-@needs_parts
 def test_units_of_a_real_part(tmp_path: Path, ask: Ask) -> None:
-    told = ask(SHARED_CAD / "angle_block.STL", "--units", "inch", "--json").json
+    part = cad_file("angle_block.STL")
+    told = ask(part, "--units", "inch", "--heights", "5", "--json").json
     (block,) = told["objects"]
-    mesh = trimesh.load(SHARED_CAD / "angle_block.STL", force="mesh")
+    mesh = trimesh.load(part, force="mesh")
     np.testing.assert_allclose(block["size"], np.ptp(mesh.vertices, axis=0) * 25.4, rtol=1e-5)
     assert block["volume"] == pytest.approx(mesh.volume * 25.4**3, rel=1e-4)
     assert load_objects(tmp_path / "angle_block.objects.json").objects[0].name == "angle_block"
 
 
-@needs_parts
 def test_an_open_real_part_is_refused(tmp_path: Path, ask: Ask) -> None:
-    refused(ask(SHARED_CAD / "wallhole.obj", "--units", "mm"), "wallhole.obj", tmp_path)
+    refused(ask(cad_file("wallhole.obj"), "--units", "mm"), "wallhole.obj", tmp_path)
 
 
 def test_a_drawing(tmp_path: Path, ask: Ask) -> None:

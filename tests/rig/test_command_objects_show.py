@@ -134,6 +134,44 @@ def test_show_never_writes_over_the_drawing_that_a_part_came_from(ask: Ask) -> N
     assert Path("parts.svg").read_text() == Path("parts.json").read_text() == "a drawing"
 
 
+def many(count: int) -> dict[str, Any]:
+    """A part with states that feel alike, known at some heights only."""
+    known = {"heights": [[0, 12], [12.02, 20]], "height": 20}
+    nut = part("nut", section(0, 12, rectangle(30, 20)), section(12.02, 20, rectangle(30, 20)), **known)
+    states = [{**nut["states"][0], "name": f"state-{k}"} for k in range(1, count + 1)]
+    return {**nut, "states": states}
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+def test_many_states_that_feel_alike_fit_on_a_screen(
+    ask: Ask, columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    parts = [many(24), part("block", section(0, 20, rectangle(30, 20.1)))]
+    lines = ask("show", parts).out.splitlines()
+    assert len(lines) <= 52
+    assert max(len(line.rstrip()) for line in lines) <= columns
+    said = re.sub(r"\s+", " ", " ".join(lines))
+    assert "and 4 more; --all" in said
+    assert f"= each two of nut: {', '.join(f'state-{k}' for k in range(1, 25))} the same at 10 mm" in said
+    assert "≈ each of nut: state-1," in said
+    assert "and each of block: s 0.05 mm apart at 10 mm" in said
+    assert re.search(r"\* nut: state-1, .*, state-24 are not known at 12–12.02 mm", said)
+
+
+def test_all_lists_every_state_and_pair(ask: Ask) -> None:
+    out = ask("show", [many(24)], "--all").out
+    assert len(re.findall(r"^  state-\d+ ", out, re.M)) == 24
+    assert len(re.findall(r"^  nut, state-\d+  =  nut, state-\d+$", out, re.M)) == 276
+    assert "--all" not in out
+
+
+def test_no_finger_is_advised_where_tops_differ_by_a_rounding(ask: Ask) -> None:
+    parts = [part(name, section(0, top, FOOT)) for name, top in (("a", 20.0), ("b", 20.000001))]
+    (pair,) = ask("check", parts, "--json").json["pairs"]
+    assert pair["separating_mm"] == []
+
+
 def test_show_says_that_all_is_told_apart(ask: Ask) -> None:
     ended = ask("show", [PARTS[2], part("disc", section(0, 20, polygon(30, 20)))])
     assert "these fingers tell all states apart" in ended.out

@@ -1,10 +1,10 @@
 """Whole runs over objects, places and seeds: right every time, and the truth inside the bounds every time."""
 
 import math
-from pathlib import Path
 
 import pytest
 from emulated_session import emulated_session, identify_checked
+from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer import Catalogue
@@ -13,7 +13,6 @@ from palpate.rig.identify import Outcome
 from palpate.rig.scene import Placement
 from palpate.rig.truth import compare
 
-SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
 NAMES = ("tr-1", "tr-2", "tr-3", "grip", "gator", "hand")
 PLACES = {11: (12.0, -7.0, 2.5), 12: (-15.0, 9.0, -0.7)}
 
@@ -50,9 +49,7 @@ def test_shipped_objects(shipped: tuple[ObjectsFile, Catalogue], name: str, seed
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(
-    not SHARED_OUTLINES.exists(), reason="no outlines of real cut parts beside the repository"
-)
+@needs_shared_outlines
 @pytest.mark.parametrize("seed", [1, 3])
 def test_real_parts_among_all_of_them(real_parts: tuple[ObjectsFile, Catalogue], seed: int) -> None:
     """129 outlines, some of them twins that no touch can tell apart."""

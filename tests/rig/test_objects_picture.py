@@ -13,7 +13,7 @@ from palpate.config import load_objects, shipped_objects
 from palpate.rig.labels import Box
 from palpate.rig.objects_fingers import RigFingers
 from palpate.rig.objects_picture import draw_objects
-from palpate.rig.objects_picture_card import Told, ranges_words
+from palpate.rig.objects_picture_card import Told, Twins, ranges_words
 from palpate.rig.objects_picture_ladder import shade
 from palpate.rig.objects_picture_plan import MOST_CARDS, MOST_CONTOURS, cards_of
 from palpate.rig.objects_picture_style import CONCAVE, HEIGHT, UNREACHED, WIDTH
@@ -39,10 +39,17 @@ def states(tmp_path: Path) -> Any:
     return of
 
 
+LONG = "bracket-with-a-name-as-from-a-drawing-office, state-1"
+TWINS = (
+    Twins("feels like", tuple(f"state-{k}" for k in range(2, 9))),
+    Twins("may feel like", (LONG, "that")),
+    Twins("as far as known like", (LONG,)),
+)
+
+
 def drawn(found: tuple[Resting, ...], fingers: RigFingers = FINGERS) -> ET.Element:
-    """The picture, parsed; every state feels like two with long names."""
-    twins = ("may feel like bracket-with-a-name-as-from-a-drawing-office, state-1", "feels like that")
-    told = {state: Told(symmetry_of_state(state).order, twins) for state in found}
+    """The picture, parsed; every state feels like some, of which one has a long name."""
+    told = {state: Told(symmetry_of_state(state).order, TWINS) for state in found}
     return ET.fromstring(draw_objects("parts.json", found, told, fingers)[0])
 
 
@@ -50,6 +57,8 @@ def odd_parts() -> list[dict[str, Any]]:
     cone = [section(k / 4, (k + 1) / 4, polygon(48, 40 - k / 6)) for k in range(200)]
     twisted = [section(k, k + 1, moved(U_SHAPE, k / 90, 0, 0)) for k in range(70)]
     known = {"heights": [[4.5, 5.5], [9.5, 10.5]], "height": 40.0}
+    gaps = {"heights": [[100.11 * k, 100.11 * k + 100.07] for k in range(9)], "height": 1000.0}
+    grid = [section(low, high, U_SHAPE) for low, high in gaps["heights"]]
     return [
         part("cone", *cone, probability=0.123456, tipping_angle=0.4321, tolerance=0.05),
         part("twisted-U", *twisted),
@@ -59,6 +68,7 @@ def odd_parts() -> list[dict[str, Any]]:
         part("storeys", section(0, 5, L_SHAPE), section(5, 9, rectangle(9, 9)), section(9, 70, L_SHAPE)),
         part("known", section(4.5, 5.5, L_SHAPE), section(9.5, 10.5, rectangle(9, 9)), **known),
         part("posts", section(0, 30, rectangle(12, 30), rectangle(12, 30, 58))),
+        part("gaps", *grid, **gaps),
     ]
 
 
@@ -87,10 +97,14 @@ def cards(picture: ET.Element) -> list[Box]:
 def test_texts_cover_no_other_and_stay_inside_of_their_cards(states: Any) -> None:
     picture = drawn(states(*odd_parts()))
     words = texts(picture)
+    said = [line for _, line in words]
+    assert said.count("feels like state-2, state-3 and 5 more") == 11
+    assert any(line.startswith("may feel like bracket") and line.endswith("1 and 1 more") for line in said)
+    assert "not known at 9 ranges of height" in said
     for (first, one), (second, other) in combinations(words, 2):
         assert not first.overlaps(second), f"{one!r} and {other!r}"
     frames = cards(picture)
-    assert len(frames) == 10
+    assert len(frames) == 11
     top = min(frame.top for frame in frames)
     for box, said in words:
         if box.y > top:

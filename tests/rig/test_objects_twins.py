@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 from shapely import affinity
+from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from stacked_parts import (
     BOUND_MM,
     L_SHAPE,
@@ -35,7 +36,6 @@ from palpate.rig.objects_separating import MOST_TRIED, Separating, separating
 from palpate.rig.objects_stack import Resting, joined_ranges, resting
 from palpate.rig.objects_twins import Likeness, Pair, alike
 
-SHARED = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
 LIMIT = 2 * BOUND_MM
 
 
@@ -258,9 +258,9 @@ def test_measures_tell_a_square_from_a_longer_one_and_from_nothing() -> None:
     assert within_reach(sizes[2], sizes[2], np.array(0.0))
 
 
-@pytest.mark.skipif(not SHARED.exists(), reason="the classic outlines are not beside the repository")
+@needs_shared_outlines
 def test_pairs_that_are_told_apart_fit_in_no_way_that_brute_force_finds() -> None:
-    found = resting(load_objects(SHARED))[:50]
+    found = resting(load_objects(SHARED_OUTLINES))[:50]
     fingers = fingers_at(10, bound=2.0)
     listed = {(pair.first.state.name, pair.second.state.name) for pair in alike(found, fingers, motions)}
     regions = [filled(state.region_at(10), 5.0) for state in found]

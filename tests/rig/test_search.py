@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from shapely_bench import (
-    SHARED_OUTLINES,
     SHIPPED_OBJECTS,
     Placed,
     flat,
@@ -17,6 +16,7 @@ from shapely_bench import (
     place_within,
     unit,
 )
+from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from simulated_touches import SimulatedTouches, as_foretold
 
 from palpate.config import RigFile, load_rig, shipped_rig
@@ -29,7 +29,6 @@ RIG = load_rig(shipped_rig())
 REACH = reach_of(RIG)
 SIX = outlines(SHIPPED_OBJECTS)
 ANSWERS = (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
-shared = pytest.mark.skipif(not SHARED_OUTLINES.exists(), reason="needs the shared outlines")
 
 
 @dataclass
@@ -117,7 +116,7 @@ def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy) -> None:
         assert not ends[Outcome.UNRESOLVED]
 
 
-@shared
+@needs_shared_outlines
 def test_planned_touches_are_fewer_than_random_ones() -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)
@@ -186,7 +185,7 @@ def test_what_is_not_in_the_catalogue_is_unknown() -> None:
     assert ends[Outcome.UNKNOWN] >= 38, ends
 
 
-@shared
+@needs_shared_outlines
 def test_real_parts_are_unknown_to_a_catalogue_of_others() -> None:
     catalogue = Catalogue(SIX)
     parts = outlines(SHARED_OUTLINES)

@@ -11,7 +11,8 @@ from functools import cache, partial
 
 import numpy as np
 import shapely
-from shapely_bench import SHARED_OUTLINES, SHIPPED_OBJECTS, Placed, flat, outlines, unit
+from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines, unit
+from shared_files import SHARED_OUTLINES
 
 from palpate.recognizer import Catalogue, ObjectModel, Polygon, Section, State
 from palpate.recognizer.arrays import Floats

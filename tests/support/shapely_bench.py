@@ -17,7 +17,6 @@ from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.recognise import Recognition
 
 SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
-SHARED_OUTLINES = Path(__file__).parents[3] / "shared" / "data" / "outlines" / "classic.json"
 
 MOST_DRAWS = 50
 
