@@ -155,10 +155,11 @@ def _standing(
     apart_mm = 0.0 if found is None else found.apart_mm
     some = sections_text([section for section in sections if section.regions])
     top = rounded(_top_mm(solid, state))
-    height = max(top, *(section.z[1] for section in some))
     known = ranges_known(sections)
     everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - NEGLIGIBLE_MM
     heights = None if everywhere else known
+    # Faces that are level but for rounding end where their sections do.
+    height = some[-1].z[1] if everywhere else max(top, *(section.z[1] for section in some))
     tipping = rounded(state.tipping_angle_rad) or None
     counts = [edges_of(section) for section in some]
     text = StateText(

@@ -313,3 +313,15 @@ def test_a_prism_in_every_format_is_the_same_object(tmp_path: Path, ask: Ask) ->
         for a, b in zip(found[0].states, other.states, strict=True):
             assert a.probability == pytest.approx(b.probability, abs=1e-4)
             assert len(a.sections) == len(b.sections)
+
+
+def test_a_top_that_is_level_but_for_rounding(tmp_path: Path, ask: Ask) -> None:
+    """Single precision leaves corners of a level face some nanometres apart."""
+    mesh = prism(ELL, 20)
+    top = np.flatnonzero(mesh.vertices[:, 2] > 19)
+    mesh.vertices[top[::2], 2] += 4e-6
+    ended = ask(mesh_file(mesh, tmp_path / "level.stl"), *AS_IS)
+    assert (ended.code, ended.err) == (0, "")
+    (state,) = only(tmp_path / "level.objects.json").states
+    assert state.top_mm == pytest.approx(20, abs=1e-5)
+    assert state.sections[-1].z_mm[1] == state.top_mm
