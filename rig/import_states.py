@@ -4,9 +4,11 @@ Between `cad` and `importing`. Stable states that are the same but for a turn ab
 """
 
 import os
+import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import active_children
 
 import shapely
 
@@ -90,12 +92,29 @@ def standing(solid: Solid, shares: Shares, tell: Tell) -> Stood:
             "give a smaller --least-probability, or --states as-is"
         )
     tell(f"sections of {len(kept)} states")
-    with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1)) as pool:
-        work = [pool.submit(_sectioned, solid, item, shares) for item in kept]
-        for done, _ in enumerate(as_completed(work), start=1):
-            tell(f"sections of {len(kept)} states, {done} done")
-        states = [future.result() for future in work]
+    states = _all_sectioned(solid, kept, shares, tell)
     return Stood(tuple(states), _left_out([*unstable, *out]))
+
+
+def _all_sectioned(solid: Solid, kept: Sequence[MergedState], shares: Shares, tell: Tell) -> list[Standing]:
+    """All states, several at once; whoever interrupts this need not wait for those that have been begun."""
+    others = set(active_children())
+    with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1), initializer=_leave_signals) as pool:
+        try:
+            work = [pool.submit(_sectioned, solid, item, shares) for item in kept]
+            for done, _ in enumerate(as_completed(work), start=1):
+                tell(f"sections of {len(kept)} states, {done} done")
+            return [future.result() for future in work]
+        except BaseException:
+            for child in set(active_children()) - others:
+                child.terminate()
+            raise
+
+
+def _leave_signals() -> None:
+    """Interruptions are for the process that was started; it ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> Standing:
