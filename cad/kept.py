@@ -12,14 +12,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import shapely
 
-from palpate.cad.resting_surface import HEIGHT_MM, Surface
+from palpate.cad.resting_surface import HEIGHT_MM, Bools, Surface
 from palpate.cad.tube import clipped
-from palpate.cad.values import Ints, Region
+from palpate.cad.values import Floats, Ints, Region
 
 __all__ = ["kept"]
 
 _QUARTER = 16
 """Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
+_TIGHT, _WIDE = 1.02, 4.0
+"""Material may be so many times further off than edges are, if that is allowed."""
 _COARSE = 0.01
 """Of what is allowed, for simplifying what is solid at every height."""
 
@@ -39,17 +41,17 @@ def kept(
     """
     whole = _polygons(model)
     deep = whole.buffer(-off_mm / math.cos(math.pi / 4 / _QUARTER) * (1 + 1e-9), quad_segs=_QUARTER)
-    for allowed in (min(1.02 * off_mm, allowed_mm), min(4.0 * off_mm, allowed_mm)):
+    tight, wide = min(_TIGHT * off_mm, allowed_mm), min(_WIDE * off_mm, allowed_mm)
+    for allowed in (tight, wide) if wide > _TIGHT * tight else (tight,):
         lost = whole.difference(deep.buffer(allowed, quad_segs=_QUARTER))
         if lost.is_empty:
             return allowed
     # Heights are meant within HEIGHT_MM: at a peak in the very end of a slab there is no material left.
     least = min(HEIGHT_MM, (slab_mm[1] - slab_mm[0]) / 8)
     points = clipped(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
-    points = points[~np.isnan(points[:, 0, 0])]
-    swept = shapely.convex_hull(shapely.multipoints(points))
     bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
     window = shapely.union_all(shapely.box(*bounds.T))
+    swept = shapely.convex_hull(shapely.multipoints(points[_meeting(points, bounds)]))
     shapely.prepare(window)
     swept = swept[(shapely.area(swept) > 0) & shapely.intersects(window, swept)]
     # On a grid, so that clipped facets that share a side leave no needles between them.
@@ -60,6 +62,14 @@ def kept(
     solid = always.simplify(coarse / 2)
     far = lost.difference(solid.buffer(allowed_mm - coarse, quad_segs=_QUARTER))
     return allowed_mm if far.is_empty else None
+
+
+def _meeting(points: Floats, bounds: Floats) -> Bools:
+    """Which of the clipped facets (k, 6, 2) may meet a box (b, 4); none that was clipped away does."""
+    low, high = points.min(axis=1), points.max(axis=1)
+    apart = (low[:, None] > bounds[:, 2:]) | (high[:, None] < bounds[:, :2]) | np.isnan(low[:, None])
+    result: Bools = (~apart.any(axis=2)).any(axis=1)
+    return result
 
 
 def _polygons(regions: Sequence[Region]) -> shapely.Geometry:

@@ -12,12 +12,15 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import shapely
 
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.hull import centre_of_mass
+from palpate.cad.resting_surface import ROUNDING
 from palpate.cad.sameness import Motion, motions
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
+from palpate.cad.symmetries import Symmetries
 from palpate.cad.values import Floats, Solid, StableState
 
 __all__ = ["MergedState", "SlicesOf", "merged"]
@@ -37,8 +40,6 @@ _UPRIGHT = 1e-3
 """How far a symmetry may be from bringing one state to stand as another; it is put right then."""
 _NEARLY = 0.05
 """Of the distance allowed: surfaces so near have sections that near, but where walls are all but level."""
-_FIRST_KNOWN = 128
-"""So many symmetries are kept as they come, later on only those that two others in a row do not make."""
 _BALLS = 12
 """So many states of a ball stand for all."""
 _POLE = 0.05
@@ -49,8 +50,8 @@ _POLE = 0.05
 class MergedState:
     """A state that stands for `count` of them, with their probabilities' sum and least tipping angle.
 
-    `apart_mm`: the largest distance of any of their surfaces, and of any of the sections that were compared,
-    from this state's.
+    `apart_mm`: the largest distance of any of their surfaces, and of any of the sections that were compared
+    (without points in straight lines), from this state's.
     """
 
     state: StableState
@@ -108,7 +109,7 @@ def merged(
     groups: list[_Group] = []
     families: list[_Family] = []
     looks = round(effort * (1 + len(solid.faces) / _FACETS))
-    pairs = _Pairs(slices_of, within_mm, looks, None if ball else SurfaceDistance(solid))
+    pairs = _Pairs(solid, slices_of, within_mm, looks, None if ball else Symmetries(SurfaceDistance(solid)))
     for state in compared:
         sliced = _sliced(solid, state, families, slices_of, within_mm, _POLE if ball else 0.0)
         group, apart = _home(sliced, groups, pairs)
@@ -173,8 +174,18 @@ def _sliced(
     if family is None:
         family = _Family(top, own)
         families.append(family)
-    slices = slices_of(state, family.heights_mm)
+    slices = _straightened(slices_of(state, family.heights_mm), _straight_mm(solid))
     return _Sliced(state, centre, family, slices, own, _area_mm2(state.support_mm))
+
+
+def _straight_mm(solid: Solid) -> float:
+    """Points nearer to a straight line are on it: facets of one plane leave many in sections."""
+    return ROUNDING * float(np.ptp(solid.vertices_mm, axis=0).max())
+
+
+def _straightened(slices: Sequence[Any], straight_mm: float) -> Sequence[Any]:
+    result: Sequence[Any] = shapely.simplify(np.array(slices, dtype=object), straight_mm)
+    return result
 
 
 def _home(sliced: _Sliced, groups: list[_Group], pairs: "_Pairs") -> tuple[_Group, float]:
@@ -194,20 +205,21 @@ def _home(sliced: _Sliced, groups: list[_Group], pairs: "_Pairs") -> tuple[_Grou
     return groups[-1], 0.0
 
 
-@dataclass(eq=False)
 class _Pairs:
-    """How far pairs of states of one solid are apart; `surface`: None if sections are proof enough.
+    """How far pairs of states of one solid are apart; `known`: None if sections are proof enough.
 
-    `looks`: points that may be asked for; `unproven`: states that were not compared any more; `known`:
-    motions in the file's frame that bring the solid onto itself, and their inverses.
+    `looks`: points that may be asked for; `unproven`: states that were not compared any more.
     """
 
-    slices_of: SlicesOf
-    within_mm: float
-    looks: int
-    surface: SurfaceDistance | None
-    unproven: list[StableState] = field(default_factory=list)
-    known: list[tuple[Floats, Floats]] = field(default_factory=list)
+    def __init__(
+        self, solid: Solid, slices_of: SlicesOf, within_mm: float, looks: int, known: Symmetries | None
+    ) -> None:
+        self.slices_of = slices_of
+        self.within_mm = within_mm
+        self.straight_mm = _straight_mm(solid)
+        self.looks = looks
+        self.known = known
+        self.unproven: list[StableState] = []
 
     def apart_mm(self, one: _Sliced, other: _Sliced) -> float | None:
         """Distance of a state from another; None if no motion is found that brings them close."""
@@ -216,8 +228,8 @@ class _Pairs:
             one.own_mm, shared, rtol=0.0, atol=self.within_mm
         )
         first, second = one.slices, other.slices
-        if alike and self.surface is not None:
-            exactly = self._by_symmetry(self.surface, one.state, other.state)
+        if alike and self.known is not None:
+            exactly = self._by_symmetry(self.known, one.state, other.state)
             if exactly is not None:
                 return exactly
         found = motions(first, second, self.within_mm, most=1)
@@ -226,50 +238,56 @@ class _Pairs:
         if not alike:
             # Levels of its own: what is between them must be the same as well, in the same motion.
             both = np.concatenate([shared, one.own_mm])
-            first, second = self.slices_of(one.state, both), self.slices_of(other.state, both)
+            first, second = (
+                _straightened(self.slices_of(item.state, both), self.straight_mm) for item in (one, other)
+            )
             found = motions(first, second, self.within_mm, most=1)
         least = self._of_solid(one.state, other.state, found)
-        if least is not None or not found or self.surface is None:
+        if least is not None or not found or self.known is None:
             return least
         # Sections that are symmetric allow several motions, of which the solid may allow another one.
         every = motions(first, second, self.within_mm, most=_TURNS)
         return self._of_solid(one.state, other.state, every)
 
-    def _by_symmetry(self, surface: SurfaceDistance, one: StableState, other: StableState) -> float | None:
+    def _by_symmetry(self, known: Symmetries, one: StableState, other: StableState) -> float | None:
         """Distance by a known symmetry of the solid, or two in a row, if it is nearly exact.
 
-        Then no sections need to be compared.
+        Then no sections need to be compared. Putting it upright moves no point by more than some vertex;
+        only where that comes to too much, the surface is asked.
         """
-        if not self.known or surface.looked >= self.looks:
+        surface = known.surface
+        found = known.taking(one.rotation[2], other.rotation[2], _UPRIGHT)
+        if found is None:
             return None
-        turns, shifts = (np.array(values) for values in zip(*self.known, strict=True))
-        again = shifts[:, None] + np.einsum("aij,bj->abi", turns, shifts)
-        turns = np.concatenate([turns, (turns[:, None] @ turns).reshape(-1, 3, 3)])
-        shifts = np.concatenate([shifts, again.reshape(-1, 3)])
-        tilt = np.linalg.norm(turns @ one.rotation[2] - other.rotation[2], axis=1)
-        best = int(tilt.argmin())
-        if tilt[best] > _UPRIGHT:
-            return None
-        turn_rad, shift_mm = _in_plane(one, other, turns[best], shifts[best])
+        turn_rad, shift_mm = _in_plane(one, other, found.rotation, found.shift_mm)
         rotation, shift = _in_file(one, other, Motion(turn_rad, shift_mm, 0.0))
-        apart = surface_apart_between_mm(surface, rotation, shift, _NEARLY * self.within_mm)
-        if apart is not None and len(self.known) < _FIRST_KNOWN:
-            self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
+        by = surface.vertices_mm @ (rotation - found.rotation).T + (shift - found.shift_mm)
+        nearly = _NEARLY * self.within_mm
+        off = found.apart_mm + float(np.linalg.norm(by, axis=1).max())
+        if off <= nearly:
+            known.remember(found)
+            return off
+        if surface.looked >= self.looks:
+            return None
+        apart = surface_apart_between_mm(surface, rotation, shift, nearly)
+        if apart is not None:
+            known.proven(rotation, shift, apart)
         return apart
 
     def _of_solid(self, one: StableState, other: StableState, found: Sequence[Motion]) -> float | None:
         """Distance by the first motion that the whole surface allows."""
         for motion in found:
-            if self.surface is None:
-                return motion.apart_mm
-            if self.surface.looked >= self.looks:
+            if self.known is None:
+                return motion.apart_mm + 2 * self.straight_mm
+            surface = self.known.surface
+            if surface.looked >= self.looks:
                 if one not in self.unproven:
                     self.unproven.append(one)
                 return None
             rotation, shift = _in_file(one, other, motion)
-            apart = surface_apart_between_mm(self.surface, rotation, shift, self.within_mm)
+            apart = surface_apart_between_mm(surface, rotation, shift, self.within_mm)
             if apart is not None:
-                self.known += [(rotation, shift), (rotation.T, -rotation.T @ shift)]
+                self.known.proven(rotation, shift, apart)
                 return max(apart, motion.apart_mm)
         return None
 

@@ -32,7 +32,8 @@ class Surface:
     the edge from each corner to the next; `ends` (e, 2): an edge's vertices; `sides` (e, 2): the facet that
     runs from its first to its second vertex, and the other one. Of facets: `low`, `high` (m,) mm; `normal`
     (m, 2): its projection, of length one; `bare` (m,): without a normal
-    in the plane, level or thin; `level` (m,); `upright` (m,): without drift sideways but for rounding.
+    in the plane, level or thin; `level` (m,); `upright` (m,): without drift sideways but for rounding;
+    `drift` (m,): how far sideways per height, 0 where it is `bare`.
     `size_mm`: the greatest extent.
     """
 
@@ -47,6 +48,7 @@ class Surface:
     bare: Bools
     level: Bools
     upright: Bools
+    drift: Floats
     size_mm: float
 
     @property
@@ -87,6 +89,7 @@ def surface_of(solid: Solid, state: StableState) -> Surface:
     level = low == high
     size = float(np.ptp(vertices, axis=0).max())
     slope = np.abs(normal[:, 2]) / np.maximum(flat, 1e-300)
+    bare = level | (thickness < HEIGHT_MM)
     return Surface(
         vertices,
         solid.faces,
@@ -96,9 +99,10 @@ def surface_of(solid: Solid, state: StableState) -> Surface:
         low,
         high,
         normal[:, :2] / np.maximum(flat, 1e-300)[:, None],
-        level | (thickness < HEIGHT_MM),
+        bare,
         level,
         slope * (high - low) <= 2 * ROUNDING * size,
+        np.where(bare, 0.0, slope),
         size,
     )
 

@@ -33,6 +33,8 @@ _ENOUGH = 0.93
 """A slab that takes so much of the tolerance is high enough."""
 _AIM = 0.985
 _TRIES = 7
+_MORE = 4.0
+"""A slab is tried that is at most so many times higher than the one before."""
 _LEAST_SLAB_MM = 1e-3
 _LEVEL = "a nearly level wall moves too far"
 _THIN_MM, _MOST_THIN = 0.02, 4
@@ -146,9 +148,11 @@ def _slabs(
     breaks = breaks[(breaks > begin + HEIGHT_MM) & (breaks < end - HEIGHT_MM)]
     peaks = surface.peaks()
     for low, high in zip([begin, *breaks], [*breaks, end], strict=True):
-        at, height, skip, thin = low, high - low, _THIN_MM, 0
+        at, height, skip, thin, likely = low, high - low, _THIN_MM, 0, 2 * _AIM * budget
         while at < high:
+            height = max(_foreseen(surface, at, at + height, likely), _THIN_MM)
             to, trial = _highest(surface, at, high, height, peaks, budget)
+            likely = _likely(surface, at, to, trial, budget)
             thin = thin + 1 if to - at < _THIN_MM and to < high else 0
             if trial.problem or thin > _MOST_THIN:
                 trial = replace(trial, problem=trial.problem or _LEVEL)
@@ -157,7 +161,25 @@ def _slabs(
             elif not thin:
                 skip = _THIN_MM
             yield (at, to), trial
-            at, height = to, max(to - at, _THIN_MM)
+            at, height = to, _MORE * max(to - at, _THIN_MM)
+
+
+def _foreseen(surface: Surface, at: float, high: float, likely_mm: float) -> float:
+    """Height of a slab from `at` in which no facet drifts sideways by more, up to `high`: a guess for one."""
+    facets = surface.within(at, high)
+    begin, drift = np.maximum(surface.low[facets], at), surface.drift[facets]
+    end = begin + likely_mm / np.maximum(drift, 1e-300)
+    return float(end[end < surface.high[facets]].min(initial=high)) - at
+
+
+def _likely(surface: Surface, at: float, to: float, trial: _Trial, budget: float) -> float:
+    """How far a facet may drift in the next slab, judged by how far an outline was off in this one."""
+    facets = surface.within(at, to)
+    height = np.minimum(surface.high[facets], to) - np.maximum(surface.low[facets], at)
+    drifted = float((surface.drift[facets] * height).max(initial=0.0))
+    if not 0 < trial.drift_mm < np.inf:
+        return 2 * _AIM * budget
+    return _AIM * budget * min(max(drifted / trial.drift_mm, 1.0), _MORE)
 
 
 def _breaks(surface: Surface, budget: float) -> Floats:
@@ -178,7 +200,7 @@ def _highest(
 ) -> tuple[float, _Trial]:
     """The end of the highest slab from `at` that is found in a few tries, up to `high`.
 
-    The first guess is as high as the last slab. How far an outline is off tells by how much to change it;
+    The first guess is `height`. How far an outline is off tells by how much to change it;
     where that says nothing, because something begins or ends in the slab, it may have to end at a peak.
     """
     good: tuple[float, _Trial] | None = None
@@ -200,7 +222,7 @@ def _highest(
             return good
         if good is None and bad - at < _LEAST_SLAB_MM:
             return bad, trial
-        to = _next(at, high, good, bad, trial, peaks, budget)
+        to = _next(at, high, good, bad, trial, tries, peaks, budget)
 
 
 def _next(
@@ -209,21 +231,28 @@ def _next(
     good: tuple[float, _Trial] | None,
     bad: float,
     trial: _Trial,
+    tries: int,
     peaks: Floats,
     budget: float,
 ) -> float:
-    """The end to be tried next, between one that is good, if any, and one that is bad, if any."""
+    """The end to be tried next, between one that is good, if any, and one that is bad, if any.
+
+    What an outline is off need not shrink with the slab: the more tries were bad, the lower is the next one.
+    """
     least = at if good is None else good[0]
     tried = bad if trial.problem else least
     if 0 < trial.drift_mm < np.inf:
         ratio = _AIM * budget / trial.drift_mm
-        guess = at + (tried - at) * min(max(ratio, 0.1), 4.0)
+        power = tries if good is None else 1
+        guess = at + (tried - at) * min(max(ratio**power, 0.1), _MORE)
     else:
         between = peaks[(peaks > least) & (peaks < bad)] if bad < np.inf else peaks[:0]
         guess = float(between[len(between) // 2]) if len(between) else np.inf
     if bad == np.inf:
         return high if high - guess < 0.2 * (guess - at) else min(guess, high)
     margin = 0.02 * (bad - least)
+    if good is None and 0 < trial.drift_mm < np.inf:
+        guess = min(guess, bad - 2 * margin)
     if least + margin < guess < bad - margin:
         return guess
     return (least + bad) / 2 if good is not None else at + (bad - at) / 4

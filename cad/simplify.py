@@ -16,6 +16,8 @@ __all__ = ["simplified", "turned"]
 _STRAIGHT = 1e-7
 """Sine of the turn between facets of one plane, or next to it."""
 _ABOUT = np.array([0.7, 0.9, 0.96, 1.0, 1.04, 1.12, 1.4])
+_SHORT = 8
+"""Chords over so many edges are tried from every point at once."""
 _FINE = 32
 """A chord is as long as it may be within this part of it."""
 
@@ -53,24 +55,43 @@ def _fewest(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> In
     begin = int(np.sum(normal * np.roll(normal, 1, axis=0), axis=1).argmin())
     ring = np.roll(points, -begin, axis=0)
     normals, bares = np.roll(normal, -begin, axis=0), np.roll(bare, -begin)
-    two = _costs(ring, normals, bares, np.arange(count), np.full(count, 2)) <= budget_mm
+    short = _short(ring, normals, bares, budget_mm)
     kept = []
-    at, step = 0, 2
+    at, step = 0, _SHORT
     while at < count:
         kept.append(at)
-        if two[at] and at + 2 <= count:
+        if short[at] < _SHORT or at + _SHORT >= count:
+            at += short[at]
+        else:
             step = _reach(ring, normals, bares, budget_mm, at, step)
             at += step
-        else:
-            at += 1
     return np.sort((np.array(kept) + begin) % count)
 
 
+def _short(ring: Floats, normal: Floats, bare: Bools, budget_mm: float) -> list[int]:
+    """Over how many edges a chord from each point may go: no more than `_SHORT`, and not past the end."""
+    count = len(ring)
+    reach = np.ones(count, dtype=np.int64)
+    left = np.arange(count)
+    # Most chords are short: longer ones are only tried from where those before them fit.
+    for steps in (np.arange(2, 4), np.arange(4, _SHORT + 1)):
+        start, step = np.repeat(left, len(steps)), np.tile(steps, len(left))
+        fits = _costs(ring, normal, bare, start, step) <= budget_mm
+        fits &= start + step <= count
+        longer = np.cumprod(fits.reshape(len(left), len(steps)), axis=1).sum(axis=1)
+        reach[left] += longer
+        left = left[longer == len(steps)]
+        if not len(left):
+            break
+    result: list[int] = reach.tolist()
+    return result
+
+
 def _reach(ring: Floats, normal: Floats, bare: Bools, budget_mm: float, start: int, guess: int) -> int:
-    """Over how many edges a chord from `start` may go, at least two; looked for about a guess first."""
+    """Over how many edges a chord from `start` may go, at least `_SHORT`; looked for about a guess first."""
     most = len(ring) - start
-    good, bad = 2, most + 1
-    tries = np.unique(np.clip(np.round(guess * _ABOUT), 2, most).astype(np.int64))
+    good, bad = _SHORT, most + 1
+    tries = np.unique(np.clip(np.round(guess * _ABOUT), _SHORT, most).astype(np.int64))
     while True:
         fits = _costs(ring, normal, bare, np.full(len(tries), start), tries) <= budget_mm
         fail = len(tries) if fits.all() else int(fits.argmin())
