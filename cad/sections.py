@@ -15,7 +15,7 @@ import shapely
 from scipy.spatial import cKDTree
 
 from palpate.cad.kept import kept
-from palpate.cad.resting_surface import HEIGHT_MM, Surface, surface_of
+from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
 from palpate.cad.simplify import simplified
 from palpate.cad.slicing import Ring, regions_of, sliced
 from palpate.cad.tube import Outline, corners_of, facets_of, need, outline_of
@@ -28,7 +28,7 @@ _SHARE = 0.18
 """Of the tolerance, for simplifying outlines between sloping walls; drift over the slab takes the rest."""
 _SHARE_UPRIGHT = 0.9
 _FEW_EDGES = 60
-"""Outlines with no more are left as they are."""
+"""Outlines with no more are left as they are, but for rounding."""
 _ENOUGH = 0.93
 """A slab that takes so much of the tolerance is high enough."""
 _AIM = 0.985
@@ -36,6 +36,8 @@ _TRIES = 7
 _MORE = 4.0
 """A slab is tried that is at most so many times higher than the one before."""
 _LEAST_SLAB_MM = 1e-3
+_SOONER = (0.5, 0.8, 0.2)
+"""Where in a slab the next one may begin if it cannot at its end."""
 _LEVEL = "a nearly level wall moves too far"
 _THIN_MM, _MOST_THIN = 0.02, 4
 """Nobody knows a finger's height better: after so many lower slabs in a row, heights are skipped."""
@@ -137,9 +139,10 @@ class _Trial:
     problem: str = ""
 
 
-def _slabs(
-    surface: Surface, begin: float, end: float, budget: float
-) -> Iterator[tuple[tuple[float, float], _Trial]]:
+_Slab = tuple[tuple[float, float], _Trial]
+
+
+def _slabs(surface: Surface, begin: float, end: float, budget: float) -> Iterator[_Slab]:
     """Slabs that tile a range, each as high as can be; those with a problem have no outline.
 
     Beside a height that has a problem more and more is skipped, so that a nearly level wall is soon over.
@@ -149,9 +152,12 @@ def _slabs(
     peaks = surface.peaks()
     for low, high in zip([begin, *breaks], [*breaks, end], strict=True):
         at, height, skip, thin, likely = low, high - low, _THIN_MM, 0, 2 * _AIM * budget
+        last: _Slab | None = None  # it may yet have to end sooner
         while at < high:
             height = max(_foreseen(surface, at, at + height, likely), _THIN_MM)
             to, trial = _highest(surface, at, high, height, peaks, budget)
+            if trial.problem and last is not None and not last[1].problem:
+                last, (at, to), trial = _begun_lower(surface, last, (to, trial), high, peaks, budget)
             likely = _likely(surface, at, to, trial, budget)
             thin = thin + 1 if to - at < _THIN_MM and to < high else 0
             if trial.problem or thin > _MOST_THIN:
@@ -160,8 +166,29 @@ def _slabs(
                 skip = min(2 * skip, _MOST_SKIPPED_MM)
             elif not thin:
                 skip = _THIN_MM
-            yield (at, to), trial
+            if last is not None:
+                yield last
+            last = (at, to), trial
             at, height = to, _MORE * max(to - at, _THIN_MM)
+        if last is not None:
+            yield last
+
+
+def _begun_lower(
+    surface: Surface, last: _Slab, here: tuple[float, _Trial], high: float, peaks: Floats, budget: float
+) -> tuple[_Slab, tuple[float, float], _Trial]:
+    """The slab before and the one that follows it, if none is found that begins where that one ends.
+
+    What is proven of a slab is proven of a part of it: the next one may begin in it, and get over a height
+    at which none can begin. `here`: end and trial of the one that failed, which comes back if no other does.
+    """
+    (begin, end), proven = last
+    for share in _SOONER:
+        at = begin + share * (end - begin)
+        to, trial = _highest(surface, at, high, 2 * (end - at), peaks, budget)
+        if not trial.problem and to > end + _LEAST_SLAB_MM:
+            return ((begin, at), proven), (at, to), trial
+    return last, (end, here[0]), here[1]
 
 
 def _foreseen(surface: Surface, at: float, high: float, likely_mm: float) -> float:
@@ -237,13 +264,13 @@ def _next(
 ) -> float:
     """The end to be tried next, between one that is good, if any, and one that is bad, if any.
 
-    What an outline is off need not shrink with the slab: the more tries were bad, the lower is the next one.
+    What an outline is off need not shrink with the slab: after a second bad try it is lowered by more.
     """
     least = at if good is None else good[0]
     tried = bad if trial.problem else least
     if 0 < trial.drift_mm < np.inf:
         ratio = _AIM * budget / trial.drift_mm
-        power = tries if good is None else 1
+        power = min(tries, 2) if good is None else 1
         guess = at + (tried - at) * min(max(ratio**power, 0.1), _MORE)
     else:
         between = peaks[(peaks > least) & (peaks < bad)] if bad < np.inf else peaks[:0]
@@ -251,7 +278,7 @@ def _next(
     if bad == np.inf:
         return high if high - guess < 0.2 * (guess - at) else min(guess, high)
     margin = 0.02 * (bad - least)
-    if good is None and 0 < trial.drift_mm < np.inf:
+    if good is None and budget < trial.drift_mm < np.inf:
         guess = min(guess, bad - 2 * margin)
     if least + margin < guess < bad - margin:
         return guess
@@ -268,9 +295,11 @@ def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
         raw = [
             ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)
         ]
-        for simplify in (_SHARE_UPRIGHT * budget if upright else _SHARE * budget, 0.0):
-            if simplify and sum(len(ring.points) for ring in raw) <= _FEW_EDGES:
-                continue
+        most = budget * (_SHARE_UPRIGHT if upright else _SHARE)
+        few = sum(len(ring.points) for ring in raw) <= _FEW_EDGES
+        # Facets of one plane are not quite that in single precision: their points go in any case.
+        rounding = min(ROUNDING * surface.size_mm, most)
+        for simplify in (rounding, 0.0) if few else (most, rounding, 0.0):
             trial = _proven(surface, facets, (low, high), raw, simplify, budget)
             if trial is not None:
                 return trial
