@@ -143,7 +143,7 @@ def _check_sizes(
         found, sigma = growth_mm(models, placings, touches, fit, which)
         if abs(found) > _SURE * sigma + tolerance:
             raise InputError(
-                f"the {name} seems {abs(found):.2f} ± {sigma:.2f} mm too {_sized(found)} all round "
+                f"the {name} seems {abs(found):.3f} ± {sigma:.3f} mm too {_sized(found)} all round "
                 f"beside the {names[0]}: one of them has another size than given; measure both"
             )
 
