@@ -64,7 +64,7 @@ def test_every_pair_that_two_points_lie_on_is_found(fingers: tuple[Finger, Finge
     first, second = (catalogue(flat_edges).edges(finger) for finger in fingers)
     table = catalogue(flat_edges).pairs(*fingers)
     total = 0
-    for trial in range(300):
+    for trial in range(150):
         a = int(rng.choice(np.flatnonzero(first.representative)))
         state = first.state[a]
         b = int(rng.integers(second.first[state], second.first[state + 1]))
