@@ -22,6 +22,7 @@ from palpate.calibration.finger_fit import (
     Touches,
     fit_fingers,
 )
+from palpate.calibration.idle import COVERAGE_SIGMAS
 from palpate.calibration.measured import Touched
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.trust import check_fit, check_still
@@ -36,7 +37,6 @@ _HELD_OUT_EVERY = (
 )
 _LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains do to forces repeats itself
 _LATE_MM = 0.005  # a tip creeps 1 mm in a second, and what was felt is a few milliseconds old
-_BOUND_SIGMAS = 3.3
 _TYPICAL_MM = 0.012
 _COUNT = 6
 
@@ -123,7 +123,7 @@ def _with_dents_alike(specs: Sequence[Finger], touches: Touches, fit: Fit) -> Fi
     covariance = fit.covariance.copy()
     for index, spec in enumerate(specs):
         dent_mm = float(touches.dent_mm[touches.finger == index].mean())
-        soft_mm = dent_mm * spec.tip.stiffness_spread / _BOUND_SIGMAS
+        soft_mm = dent_mm * spec.tip.stiffness_spread / COVERAGE_SIGMAS
         at = index * COLUMNS + RADIUS
         covariance[at, at] += soft_mm**2 + _LATE_MM**2 / 3
     return replace(fit, covariance=covariance)
