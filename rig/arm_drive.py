@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.guarded import Goals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
 from palpate.drivers.two_link import ArmKinematics
-from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Goals, Limits
+from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Limits
 from palpate.rig.waiting import on_circle
 
 __all__ = ["ArmDrive"]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.guarded import Goals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import TICK_RAD, Line, Servos
 from palpate.drivers.slide_finger import SlideKinematics
@@ -22,13 +23,9 @@ __all__ = [
     "ARM_AIM_SPEED_MM_S",
     "STREAM_TOLERANCE_RAD",
     "Drive",
-    "Goals",
     "Limits",
     "SlideDrive",
 ]
-
-Goals = Mapping[Servo, float]
-"""Servo angles (rad) to be written, or to be reached."""
 
 AIM_CURRENT_A = 0.6
 AIM_TOLERANCE_RAD = 4 * TICK_RAD

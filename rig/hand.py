@@ -2,21 +2,22 @@
 
 Joins servos, arrays, extractors and kinematics. Limits are written and read back before torque goes on; Bus
 Watchdog is armed while anything moves; leaving the `with` block, by whatever way, switches every motor's
-torque off, each by itself.
+torque off, each by itself. Whatever time passes with torque on passes in `pause`, where arrays are guarded.
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Self
+from typing import Self, TypeVar
 
 from serial.serialutil import SerialBase
 
 from palpate.config import AnyFinger, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, Guard, wait_still
+from palpate.drivers.dynamixel.guarded import End, Goals, Mover, ServoMover, guarded_loop
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
@@ -31,7 +32,7 @@ from palpate.rig.stage import HostStage
 from palpate.rig.waiting import home_line
 from palpate.rig.wiring import drive_of, start_problem
 
-__all__ = ["SPEAK_S", "Hand", "HostFinger", "OpenPort"]
+__all__ = ["SPEAK_S", "Felt", "Hand", "HostFinger", "OpenPort"]
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
@@ -45,6 +46,11 @@ _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
 _REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
 _REPLUG_POLL_S = 0.25
+_SILENT_S = 0.15
+_SILENT_FRAMES = 3  # that long at least, for slow arrays
+_OFF_TRIES = 3  # whatever interrupts switching off, it is done again
+
+_M = TypeVar("_M", bound=Mover)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +73,17 @@ class HostFinger:
         return self.spec.name
 
 
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
+
+    frames: Sequence[TactileFrame]
+    force_n: float
+
+
+_NOTHING_FELT = Felt((), 0.0)
+
+
 class Hand:
     """All fingers, on their bus and their arrays' ports. Use as a context manager."""
 
@@ -78,17 +95,22 @@ class Hand:
         *,
         latency_s: float,
         notice: Callable[[str], None] = lambda _: None,
+        check: Callable[[], None] = lambda: None,
     ) -> None:
         """Open every port and ask every device who it is.
 
         `latency_s`: what the bus's adapter may add to an answer. `notice` is told what the operator should
-        do. Raises DeviceError naming the port or the servo that is missing; what was opened is closed
+        do, and must neither raise nor wait. `check` is called at every look of a move, and may raise to end
+        the run. Raises DeviceError naming the port or the servo that is missing; what was opened is closed
         again, and torque is off on every servo that answers.
         """
         self.rig = rig
         self.clock = clock
         self._latency_s = latency_s
         self.notice = notice
+        self._check = check
+        self.felt: dict[HostFinger, Felt] = {}
+        self._heard_s: dict[HostFinger, float] = {}
         self._ports: list[SerialBase] = []
         self._arrays: list[ArrayDriver] = []
         self._servos: list[Servo] = []
@@ -119,26 +141,39 @@ class Hand:
         """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
         self._driven = False
         try:
-            return self._switch_off()
-        except BaseException:
-            self._switch_off()  # an interrupt in the middle of it must not leave the other servos on
-            raise
+            return self._surely_off()
         finally:
             for port in self._ports:
-                port.close()
+                with suppress(Exception):  # torque is what matters, and the next port
+                    port.close()
             if self._servos:
-                self.bus.close()  # on a port of its own, if the adapter was plugged in again
+                with suppress(Exception):
+                    self.bus.close()  # on a port of its own, if the adapter was plugged in again
             self._servos, self._arrays, self._ports = [], [], []
+
+    def _surely_off(self) -> list[DeviceError]:
+        """Switch off; what interrupts it, such as a signal or lack of memory, is raised once it is done."""
+        interruption: BaseException | None = None
+        for _ in range(_OFF_TRIES):
+            try:
+                failed = self._switch_off()
+            except BaseException as error:
+                interruption = interruption or error
+                continue
+            if interruption is None:
+                return failed
+            _warn(interruption, failed)
+            break
+        assert interruption is not None
+        raise interruption
 
     def _switch_off(self) -> list[DeviceError]:
         failed = torque_off_all(self.bus, self._servos) if self._servos else []
         if any(isinstance(error, PortFailed) for error in failed):
             failed = self._off_once_plugged_in(failed)
         for array in self._arrays:
-            try:
-                array.stop()
-            except DeviceError:
-                continue  # an array that is gone moves nothing
+            with suppress(Exception):
+                array.stop()  # an array that is gone moves nothing
         return failed
 
     def _off_once_plugged_in(self, failed: list[DeviceError]) -> list[DeviceError]:
@@ -222,26 +257,53 @@ class Hand:
                 )
         return states
 
-    def wait_still(self, goals_rad: Mapping[Servo, float], tolerance_rad: Callable[[Servo], float]) -> None:
-        """Wait until servos stand within a tolerance of their goals; DeviceError names one that is held."""
-        ends = wait_still(
-            self.bus, self.states, self.clock.now, self.pause, goals_rad, tolerance_rad, Guard(poll_s=_POLL_S)
+    def guarded(
+        self, movers: Sequence[_M], *, period_s: float = _POLL_S, read_every: int = 1
+    ) -> dict[_M, End]:
+        """Carry out a guarded move of these movers; returns how each ended. Raises as `guarded_loop` does."""
+        return guarded_loop(
+            self.bus,
+            self.states,
+            self.clock.now,
+            self.pause,
+            movers,
+            period_s=period_s,
+            read_every=read_every,
         )
-        held = [servo for servo, end in ends.items() if end is End.STALL]
+
+    def move_servos(self, goals_rad: Goals, tolerance_rad: Callable[[Servo], float]) -> None:
+        """Send servos to goals through free space; DeviceError names one that does not arrive."""
+        self.arrived(self.guarded([ServoMover(s, goal, tolerance_rad(s)) for s, goal in goals_rad.items()]))
+
+    def arrived(self, ends: Mapping[_M, End]) -> None:
+        """Raise DeviceError naming a servo of the first mover that has not reached its goal."""
+        held = [mover for mover, end in ends.items() if end is not End.REACHED]
         if held:
-            at = self.states(held)[held[0].dxl_id].position_rad
+            servo = held[0].driven[0]
+            at = self.states([servo])[servo.dxl_id].position_rad
             raise DeviceError(
-                f"servo {held[0].dxl_id} on {self.bus.port_name} did not reach "
-                f"{goals_rad[held[0]]:.3f} rad: it has stopped at {at:.3f}; check what holds it; "
-                "if nothing does, raise max_force_n"
+                f"servo {servo.dxl_id} on {self.bus.port_name} did not reach its goal in free space: it has "
+                f"stopped at {at:.3f} rad; check what holds it; if nothing does, raise max_force_n"
             )
 
     def tare(self) -> None:
         """Start every array and take its baseline; nothing may touch the tips."""
-        for finger in self.fingers:
-            finger.array.start(self.rig.closing.sample_rate_hz)
+        self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
             finger.extractor.tare(frames)
+
+    def start_arrays(self) -> None:
+        """Let every array stream; from now on silence counts."""
+        for finger in self.fingers:
+            finger.array.start(self.rig.closing.sample_rate_hz)
+        self._heard_s = dict.fromkeys(self.fingers, self.clock.now())
+
+    def stop_arrays(self) -> None:
+        """Let the arrays rest; what they sent and nobody looked at is dropped."""
+        self._heard_s = {}
+        for finger in self.fingers:
+            finger.array.stop()
+            finger.array.frames()
 
     def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:
         """The next `count` frames of each finger, taken in turns so that no port waits for the others.
@@ -256,24 +318,58 @@ class Hand:
                 spoken_s = self.clock.now()
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
+        self._heard_s |= dict.fromkeys(fingers, self.clock.now())
         return taken
 
     def pause(self, seconds: float) -> None:
-        """Let time pass; what the arrays send meanwhile only shows how their zeros drift.
+        """Let time pass, and look at every array that streams, every 20 ms at least.
 
-        A port that nobody reads keeps the oldest frames, up to a second of them: they would be felt as now.
+        What they sent meanwhile is in `felt` until the next pause. Raises SafetyStop for a force above max_force_n,
+        DeviceError for an array that has fallen silent, and what `check` raises.
         """
         looks = math.ceil(seconds / _POLL_S)
+        self.felt = {}
         for _ in range(looks):
             self.clock.sleep(seconds / looks)
-            for finger in self.fingers:
-                finger.extractor.follow(finger.array.frames())
+            self._check()
+            # A port that is not read keeps its oldest frames for up to a second: they would pass for new.
+            self.felt = {finger: self._felt_since(finger) for finger in self._heard_s}
 
-    def stop_arrays(self) -> None:
-        """Let the arrays rest; what they sent and nobody looked at is dropped."""
-        for finger in self.fingers:
-            finger.array.stop()
-            finger.array.frames()
+    def take_felt(self, finger: HostFinger) -> Felt:
+        """Frames of an array that were not taken before, up to now: for what belongs to a read just made."""
+        felt = self._felt_since(finger)
+        self.felt[finger] = _NOTHING_FELT
+        return felt
+
+    def _felt_since(self, finger: HostFinger) -> Felt:
+        """What is in `felt` and what has come since."""
+        before, now = self.felt.get(finger, _NOTHING_FELT), self._sensed(finger)
+        return Felt((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
+
+    def _sensed(self, finger: HostFinger) -> Felt:
+        """Look at one array that streams."""
+        frames, now = finger.array.frames(), self.clock.now()
+        if not frames:
+            self._check_heard(finger, now)
+            return _NOTHING_FELT
+        self._heard_s[finger] = now
+        finger.extractor.follow(frames)
+        force = finger.extractor.force_n(frames[-1])
+        hard = self.rig.closing.max_force_n
+        if force > hard:
+            raise SafetyStop(
+                f"finger {finger.name} felt {force:.1f} N, above max_force_n = {hard:g} N; fingers were "
+                "stopped; lower approach_speed_mm_s or clear its way"
+            )
+        return Felt(frames, force)
+
+    def _check_heard(self, finger: HostFinger, now: float) -> None:
+        allowed = max(_SILENT_S, _SILENT_FRAMES / self.rig.closing.sample_rate_hz)
+        if now - self._heard_s[finger] > allowed:
+            raise DeviceError(
+                f"tactile array {finger.name} on {finger.spec.array.port} has sent nothing for {allowed:g} s "
+                "while fingers moved; fingers were stopped; check its cable"
+            )
 
     def _connect(self, open_port: OpenPort) -> None:
         rig = self.rig

@@ -28,12 +28,9 @@ class Run:
     line: Line
     started: Servos = (math.nan, math.nan)
     servos: Servos = (math.nan, math.nan)
-    limit_mm: float = 0.0
     travel_mm: float = 0.0
     touched: bool = False
-    done: bool = False
     moved_s: float = 0.0
-    heard_s: float = 0.0
     track: list[tuple[float, float]] = field(default_factory=list)
     _last_mm: float = 0.0
 

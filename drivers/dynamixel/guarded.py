@@ -1,110 +1,252 @@
-"""Guarded moves: servos go to their goals, and each stops by itself at contact or where it is held.
+"""Guarded move: drives servos until each mover reaches its goal, touches, stalls or runs out of time.
 
-Above `servo` and `state`; the rig's hand waits through it. Nothing here is as quick as a loop over tactile
-frames (that is the rig's closing): it is for moves through space that is known to be free, or towards a
-stop.
+`guarded_loop` is the only loop that moves anything: it writes goals, lets time pass, and stops each mover by
+itself. Every guard is in it or in what it is given: `pause` lets time pass and raises where arrays, outputs
+or an interrupt end all motion; `read` raises for a servo that has failed, restarted, tripped its Bus Watchdog
+or was switched off. `guarded_move` drives servos by themselves; the rig's fingers are movers, too.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from typing import Protocol, TypeVar
 
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["End", "Guard", "guarded_move", "wait_still"]
+__all__ = ["End", "Goals", "Guard", "Mover", "ServoMover", "guarded_loop", "guarded_move"]
+
+Goals = Mapping[Servo, float]
+"""Servo angles (rad) to be written, or to be reached."""
 
 ReadStates = Callable[[Sequence[Servo]], Mapping[int, ServoState]]
 """Reads servos' states by id; raises what is wrong with one."""
 
 
 class End(Enum):
-    """How a servo's move ended."""
+    """How a mover's part of a guarded move ended."""
 
     REACHED = "reached"
     CONTACT = "contact"
     STALL = "stall"
+    DEADLINE = "deadline"
+    CLEARANCE = "clearance"
+    ENOUGH = "enough"
+
+
+class Mover(Protocol):
+    """What moves and stops as one: a servo, or a finger. Hashed by identity."""
+
+    @property
+    def servos(self) -> Sequence[Servo]:
+        """Servos that are read, whether they move or hold."""
+        ...
+
+    @property
+    def driven(self) -> Sequence[Servo]:
+        """Those of them that move, and are stopped at any end but REACHED."""
+        ...
+
+    @property
+    def streams(self) -> bool:
+        """Whether goals follow one another each period, so that a lost one need not be written again."""
+        ...
+
+    def start(self, now: float, /) -> Goals:
+        """Set profiles; the first goals."""
+        ...
+
+    def stream(self, now: float, /) -> Goals:
+        """Goals of this period, at its end; empty where the servos know enough."""
+        ...
+
+    def sense(self, now: float, /) -> End | None:
+        """Each period, before anything else: an end that arrays tell, such as a contact."""
+        ...
+
+    def look(self, states: Mapping[int, ServoState], now: float, /) -> None:
+        """Note the states of `servos`."""
+        ...
+
+    def judge(self, now: float, /) -> End | None:
+        """After all movers have looked: an end that servos tell. Raises what must end all motion."""
+        ...
+
+
+_M = TypeVar("_M", bound=Mover)
+
+
+def guarded_loop(
+    bus: Bus,
+    read: ReadStates,
+    now: Callable[[], float],
+    pause: Callable[[float], None],
+    movers: Sequence[_M],
+    *,
+    period_s: float,
+    read_every: int = 1,
+) -> dict[_M, End]:
+    """Drive all movers at once until each has ended; returns how.
+
+    Servos are read in every `read_every`-th period, streaming movers' in each. Raises SafetyStop for a goal
+    out of range, with nothing sent, and what `pause`, `read` and the movers raise: whoever holds the torque
+    must then switch it off.
+    """
+    _write(bus, {mover: mover.start(now()) for mover in movers})
+    _look(read, movers, now)
+    streaming = [mover for mover in movers if mover.streams]
+    ends: dict[_M, End] = {}
+    left, periods = list(movers), 0
+    while left:
+        pause(period_s)
+        periods += 1
+        ended = _asked(left, lambda mover: mover.sense(now()))
+        _stop(bus, read, now, list(ended))
+        ends |= ended
+        left = [mover for mover in left if mover not in ended]
+        if periods % read_every == 0:
+            _look(read, movers, now)
+            ended = _asked(left, lambda mover: mover.judge(now()))
+            _stop(bus, read, now, [mover for mover, end in ended.items() if end is not End.REACHED])
+            ends |= ended
+            left = [mover for mover in left if mover not in ended]
+        elif streaming:
+            _look(read, streaming, now)
+        _write(bus, {mover: mover.stream(now()) for mover in left})
+    return ends
+
+
+def _asked(movers: Sequence[_M], how: Callable[[_M], End | None]) -> dict[_M, End]:
+    """Those that have ended."""
+    return {mover: end for mover in movers if (end := how(mover)) is not None}
+
+
+def _write(bus: Bus, goals: Mapping[_M, Goals]) -> None:
+    """Write goals; confirmed, but for those that others follow."""
+    write_goals(bus, _together(part for mover, part in goals.items() if mover.streams))
+    write_goals(bus, _together(part for mover, part in goals.items() if not mover.streams), confirm=True)
+
+
+def _stop(bus: Bus, read: ReadStates, now: Callable[[], float], movers: Sequence[Mover]) -> None:
+    """Hold movers where they are now; they look once more."""
+    if movers:
+        states = _look(read, movers, now)
+        driven = [servo for mover in movers for servo in mover.driven]
+        stop_at(bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in driven})
+
+
+def _look(read: ReadStates, movers: Sequence[Mover], now: Callable[[], float]) -> Mapping[int, ServoState]:
+    # Servos that only hold are read, too: one that has died or is pushed aside spoils what is measured.
+    states = read([servo for mover in movers for servo in mover.servos])
+    for mover in movers:
+        mover.look(states, now())
+    return states
+
+
+def _together(parts: Iterable[Goals]) -> dict[Servo, float]:
+    return {servo: goal for part in parts for servo, goal in part.items()}
 
 
 @dataclass(frozen=True, slots=True)
 class Guard:
-    """When a servo counts as still, and when as held.
+    """When a servo counts as still, as held, and as too late.
 
     Still: slower than `still_rad_s` and within its tolerance of the goal. Held: for `stall_s` it has not
-    moved by `moved_rad`. `poll_s`: time between two looks.
+    moved by `moved_rad`. Too late: `deadline_s` after the start it has not arrived. `poll_s`: time between
+    two looks.
     """
 
     still_rad_s: float = 0.03
     moved_rad: float = 0.003
     stall_s: float = 1.0
+    deadline_s: float = 60.0
     poll_s: float = 0.02
+
+
+class ServoMover:
+    """One servo on its way to a goal."""
+
+    streams = False
+
+    def __init__(
+        self,
+        servo: Servo,
+        goal_rad: float,
+        tolerance_rad: float,
+        guard: Guard = Guard(),
+        felt: Callable[[ServoState], bool] = lambda _: False,
+    ) -> None:
+        """`felt` is asked at each look; a current above what free motion needs will do."""
+        self.servo = servo
+        self.seen: list[tuple[float, ServoState]] = []
+        self._goal_rad, self._tolerance_rad = goal_rad, tolerance_rad
+        self._guard, self._felt = guard, felt
+        self._started_s = self.moved_s = -math.inf
+        self._moved_rad = math.inf
+
+    @property
+    def servos(self) -> Sequence[Servo]:
+        """The servo."""
+        return (self.servo,)
+
+    @property
+    def driven(self) -> Sequence[Servo]:
+        """The servo."""
+        return (self.servo,)
+
+    def start(self, now: float) -> Goals:
+        """The goal."""
+        self._started_s = self.moved_s = now
+        return {self.servo: self._goal_rad}
+
+    def stream(self, _now: float) -> Goals:
+        """Nothing: the servo knows its goal."""
+        return {}
+
+    def sense(self, _now: float) -> End | None:
+        """Nothing: a servo feels by its state."""
+        return None
+
+    def look(self, states: Mapping[int, ServoState], now: float) -> None:
+        """Keep time and state."""
+        state = states[self.servo.dxl_id]
+        self.seen.append((now, state))
+        if abs(state.position_rad - self._moved_rad) > self._guard.moved_rad:
+            self._moved_rad, self.moved_s = state.position_rad, now
+
+    def judge(self, now: float) -> End | None:
+        """Contact, arrival, stall or deadline, in this order."""
+        state = self.seen[-1][1]
+        if self._felt(state):
+            return End.CONTACT
+        off = abs(state.position_rad - self._goal_rad)
+        if off <= self._tolerance_rad and abs(state.velocity_rad_s) <= self._guard.still_rad_s:
+            return End.REACHED
+        if now - self.moved_s > self._guard.stall_s:
+            return End.STALL
+        return End.DEADLINE if now - self._started_s > self._guard.deadline_s else None
 
 
 def guarded_move(
     bus: Bus,
     read: ReadStates,
     clock: Clock,
-    goals_rad: Mapping[Servo, float],
+    goals_rad: Goals,
     tolerance_rad: Callable[[Servo], float],
     felt: Callable[[Servo, ServoState], bool] = lambda _servo, _state: False,
     guard: Guard = Guard(),
 ) -> dict[Servo, End]:
-    """Send servos to their goals; each stops where `felt` says that it touches, or where it is held.
+    """Send servos to their goals; each stops where `felt` says that it touches, at a stall or a deadline.
 
-    `felt` is asked with every servo's state at every look; a current above what free motion needs will do.
     Raises SafetyStop for a goal out of range, with nothing sent, and what `read` raises.
     """
-    write_goals(bus, goals_rad, confirm=True)
 
-    def look(states: Mapping[int, ServoState], left: Sequence[Servo]) -> list[Servo]:
-        return [servo for servo in left if felt(servo, states[servo.dxl_id])]
+    def mover(servo: Servo, goal_rad: float) -> ServoMover:
+        return ServoMover(servo, goal_rad, tolerance_rad(servo), guard, lambda state: felt(servo, state))
 
-    return _watch(bus, read, clock.now, clock.sleep, goals_rad, tolerance_rad, look, guard)
-
-
-def wait_still(
-    bus: Bus,
-    read: ReadStates,
-    now: Callable[[], float],
-    pause: Callable[[float], None],
-    goals_rad: Mapping[Servo, float],
-    tolerance_rad: Callable[[Servo], float],
-    guard: Guard = Guard(),
-) -> dict[Servo, End]:
-    """Wait until servos that are on their way stand still at their goals; one that is held is stopped."""
-    return _watch(bus, read, now, pause, goals_rad, tolerance_rad, lambda _states, _left: [], guard)
-
-
-def _watch(
-    bus: Bus,
-    read: ReadStates,
-    now: Callable[[], float],
-    pause: Callable[[float], None],
-    goals_rad: Mapping[Servo, float],
-    tolerance_rad: Callable[[Servo], float],
-    touching: Callable[[Mapping[int, ServoState], Sequence[Servo]], list[Servo]],
-    guard: Guard,
-) -> dict[Servo, End]:
-    ends: dict[Servo, End] = {}
-    moved: dict[Servo, tuple[float, float]] = {}
-    while left := [servo for servo in goals_rad if servo not in ends]:
-        pause(guard.poll_s)
-        states = read(left)
-        ended = dict.fromkeys(touching(states, left), End.CONTACT)
-        for servo in left:
-            state = states[servo.dxl_id]
-            off = abs(state.position_rad - goals_rad[servo])
-            if servo not in moved or abs(state.position_rad - moved[servo][0]) > guard.moved_rad:
-                moved[servo] = (state.position_rad, now())
-            if servo in ended:
-                continue
-            if off <= tolerance_rad(servo) and abs(state.velocity_rad_s) <= guard.still_rad_s:
-                ends[servo] = End.REACHED
-            elif now() - moved[servo][1] > guard.stall_s:
-                ended[servo] = End.STALL
-        if ended:
-            stop_at(bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in ended})
-        ends.update(ended)
-    return ends
+    movers = [mover(servo, goal) for servo, goal in goals_rad.items()]
+    ends = guarded_loop(bus, read, clock.now, clock.sleep, movers, period_s=guard.poll_s)
+    return {mover.servo: end for mover, end in ends.items()}
