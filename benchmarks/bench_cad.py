@@ -116,7 +116,7 @@ def identified(rig: RigFile, catalogue: Catalogue, item: Lying, seed: int) -> tu
     )
     bench = set_up(rig, lying, seed)
     begin = time.perf_counter()
-    out = carry_out(Job(rig, catalogue, lying, Strategy.PLANNED, seed, None), outside(bench), []).out(
+    out = carry_out(Job(rig, catalogue, lying, Strategy.PLANNED, seed, None), outside(bench)).out(
         wall_seconds=0.0, session=None
     )
     truth = out.truth

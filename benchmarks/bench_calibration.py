@@ -113,7 +113,7 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
     try:
         check_known_well(used, RIG.name)
         job = Job(used, Catalogue(models_of(objects)), seen, Strategy.PLANNED, seed, file, datetime.now(UTC))
-        out = carry_out(job, outside(bench), []).out(wall_seconds=0.0, session=None)
+        out = carry_out(job, outside(bench)).out(wall_seconds=0.0, session=None)
     except PalpateError as error:
         return {"part": lying.model.name, "verdict": "refused", "why": str(error)}
     truth = out.truth

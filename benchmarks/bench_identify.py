@@ -160,7 +160,7 @@ def run(job: Job) -> Run:
     watch = Watch(bench, placement, job)
     with connect(bench) as hand:
         hand.prepare()
-        result = identify(hand, catalogue, [watch], strategy=Strategy(job.strategy), seed=job.seed)
+        result = identify(hand, catalogue, record=watch, strategy=Strategy(job.strategy), seed=job.seed)
     assert bench.mock is not None, "the shipped rig is emulated"
     left = result.recognition.hypotheses if result.recognition else ()
     found = compare(watch.placement, left)

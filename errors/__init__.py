@@ -1,10 +1,10 @@
 """The one tree of errors. Beneath every layer: it imports nothing, everyone may import it.
 
 Every message says what was wrong, where, and what to do next, in one line, for a person who has not
-read the code. The command line turns the three branches into exit codes (see `docs/conventions.md`).
+read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
-__all__ = ["DeviceError", "InputError", "PalpateError", "SafetyStop"]
+__all__ = ["DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop"]
 
 
 class PalpateError(Exception):
@@ -13,6 +13,10 @@ class PalpateError(Exception):
 
 class InputError(PalpateError):
     """A file, option or value from outside is not usable. Exit code 2."""
+
+
+class OutputError(PalpateError):
+    """What is beside the devices failed: a log, a disk, standard output, an observer. Exit code 5."""
 
 
 class DeviceError(PalpateError):

@@ -111,7 +111,7 @@ def outside(
     def open_recorded(port: str, baudrate: int) -> SerialBase:
         return recorder.open(port, lambda: open_raw(port, baudrate))
 
-    return Outside(recorder.clock, open_recorded, latency_s)
+    return Outside(recorder.clock, open_recorded, latency_s, recorder.sink.check)
 
 
 def connect(

@@ -3,12 +3,15 @@ and `cli_objects`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
-4 safety stop, 130 interrupted.
+4 safety stop, 5 log or disk failed, 130 interrupted, 143 terminated.
 """
 
+import errno
+import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from types import FrameType
@@ -17,7 +20,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop
 from palpate.rig import cli_devices, cli_objects
 from palpate.rig.ending import ExitCode, Interrupted
 
@@ -71,6 +74,7 @@ PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also writ
 _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
     DeviceError: ("device error", ExitCode.DEVICE),
     SafetyStop: ("safety stop", ExitCode.SAFETY),
+    OutputError: ("output error", ExitCode.OUTPUT),
     PalpateError: ("error", ExitCode.INPUT),
 }
 
@@ -250,17 +254,44 @@ def main() -> None:
 def _guarded() -> int:
     try:
         # In its own "standalone" mode typer would print several lines for an error.
-        return int(app(standalone_mode=False) or 0)
+        return _flushed(int(app(standalone_mode=False) or 0))
     except typer.Exit as end:
-        return int(end.exit_code)
-    except Interrupted as interrupted:
-        sure = "interrupted" if _notes(interrupted) else "interrupted: torque off"
-        return _say(sure, interrupted.code, _notes(interrupted))
+        return _flushed(int(end.exit_code))
     except TyperException as error:
-        return _say(f"error: {error.format_message()}", ExitCode.INPUT)
-    except PalpateError as error:
-        word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
-        return _say(f"{word}: {error}", code, _notes(error))
+        problem = error.format_message()  # empty where no command was given, and the help has been shown
+        return _say(f"error: {problem}", ExitCode.INPUT) if problem else _flushed(ExitCode.INPUT)
+    except (Interrupted, PalpateError, MemoryError) as error:
+        return _told(error)
+    except OSError as error:
+        return _unprinted(error)
+
+
+def _told(error: Interrupted | PalpateError | MemoryError) -> int:
+    """Say what ended the command."""
+    match error:
+        case Interrupted():
+            return _say("interrupted", error.code, _notes(error))
+        case MemoryError():
+            return _say("error: out of memory", ExitCode.OUTPUT, _notes(error))
+    word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
+    return _say(f"{word}: {error}", code, _notes(error))
+
+
+def _flushed(code: int) -> int:
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        return _unprinted(error)
+    return code
+
+
+def _unprinted(error: OSError) -> int:
+    """What a command ends with whose standard output, or error output, takes nothing more."""
+    with suppress(OSError):  # or the interpreter tries once more, and complains
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if error.errno == errno.EPIPE:
+        return ExitCode.OUTPUT  # whoever read it has heard enough
+    return _say(f"error: the output cannot be written: {error.strerror or error}", ExitCode.OUTPUT)
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
@@ -276,6 +307,7 @@ def _notes(error: BaseException) -> list[str]:
 
 
 def _say(message: str, code: int, notes: Sequence[str] = ()) -> int:
-    for line in (message, *notes):
-        typer.echo(line, err=True)
+    with suppress(OSError):
+        for line in (message, *notes):
+            typer.echo(line, err=True)
     return code

@@ -84,7 +84,7 @@ def run_identify(
         keep_inputs(folder, on_bench, objects_source, scene)
         with HeldInterrupts() as held:
             recorded = outside(bench, log, latency_s, held.check)
-            run = carry_out(job, recorded, [log, progress], progress.notice)
+            run = carry_out(job, recorded, log, [progress], progress.notice)
         out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
         log.event("result", result=out.model_dump(mode="json"))
     result = run.result

@@ -13,6 +13,7 @@ class ExitCode(IntEnum):
     INPUT = 2
     DEVICE = 3
     SAFETY = 4
+    OUTPUT = 5
     INTERRUPTED = 130
     TERMINATED = 143
 

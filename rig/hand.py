@@ -133,6 +133,8 @@ class Hand:
         failed = self.close()
         if error is not None:
             _warn(error, failed)
+            if not isinstance(error, Exception) and not failed:
+                error.add_note("torque is off")
         elif failed:
             _warn(failed[0], failed)
             raise failed[0]
@@ -324,8 +326,8 @@ class Hand:
     def pause(self, seconds: float) -> None:
         """Let time pass, and look at every array that streams, every 20 ms at least.
 
-        What they sent meanwhile is in `felt` until the next pause. Raises SafetyStop for a force above max_force_n,
-        DeviceError for an array that has fallen silent, and what `check` raises.
+        What they sent meanwhile is in `felt` until the next pause. Raises SafetyStop for a force above
+        max_force_n, DeviceError for an array that has fallen silent, and what `check` raises.
         """
         looks = math.ceil(seconds / _POLL_S)
         self.felt = {}

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 
@@ -36,6 +35,7 @@ from palpate.rig.closing import Stage, Touch, close_fingers
 from palpate.rig.convert import goals_of, resolution_of
 from palpate.rig.explore import exploring_grip
 from palpate.rig.hand import Hand
+from palpate.rig.observers import Observer, Observers
 from palpate.rig.reach import Reach, reach_of
 from palpate.rig.told import extent_of, foretold_by, survives, unnoticed_mm
 
@@ -59,30 +59,6 @@ class Outcome(Enum):
     INDISTINGUISHABLE = "indistinguishable"
     UNKNOWN = "unknown"
     UNRESOLVED = "unresolved"
-
-
-class Observer(Protocol):
-    """Somebody who is told what happens, as it happens: progress display, session log."""
-
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Fingers began something."""
-        ...
-
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """A grip was carried out."""
-        ...
-
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """All contacts so far were understood."""
-        ...
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        """The next grip was chosen to tell hypotheses apart."""
-        ...
-
-    def moved(self, grip: int) -> None:
-        """The part seems to have been moved before this grip: what was felt earlier counts no more."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +95,7 @@ class _Search:
     catalogue: Catalogue
     strategy: Strategy
     rng: np.random.Generator
-    observers: Sequence[Observer]
+    observers: Observers
     grips: list[tuple[Touch, ...]] = field(default_factory=list)
     since: int = 0
     moved_before: list[int] = field(default_factory=list)
@@ -142,20 +118,22 @@ def identify(
     catalogue: Catalogue,
     observers: Sequence[Observer] = (),
     *,
+    record: Observer | None = None,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
 ) -> Identification:
     """Touch until there is one answer, as finely placed as the rig file's goals ask, or none to be had.
 
-    `seed` decides what the strategy `random` draws. Raises what `close_fingers` raises; the hand must be
-    prepared.
+    `observers` are told beside this thread and can neither stop nor delay a move; `record` is told on it, and
+    must neither raise nor wait. `seed` decides what the strategy `random` draws. The hand must be prepared.
+    Raises what `close_fingers` raises, and OutputError once an observer has raised.
     """
     reach = reach_of(hand.rig)
 
     def carry(grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> Sequence[Touch]:
         return close_fingers(hand, [reach.close(index, travel) for index, travel in grip], tell)
 
-    return search(hand.rig, reach, carry, catalogue, observers, strategy=strategy, seed=seed)
+    return search(hand.rig, reach, carry, catalogue, observers, record=record, strategy=strategy, seed=seed)
 
 
 def search(
@@ -165,13 +143,19 @@ def search(
     catalogue: Catalogue,
     observers: Sequence[Observer] = (),
     *,
+    record: Observer | None = None,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
 ) -> Identification:
     """`identify` with whatever carries out grips."""
-    state = _Search(rig, reach, carry, catalogue, strategy, np.random.default_rng([seed, 2]), observers)
+    with Observers(observers, record) as observed:
+        rng = np.random.default_rng([seed, 2])
+        return _searched(_Search(rig, reach, carry, catalogue, strategy, rng, observed))
+
+
+def _searched(state: _Search) -> Identification:
     outcome = Outcome.UNRESOLVED
-    while len(state.grips) < rig.search.max_grips:
+    while len(state.grips) < state.rig.search.max_grips:
         verdict, grip = _next(state)
         if verdict is not None:
             outcome = verdict
@@ -212,8 +196,7 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
         state.checks += 1
     if plan is None:
         return Outcome.UNRESOLVED, []
-    for observer in state.observers:
-        observer.planned(len(state.grips) + 1, plan)
+    state.observers.planned(len(state.grips) + 1, plan)
     return None, list(zip(plan.indices, plan.travels_mm, strict=True))
 
 
@@ -297,8 +280,7 @@ def _begin_again(state: _Search) -> None:
     state.idle = state.foretold = 0
     state.checks = 0
     state.chance, state.unnoticed_mm = 1.0, math.inf
-    for observer in state.observers:
-        observer.moved(number)
+    state.observers.moved(number)
     _understand(state, [touch.contact for touch in state.grips[-1]])
 
 
@@ -307,13 +289,12 @@ def _carry_out(state: _Search, grip: Sequence[tuple[int, float]]) -> None:
     number = len(state.grips) + 1
 
     def tell(stage: Stage) -> None:
-        for observer in state.observers:
-            observer.stage(number, stage)
+        state.observers.stage(number, stage)
 
+    state.observers.check()
     touches = tuple(state.carry(grip, tell))
     state.grips.append(touches)
-    for observer in state.observers:
-        observer.touches(number, touches)
+    state.observers.touches(number, touches)
     _understand(state, [touch.contact for touch in touches])
 
 
@@ -326,8 +307,7 @@ def _understand(state: _Search, contacts: Sequence[Contact]) -> None:
     else:
         state.recognition = before.extend(contacts)
         _compare(state, before, state.recognition, contacts)
-    for observer in state.observers:
-        observer.recognised(len(state.grips), state.recognition)
+    state.observers.recognised(len(state.grips), state.recognition)
 
 
 def _compare(state: _Search, before: Recognition, after: Recognition, contacts: Sequence[Contact]) -> None:

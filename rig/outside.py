@@ -12,12 +12,18 @@ __all__ = ["Outside"]
 
 @dataclass(frozen=True, eq=False)
 class Outside:
-    """A clock, what opens ports, and what the bus's adapter may add to an answer (s). Nothing else steers."""
+    """A clock, what opens ports, and what the bus's adapter may add to an answer (s). Nothing else steers.
+
+    `check` raises OutputError if the run should end because its recording has failed.
+    """
 
     clock: Clock
     open_port: OpenPort
     latency_s: float
+    check: Callable[[], None] = lambda: None
 
     def hand(self, rig: RigFile, notice: Callable[[str], None] = lambda _: None) -> Hand:
         """The rig's hand, connected; `notice` is told what the operator should do. Raises as `Hand` does."""
-        return Hand(rig, self.clock, self.open_port, latency_s=self.latency_s, notice=notice)
+        return Hand(
+            rig, self.clock, self.open_port, latency_s=self.latency_s, notice=notice, check=self.check
+        )

@@ -43,7 +43,7 @@ def replay(file: SessionFile, job: Job, latency_s: float) -> Replayed:
     """
 
     def again(replayer: Replayer, events: SessionEvents) -> WholeRun:
-        run = carry_out(job, Outside(replayer.clock, replayer.open, latency_s), [events])
+        run = carry_out(job, Outside(replayer.clock, replayer.open, latency_s), events)
         out = run.out(wall_seconds=0.0, session=None)
         events.event("result", result=out.model_dump(mode="json"))
         return run

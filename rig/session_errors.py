@@ -6,7 +6,7 @@ from typing import Any
 
 from serial import PortNotOpenError, SerialException, SerialTimeoutException
 
-from palpate.drivers.transport.port import PORT_ERRORS
+from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
 from palpate.errors import DeviceError
 from palpate.rig.ending import ExitCode, Interrupted
 
@@ -27,6 +27,7 @@ _MAKERS: Mapping[str, tuple[type[BaseException], Callable[..., BaseException]]] 
     "DeviceError": (DeviceError, DeviceError),
     "Interrupted": (Interrupted, _interrupted),
     "KeyboardInterrupt": (KeyboardInterrupt, KeyboardInterrupt),
+    "PortTaken": (PortTaken, PortTaken),
     "PortNotOpenError": (PortNotOpenError, _port_not_open),
     "SerialException": (SerialException, SerialException),
     "SerialTimeoutException": (SerialTimeoutException, SerialTimeoutException),

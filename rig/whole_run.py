@@ -7,6 +7,7 @@ from datetime import datetime
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.recognizer import Catalogue, Strategy
+from palpate.rig.background import in_background
 from palpate.rig.calibrated_devices import check_devices
 from palpate.rig.identify import Identification, Observer, identify
 from palpate.rig.outside import Outside
@@ -68,16 +69,21 @@ class WholeRun:
 def carry_out(
     job: Job,
     outside: Outside,
-    observers: Sequence[Observer],
+    record: Observer | None = None,
+    observers: Sequence[Observer] = (),
     notice: Callable[[str], None] = lambda _: None,
 ) -> WholeRun:
     """Connect, identify, disconnect. `notice` is told what the operator should do now.
 
-    Raises what `identify` raises; torque is off then, too.
+    `record` is told on this thread, in step with ports and clock; `observers` and `notice` beside it. Raises
+    what `identify` raises; torque is off then, too.
     """
-    with outside.hand(job.rig, notice) as hand:
+    with (
+        in_background("the display", notice) as notice_beside,
+        outside.hand(job.rig, notice_beside) as hand,
+    ):
         check_devices(job.calibration, hand)
         hand.prepare()
-        result = identify(hand, job.catalogue, observers, strategy=job.strategy, seed=job.seed)
+        result = identify(hand, job.catalogue, observers, record=record, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated
     return WholeRun(job, result, emulated, outside.clock.now())

@@ -13,6 +13,7 @@ from serial.serialutil import SerialBase
 from palpate.drivers.transport.calls import Instants, port_call
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.recording import Direction
+from palpate.errors import OutputError
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -23,7 +24,11 @@ _T = TypeVar("_T")
 
 
 class Sink(Protocol):
-    """Where a recording goes, in the order of the calls."""
+    """Where a recording goes, in the order of the calls.
+
+    A sink must not wait. Whatever it raises stays with it: no device is written to later, or not at all,
+    because of its recording.
+    """
 
     def call(self, text: str) -> None:
         """A call, as `calls` writes it."""
@@ -41,6 +46,44 @@ class Sink(Protocol):
         """The call `during` failed; with None, an interrupt came between the last call and the next one."""
         ...
 
+    def check(self) -> None:
+        """Raise OutputError if the recording has failed. Called where nothing is written to a device."""
+        ...
+
+
+class _Shielded:
+    """A sink whose failures stay with it: what it raises is kept for `check`, and it is told nothing more."""
+
+    def __init__(self, sink: Sink) -> None:
+        self._sink = sink
+        self._failure: Exception | None = None
+
+    def call(self, text: str) -> None:
+        self._tell(lambda: self._sink.call(text))
+
+    def opened(self, number: int, port: str, url: str | None) -> None:
+        self._tell(lambda: self._sink.opened(number, port, url))
+
+    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
+        self._tell(lambda: self._sink.passed(direction, instant, port, data))
+
+    def raised(self, during: str | None, error: BaseException) -> None:
+        self._tell(lambda: self._sink.raised(during, error))
+
+    def check(self) -> None:
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise OutputError(f"the recording of ports failed: {failure!r}; the run was ended") from failure
+        self._sink.check()
+
+    def _tell(self, action: Callable[[], None]) -> None:
+        if self._failure is not None:
+            return
+        try:
+            action()
+        except Exception as error:  # a recording must not keep a device from being switched off
+            self._failure = error
+
 
 class Recorder:
     """Makes a clock and ports that are recorded. For one thread."""
@@ -52,7 +95,7 @@ class Recorder:
         """
         self._raw = clock
         self._check = check
-        self.sink = sink
+        self.sink: Sink = _Shielded(sink)
         self._noted = _interrupt_under_way()
         self._opened = 0
         self.clock: Clock = RecordingClock(clock, self)

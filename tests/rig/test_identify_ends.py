@@ -11,7 +11,8 @@ from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.bench import connect
 from palpate.rig.closing import Stage, Touch
 from palpate.rig.convert import models_of
-from palpate.rig.identify import Identification, Observer, Outcome, identify
+from palpate.rig.identify import Identification, Outcome, identify
+from palpate.rig.observers import Observer
 from palpate.rig.scene import Placement, outline_at
 from palpate.rig.truth import compare
 
@@ -58,12 +59,12 @@ def placement_of(name: str) -> Placement:
 def ended(
     session: EmulatedSession,
     catalogue: ObjectsFile = OBJECTS,
-    observers: Sequence[Observer] = (),
+    record: Observer | None = None,
     strategy: Strategy = Strategy.PLANNED,
 ) -> Identification:
     with connect(session.bench_rig) as hand:
         hand.prepare()
-        result = identify(hand, Catalogue(models_of(catalogue)), observers, strategy=strategy, seed=1)
+        result = identify(hand, Catalogue(models_of(catalogue)), record=record, strategy=strategy, seed=1)
     assert not any(session.torque().values())
     return result
 
@@ -73,7 +74,7 @@ def ended(
 def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
     session = emulated_session(seed=21, placement=placement_of(name))
     pusher = Pusher(session, placement_of(name), 1)
-    result = ended(session, observers=[pusher])
+    result = ended(session, record=pusher)
     assert result.moved_before == (2,)
     assert result.outcome is Outcome.IDENTIFIED
     assert result.recognition is not None

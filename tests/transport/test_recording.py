@@ -54,6 +54,9 @@ class Tape:
     def opened(self, number: int, port: str, url: str | None) -> None:
         self.add(Opened(number, port, url))
 
+    def check(self) -> None:
+        """Nothing fails here."""
+
     def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
         del instant
         self.add(Passed(direction, port, data))
