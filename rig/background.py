@@ -6,14 +6,14 @@ Its first failure is kept until somebody who drives nothing at the moment asks f
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from queue import Empty, SimpleQueue
-from typing import Generic, TypeVar
+from types import TracebackType
+from typing import Generic, Self, TypeVar
 
-from palpate.errors import OutputError
+from palpate.errors import OutputError, PalpateError
 
-__all__ = ["Background", "in_background"]
+__all__ = ["Background", "BackgroundCall", "failed"]
 
 _T = TypeVar("_T")
 
@@ -90,27 +90,44 @@ class Background(Generic[_T]):
         return found
 
 
-@contextmanager
-def in_background(what: str, call: Callable[..., object]) -> Iterator[Callable[..., None]]:
-    """A function that has `call` called beside this thread, with the same arguments, and returns at once.
+class BackgroundCall:
+    """Has a function called beside this thread, with the same arguments; to call it neither waits nor raises.
 
-    At the end, calls that wait are given two seconds. Raises OutputError, naming `what`, if `call` raised.
+    Use as a context manager: at the end, calls that wait are given two seconds.
     """
 
-    def carry_out(batch: Sequence[tuple[tuple[object, ...], dict[str, object]]]) -> None:
-        for args, values in batch:
-            call(*args, **values)
+    def __init__(self, what: str, call: Callable[..., object]) -> None:
+        """`what` names it in errors."""
+        self._what, self._call = what, call
+        self._background = Background(self._carry_out, _CALLS)
 
-    background = Background(carry_out, _CALLS)
-    try:
-        yield lambda *args, **values: background.put((args, values))
-    finally:
-        background.close(_PATIENCE_S)
-    if background.failure is not None:
-        raise failed(what, background.failure) from background.failure
+    def __call__(self, *args: object) -> None:
+        """Have the function called."""
+        self._background.put(args)
+
+    def check(self) -> None:
+        """Raise OutputError if the function has raised."""
+        if self._background.failure is not None:
+            raise failed(self._what, self._background.failure) from self._background.failure
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._background.close(_PATIENCE_S)
+        if error is None:
+            self.check()
+
+    def _carry_out(self, batch: Sequence[tuple[object, ...]]) -> None:
+        for args in batch:
+            self._call(*args)
 
 
-def failed(what: str, error: BaseException) -> OutputError:
-    """The error that says that `what` has failed."""
+def failed(what: str, error: BaseException) -> PalpateError:
+    """The error that says that `what` has failed; palpate's own errors say it themselves."""
+    if isinstance(error, PalpateError):
+        return error
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     return OutputError(f"{what} failed: {type(error).__name__}: {reason}; the run was ended, torque off")

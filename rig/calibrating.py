@@ -29,6 +29,7 @@ from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFi
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
+from palpate.rig.background import BackgroundCall
 from palpate.rig.rig_prober import approaches_of
 
 __all__ = [
@@ -100,15 +101,18 @@ def calibrate(
 ) -> CalibrationFile:
     """Carry out the steps that are not done yet, and put together the file.
 
-    Raises InputError for references that are not what they should be, DeviceError and SafetyStop for devices.
+    The record is kept, and `tell` called, beside the thread that moves the rig. Raises InputError for
+    references that are not what they should be, DeviceError and SafetyStop for devices, OutputError for a
+    record that cannot be kept.
     """
     slides_of(job.rig)
-    run = _Run(job, connect, keeper, tell)
-    run.begin()
-    for step in STEPS:
-        if step in job.steps:
-            run.carry_out(step)
-    return run.file()
+    with BackgroundCall("the run record", keeper.save) as save, BackgroundCall("the display", tell) as shown:
+        run = _Run(job, connect, save, shown)
+        run.begin(keeper.load())
+        for step in STEPS:
+            if step in job.steps:
+                run.carry_out(step)
+        return run.file()
 
 
 def references_of(file: ReferencesFile) -> tuple[Disc, Plate]:
@@ -139,20 +143,19 @@ class _Run:
         self,
         job: CalibrationJob,
         connect: Connect,
-        keeper: Keeper,
+        save: BackgroundCall,
         tell: Callable[[str], None],
     ) -> None:
-        self._job, self._connect, self._keeper, self._tell = job, connect, keeper, tell
+        self._job, self._connect, self._save, self._tell = job, connect, save, tell
         self._disc, self._plate = references_of(job.references)
         self._emulated = False
 
-    def begin(self) -> None:
+    def begin(self, kept: RunRecord | None) -> None:
         """Connect once, see which devices these are, and take up a record of them if there is one."""
         with self._connect(self._job.rig, moving=False) as there:
             devices = there.devices
             self._emulated = there.emulated
         self._record = self._fresh(devices)
-        kept = self._keeper.load()
         if kept is not None and kept.is_for(self._record):
             self._record = kept
             self._tell(f"resuming: {_done(kept)}")
@@ -312,7 +315,8 @@ class _Run:
 
     def _keep(self, **found: object) -> None:
         self._record = self._record.model_copy(update=found)
-        self._keeper.save(self._record)
+        self._save(self._record)
+        self._save.check()
 
     def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
         return RunRecord(

@@ -28,6 +28,7 @@ from palpate.config.references_file import ReferencesFile, load_references
 from palpate.config.results import to_json
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
+from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, outside, set_up
 from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate, references_of, slides_of
 from palpate.rig.calibration_hand import connecting
@@ -106,8 +107,12 @@ def run_calibrate(
         _before(places.calibration, described, rig),
     )
     table = emulated_table(bench, seed) or ConsoleTable(console)
-    with _Progress(console, asks=bench.mock is None) as progress:
-        file = calibrate(job, connecting(outside(bench), table, progress.tell), keeper, progress.tell)
+    with (
+        _Progress(console, asks=bench.mock is None) as progress,
+        BackgroundCall("the display", progress.tell) as notice,
+    ):
+        connect = connecting(outside(bench), table, notice)
+        file = calibrate(job, connect, keeper, progress.tell)
     write_text(places.calibration, calibration_toml(file))
     write_report(places.report, file)
     keeper.forget()

@@ -17,6 +17,7 @@ from palpate.config.references_file import ReferencesFile, load_references, refe
 from palpate.config.results import to_json
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
+from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, outside, set_up
 from palpate.rig.bus_place import bus_of
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
@@ -98,9 +99,10 @@ def _touched(
     bench = set_up(on_bench.described, None, seed)
     table = emulated_table(bench, seed) or ConsoleTable(console)
     disc, _ = references_of(shapes)
-    connect = connecting(outside(bench), table, console.print)
-    with connect(on_bench.rig, moving=True) as there:
-        return retouch(on_bench.rig, there.prober, disc, promises, lambda text: console.print(f"  {text}"))
+    with BackgroundCall("the display", console.print) as show_beside:
+        connect = connecting(outside(bench), table, show_beside)
+        with connect(on_bench.rig, moving=True) as there:
+            return retouch(on_bench.rig, there.prober, disc, promises, lambda text: show_beside(f"  {text}"))
 
 
 def _other_references(file: CalibrationFile, shapes: ReferencesFile) -> list[str]:

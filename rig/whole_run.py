@@ -7,7 +7,7 @@ from datetime import datetime
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.recognizer import Catalogue, Strategy
-from palpate.rig.background import in_background
+from palpate.rig.background import BackgroundCall
 from palpate.rig.calibrated_devices import check_devices
 from palpate.rig.identify import Identification, Observer, identify
 from palpate.rig.outside import Outside
@@ -79,7 +79,7 @@ def carry_out(
     what `identify` raises; torque is off then, too.
     """
     with (
-        in_background("the display", notice) as notice_beside,
+        BackgroundCall("the display", notice) as notice_beside,
         outside.hand(job.rig, notice_beside) as hand,
     ):
         check_devices(job.calibration, hand)

@@ -1,17 +1,21 @@
 """Calibrations from the first step to the file, on a simulated rig with hidden truth."""
 
+import errno
 import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_prober import SimulatedRig
+from simulated_prober import SimulatedProber, SimulatedRig
 
 from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.calibration.measured import Touched
+from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Disc, Reference
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, RigFile, calibrated, load_rig
@@ -19,8 +23,8 @@ from palpate.config.calibration_file import load_calibration
 from palpate.config.calibration_text import calibration_toml
 from palpate.config.references_file import ReferencesFile, load_references
 from palpate.config.shipped import shipped_references
-from palpate.errors import InputError
-from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate
+from palpate.errors import InputError, OutputError
+from palpate.rig.calibrating import STEPS, CalibrationJob, Connected, calibrate
 
 FRESH = Path(__file__).parents[2] / "examples" / "fresh-rig.toml"
 MADE = datetime(2026, 11, 22, tzinfo=UTC)
@@ -144,17 +148,38 @@ def test_every_record_that_was_kept_can_be_taken_up(whole: Whole) -> None:
         assert math.dist(old.place.base_mm, new.place.base_mm) < 0.05
 
 
-def test_an_interruption_keeps_what_was_done(whole: Whole) -> None:
-    kept, told = Kept(resume=RunRecord.model_validate_json(whole.kept.saved[3])), []
+class Interrupting(SimulatedProber):
+    """Somebody presses Ctrl-C before the third touch."""
 
-    def tell(text: str) -> None:
-        told.append(text)
-        if text == "touch 3 of 6":
+    touches = 0
+
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+        self.touches += 1
+        if self.touches == 3:
             raise KeyboardInterrupt
+        return super().touch(grip, placing)
+
+
+def test_an_interruption_keeps_what_was_done(whole: Whole) -> None:
+    kept = Kept(resume=RunRecord.model_validate_json(whole.kept.saved[3]))
+
+    @contextmanager
+    def connect(rig: RigFile, *, moving: bool) -> Iterator[Connected]:
+        with whole.world.connect(rig, moving=moving) as there:
+            yield replace(there, prober=Interrupting(whole.world, rig))
 
     with pytest.raises(KeyboardInterrupt):
-        calibrate(job(whole.rig), whole.world.connect, kept, tell)
+        calibrate(job(whole.rig), connect, kept, quiet)
     assert kept.saved == []  # the placing under way is done again, the record stays as it was
+
+
+def test_a_record_that_cannot_be_kept_ends_the_calibration(whole: Whole) -> None:
+    class Full(Kept):
+        def save(self, record: RunRecord) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OutputError, match="the run record failed: .*No space left on device"):
+        calibrate(job(whole.rig), whole.world.connect, Full(), quiet)
 
 
 def test_a_record_of_other_steps_is_not_taken_up(whole: Whole) -> None:
