@@ -27,7 +27,7 @@ from palpate.rig.session_events import SessionEvents, plain
 __all__ = ["LOG_NAME", "SessionLog", "check_sum", "session_folder"]
 
 LOG_NAME = "session.jsonl"
-_STALLED_S = 5.0  # a disk that takes nothing for so long counts as gone
+_STALLED_S = 5.0
 
 
 def session_folder(root: Path, name: str) -> Path:
@@ -58,16 +58,25 @@ class SessionLog(SessionEvents):
     exists, nothing here waits or raises, but `check` and the end of the block.
     """
 
-    def __init__(self, folder: Path, clock: Clock, header: Mapping[str, object]) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        clock: Clock,
+        header: Mapping[str, object],
+        *,
+        stalled_s: float = _STALLED_S,
+    ) -> None:
         """Start the log of a session in `folder` with a header line.
 
-        Raises InputError if it cannot be written, or if another process is writing it now.
+        A disk that takes nothing for `stalled_s`, in real time, counts as gone. Raises InputError if it
+        cannot be written, or if another process is writing it now.
         """
         self.path = folder / LOG_NAME
         self._clock = clock
         self._calls: list[str] = []
         self._sum = 0
         self._said = False
+        self._stalled_s = stalled_s
         try:
             self._file = self.path.open("a", encoding="utf-8")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -87,7 +96,7 @@ class SessionLog(SessionEvents):
     ) -> None:
         how = "done" if error is None else type(error).__name__
         self.event("end", how=how, message=None if error is None else str(error))
-        whole = self._lines.close(_STALLED_S)
+        whole = self._lines.close(self._stalled_s)
         if self._lines.busy_s == 0.0:  # else the disk holds the thread, and would hold this one
             with suppress(OSError):
                 self._file.close()
@@ -99,7 +108,7 @@ class SessionLog(SessionEvents):
 
     def check(self) -> None:
         """Raise OutputError, once, if the log cannot be written any more: the run should end in order."""
-        stalled = self._lines.busy_s > _STALLED_S
+        stalled = self._lines.busy_s > self._stalled_s
         if (self._lines.failure is not None or self._lines.dropped or stalled) and not self._said:
             self._said = True
             raise self._error()
@@ -143,7 +152,7 @@ class SessionLog(SessionEvents):
     def _error(self) -> OutputError:
         failure = self._lines.failure
         if failure is None:
-            reason = f"the disk has not taken it for {_STALLED_S:g} s"
+            reason = f"the disk has not taken it for {self._stalled_s:g} s"
         else:
             reason = failure.strerror if isinstance(failure, OSError) and failure.strerror else repr(failure)
         return OutputError(

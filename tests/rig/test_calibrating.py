@@ -176,9 +176,10 @@ def test_an_interruption_keeps_what_was_done(whole: Whole) -> None:
 def test_a_record_that_cannot_be_kept_ends_the_calibration(whole: Whole) -> None:
     class Full(Kept):
         def save(self, record: RunRecord) -> None:
+            del record
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    with pytest.raises(OutputError, match="the run record failed: .*No space left on device"):
+    with pytest.raises(OutputError, match=r"the run record failed: .*No space left on device"):
         calibrate(job(whole.rig), whole.world.connect, Full(), quiet)
 
 

@@ -1,0 +1,224 @@
+"""The fault matrix: every fault in every phase of every command that moves; who ends with torque on?
+
+    python benchmarks/bench_fault_matrix.py                # all cells, one instant each
+    python benchmarks/bench_fault_matrix.py --draws 3      # three instants each
+    python benchmarks/bench_fault_matrix.py --guards       # with each guard removed: which cells then fail
+    python benchmarks/bench_fault_matrix.py --page         # writes docs/safety.md's table anew, runs nothing
+
+Emulated bench, virtual time; what is looked at afterwards are the devices' own registers. Prints what each
+row came to, the slowest stop and the longest travel by phase, and every cell that is not as its row says;
+exit code 1 if there is one.
+"""
+
+import argparse
+import re
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from fault_matrix import FAULTS, LOOKED, Cell, Outcome, cells, problems, run_cell
+from fault_page import write_page
+
+from palpate.drivers.dynamixel import control_table, guarded, servo, state
+from palpate.drivers.transport import record
+from palpate.rig import finger_movers, hand, session
+
+Result = tuple[Cell, Outcome, list[str]]
+
+
+def without_force() -> None:
+    """No force counts as too high."""
+    sensed = hand.Hand._sensed
+
+    def deaf(self: hand.Hand, finger: hand.HostFinger) -> hand.Felt:
+        rig, closing = self.rig, self.rig.closing.model_copy(update={"max_force_n": 1e9})
+        self.rig = rig.model_copy(update={"closing": closing})
+        try:
+            return sensed(self, finger)
+        finally:
+            self.rig = rig
+
+    hand.Hand._sensed = deaf  # type: ignore[method-assign]
+
+
+def without_silence() -> None:
+    """Arrays may be silent for ever."""
+    hand.Hand._check_heard = lambda *_: None  # type: ignore[method-assign]
+
+
+def without_stall() -> None:
+    """Fingers on their way may stand still for ever."""
+    finger_movers._STALL_S = 1e9
+    finger_movers._LONGEST_S = 30.0
+
+
+def without_torque_check() -> None:
+    """Nobody looks whether torque is still on."""
+    states = hand.Hand.states
+
+    def trusting(self: hand.Hand, servos: Sequence[servo.Servo]) -> dict[int, object]:
+        driven, self._driven = self._driven, False
+        try:
+            return states(self, servos)  # type: ignore[return-value]
+        finally:
+            self._driven = driven
+
+    hand.Hand.states = trusting  # type: ignore[assignment,method-assign]
+
+
+def without_alerts() -> None:
+    """Hardware errors in states are not raised."""
+    whole = state.States.all
+    state.States.all = lambda self: whole(  # type: ignore[method-assign]
+        replace(self, errors={i: e for i, e in self.errors.items() if not hasattr(e, "carried_out")})
+    )
+
+
+def without_restart_check() -> None:
+    """A servo that has forgotten everything passes for one that has not."""
+    unpack = state._LAYOUT
+
+    class Forgiving:
+        size = unpack.size
+
+        def unpack(self, data: bytes) -> tuple[int, ...]:
+            return (*unpack.unpack(data)[:-3], 1, *unpack.unpack(data)[-2:-1], control_table.ANSWERS_ALL)
+
+    state._LAYOUT = Forgiving()  # type: ignore[assignment]
+
+
+def without_watchdog() -> None:
+    """Bus Watchdog is never armed."""
+    servo.Servo.arm_watchdog = lambda *_: None  # type: ignore[method-assign]
+
+
+def without_output_check() -> None:
+    """The log's failure is not looked at."""
+    session.SessionLog.check = lambda _: None  # type: ignore[method-assign]
+
+
+def without_shield() -> None:
+    """What a recording raises goes through, and the log is written by the thread that drives devices."""
+    record._Shielded._tell = lambda _, action: action()  # type: ignore[method-assign]
+    session.SessionLog._put = lambda self, line: self._write([(line, "")])  # type: ignore[method-assign]
+
+
+def without_sure_off() -> None:
+    """Torque is switched off once, whatever interrupts it."""
+    hand.Hand._surely_off = hand.Hand._switch_off  # type: ignore[method-assign]
+
+
+def without_reconnecting() -> None:
+    """An adapter that comes back is not waited for."""
+    hand.Hand._off_once_plugged_in = lambda _, failed: failed  # type: ignore[method-assign]
+
+
+def without_asking_again() -> None:
+    """Torque off and goals are told once, and answers asked for once."""
+    servo._OFF_ROUNDS = 1
+    servo._CONFIRMATIONS = 1
+    begin = guarded.Bus.__init__
+    guarded.Bus.__init__ = lambda self, *args, **kw: begin(self, *args, **(kw | {"retries": 0}))  # type: ignore[method-assign]
+
+
+GUARDS: dict[str, tuple[Callable[[], None], str]] = {
+    "force": (without_force, "hard is pushed"),
+    "silence of arrays": (without_silence, "array's cable"),
+    "stall": (without_stall, "held elsewhere"),
+    "torque is on": (without_torque_check, "another program"),
+    "hardware error": (without_alerts, "hardware error"),
+    "restart": (without_restart_check, "without power"),
+    "Bus Watchdog": (without_watchdog, "cable breaks|unplugged|stops, or palpate"),
+    "log's check": (without_output_check, "log's disk is full"),
+    "log beside the thread": (without_shield, "log's disk is full"),
+    "torque off, surely": (without_sure_off, "and again"),
+    "adapter that comes back": (without_reconnecting, "unplugged for 3 s"),
+    "asking again": (without_asking_again, "a third of"),
+}
+"""Guards: how each is removed, and words of the rows whose cells name it."""
+
+
+def carried_out(cell: Cell) -> Result:
+    """Run a cell and judge it."""
+    found = run_cell(cell)
+    return cell, found, problems(cell, found)
+
+
+def run(chosen: Sequence[Cell], jobs: int, without: Callable[[], None] | None = None) -> list[Result]:
+    """Run cells in processes of their own."""
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=without) as pool:
+        results = []
+        for result in pool.map(carried_out, chosen, chunksize=8):
+            results.append(result)
+            if sys.stderr.isatty():
+                print(f"\r{len(results)} of {len(chosen)}", end="", file=sys.stderr)
+        return results
+
+
+def show(results: Iterable[Result]) -> int:
+    """Tables by row and by phase, and what is wrong; how many cells are."""
+    rows, phases, wrong = defaultdict(list), defaultdict(list), 0
+    for cell, found, bad in results:
+        rows[cell.fault].append((found, bad))
+        if cell.phase in LOOKED and found.error is not None:
+            phases[cell.phase].append((cell, found))
+        if bad:
+            wrong += 1
+            print(f"WRONG {cell} [{cell.draw}]: {'; '.join(bad)}")
+    print(f"{'fault':66}{'cells':>6}{'ended':>6}{'wrong':>6}{'N':>6}{'mm':>6}")
+    for number, items in sorted(rows.items()):
+        print(
+            f"{FAULTS[number].name:66}{len(items):6}{sum(f.error is not None for f, _ in items):6}"
+            f"{sum(bool(bad) for _, bad in items):6}{max(f.hardest_n for f, _ in items):6.1f}"
+            f"{max(f.travel_mm for f, _ in items if True):6.1f}"
+        )
+    print(f"\n{'phase':24}{'cells':>6}{'stop s':>8}{'mm':>6}  slowest")
+    for phase, found_in in sorted(phases.items()):
+        slowest, found = max(found_in, key=lambda item: item[1].stop_s)
+        longest = max(item.travel_mm for _, item in found_in)
+        print(f"{phase:24}{len(found_in):6}{found.stop_s:8.2f}{longest:6.1f}  {slowest.row.name}")
+    return wrong
+
+
+def try_guards(jobs: int) -> int:
+    """Remove each guard in turn; how many removals went unnoticed."""
+    unnoticed = 0
+    for name, (remove, words) in GUARDS.items():
+        chosen = [cell for cell in cells() if re.search(words, cell.row.name) and cell.phase in LOOKED]
+        failed = sum(bool(bad) for _, _, bad in run(chosen, jobs, remove))
+        unnoticed += failed == 0
+        print(f"without {name:28}{failed:4} of {len(chosen):4} cells fail{'' if failed else '  UNNOTICED'}")
+    return unnoticed
+
+
+def main() -> int:
+    """Run what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--draws", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", default="", help="words of a cell's name")
+    parser.add_argument("--guards", action="store_true")
+    parser.add_argument("--page", action="store_true")
+    asked = parser.parse_args()
+    if asked.page:
+        write_page()
+        return 0
+    begin = time.perf_counter()
+    if asked.guards:
+        wrong = try_guards(asked.jobs)
+    else:
+        chosen = [cell for cell in cells(asked.draws) if asked.only in str(cell)]
+        wrong = show(run(chosen, asked.jobs))
+        print(f"\n{len(chosen)} cells, {wrong} wrong", end="")
+    print(f", {time.perf_counter() - begin:.0f} s")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
