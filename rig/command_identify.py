@@ -30,7 +30,7 @@ from palpate.rig.hand_truth import placement_seen
 from palpate.rig.identify import Outcome
 from palpate.rig.interrupts import HeldInterrupts
 from palpate.rig.known_well import check_known_well
-from palpate.rig.objects_findings_words import finding_lines
+from palpate.rig.objects_findings_words import finding_lines, untouched_lines
 from palpate.rig.report import contacts_json
 from palpate.rig.report_run import identification_picture
 from palpate.rig.scene_findings import scene_lines
@@ -106,7 +106,8 @@ def run_identify(
     if json:
         typer.echo(to_json(out))
     else:
-        _print(out, picture or folder / "picture.svg")
+        advice = untouched_lines(rig_file, objects_file.objects)
+        _print(out, advice, picture or folder / "picture.svg")
     resolved = result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
     return 0 if resolved else 1
 
@@ -200,9 +201,9 @@ def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
     return rows
 
 
-def _print(out: IdentificationOut, picture: Path) -> None:
+def _print(out: IdentificationOut, advice: Sequence[str], picture: Path) -> None:
     """The answer for a person."""
-    for line in answer_lines(out):
+    for line in answer_lines(out, advice):
         typer.echo(line)
     typer.echo(
         f"{counted(out.grips, 'grip', 'grips')}, {counted(out.touches, 'touch', 'touches')}, "

@@ -12,7 +12,7 @@ from palpate.rig.answer_words import counted
 from palpate.rig.objects_findings import HOPELESS, Finding, Trouble, findings_of
 from palpate.rig.objects_fingers import at_heights, contact_bound_mm, heights_in_words
 
-__all__ = ["finding_lines", "workspace_words"]
+__all__ = ["finding_lines", "untouched_lines", "workspace_words"]
 
 _SHOWN = 5
 _UNITS = {
@@ -34,6 +34,18 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     if sum(finding.trouble in HOPELESS for finding in found) == states:
         raise InputError(f'{name}: rig "{rig.name}" cannot identify anything in it: {"; ".join(lines)}')
     return [f"{name}: {line}" for line in lines]
+
+
+def untouched_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
+    """What to look at if fingers touched nothing, or hardly anything."""
+    tops = sorted({state.top_mm for model in models for state in model.states})
+    high = f"{tops[0]:.3g}" if len(tops) == 1 else f"{tops[0]:.3g} to {tops[-1]:.3g}"
+    return [
+        f"is a part on the table, and inside {workspace_words(rig)}?",
+        f"do fingers pass above it? they are at {heights_in_words(at_heights(rig))}, "
+        f"the catalogue's states are {high} mm high",
+        "do the arrays feel it if they are pressed? `palpate watch` shows them",
+    ]
 
 
 def workspace_words(rig: RigFile) -> str:
