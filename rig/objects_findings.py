@@ -16,7 +16,7 @@ from palpate.config import ArmFinger, ObjectModel, RigFile, State
 from palpate.rig.objects_fingers import contact_bound_mm
 from palpate.rig.objects_stack import region_at
 
-__all__ = ["HOPELESS", "Finding", "Trouble", "findings_of"]
+__all__ = ["HOPELESS", "OF_SECTION", "Finding", "Trouble", "findings_of"]
 
 _SCALES = (1000.0, 25.4, 1 / 25.4, 1 / 1000)  # metres, inches, and both converted once too often
 _TOLERANCE_MM = 1e-6
@@ -36,14 +36,17 @@ class Trouble(Enum):
 HOPELESS = frozenset({Trouble.MISSED, Trouble.LINKS, Trouble.OVERSIZED})
 """No run can identify such a state. Others can be identified at times, if hardly."""
 
+OF_SECTION = frozenset({Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY})
+"""Troubles with how large a state is at the fingers' heights, rather than with how high it is."""
+
 
 @dataclass(frozen=True)
 class Finding:
     """What is wrong with one state of one object.
 
-    `size_mm`: its height for MISSED, LINKS and SOME_FINGERS, else the diameter of the smallest circle round
-    its sections at the fingers' heights. `fingers`: those that may feel it. `scale`: none of the object's
-    states can be used, but with coordinates multiplied by this some could; None if no usual unit does that.
+    `size_mm`: for a trouble `OF_SECTION` the diameter of the smallest circle round its sections at the
+    fingers' heights, else its height. `fingers`: those that may feel it. `scale`: none of the object's states
+    can be used, but with coordinates multiplied by this some could; None if no usual unit does that.
     """
 
     object_name: str
@@ -114,8 +117,7 @@ class _Lying:
 
     @property
     def size_mm(self) -> float:
-        across = self.trouble in (Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY)
-        return self._across_mm if across else self._top_mm
+        return self._across_mm if self.trouble in OF_SECTION else self._top_mm
 
     @property
     def fingers(self) -> tuple[str, ...]:

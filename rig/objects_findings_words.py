@@ -9,17 +9,17 @@ from itertools import groupby
 from palpate.config import ObjectModel, RigFile
 from palpate.errors import InputError
 from palpate.rig.answer_words import counted
-from palpate.rig.objects_findings import HOPELESS, Finding, Trouble, findings_of
+from palpate.rig.objects_findings import HOPELESS, OF_SECTION, Finding, Trouble, findings_of
 from palpate.rig.objects_fingers import at_heights, contact_bound_mm, heights_in_words
 
 __all__ = ["finding_lines", "untouched_lines", "workspace_words"]
 
 _SHOWN = 5
 _UNITS = {
-    1000.0: "if its coordinates are metres, multiply them by 1000",
-    25.4: "if its coordinates are inches, multiply them by 25.4",
-    1 / 25.4: "if mm were taken for inches, divide its coordinates by 25.4",
-    1 / 1000: "if mm were taken for metres, divide its coordinates by 1000",
+    1000.0: "if coordinates are metres, multiply them by 1000",
+    25.4: "if coordinates are inches, multiply them by 25.4",
+    1 / 25.4: "if mm were taken for inches, divide coordinates by 25.4",
+    1 / 1000: "if mm were taken for metres, divide coordinates by 1000",
 }
 
 
@@ -69,8 +69,7 @@ def _line(rig: RigFile, group: Sequence[Finding]) -> str:
 
 
 def _names(group: Sequence[Finding]) -> str:
-    across = group[0].trouble in (Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY)
-    size = "across" if across else "high"
+    size = "across" if group[0].trouble in OF_SECTION else "high"
     shown = [
         f"{item.object_name}, {item.state_name} ({item.size_mm:.3g} mm {size})" for item in group[:_SHOWN]
     ]
@@ -82,18 +81,15 @@ def _reason(rig: RigFile, finding: Finding) -> str:
     heights = heights_in_words(at_heights(rig))
     match finding.trouble:
         case Trouble.MISSED:
-            return f"no finger touches it, fingers are at {heights}"
+            return f"nothing at the height of any finger, {heights}"
         case Trouble.SOME_FINGERS:
-            return f"only {', '.join(finding.fingers)} can touch it, fingers are at {heights}"
+            return f"touched by {', '.join(finding.fingers)} only; fingers are at {heights}"
         case Trouble.LINKS:
-            return "too high for the arms' links to pass above it (links_height_mm)"
+            return "too high for the arms' links to pass above (links_height_mm)"
         case Trouble.OVERSIZED:
-            return f"larger than {workspace_words(rig)}"
+            return f"larger in all directions than {workspace_words(rig)}"
         case Trouble.STICKS_OUT:
-            return (
-                f"sticks out of {workspace_words(rig)} wherever it lies: fingers may hit it where they wait"
-            )
+            return f"too long for {workspace_words(rig)}: fingers may hit what sticks out of it"
         case Trouble.TINY:
-            return (
-                f"smaller than {2 * (contact_bound_mm(rig) or 0.0):.2g} mm, by which two touches may be off"
-            )
+            off_mm = 2 * (contact_bound_mm(rig) or 0.0)
+            return f"smaller than {off_mm:.2g} mm, by which two touches may be off"

@@ -27,7 +27,7 @@ def scene_lines(rig: RigFile, placement: Placement) -> list[str]:
     if met.is_empty:
         high = f"{placement.state.top_mm:.3g} mm high"
         fingers = heights_in_words(heights)
-        return [f"{name} ({high}): no finger touches it, fingers are at {fingers}; {_EMPTY}"]
+        return [f"{name} ({high}): nothing at the height of any finger, {fingers}; {_EMPTY}"]
     origin, radius = shapely.Point(0, 0), rig.workspace.radius_mm
     if shapely.distance(met, origin) >= radius:
         return [f"{name}: lies outside of {workspace_words(rig)}; {_EMPTY}"]
