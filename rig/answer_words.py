@@ -87,7 +87,10 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
 def _untouched_words(out: IdentificationOut) -> str:
     """Why there is not even a hypothesis."""
     if out.swept:
-        return "nothing was touched, and no part of the catalogue has room in the rest of the workspace"
+        since = f" since grip {_last(out)}" if out.moved_before else ""
+        return (
+            f"nothing was touched{since}, and no part of the catalogue has room in the rest of the workspace"
+        )
     if not out.contacts:
         return f"nothing was touched in {counted(out.grips, 'grip', 'grips')}"
     return f"{counted(out.contacts, 'contact is', 'contacts are')} too few to tell anything"

@@ -94,8 +94,8 @@ class Identification:
     `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
     (from 1) before which the part seems to have been moved. `foretold`: touches that came out as everything
     that is left had foretold. `unnoticed_mm`: a part shifted before the last grip by more would surely have
-    been noticed. `swept`: nothing was touched, and no state that fingers can feel has room in the rest of the
-    workspace.
+    been noticed. `swept`: nothing was touched (since a move), and no state that fingers can feel has room in
+    the rest of the workspace.
     """
 
     outcome: Outcome
@@ -235,7 +235,10 @@ def _explore(state: _Search) -> list[tuple[int, float]]:
         return exploring_grip(state.reach, contacts)
     left = places_left(contacts, state.discs, state.rig.workspace.radius_mm)
     state.swept = is_swept(left, state.discs)
-    return [] if state.swept else sweeping_grip(state.reach, contacts, left, state.discs)
+    if state.swept:
+        return []
+    # Ways that free nothing may still meet a part that reaches far beyond its disc.
+    return sweeping_grip(state.reach, contacts, left, state.discs) or exploring_grip(state.reach, contacts)
 
 
 def _answer(state: _Search, recognition: Recognition) -> Outcome | None:

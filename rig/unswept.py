@@ -23,7 +23,10 @@ _CHORDS = 32  # in a quarter
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc that fits inside the section, at one height, of each of these states (indices)."""
+    """A disc that fits inside the section, at one height, of each of these states (indices).
+
+    The radius is negative if a state is so thin that its tolerance leaves nothing for certain.
+    """
 
     radius_mm: float
     states: frozenset[int]
@@ -33,13 +36,11 @@ def discs_at(catalogue: Catalogue, heights_mm: Iterable[float]) -> dict[float, D
     """The largest such disc at each height; a height at which no state has a section is left out."""
     found = {}
     for height in set(heights_mm):
-        radii = {
-            index: _inscribed_mm(item.state, height) - item.tolerance_mm
-            for index, item in enumerate(catalogue.states)
-        }
-        met = {index: radius for index, radius in radii.items() if radius > 0}
+        inscribed = [_inscribed_mm(item.state, height) for item in catalogue.states]
+        met = [index for index, radius in enumerate(inscribed) if radius > 0]
         if met:
-            found[height] = Disc(min(met.values()), frozenset(met))
+            least = min(inscribed[index] - catalogue.states[index].tolerance_mm for index in met)
+            found[height] = Disc(least, frozenset(met))
     return found
 
 

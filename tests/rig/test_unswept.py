@@ -107,6 +107,16 @@ def test_discs_fit_inside_their_sections() -> None:
     assert discs_at(Catalogue([tolerant]), {25.0}) == {}, "nothing is there"
 
 
+def test_a_part_thinner_than_its_tolerance_is_not_ruled_out() -> None:
+    sheet = ObjectModel("sheet", flat("", [(0, 0), (60, 0), (60, 1), (0, 1)]).states, 0.8)
+    (disc,) = discs_at(Catalogue([sheet, *SIX]), {10.0}).values()
+    assert disc.states == frozenset(range(7))
+    assert disc.radius_mm < 0
+    result = searched(NOWHERE, [sheet, *SIX])
+    assert not result.swept
+    assert len(result.grips) == RIG.search.max_grips
+
+
 def test_states_at_other_heights_need_fingers_there() -> None:
     """Two fingers' heights: a state counts as ruled out once it is at one of them."""
     square = (Polygon(np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)])),)
