@@ -34,7 +34,7 @@ class Trouble(Enum):
 
 
 HOPELESS = frozenset({Trouble.MISSED, Trouble.LINKS, Trouble.OVERSIZED})
-"""No run can identify such a state. Others can be identified at times, if hardly."""
+"""Fingers pass such a state by, or run into it. With other troubles a state may still be identified."""
 
 OF_SECTION = frozenset({Trouble.OVERSIZED, Trouble.STICKS_OUT, Trouble.TINY})
 """Troubles with how large a state is at the fingers' heights, rather than with how high it is."""
