@@ -98,7 +98,9 @@ class IdentificationOut(Out):
     `foretold`: touches that came out as everything that was left had foretold. `moved_before`: grips, counted
     from 1, before which the part seems to have been moved; what was felt before the last of them does not
     count. `unnoticed_shift` (mm): had the part been shifted before the last grip by more, that would surely
-    have been noticed; null if that cannot be said. `calibration` is null if the run used none.
+    have been noticed; null if that cannot be said. `calibration` is null if the run used none. `contacts`: so
+    many of the touches met something. `swept`: none did, or none since the part was moved, and they leave no
+    room in the workspace for any state of the catalogue that fingers can feel.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -112,6 +114,8 @@ class IdentificationOut(Out):
     strategy: StrategyName
     grips: int
     touches: int
+    contacts: int = 0
+    swept: bool = False
     foretold: int
     moved_before: tuple[int, ...]
     unnoticed_shift: Rounded | None

@@ -1,6 +1,7 @@
 """The end of `palpate identify` in words: the answer, what else it may be, or why there is none."""
 
 import math
+from collections.abc import Sequence
 
 from palpate.config.identification_result import (
     AlternativeOut,
@@ -15,9 +16,14 @@ _ALTERNATIVES_SHOWN = 12
 _RETOUCH = "`palpate check --touch` tells"
 
 
-def answer_lines(out: IdentificationOut) -> list[str]:
-    """The answer for a person, and how it compares with the truth if that is known."""
+def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str]:
+    """The answer for a person, and how it compares with the truth if that is known.
+
+    `advice`: what to look at if the table was all but untouched (`untouched_lines`).
+    """
     lines = [*_verdict_lines(out), *_place_lines(out)]
+    if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
+        lines += [f"  {line}" for line in advice]
     lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_ALTERNATIVES_SHOWN]]
     if len(out.alternatives) > _ALTERNATIVES_SHOWN:
         lines.append(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
@@ -64,7 +70,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
             lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH}")
         return lines
     if out.object is None:
-        return [f"{out.verdict}: too little was touched to tell anything"]
+        return [f"{out.verdict}: {_untouched_words(out)}"]
     name = f"{out.object}, {out.state}"
     if out.verdict == IdentificationVerdict.UNRESOLVED:
         left = "is all that agrees with what was felt" if not out.alternatives else "is still possible"
@@ -76,6 +82,18 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
     if out.moved_before:
         lines.append(f"  moved before grip {_last(out)}; touches since then count")
     return lines
+
+
+def _untouched_words(out: IdentificationOut) -> str:
+    """Why there is not even a hypothesis."""
+    if out.swept:
+        since = f" since grip {_last(out)}" if out.moved_before else ""
+        return (
+            f"nothing was touched{since}, and no part of the catalogue has room in the rest of the workspace"
+        )
+    if not out.contacts:
+        return f"nothing was touched in {counted(out.grips, 'grip', 'grips')}"
+    return f"{counted(out.contacts, 'contact is', 'contacts are')} too few to tell anything"
 
 
 def _drift_line(found: CalibrationUsedOut) -> str:

@@ -16,6 +16,7 @@ from rich.status import Status
 
 from palpate.config import load_objects, load_scene, shipped_objects
 from palpate.config.identification_result import IdentificationOut
+from palpate.config.loading import source_name
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.answer_words import answer_lines, counted
@@ -29,10 +30,13 @@ from palpate.rig.hand_truth import placement_seen
 from palpate.rig.identify import Outcome
 from palpate.rig.interrupts import HeldInterrupts
 from palpate.rig.known_well import check_known_well
+from palpate.rig.objects_findings_words import finding_lines, untouched_lines
 from palpate.rig.report import contacts_json
 from palpate.rig.report_run import identification_picture
+from palpate.rig.scene_findings import scene_lines
 from palpate.rig.session import SessionLog, session_folder
 from palpate.rig.session_inputs import keep_inputs
+from palpate.rig.terminal import print_notices
 from palpate.rig.whole_run import Job, carry_out
 
 __all__ = ["run_identify"]
@@ -64,6 +68,10 @@ def run_identify(
     objects_file = load_objects(objects_source)
     given_scene = None if scene is None else load_scene(scene)
     lying = place(on_bench.described, objects_file, given_scene, seed)
+    notices = finding_lines(rig_file, objects_file.objects, source_name(objects_source))
+    if lying is not None and given_scene is not None:
+        notices += scene_lines(on_bench.described, lying)
+    print_notices(notices)
     if picture is not None:
         check_place(picture)
     bench = set_up(on_bench.described, lying, seed)
@@ -98,7 +106,8 @@ def run_identify(
     if json:
         typer.echo(to_json(out))
     else:
-        _print(out, picture or folder / "picture.svg")
+        advice = untouched_lines(rig_file, objects_file.objects)
+        _print(out, advice, picture or folder / "picture.svg")
     resolved = result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
     return 0 if resolved else 1
 
@@ -192,9 +201,9 @@ def _facts(out: IdentificationOut) -> list[tuple[str, str]]:
     return rows
 
 
-def _print(out: IdentificationOut, picture: Path) -> None:
+def _print(out: IdentificationOut, advice: Sequence[str], picture: Path) -> None:
     """The answer for a person."""
-    for line in answer_lines(out):
+    for line in answer_lines(out, advice):
         typer.echo(line)
     typer.echo(
         f"{counted(out.grips, 'grip', 'grips')}, {counted(out.touches, 'touch', 'touches')}, "

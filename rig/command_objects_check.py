@@ -11,20 +11,23 @@ from palpate.config.objects_result import ObjectsCheckOut
 from palpate.config.results import to_json
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.objects_check_words import check_lines
+from palpate.rig.objects_findings_words import finding_lines
 from palpate.rig.objects_fingers import rig_fingers
 from palpate.rig.objects_report import not_known_out, rig_out, separating_out
 from palpate.rig.objects_separating import separating
 from palpate.rig.objects_stack import resting
 from palpate.rig.objects_twins import alike
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, print_notices
 
 __all__ = ["run_objects_check"]
 
 
 def run_objects_check(*, objects: Path, rig: Path | None, json: bool, calibration: bool = True) -> int:
     """Compare and print; returns the exit code: 1 if some pair can never be told apart."""
-    fingers = rig_fingers(load_calibrated(rig, calibration=calibration).rig)
-    states = resting(load_objects(objects))
+    rig_file = load_calibrated(rig, calibration=calibration).rig
+    objects_file = load_objects(objects)
+    fingers, states = rig_fingers(rig_file), resting(objects_file)
+    print_notices(finding_lines(rig_file, objects_file.objects, str(objects)))
     with Doing(Console(stderr=True, soft_wrap=True), "comparing") as doing:
         doing.now(f"{len(states)} states")
         pairs = alike(states, fingers, motions)

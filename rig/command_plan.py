@@ -6,6 +6,7 @@ import typer
 from rich.console import Console
 
 from palpate.config import load_contacts, load_objects, shipped_objects
+from palpate.config.loading import source_name
 from palpate.config.results import to_json
 from palpate.recognizer import Catalogue, Strategy, Verdict
 from palpate.rig.calibrated_rig import load_calibrated
@@ -14,9 +15,11 @@ from palpate.rig.explained import Felt, explain, explanation_lines
 from palpate.rig.files import check_place, write_text
 from palpate.rig.heights import check_known, fingers_of
 from palpate.rig.next_grip import plan_for
+from palpate.rig.objects_findings_words import finding_lines
 from palpate.rig.plan_picture import plan_picture
 from palpate.rig.plan_table import print_plan
 from palpate.rig.report_grip import grip_out
+from palpate.rig.terminal import print_notices
 
 __all__ = ["run_plan"]
 
@@ -34,9 +37,11 @@ def run_plan(
 ) -> int:
     """Plan, print, draw; returns the exit code (1 if nothing fits or no grip would tell anything apart)."""
     rig_file = load_calibrated(rig, calibration=calibration).rig
-    objects_file = load_objects(objects or shipped_objects())
+    objects_source = objects or shipped_objects()
+    objects_file = load_objects(objects_source)
     felt = Felt(grips_of(load_contacts(contacts)))
     check_known(objects_file.objects, [*rig_file.fingers, *fingers_of(felt.contacts)])
+    print_notices(finding_lines(rig_file, objects_file.objects, source_name(objects_source)))
     catalogue = Catalogue(models_of(objects_file))
     if picture is not None:
         check_place(picture)

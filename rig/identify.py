@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 
@@ -38,6 +39,7 @@ from palpate.rig.hand import Hand
 from palpate.rig.observers import Observer, Observers
 from palpate.rig.reach import Reach, reach_of
 from palpate.rig.told import extent_of, foretold_by, survives, unnoticed_mm
+from palpate.rig.unswept import Disc, discs_at, is_swept, places_left, sweeping_grip
 
 __all__ = ["Carry", "Identification", "Observer", "Outcome", "identify", "search"]
 
@@ -68,7 +70,8 @@ class Identification:
     `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
     (from 1) before which the part seems to have been moved. `foretold`: touches that came out as everything
     that is left had foretold. `unnoticed_mm`: a part shifted before the last grip by more would surely have
-    been noticed.
+    been noticed. `swept`: nothing was touched (since a move), and no state that fingers can feel has room in
+    the rest of the workspace.
     """
 
     outcome: Outcome
@@ -78,6 +81,7 @@ class Identification:
     moved_before: tuple[int, ...] = ()
     foretold: int = 0
     unnoticed_mm: float = math.inf
+    swept: bool = False
 
     @property
     def touches(self) -> int:
@@ -106,6 +110,12 @@ class _Search:
     chance: float = 1.0
     unnoticed_mm: float = math.inf
     checks: int = 0
+    swept: bool = False
+
+    @cached_property
+    def discs(self) -> dict[float, Disc]:
+        """What fits into every state of the catalogue, at the fingers' heights."""
+        return discs_at(self.catalogue, {finger.height_mm for finger in self.rig.fingers})
 
     @property
     def contacts(self) -> list[Contact]:
@@ -171,6 +181,7 @@ def _searched(state: _Search) -> Identification:
         tuple(state.moved_before),
         state.foretold,
         state.unnoticed_mm,
+        state.swept,
     )
 
 
@@ -182,7 +193,7 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
         _begin_again(state)
     recognition = state.recognition
     if recognition is None:
-        grip = exploring_grip(state.reach, state.contacts)
+        grip = _explore(state)
         return None if grip else Outcome.UNRESOLVED, grip
     answer = _answer(state, recognition)
     settled = answer is not None and _is_settled(state, recognition)
@@ -198,6 +209,19 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
         return Outcome.UNRESOLVED, []
     state.observers.planned(len(state.grips) + 1, plan)
     return None, list(zip(plan.indices, plan.travels_mm, strict=True))
+
+
+def _explore(state: _Search) -> list[tuple[int, float]]:
+    """A grip to find the part; none if it cannot be there, or no approach is left."""
+    contacts = state.contacts
+    if not contacts or any(contact.touched for contact in contacts):
+        return exploring_grip(state.reach, contacts)
+    left = places_left(contacts, state.discs, state.rig.workspace.radius_mm)
+    state.swept = is_swept(left, state.discs)
+    if state.swept:
+        return []
+    # Ways that free nothing may still meet a part that reaches far beyond its disc.
+    return sweeping_grip(state.reach, contacts, left, state.discs) or exploring_grip(state.reach, contacts)
 
 
 def _answer(state: _Search, recognition: Recognition) -> Outcome | None:

@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.rig.convert import dent_allowance_mm, kinematics_of, tip_bound_mm
 from palpate.rig.stage import planned_turn
 
-__all__ = ["AtHeight", "RigFingers", "heights_in_words", "rig_fingers"]
+__all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_in_words", "rig_fingers"]
 
 
 @dataclass(frozen=True)
@@ -44,19 +44,29 @@ def rig_fingers(rig: RigFile) -> RigFingers:
 
     Raises InputError if no finger gets to the middle: there is no such bound then.
     """
-    bounds = [_bound_mm(finger, rig) for finger in rig.fingers]
-    finite = [bound for bound in bounds if math.isfinite(bound)]
-    if not finite:
+    bound_mm = contact_bound_mm(rig)
+    if bound_mm is None:
         raise InputError(
             f"rig {rig.name}: no finger gets to the middle of the table (0, 0), so how far off contacts may "
             "be is not known; check base_mm and the fingers' ranges"
         )
+    return RigFingers(rig.name, at_heights(rig), bound_mm)
+
+
+def contact_bound_mm(rig: RigFile) -> float | None:
+    """Largest bound of a contact about the middle of the table; None if no finger gets there."""
+    bounds = [_bound_mm(finger, rig) for finger in rig.fingers]
+    return max((bound for bound in bounds if math.isfinite(bound)), default=None)
+
+
+def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
+    """The rig's fingers by height, ascending."""
     at = []
     for height in sorted({finger.height_mm for finger in rig.fingers}):
         here = [finger for finger in rig.fingers if finger.height_mm == height]
         slimmest = min(finger.tip.radius_mm for finger in here)
         at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here)))
-    return RigFingers(rig.name, tuple(at), max(finite))
+    return tuple(at)
 
 
 def heights_in_words(at: Sequence[AtHeight]) -> str:

@@ -12,7 +12,7 @@ import shapely
 
 from palpate.config import ObjectsFile, Section, State
 
-__all__ = ["Level", "Range", "Resting", "joined_ranges", "resting"]
+__all__ = ["Level", "Range", "Resting", "joined_ranges", "region_at", "resting"]
 
 Range = tuple[float, float]
 
@@ -79,6 +79,12 @@ def resting(objects: ObjectsFile) -> tuple[Resting, ...]:
     return tuple(
         Resting(item.name, state, item.tolerance_mm) for item in objects.objects for state in item.states
     )
+
+
+def region_at(state: State, z_mm: float) -> shapely.Geometry:
+    """What the sections have at a height, without the levels of all the others; empty for nothing."""
+    here = [section for section in state.sections if section.z_mm[0] <= z_mm <= section.z_mm[1]]
+    return shapely.union_all([_region(section) for section in here])
 
 
 def joined_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:

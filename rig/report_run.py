@@ -50,6 +50,8 @@ def identification_out(
         strategy=StrategyName(strategy.value),
         grips=len(result.grips),
         touches=result.touches,
+        contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),
+        swept=result.swept,
         foretold=result.foretold,
         moved_before=result.moved_before,
         unnoticed_shift=result.unnoticed_mm if math.isfinite(result.unnoticed_mm) else None,

@@ -1,12 +1,20 @@
-"""Saying on a terminal what goes on at the moment; nothing where there is none. For slow commands."""
+"""What is said on stderr beside a result: notices, and on a terminal what goes on at the moment."""
 
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
+import typer
 from rich.console import Console
 from rich.status import Status
 
-__all__ = ["Doing"]
+__all__ = ["Doing", "print_notices"]
+
+
+def print_notices(lines: Iterable[str]) -> None:
+    """Tell the operator what does not stop the command, a line each."""
+    for line in lines:
+        typer.echo(f"notice: {line}", err=True)
 
 
 class Doing:

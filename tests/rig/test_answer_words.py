@@ -110,7 +110,16 @@ def test_nothing_is_said_that_is_not_so() -> None:
     said = "\n".join(answer_lines(ended(IdentificationVerdict.UNRESOLVED)))
     assert "is all that agrees" in said
     assert "foretold" not in said
-    assert "too little was touched" in answer_lines(ended(IdentificationVerdict.UNRESOLVED, **NOTHING))[0]
+    advice = ["is a part on the table?"]
+    for values, words in (
+        ({"contacts": 0}, "nothing was touched in 2 grips"),
+        ({"contacts": 0, "swept": True}, "no part of the catalogue has room"),
+        ({"contacts": 1}, "1 contact is too few"),
+    ):
+        told = answer_lines(ended(IdentificationVerdict.UNRESOLVED, **NOTHING, **values), advice)
+        assert words in told[0]
+        assert told[1] == "  is a part on the table?"
+    assert advice[0] not in "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, **NOTHING), advice))
     assert [counted(n, "grip", "grips") for n in (0, 1, 2)] == ["0 grips", "1 grip", "2 grips"]
 
 
