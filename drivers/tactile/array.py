@@ -34,7 +34,7 @@ from palpate.drivers.tactile.messages import (
     Tare,
     Taxels,
 )
-from palpate.drivers.tactile.payloads import frame_bytes
+from palpate.drivers.tactile.protocol import frame_bytes
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, printable
@@ -121,8 +121,8 @@ class TactileArray:
         where, noise = self._stream.where, self._exchange.noise
         if noise:
             return DeviceError(
-                f"{where} does not answer, and what it sends is no message of the tactile protocol ({noise}); "
-                "check protocol and baud rate in the rig file, and its firmware"
+                f"{where} does not answer, and what it sends is no message of the tactile protocol "
+                f"({noise}); check protocol and baud rate in the rig file, and its firmware"
             )
         return DeviceError(
             f"{where} does not answer; check its power, its cable and the port's name in the rig file"

@@ -152,9 +152,8 @@ class Exchange:
                 self._look_for_restart(item, now)
 
     def _look_for_restart(self, answer: Message, now: float) -> None:
-        how = self._restarts.behind(answer)
-        if how and not isinstance(answer.body, Describe) and self._restarts.is_restart(answer, now):
-            self._restarted = how
+        if not isinstance(answer.body, Describe) and self._restarts.is_restart(answer, now):
+            self._restarted = self._restarts.behind(answer)
         self._restarts.note(answer, now)
 
     def _note(self, fault: DecodeFault, now: float) -> None:

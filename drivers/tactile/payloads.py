@@ -34,7 +34,7 @@ from palpate.drivers.tactile.messages import (
     Taxels,
 )
 
-__all__ = ["MAX_PAYLOAD", "frame_bytes", "pack", "request_id", "unpack"]
+__all__ = ["MAX_PAYLOAD", "pack", "request_id", "unpack"]
 
 _REQUEST = struct.Struct("<H")
 _RATE = struct.Struct("<HI")
@@ -50,11 +50,6 @@ MAX_PAYLOAD = _SIZE.size + 2 * MAX_TAXELS
 _NACK_REASONS = frozenset(map(int, NackReason))
 _TAXEL_FAULTS = frozenset(map(int, TaxelFault))
 _SHAPES = ", ".join(f"{shape.value} {shape.name.lower()}" for shape in Shape)
-
-
-def frame_bytes(taxels: int) -> int:
-    """Bytes of a FRAME's payload."""
-    return _SIZE.size + 2 * taxels
 
 
 def request_id(payload: bytes) -> int | None:

@@ -19,7 +19,16 @@ from cobs import cobs
 from palpate.drivers.tactile.messages import Describe, Frame, Message
 from palpate.drivers.tactile.payloads import MAX_PAYLOAD, pack, request_id, unpack
 
-__all__ = ["DELIMITER", "MAX_ENCODED", "VERSION", "DecodeFault", "Decoder", "FaultKind", "encode"]
+__all__ = [
+    "DELIMITER",
+    "MAX_ENCODED",
+    "VERSION",
+    "DecodeFault",
+    "Decoder",
+    "FaultKind",
+    "encode",
+    "frame_bytes",
+]
 
 VERSION = 1
 DELIMITER = b"\x00"
@@ -79,6 +88,12 @@ def encode(message: Message, version: int = VERSION) -> bytes:
     plain = head + payload
     stuffed: bytes = cobs.encode(plain + _CRC.pack(zlib.crc32(plain)))
     return stuffed + DELIMITER
+
+
+def frame_bytes(taxels: int) -> int:
+    """Bytes of an encoded FRAME at most, delimiter included."""
+    plain = _SHORTEST + 2 + 2 * taxels
+    return plain + plain // 254 + 2
 
 
 class Decoder:

@@ -24,17 +24,17 @@ class RestartWatch:
         self._last, self._heard_s = message, now
 
     def behind(self, message: Message) -> str:
-        """How a message stands to the newest one, for messages; "" if it is ahead of it or the first."""
-        last = self._last
-        if last is None or 0 < (message.sequence - last.sequence) % (1 << 32) < _HALF_CIRCLE:
-            return ""
+        """How a message that is not ahead of the newest one stands to it, for messages."""
+        last = self._last or message
         return (
             f"number {message.sequence} at {message.time_us * 1e-6:.6g} s of its clock, "
             f"after number {last.sequence} at {last.time_us * 1e-6:.6g} s"
         )
 
     def is_restart(self, message: Message, now: float) -> bool:
-        """Whether a message that is behind and was read at `now` (s) tells of a reset."""
+        """Whether a message that was read at `now` (s) tells of a reset: number and clock are behind."""
         last = self._last
-        since_s = now - self._heard_s + _SPARE_S
-        return last is not None and message.time_us < last.time_us and message.time_us <= since_s * 1e6
+        if last is None or (message.sequence - last.sequence) % (1 << 32) < _HALF_CIRCLE:
+            return False
+        since_us = (now - self._heard_s + _SPARE_S) * 1e6
+        return message.time_us < last.time_us and message.time_us <= since_us

@@ -24,7 +24,8 @@ _CHUNK = 64  # bytes of a frame that are worth looking at; far fewer than a fram
 _MAX_WAITING_FRAMES = 4096
 _READ = 1 << 16  # bytes
 _SPARE_PIECES = 64  # beyond what the rate brings: decoding so many takes a fraction of a millisecond
-_SPARE_BYTES = 2048
+_SPARE_BYTES = 1024  # where every byte may be as much work as a piece
+_PIECE_BYTES = 256  # of a long piece that are as much work as a short one
 _SURPLUS = 2.0  # times the rate that is read without complaint
 _AT_ONCE = 1024  # pieces between two looks at what came of them
 _BABBLES_S = 0.25
@@ -144,7 +145,7 @@ class FrameStream:
         self._frames.clear()
 
     def frames(self) -> list[TactileFrame]:
-        """Return the frames that have arrived, oldest first, without waiting; of too many the rest comes later.
+        """Return the frames that have arrived, oldest first, without waiting; of too many some come later.
 
         Raises DeviceError if what arrives makes no sense for long: see the class.
         """
@@ -206,20 +207,18 @@ class FrameStream:
         frames = _SURPLUS * self._rate_hz * (self._looked_s - before)
         if self._mark is None:
             return _SPARE_BYTES + int(frames * self._frame_bytes)
-        return _SPARE_PIECES + int(2 * frames)  # a delimiter may come before a message, too
+        a_frame = 2 + self._frame_bytes // _PIECE_BYTES  # a mark may come before a frame, too
+        return _SPARE_PIECES + int(frames * a_frame)
 
     def _work(self, data: bytes) -> int:
-        return len(data) if self._mark is None else max(data.count(self._mark), 1)
+        return len(data) if self._mark is None else 1 + data.count(self._mark) + len(data) // _PIECE_BYTES
 
     def _cut(self, work: int) -> bytes:
-        """Take from what was read a beginning that is no more than so much work."""
+        """Take from what was read a beginning that is about so much work at most."""
         data = self._unread
-        if self._mark is None:
-            end = work
-        elif data.count(self._mark) > work:
+        end = work if self._mark is None else work * _PIECE_BYTES
+        if self._mark is not None and data.count(self._mark, 0, end) > work:
             end = len(data) - len(data.split(self._mark, work)[-1])
-        else:
-            end = len(data)
         head, self._unread = data[:end], data[end:]
         return head
 
