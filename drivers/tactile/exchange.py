@@ -56,6 +56,7 @@ class Exchange:
         self._unusable: list[DecodeFault] = []
         self._restarts = RestartWatch()
         self._restarted = ""
+        self._stray: int | None = None
         self._other_version: int | None = None
         self._faults_before: Counter[FaultKind] = Counter()
         self._sequence = 0
@@ -77,7 +78,7 @@ class Exchange:
         """
         self._answers.clear()
         self._unusable.clear()
-        self._other_version = None
+        self._other_version = self._stray = None
         self._faults_before = Counter(self.decoder.faults)
         numbers: set[int] = set()
         for _ in range(attempts):
@@ -88,6 +89,11 @@ class Exchange:
             answer = self._await(request, numbers, wanted, timeout_s)
             if answer is not None:
                 return answer
+        if self._stray is not None and wanted is Describe:
+            raise DeviceError(
+                f"{self.stream.where} answers under request number {self._stray} (allowed: {min(numbers)} to "
+                f"{max(numbers)}, as asked); correct its firmware (docs/tactile-protocol.md, section 2)"
+            )
         return None
 
     def _say(self, request: Request) -> None:
@@ -105,9 +111,11 @@ class Exchange:
         def answered() -> bool:
             for message in self._answers:
                 body = message.body
-                if not isinstance(body, Answer) or body.request_id not in numbers:
+                if not isinstance(body, Answer):
                     continue
-                if isinstance(body, (wanted, Nack)):
+                if body.request_id not in numbers:
+                    self._stray = body.request_id
+                elif isinstance(body, (wanted, Nack)):
                     found.append(body)
                 else:
                     refused.append(_name(body))

@@ -83,9 +83,7 @@ def test_a_board_that_another_program_resets_in_a_stream_is_told_as_restarted() 
     with pytest.raises(DeviceError, match=r"sent no frame for 0\.15 s"):
         array.wait_frame(0.15)
     bench.clock.sleep(1.0)
-    with pytest.raises(
-        DeviceError, match=r"f1 on mock://\S+ has restarted \(number \d+ at .* s of its clock"
-    ):
+    with pytest.raises(DeviceError, match=r"f1 on mock://\S+ has restarted \(number \d+ at .* s of its"):
         array.start(100.0)
     array.start(100.0)
     assert array.wait_frame(0.1).device_time_s < 2.0
