@@ -11,7 +11,7 @@ from palpate.drivers.tactile.messages import Description, Frame, Message
 __all__ = ["FrameCheck"]
 
 _LATEST_US = 1 << 53  # 285 years: no array has run for so long
-_LEAP_S = 10.0  # that a clock may be ahead of the host's since the last frame; reading late puts it behind
+_LEAP_S = 2.0  # that a clock may be ahead of the host's since the last frame; reading late puts it behind
 _RESTART_SPARE_S = 1.0
 
 
