@@ -132,7 +132,7 @@ def test_waiting_for_a_frame_ends_in_time(protocol: str, chunk: bytes) -> None:
     array, port, clock = babbling(protocol)
     port.babble = chunk
     began = clock.now()
-    with pytest.raises(DeviceError, match=r"f1 on \S+ sent no frame for 0\.15 s, but \d+ bytes that are no"):
+    with pytest.raises(DeviceError, match=r"f1 on \S+ sent no frame for 0\.15 s"):
         array.wait_frame(0.15)
     assert clock.now() - began < 0.2
 
