@@ -17,7 +17,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.errors import DeviceError, PalpateError, SafetyStop, printable
 from palpate.rig import cli_devices, cli_objects
 from palpate.rig.ending import ExitCode, Interrupted
 
@@ -277,5 +277,5 @@ def _notes(error: BaseException) -> list[str]:
 
 def _say(message: str, code: int, notes: Sequence[str] = ()) -> int:
     for line in (message, *notes):
-        typer.echo(line, err=True)
+        typer.echo(printable(line), err=True)
     return code

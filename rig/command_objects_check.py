@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from palpate.cad.sameness import motions
 from palpate.config import load_objects
@@ -16,7 +15,7 @@ from palpate.rig.objects_report import not_known_out, rig_out, separating_out
 from palpate.rig.objects_separating import separating
 from palpate.rig.objects_stack import resting
 from palpate.rig.objects_twins import alike
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 
 __all__ = ["run_objects_check"]
 
@@ -25,7 +24,7 @@ def run_objects_check(*, objects: Path, rig: Path | None, json: bool, calibratio
     """Compare and print; returns the exit code: 1 if some pair can never be told apart."""
     fingers = rig_fingers(load_calibrated(rig, calibration=calibration).rig)
     states = resting(load_objects(objects))
-    with Doing(Console(stderr=True, soft_wrap=True), "comparing") as doing:
+    with Doing(Terminal(stderr=True, soft_wrap=True), "comparing") as doing:
         doing.now(f"{len(states)} states")
         pairs = alike(states, fingers, motions)
         found = []

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from palpate.config import load_contacts, load_objects, shipped_objects
 from palpate.config.results import to_json
@@ -17,6 +16,7 @@ from palpate.rig.next_grip import plan_for
 from palpate.rig.plan_picture import plan_picture
 from palpate.rig.plan_table import print_plan
 from palpate.rig.report_grip import grip_out
+from palpate.rig.terminal import Terminal
 
 __all__ = ["run_plan"]
 
@@ -48,7 +48,7 @@ def run_plan(
     elif planned.recognition.verdict is Verdict.NONE:
         _print_none(catalogue, felt)
     else:
-        print_plan(planned, Console(highlight=False, markup=False, emoji=False))
+        print_plan(planned, Terminal(highlight=False, markup=False, emoji=False))
     return 0 if planned.is_help else 1
 
 

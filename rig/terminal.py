@@ -1,19 +1,38 @@
-"""Saying on a terminal what goes on at the moment; nothing where there is none. For slow commands."""
+"""The terminal as commands write on it, and what goes on at the moment, for slow ones."""
 
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.markup import escape
+from rich.segment import Segment
 from rich.status import Status
 
-__all__ = ["Doing"]
+from palpate.errors import printable
+
+__all__ = ["Doing", "Terminal"]
+
+
+class Terminal(Console):
+    """A console on which nothing that comes from devices or files can act on the terminal: it is escaped."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """What rich makes of something, without control characters but its own."""
+        for segment in super().render(renderable, options):
+            safe = segment.control or segment.text.isprintable()
+            yield segment if safe else segment._replace(text=_safe(segment.text))
+
+
+def _safe(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))
 
 
 class Doing:
     """A moving line on a terminal while something is done. Use as a context manager."""
 
     def __init__(self, console: Console, what: str) -> None:
-        self._status: Status | None = console.status(what) if console.is_terminal else None
+        self._status: Status | None = console.status(escape(what)) if console.is_terminal else None
 
     def __enter__(self) -> Self:
         if self._status is not None:
@@ -29,4 +48,4 @@ class Doing:
     def now(self, what: str) -> None:
         """Say what is done now."""
         if self._status is not None:
-            self._status.update(what)
+            self._status.update(escape(what))

@@ -56,7 +56,7 @@ class Exchange:
         self._unusable: list[DecodeFault] = []
         self._restarts = RestartWatch()
         self._restarted = ""
-        self._stray: int | None = None
+        self._strays: list[int] = []
         self._other_version: int | None = None
         self._faults_before: Counter[FaultKind] = Counter()
         self._sequence = 0
@@ -78,7 +78,8 @@ class Exchange:
         """
         self._answers.clear()
         self._unusable.clear()
-        self._other_version = self._stray = None
+        self._strays.clear()
+        self._other_version = None
         self._faults_before = Counter(self.decoder.faults)
         numbers: set[int] = set()
         for _ in range(attempts):
@@ -89,10 +90,10 @@ class Exchange:
             answer = self._await(request, numbers, wanted, timeout_s)
             if answer is not None:
                 return answer
-        if self._stray is not None and wanted is Describe:
+        if self._strays and wanted is Describe:
             raise DeviceError(
-                f"{self.stream.where} answers under request number {self._stray} (allowed: {min(numbers)} to "
-                f"{max(numbers)}, as asked); correct its firmware (docs/tactile-protocol.md, section 2)"
+                f"{self.stream.where} answers under request number {self._strays[-1]} (allowed: "
+                f"{min(numbers)} to {max(numbers)}, as asked); correct its firmware (docs/tactile-protocol.md, section 2)"
             )
         return None
 
@@ -114,7 +115,7 @@ class Exchange:
                 if not isinstance(body, Answer):
                     continue
                 if body.request_id not in numbers:
-                    self._stray = body.request_id
+                    self._strays.append(body.request_id)
                 elif isinstance(body, (wanted, Nack)):
                     found.append(body)
                 else:
