@@ -93,7 +93,8 @@ class Exchange:
         if self._strays and wanted is Describe:
             raise DeviceError(
                 f"{self.stream.where} answers under request number {self._strays[-1]} (allowed: "
-                f"{min(numbers)} to {max(numbers)}, as asked); correct its firmware (docs/tactile-protocol.md, section 2)"
+                f"{min(numbers)} to {max(numbers)}, as asked); correct its firmware "
+                "(docs/tactile-protocol.md, section 2)"
             )
         return None
 
