@@ -220,6 +220,19 @@ def test_a_reset_between_two_streams_is_told_once() -> None:
     assert len(read(array, clock, 20)) >= 19
 
 
+def test_a_host_that_was_held_up_reads_old_frames_and_then_new_ones() -> None:
+    device = Streamer()
+    array, port, clock = streaming(device)
+    read(array, clock, 50)
+    clock.sleep(5.0)
+    _ = port.in_waiting
+    del port.buffer[600:]  # what a terminal's buffer holds; the rest is lost
+    assert 10 <= len(array.frames()) <= 20
+    assert read(array, clock, 50)[-1] == device.sequence - 1
+    assert array.counters.misshapen == 0
+    assert array.counters.lost > 400
+
+
 def test_frames_that_come_twice_are_dropped_without_a_word() -> None:
     device = Streamer()
     array, port, clock = streaming(device)
