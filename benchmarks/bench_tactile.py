@@ -27,12 +27,29 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from contact_outcomes import tared
 from contact_sweep import RATE_HZ, TARE_FRAMES, Session, cylinder_session, pad_session
 
-from palpate.drivers.tactile.messages import Frame, Message
+from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.messages import Ack, Describe, Description, Frame, Hello, Message, Shape, Start
 from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.transport.clock import MonotonicClock
 
 ROWS, COLS = 8, 8
 HEADER = struct.Struct("<BBHIQH")
 PLAIN = "plain loop"
+DESCRIPTION = Description(
+    unique_id=b"benchmark's own.",
+    firmware="bench",
+    emulated=True,
+    shape=Shape.FLAT,
+    rows=ROWS,
+    cols=COLS,
+    bit_depth=16,
+    max_rate_hz=1000.0,
+    full_scale_n=10.0,
+    counts_per_n=6553.5,
+    tip_radius_mm=0.0,
+    columns=tuple(range(COLS)),
+    row_heights_mm=tuple(range(ROWS)),
+)
 
 
 @dataclass(frozen=True)
@@ -49,7 +66,8 @@ def recorded(frames: int) -> bytes:
     rng = np.random.default_rng(8)
     taxels = rng.integers(0, 65536, (frames, ROWS * COLS), dtype="<u2")
     return b"".join(
-        encode(Message(n, 5000 * n, Frame(ROWS, COLS, counts.tobytes()))) for n, counts in enumerate(taxels)
+        encode(Message(n, 1000 * n, Frame(ROWS, COLS, counts.tobytes())))
+        for n, counts in enumerate(taxels, 1)
     )
 
 
@@ -80,10 +98,53 @@ def decoded(chunk: int) -> Callable[[bytes], int]:
     return run
 
 
+class RecordedPort:
+    """A port that has the whole stream to give; it answers HELLO and START in front of it."""
+
+    def __init__(self, stream: bytes) -> None:
+        self.port: str | None = "recorded"
+        self.timeout: float | None = 0.0
+        self._stream = stream
+        self._answers: list[bytes] = []
+        self._at = 0
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self._answers[0]) if self._answers else min(len(self._stream) - self._at, 1 << 16)
+
+    def read(self, size: int = 1, /) -> bytes:
+        if self._answers:
+            return self._answers.pop(0)
+        data = self._stream[self._at : self._at + size]
+        self._at += len(data)
+        return data
+
+    def write(self, data: bytes, /) -> int | None:
+        for item in Decoder().feed(data):
+            body = item.body if isinstance(item, Message) else None
+            if isinstance(body, Hello):
+                self._answers.append(encode(Message(0, 0, Describe(body.request_id, DESCRIPTION))))
+            elif isinstance(body, Start):
+                self._answers.append(encode(Message(0, 0, Ack(body.request_id))))
+        return len(data)
+
+
+def driven(stream: bytes) -> int:
+    """The stream through `TactileArray.frames`, called as often as it takes."""
+    port, found = RecordedPort(stream), 0
+    array = TactileArray(port, MonotonicClock(), "bench")
+    array.connect()
+    array.start(1000.0)
+    while frames := array.frames():
+        found += len(frames)
+    return found
+
+
 CASES = (
     Case(PLAIN, plain_loop),
     Case("decode, 64 kB at a time", decoded(65536), 100_000),
     Case("decode, 512 bytes at a time", decoded(512), 100_000),
+    Case("driver", driven),
 )
 
 

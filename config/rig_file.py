@@ -225,6 +225,9 @@ class Emulation(FileModel):
         default=0.0, description="Share of bytes with a flipped bit, on every wire, both ways."
     )
     lost_packets: WireShare = Field(default=0.0, description="Share of packets that get lost, likewise.")
+    array_boot_s: Annotated[Length, Field(le=10)] = Field(
+        default=0.0, description="Arrays reset as their ports open, and are deaf for so long."
+    )
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
     )

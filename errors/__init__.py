@@ -4,7 +4,7 @@ Every message says what was wrong, where, and what to do next, in one line, for 
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
-__all__ = ["DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop"]
+__all__ = ["DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop", "printable"]
 
 
 class PalpateError(Exception):
@@ -25,3 +25,10 @@ class DeviceError(PalpateError):
 
 class SafetyStop(PalpateError):
     """A limit would be or was exceeded and the motion was stopped. Exit code 4."""
+
+
+def printable(text: str) -> str:
+    r"""Text from a device or a file as a terminal may show it: what does not print is escaped, as \x1b is."""
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)

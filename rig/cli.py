@@ -20,7 +20,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
-from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop
+from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.rig import cli_devices, cli_objects
 from palpate.rig.ending import ExitCode, Interrupted
 
@@ -309,5 +309,5 @@ def _notes(error: BaseException) -> list[str]:
 def _say(message: str, code: int, notes: Sequence[str] = ()) -> int:
     with suppress(OSError):
         for line in (message, *notes):
-            typer.echo(line, err=True)
+            typer.echo(printable(line), err=True)
     return code

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table as RichTable
 
 from palpate.calibration.references import placings_for
@@ -37,7 +38,7 @@ from palpate.rig.console_table import ConsoleTable
 from palpate.rig.files import check_place, write_text
 from palpate.rig.may_move import ask_to_move
 from palpate.rig.record_keeper import FileKeeper
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 
 __all__ = ["run_calibrate"]
 
@@ -85,7 +86,7 @@ def run_calibrate(
     slides_of(described)
     references_of(shapes)
     _check_heights(described, shapes)
-    places, console = _Places.beside(rig), Console(stderr=True, highlight=False, soft_wrap=True)
+    places, console = _Places.beside(rig), Terminal(stderr=True, highlight=False, soft_wrap=True)
     _announce(console, described, shapes, steps, places)
     if dry_run:
         return 0
@@ -119,7 +120,7 @@ def run_calibrate(
     out = _out(file, described, steps, places, bench.clock.now(), time.perf_counter() - begin)
     if json:
         typer.echo(to_json(out))
-    _show(out, console if json else Console(highlight=False, soft_wrap=True))
+    _show(out, console if json else Terminal(highlight=False, soft_wrap=True))
     return 0
 
 
@@ -147,7 +148,7 @@ class _Progress:
             self._doing.now(f"{self._step}, {text}")
             return
         self._step = text
-        self._console.print(text if text.endswith(":") else f"  {text}")
+        self._console.print(text if text.endswith(":") else f"  {text}", markup=False)
 
 
 def _announce(
@@ -246,7 +247,7 @@ def _show(out: CalibrateOut, console: Console) -> None:
         table.add_column(title, justify="left" if title == "finger" else "right")
     for item in out.fingers:
         table.add_row(
-            item.name,
+            escape(item.name),
             _shown(item.position_mm, 2),
             _shown(item.direction_deg, 2),
             _shown(item.moved_mm, 2),

@@ -29,7 +29,7 @@ from palpate.rig.checking import check_rig
 from palpate.rig.console_table import ConsoleTable
 from palpate.rig.may_move import ask_to_move
 from palpate.rig.retouch import Retouch, retouch
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 
 __all__ = ["Touching", "run_check"]
 
@@ -51,7 +51,7 @@ def run_check(
     """
     on_bench = load_calibrated(rig, calibration=calibration)
     shapes = None if touching is None else _shapes(on_bench, touching)
-    err = Console(stderr=True, soft_wrap=True)
+    err = Terminal(stderr=True, soft_wrap=True)
     with Doing(err, "checking") as doing:
         out = check_rig(on_bench.rig, bus_of(on_bench.described, seed), doing.now)
     out = with_calibration(out, on_bench, datetime.now(UTC))
@@ -59,7 +59,7 @@ def run_check(
         out = _with_touch(out, on_bench, shapes, err, yes=touching.yes, seed=seed)
     if json:
         typer.echo(to_json(out))
-    show(out, err if json else Console(soft_wrap=True))
+    show(out, err if json else Terminal(soft_wrap=True))
     return 0 if out.well else 3
 
 

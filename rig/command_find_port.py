@@ -5,12 +5,14 @@ from collections.abc import Callable, Sequence
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from palpate.config.ports_result import SerialPortOut, SerialPortsOut
 from palpate.config.results import to_json
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
+from palpate.rig.terminal import Terminal
 from palpate.rig.timer_words import timer_warnings
 
 __all__ = ["find_unplugged", "ports_out", "run_find_port", "tell_found"]
@@ -21,7 +23,7 @@ _POLL_S = 0.2
 
 def run_find_port(*, only_list: bool, json: bool) -> int:
     """List the ports, on a terminal also find one; returns the exit code: 3 if there is none."""
-    console = Console(stderr=json, soft_wrap=True)
+    console = Terminal(stderr=json, soft_wrap=True)
     ports = serial_ports()
     _show(ports, console)
     found: Sequence[SerialPort] = ()
@@ -87,10 +89,12 @@ def tell_found(found: Sequence[SerialPort], console: Console) -> None:
     if not found:
         console.print("nothing was unplugged")
     for port in found:
-        console.print(f"\n{port.kind or 'it'} is {port.device}; in the rig file:\n", highlight=False)
-        console.print(f'    port = "{port.name}"\n', highlight=False)
+        console.print(
+            f"\n{port.kind or 'it'} is {port.device}; in the rig file:\n", highlight=False, markup=False
+        )
+        console.print(f'    port = "{port.name}"\n', highlight=False, markup=False)
         for warning in timer_warnings(port.device, port.latency_timer_s):
-            console.print(warning, highlight=False)
+            console.print(warning, highlight=False, markup=False)
 
 
 def _show(ports: Sequence[SerialPort], console: Console) -> None:
@@ -104,17 +108,19 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
         timer = "" if port.latency_timer_s is None else f"{port.latency_timer_s * 1e3:g} ms"
         slow = bool(timer_warnings(port.device, port.latency_timer_s))
         table.add_row(
-            port.device + ("" if port.permitted else " [red](not permitted)[/]"),
-            port.kind or "",
+            escape(port.device) + ("" if port.permitted else " [red](not permitted)[/]"),
+            escape(port.kind or ""),
             _usb(port) or "",
-            port.serial_number or "",
+            escape(port.serial_number or ""),
             f"[yellow]{timer}[/]" if slow else timer,
-            port.used_by or "",
+            escape(port.used_by or ""),
         )
     console.print(table)
     for port in ports:
         if port.by_id is not None:
-            console.print(f'{port.device} in a rig file: port = "{port.by_id}"', highlight=False)
+            console.print(
+                f'{port.device} in a rig file: port = "{port.by_id}"', highlight=False, markup=False
+            )
     if not all(port.permitted for port in ports):
         console.print("for ports that are not permitted: sudo usermod -aG dialout $USER, then log in again")
 

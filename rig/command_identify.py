@@ -36,7 +36,7 @@ from palpate.rig.report_run import identification_picture
 from palpate.rig.scene_findings import scene_lines
 from palpate.rig.session import SessionLog, session_folder
 from palpate.rig.session_inputs import keep_inputs
-from palpate.rig.terminal import print_notices
+from palpate.rig.terminal import Terminal, print_notices
 from palpate.rig.whole_run import Job, carry_out
 
 __all__ = ["run_identify"]
@@ -87,7 +87,7 @@ def run_identify(
     header |= {"calibration": on_bench.calibration is not None, "started": started.isoformat()}
     latency_s = bus_latency_s(rig_file)
     header |= {"bus_latency_s": latency_s}
-    console = Console(stderr=True, highlight=False)
+    console = Terminal(stderr=True, highlight=False, markup=False)
     with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
         keep_inputs(folder, on_bench, objects_source, scene)
         with HeldInterrupts() as held:

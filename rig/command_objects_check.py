@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from palpate.cad.sameness import motions
 from palpate.config import load_objects
@@ -17,7 +16,7 @@ from palpate.rig.objects_report import not_known_out, rig_out, separating_out
 from palpate.rig.objects_separating import separating
 from palpate.rig.objects_stack import resting
 from palpate.rig.objects_twins import alike
-from palpate.rig.terminal import Doing, print_notices
+from palpate.rig.terminal import Doing, Terminal, print_notices
 
 __all__ = ["run_objects_check"]
 
@@ -28,7 +27,7 @@ def run_objects_check(*, objects: Path, rig: Path | None, json: bool, calibratio
     objects_file = load_objects(objects)
     fingers, states = rig_fingers(rig_file), resting(objects_file)
     print_notices(finding_lines(rig_file, objects_file.objects, str(objects)))
-    with Doing(Console(stderr=True, soft_wrap=True), "comparing") as doing:
+    with Doing(Terminal(stderr=True, soft_wrap=True), "comparing") as doing:
         doing.now(f"{len(states)} states")
         pairs = alike(states, fingers, motions)
         found = []

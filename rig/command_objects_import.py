@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from palpate.config.import_result import ImportedObjectOut, ImportOut
 from palpate.config.objects_file import checked_objects, load_objects_text
@@ -16,7 +15,7 @@ from palpate.errors import InputError
 from palpate.rig.files import check_place, write_text
 from palpate.rig.import_table import show
 from palpate.rig.importing import ImportedObject, Wanted, import_file
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 
 __all__ = ["Into", "heights_of", "run_import"]
 
@@ -41,7 +40,7 @@ def run_import(source: Path, wanted: Wanted, into: Into, *, json: bool) -> int:
     _check_wanted(wanted)
     target = into.path or Path(f"{source.stem}.objects.json")
     there = _there(target, add=into.add)
-    console = Console(stderr=True, soft_wrap=True, highlight=False)
+    console = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with Doing(console, f"reading {source.name}") as doing:
         imported = import_file(source, wanted, doing.now)
         doing.now(f"writing {target}")
@@ -59,7 +58,7 @@ def run_import(source: Path, wanted: Wanted, into: Into, *, json: bool) -> int:
     )
     if json:
         typer.echo(to_json(out))
-    show(out, console if json else Console(highlight=False))
+    show(out, console if json else Terminal(highlight=False))
     return 0
 
 

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from palpate.cad.sameness import motions
 from palpate.config import load_objects
@@ -20,7 +19,7 @@ from palpate.rig.objects_report import name_out, pair_out, rig_out
 from palpate.rig.objects_stack import Resting, resting
 from palpate.rig.objects_symmetry import symmetry_of_state
 from palpate.rig.objects_twins import Likeness, Pair, alike
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 
 __all__ = ["picture_beside", "run_objects_show"]
 
@@ -48,7 +47,7 @@ def run_objects_show(
     states = resting(load_objects(objects))
     place = picture or picture_beside(objects)
     check_place(place)
-    with Doing(Console(stderr=True, soft_wrap=True), f"comparing {len(states)} states") as doing:
+    with Doing(Terminal(stderr=True, soft_wrap=True), f"comparing {len(states)} states") as doing:
         pairs = alike(states, fingers, motions)
         doing.now("drawing")
         told = {state: Told(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
@@ -65,7 +64,7 @@ def run_objects_show(
     if json:
         typer.echo(to_json(out))
     else:
-        console = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
+        console = Terminal(highlight=False, markup=False, emoji=False, soft_wrap=True)
         print_listing(out, console, every=every)
     return 0
 

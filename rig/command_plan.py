@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import typer
-from rich.console import Console
 
 from palpate.config import load_contacts, load_objects, shipped_objects
 from palpate.config.loading import source_name
@@ -19,7 +18,7 @@ from palpate.rig.objects_findings_words import finding_lines
 from palpate.rig.plan_picture import plan_picture
 from palpate.rig.plan_table import print_plan
 from palpate.rig.report_grip import grip_out
-from palpate.rig.terminal import print_notices
+from palpate.rig.terminal import Terminal, print_notices
 
 __all__ = ["run_plan"]
 
@@ -53,7 +52,7 @@ def run_plan(
     elif planned.recognition.verdict is Verdict.NONE:
         _print_none(catalogue, felt)
     else:
-        print_plan(planned, Console(highlight=False, markup=False, emoji=False))
+        print_plan(planned, Terminal(highlight=False, markup=False, emoji=False))
     return 0 if planned.is_help else 1
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from palpate.config.results import to_json
@@ -17,7 +18,7 @@ from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace, Owned, bus_place, servos_of
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 
 __all__ = ["ids_of", "run_scan"]
 
@@ -33,7 +34,7 @@ def run_scan(
     _check_rates(baudrates)
     place = bus_place(rig, port)
     rates = _rates(baudrates, place)
-    console = Console(stderr=True, soft_wrap=True)
+    console = Terminal(stderr=True, soft_wrap=True)
     with Doing(console, f"scanning {place.port}") as doing:
 
         def tell(baudrate: int, dxl_id: int | None) -> None:
@@ -45,7 +46,7 @@ def run_scan(
     out = scan_out(place, found, rates, wanted)
     if json:
         typer.echo(to_json(out))
-    show(out, console if json else Console(soft_wrap=True), console)
+    show(out, console if json else Terminal(soft_wrap=True), console)
     return 0 if _is_well(out, servos_of(place.rig), place.baudrate) else 3
 
 
@@ -92,11 +93,11 @@ def show(out: ScanOut, console: Console, warn: Console) -> None:
     ids = f"id {out.ids[0]}" if len(out.ids) == 1 else f"ids {out.ids[0]} to {out.ids[-1]}"
     count = counted(len(out.servos), "servo", "servos") if out.servos else "no servo"
     emulated = " (emulated)" if out.emulated else ""
-    console.print(f"{count} on {out.port}{emulated}; {rates}, {ids}", highlight=False)
+    console.print(f"{count} on {escape(out.port)}{emulated}; {rates}, {ids}", highlight=False)
     if not out.servos:
         warn.print("nothing answers: check the servos' power, the cable, and the port (`palpate find-port`)")
     for warning in out.warnings:
-        warn.print(f"[yellow]warning:[/] {warning}", highlight=False)
+        warn.print(f"[yellow]warning:[/] {escape(warning)}", highlight=False)
 
 
 def _table(out: ScanOut) -> Table:
@@ -113,7 +114,7 @@ def _table(out: ScanOut) -> Table:
             str(servo.id),
             model + (" [red](several?)[/]" if servo.crowded else ""),
             "?" if servo.firmware is None else str(servo.firmware),
-            servo.owner or "",
+            escape(servo.owner or ""),
         )
     return table
 

@@ -20,7 +20,7 @@ from palpate.drivers.dynamixel.set_up import Change, Wire, wanted_items
 from palpate.errors import InputError
 from palpate.rig.bus_place import BusPlace, bus_of
 from palpate.rig.motor_setup import Motor, Ready, set_up_all
-from palpate.rig.terminal import Doing
+from palpate.rig.terminal import Doing, Terminal
 from palpate.rig.wanted import wanted_servos
 
 __all__ = ["run_setup", "set_up_motors"]
@@ -43,7 +43,7 @@ def run_setup(*, rig: Path, dxl_ids: Sequence[int], yes: bool, json: bool) -> in
 def set_up_motors(rig: RigFile, place: BusPlace, dxl_ids: Sequence[int], *, yes: bool, json: bool) -> int:
     """The same for a rig whose bus is at hand."""
     motors = _motors(rig, place, dxl_ids)
-    console = Console(stderr=True, soft_wrap=True)
+    console = Terminal(stderr=True, soft_wrap=True)
     person = _Person(console, len(motors), yes=yes)
     wire = Wire(place.open, place.clock, place.latency_s)
     try:

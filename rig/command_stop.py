@@ -14,6 +14,7 @@ from palpate.drivers.transport.port import PortTaken
 from palpate.errors import InputError
 from palpate.rig.answer_words import counted
 from palpate.rig.bus_place import BusPlace, bus_place, servos_of
+from palpate.rig.terminal import Terminal
 
 __all__ = ["run_stop", "stop"]
 
@@ -32,7 +33,7 @@ def run_stop(*, rig: Path | None, port: str | None, baudrate: int | None, json: 
     out = stop(place, baudrate or place.baudrate or _USUAL_BAUDRATE)
     if json:
         typer.echo(to_json(out))
-    _show(out, Console(stderr=json, soft_wrap=True))
+    _show(out, Terminal(stderr=json, soft_wrap=True))
     return 0 if out.confirmed else 3
 
 

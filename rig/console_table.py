@@ -1,6 +1,7 @@
 """A person at the table, asked on the terminal to put references where calibration wants them."""
 
 from rich.console import Console
+from rich.markup import escape
 
 from palpate.calibration.reference import Reference
 from palpate.errors import InputError
@@ -31,7 +32,7 @@ class ConsoleTable:
 
     def _ask(self, what: str) -> None:
         try:
-            self._console.input(f"[bold]{what}[/bold] Then keep your hands away and press Enter. ")
+            self._console.input(f"[bold]{escape(what)}[/bold] Then keep your hands away and press Enter. ")
         except EOFError:
             raise InputError(
                 "nobody is there to put references on the table: standard input has ended; use a terminal"

@@ -16,6 +16,7 @@ from palpate.config.rig_file import Emulation
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
+from palpate.drivers.emulators.booting import BootingBoard
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.mechanics import EmulatedStage
@@ -39,6 +40,7 @@ _ROW_PITCH_MM = 2.0
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
 _DSA_MATRICES = 2
+_BOOT_TEXT = b"boot: palpate emulator\r\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +112,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
-        devices[finger.array.port] = (emulated.array, finger.array.baudrate_bps)
+        devices[finger.array.port] = (_board(emulated.array, rig.emulation), finger.array.baudrate_bps)
     return EmulatedRig(bench, _on_bad_wires(devices, rig.emulation, seed))
 
 
@@ -183,6 +185,14 @@ def _array(finger: AnyFinger, taxels: Taxels, advance: Callable[[float], None]) 
         baudrate=spec.baudrate_bps,
         to_device=mounting.to_device,
     )
+
+
+def _board(array: SampledArray, emulation: Emulation) -> Device:
+    """What the array's port leads to."""
+    if emulation.array_boot_s == 0:
+        return array
+    restart = array.restart if isinstance(array, EmulatedArray) else lambda _: None
+    return BootingBoard(array, emulation.array_boot_s, restart, _BOOT_TEXT)
 
 
 def _column_pitch_mm(finger: AnyFinger) -> float:

@@ -369,8 +369,8 @@ class Hand:
         allowed = max(_SILENT_S, _SILENT_FRAMES / self.rig.closing.sample_rate_hz)
         if now - self._heard_s[finger] > allowed:
             raise DeviceError(
-                f"tactile array {finger.name} on {finger.spec.array.port} has sent nothing for {allowed:g} s "
-                "while fingers moved; fingers were stopped; check its cable"
+                f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} for "
+                f"{allowed:g} s while fingers moved; fingers were stopped; check its cable"
             )
 
     def _connect(self, open_port: OpenPort) -> None:
@@ -395,16 +395,17 @@ class Hand:
         for servo in self._servos:
             servo.check()
         self._reader = StateReader(self.bus, self._servos)
-        self.fingers = tuple(
-            self._finger(spec, drive, open_port) for spec, drive in zip(rig.fingers, drives, strict=True)
-        )
+        # All ports first: boards that reset when their port opens then boot at the same time.
+        self._arrays = [self._array(spec, open_port) for spec in rig.fingers]
+        self.fingers = tuple(map(self._finger, rig.fingers, drives, self._arrays))
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
-    def _finger(self, spec: AnyFinger, drive: Drive, open_port: OpenPort) -> HostFinger:
+    def _array(self, spec: AnyFinger, open_port: OpenPort) -> ArrayDriver:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
         self._ports.append(port)
-        array = array_of(spec, port, self.clock)
-        self._arrays.append(array)
+        return array_of(spec, port, self.clock)
+
+    def _finger(self, spec: AnyFinger, drive: Drive, array: ArrayDriver) -> HostFinger:
         extractor = extractor_of(self.rig, spec, array.connect())
         return HostFinger(
             spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor

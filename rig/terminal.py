@@ -1,27 +1,45 @@
-"""What is said on stderr beside a result: notices, and on a terminal what goes on at the moment."""
+"""The terminal as commands write on it: escaped text, notices, and what goes on at the moment."""
 
 from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.markup import escape
+from rich.segment import Segment
 from rich.status import Status
 
-__all__ = ["Doing", "print_notices"]
+from palpate.errors import printable
+
+__all__ = ["Doing", "Terminal", "print_notices"]
+
+
+class Terminal(Console):
+    """A console on which nothing that comes from devices or files can act on the terminal: it is escaped."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """What rich makes of something, without control characters but its own."""
+        for segment in super().render(renderable, options):
+            safe = segment.control or segment.text.isprintable()
+            yield segment if safe else segment._replace(text=_safe(segment.text))
+
+
+def _safe(text: str) -> str:
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def print_notices(lines: Iterable[str]) -> None:
     """Tell the operator what does not stop the command, a line each."""
     for line in lines:
-        typer.echo(f"notice: {line}", err=True)
+        typer.echo(f"notice: {printable(line)}", err=True)
 
 
 class Doing:
     """A moving line on a terminal while something is done. Use as a context manager."""
 
     def __init__(self, console: Console, what: str) -> None:
-        self._status: Status | None = console.status(what) if console.is_terminal else None
+        self._status: Status | None = console.status(escape(what)) if console.is_terminal else None
 
     def __enter__(self) -> Self:
         if self._status is not None:
@@ -37,4 +55,4 @@ class Doing:
     def now(self, what: str) -> None:
         """Say what is done now."""
         if self._status is not None:
-            self._status.update(what)
+            self._status.update(escape(what))

@@ -14,6 +14,7 @@ from rich.live import Live
 from palpate.config import RigFile
 from palpate.config.results import to_json
 from palpate.rig.files import write_text
+from palpate.rig.terminal import Terminal
 from palpate.rig.watch_lines import line_of, out_of, summary_of
 from palpate.rig.watch_view import WatchPicture, watch_view
 from palpate.rig.watched import FingerView
@@ -95,7 +96,7 @@ class How:
 
 def how_to_show(*, json: bool) -> How:
     """A screen where a terminal can have one; beside JSON on stderr, unless stdout is a terminal too."""
-    console = Console(stderr=json, soft_wrap=True)
+    console = Terminal(stderr=json, soft_wrap=True)
     screen = console.is_terminal and not console.is_dumb_terminal
     return How(console, screen and not (json and sys.stdout.isatty()), json)
 

@@ -64,7 +64,9 @@ def end_if_silent(fingers: Sequence[WatchedFinger], rate_hz: float) -> None:
     for finger in fingers:
         limit = max(GONE_S, 5 / rate_hz)
         if finger.age_s > limit:
+            instead = finger.array.silence
+            but = "" if instead == "nothing" else f", but {instead}"
             raise DeviceError(
-                f"tactile array {finger.name} on {finger.port} sent no frame for {limit:g} s; "
+                f"tactile array {finger.name} on {finger.port} sent no frame for {limit:g} s{but}; "
                 "check its power and its cable, then watch again"
             )

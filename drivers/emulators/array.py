@@ -79,15 +79,20 @@ class EmulatedArray:
         d = self.description
         places = d.geometry or np.concatenate((d.positions_mm(), d.normals()), axis=-1)
         self._places = np.reshape(places, (d.taxels, REALS_PER_TAXEL))
-        self._decoder = Decoder(version)
+        self._zero = Taring(d.max_count)
+        self.restart(0.0)
+
+    def restart(self, now: float) -> None:
+        """Begin anew, as after a reset or power-up at `now`: IDLE and RAW, numbers and clock at 0."""
+        self._decoder = Decoder(self._version)
         self._waiting: deque[tuple[float, Message | DecodeFault]] = deque()
-        self._busy_until_s = 0.0
         self._queue: deque[Emission] = deque()
+        self._busy_until_s = self._born_s = now
         self._sequence = 0
         self._period_s: float | None = None
-        self._start_s = 0.0
+        self._start_s = now
         self._samples = 0
-        self._zero = Taring(d.max_count)
+        self._zero.forget()
 
     def next_sample_s(self) -> float | None:
         """Instant at which the array samples next, or None while it does not stream."""
@@ -214,6 +219,6 @@ class EmulatedArray:
             self._send(Nack(body.request_id, NackReason.BAD_PAYLOAD), now)
 
     def _send(self, body: Body, now: float, flags: int = 0) -> None:
-        message = Message(self._sequence, round(now * 1e6), body, flags)
+        message = Message(self._sequence, round((now - self._born_s) * 1e6), body, flags)
         self._queue.append((now, encode(message, self._version)))
         self._sequence = (self._sequence + 1) % (1 << 32)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import serial
 
-from palpate.drivers.transport.wire import Device, Emission, RatedDevice
+from palpate.drivers.transport.wire import Device, Emission, OpenedDevice, RatedDevice
 
 __all__ = ["FaultCounts", "FaultRates", "FaultyWire", "RatedFaultyWire", "WireCounts", "WireRates"]
 
@@ -136,6 +136,11 @@ class FaultyWire:
             self._live_unheard(now)
             raise serial.SerialException(_READ_FAILED)
         return self._spoiled(self._deliver(now) + self._device.poll(now))
+
+    def opened(self, now: float) -> None:
+        """Let the device notice that its port was opened, if it does such things."""
+        if isinstance(self._device, OpenedDevice):
+            self._device.opened(now)
 
     def next_due(self) -> float | None:
         """Instant of the next unprovoked emission, or of the next late packet's arrival at the device."""

@@ -10,6 +10,7 @@ from typing import TypeVar
 from serial.serialutil import SerialBase
 
 from palpate.drivers.tactile.exchange import Exchange
+from palpate.drivers.tactile.frame_check import FrameCheck
 from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
 from palpate.drivers.tactile.messages import (
     MAX_TARE_SAMPLES,
@@ -33,13 +34,17 @@ from palpate.drivers.tactile.messages import (
     Tare,
     Taxels,
 )
+from palpate.drivers.tactile.protocol import frame_bytes
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, printable
 
 __all__ = ["TactileArray"]
 
 ANSWER_TIMEOUT_S = 0.5
+BOOT_ATTEMPTS = (
+    10  # a board that resets as its port opens is deaf for up to 3 s, and its first answer may be lost
+)
 COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
 GEOMETRY_TIMEOUT_S = 1.0  # one answer may have 6 kB, which take 0.5 s at 115200 baud
 SELF_TEST_TIMEOUT_S = 2.5  # the array has 2 s, then comes the time on the wire
@@ -69,6 +74,8 @@ class TactileArray:
         self._stream = self._exchange.stream
         self._clock = clock
         self._description: Description | None = None
+        self._check: FrameCheck | None = None
+        self._just_opened = True
         self._misshapen = 0
 
     @property
@@ -88,36 +95,55 @@ class TactileArray:
     def connect(self) -> Description:
         """Ask the array what it is, and where its taxels are if its surface is free; a running stream stops.
 
-        The array forgets a zero that it was told to take off.
+        The array forgets a zero that it was told to take off. A port that was just opened is given 5 s,
+        because many boards reset then.
         """
-        self._description = None
-        answer = self._exchange.ask(Hello, Describe, ANSWER_TIMEOUT_S, ATTEMPTS)
-        where = self._stream.where
+        self._description = self._check = None
+        attempts = BOOT_ATTEMPTS if self._just_opened else ATTEMPTS
+        answer = self._exchange.ask(Hello, Describe, ANSWER_TIMEOUT_S, attempts)
         if isinstance(answer, Nack):
             raise DeviceError(
-                f"{where} refuses to describe itself ({answer.reason.name}); "
+                f"{self._stream.where} refuses to describe itself ({answer.reason.name}); "
                 "power it off and on, then check its firmware"
             )
         if answer is None:
-            raise DeviceError(
-                f"{where} does not answer; check its power, its cable and the port's name in the rig file"
-            )
-        told = answer.description
+            raise self._silent()
+        self._just_opened = False
+        told = replace(answer.description, firmware=printable(answer.description.firmware))
         if told.shape is Shape.FREE:
             told = replace(told, geometry=self._geometry(told.taxels))
         self._description = told
         self._stream.clear()
+        self._expect(0.0)
         return told
+
+    def _silent(self) -> DeviceError:
+        where, noise = self._stream.where, self._exchange.noise
+        if noise:
+            return DeviceError(
+                f"{where} does not answer, and what it sends is no message of the tactile protocol "
+                f"({noise}); check protocol and baud rate in the rig file, and its firmware"
+            )
+        return DeviceError(
+            f"{where} does not answer; check its power, its cable and the port's name in the rig file"
+        )
+
+    def _expect(self, rate_hz: float) -> None:
+        """A stream at this rate begins: its frames are compared with each other."""
+        self._check = FrameCheck(self.description)
+        self._stream.expect(rate_hz, frame_bytes(self.description.taxels))
 
     def start(self, rate_hz: float) -> None:
         """Stream frames at `rate_hz`; a running stream begins anew."""
         rate_mhz = self._rate_mhz(rate_hz)
         self._command(lambda number: Start(number, rate_mhz), "start")
+        self._expect(rate_hz)
 
     def set_rate(self, rate_hz: float) -> None:
         """Go on streaming at another rate: the next frame comes one new period after the last one."""
         rate_mhz = self._rate_mhz(rate_hz)
         self._command(lambda number: Rate(number, rate_mhz), "change the rate")
+        self._expect(rate_hz)
 
     def stop(self) -> None:
         """Stop the stream; frames that were on their way stay readable."""
@@ -153,12 +179,20 @@ class TactileArray:
         return self._tested(answer)
 
     def frames(self) -> list[TactileFrame]:
-        """Return every frame that has arrived, oldest first, without waiting."""
+        """Return every frame that has arrived, oldest first, without waiting.
+
+        Takes no longer, whatever arrives; raises DeviceError if it makes no sense for long (see FrameStream).
+        """
         return self._stream.frames()
 
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
         return self._stream.wait_frame(timeout_s)
+
+    @property
+    def silence(self) -> str:
+        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        return self._stream.silence
 
     def _test(self) -> Report | Nack | None:
         return self._exchange.ask(SelfTest, Report, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
@@ -205,13 +239,14 @@ class TactileArray:
         return answer
 
     def _take(self, message: Message, body: Frame) -> None:
-        shape = self._description
-        if shape is None:
-            return
-        if (body.rows, body.cols) != (shape.rows, shape.cols):
-            self._misshapen += 1
+        if self._check is None:
             return
         now = self._clock.now()
+        problem = self._check.problem(message, body, now)
+        if problem is not None:
+            self._misshapen += 1
+            self._stream.refuse(problem)
+            return
         tared = bool(message.flags & FrameFlag.TARED)
         self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, body.counts, tared))
 

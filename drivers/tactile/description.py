@@ -6,6 +6,7 @@ middle, counter-clockwise seen from above.
 
 import enum
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -19,6 +20,16 @@ __all__ = ["MAX_TAXELS", "REALS_PER_TAXEL", "Description", "Shape", "unusable_pl
 MAX_TAXELS = 4096
 REALS_PER_TAXEL = 6
 _NORMAL_TOLERANCE = 0.01
+
+# What lies outside of these is a mistake in the firmware, such as degrees for radians, and no array.
+RATES_HZ = (0.001, 4294967.295)
+FULL_SCALES_N = (1e-3, 1e5)
+COUNTS_PER_N = (1e-3, 1e7)
+RADII_MM = (0.1, 1000.0)
+FARTHEST_MM = 1000.0
+HALF_TURN_RAD = 3.1416  # half a turn, and what rounding adds
+PITCH_MM = 0.01
+PITCH_RAD = 1e-4
 
 
 class Shape(enum.IntEnum):
@@ -105,53 +116,79 @@ class Description:
         return np.reshape(np.asarray(self.geometry), (self.rows, self.cols, REALS_PER_TAXEL))
 
     def problem(self) -> str | None:
-        """Say what makes this description unusable, or None if nothing does."""
-        checks = (
-            (len(self.unique_id) == 16, "the unique id is not 16 bytes long"),
-            (1 <= self.rows <= 255 and 1 <= self.cols <= 255, "rows or columns outside 1..255"),
-            (self.taxels <= MAX_TAXELS, f"more than {MAX_TAXELS} taxels"),
-            (1 <= self.bit_depth <= 16, "bit depth outside 1..16"),
-            (self._is_finite(), "a number is not finite"),
-            (self.full_scale_n > 0 and self.counts_per_n > 0, "full scale or counts per N not positive"),
-            (self.max_rate_hz > 0, "rate not positive"),
-            (self.shape is not Shape.CYLINDER or self.tip_radius_mm > 0, "a cylinder without a radius"),
-            (len(self.firmware.encode()) <= 255, "firmware name longer than 255 bytes"),
+        """Name the first field that cannot be used, its value and what is allowed; None if all can be."""
+        return next(filter(None, self._problems()), None)
+
+    def _problems(self) -> Iterator[str | None]:
+        yield (
+            None if len(self.unique_id) == 16 else f"a unique id of {len(self.unique_id)} bytes (allowed: 16)"
         )
-        general = next((text for good, text in checks if not good), None)
-        return general or (self._free_problem() if self.shape is Shape.FREE else self._grid_problem())
+        yield _outside("rows", self.rows, 1, 255)
+        yield _outside("columns", self.cols, 1, 255)
+        yield _outside(f"{self.rows} x {self.cols} taxels, together", self.taxels, 1, MAX_TAXELS)
+        yield _outside("bit depth", self.bit_depth, 1, 16)
+        yield _outside("maximum rate", self.max_rate_hz, *RATES_HZ, "Hz")
+        yield _outside("full scale", self.full_scale_n, *FULL_SCALES_N, "N")
+        yield _outside("counts per N", self.counts_per_n, *COUNTS_PER_N)
+        least_mm = RADII_MM[0] if self.shape is Shape.CYLINDER else 0.0
+        yield _outside("tip radius", self.tip_radius_mm, least_mm, RADII_MM[1], "mm")
+        yield _outside("bytes of firmware name", len(self.firmware.encode()), 0, 255)
+        yield from self._free_problems() if self.shape is Shape.FREE else self._grid_problems()
 
-    def _is_finite(self) -> bool:
-        scales = (self.full_scale_n, self.counts_per_n, self.tip_radius_mm, self.max_rate_hz)
-        return all(map(math.isfinite, (*self.columns, *self.row_heights_mm, *scales)))
-
-    def _grid_problem(self) -> str | None:
-        checks = (
-            (len(self.columns) == self.cols, "not one position per column"),
-            (len(self.row_heights_mm) == self.rows, "not one height per row"),
-            (_ascending(self.columns), "column positions do not ascend"),
-            (_ascending(self.row_heights_mm), "row heights do not ascend"),
-            (not self.geometry, "a place of its own for each taxel, on a surface that is not free"),
+    def _grid_problems(self) -> Iterator[str | None]:
+        cylinder = self.shape is Shape.CYLINDER
+        farthest, nearest, unit = (
+            (HALF_TURN_RAD, PITCH_RAD, "rad") if cylinder else (FARTHEST_MM, PITCH_MM, "mm")
         )
-        return next((text for good, text in checks if not good), None)
+        yield _unlike("column positions", len(self.columns), self.cols)
+        yield _misplaced("column", self.columns, farthest, nearest, unit)
+        yield _unlike("row heights", len(self.row_heights_mm), self.rows)
+        yield _misplaced("row", self.row_heights_mm, FARTHEST_MM, PITCH_MM, "mm")
+        yield "a place of its own for each taxel (allowed: on a free surface)" if self.geometry else None
 
-    def _free_problem(self) -> str | None:
+    def _free_problems(self) -> Iterator[str | None]:
         if self.columns or self.row_heights_mm:
-            return "columns or row heights on a free surface"
-        if not self.geometry:
-            return None
-        if len(self.geometry) != REALS_PER_TAXEL * self.taxels:
-            return "not six reals a taxel"
-        return unusable_places(self.geometry)
+            yield "column positions or row heights (allowed: on a surface that is not free)"
+        if self.geometry:
+            yield _unlike("reals of geometry", len(self.geometry), REALS_PER_TAXEL * self.taxels)
+            yield unusable_places(self.geometry)
 
 
 def unusable_places(reals: tuple[float, ...]) -> str | None:
     """Say what is wrong with places of taxels, six reals each, or None if nothing is."""
     places = np.reshape(np.asarray(reals, dtype=np.float64), (-1, REALS_PER_TAXEL))
-    if not np.isfinite(places).all():
-        return "a taxel's place is not finite"
-    length = np.linalg.norm(places[:, 3:], axis=1)
-    return None if (np.abs(length - 1) <= _NORMAL_TOLERANCE).all() else "a normal that is not of length 1"
+    off = ~(np.abs(places[:, :3]) <= FARTHEST_MM)
+    if off.any():
+        value = places[:, :3][off][0]
+        return f"a taxel's position of {value:g} mm (allowed: {-FARTHEST_MM:g} to {FARTHEST_MM:g} mm)"
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(places[:, 3:], axis=1)
+    wrong = ~(np.abs(length - 1) <= _NORMAL_TOLERANCE)
+    return (
+        f"a taxel's normal of length {length[wrong][0]:.4g} (allowed: 1 within 1 %)" if wrong.any() else None
+    )
 
 
-def _ascending(values: tuple[float, ...]) -> bool:
-    return all(a < b for a, b in pairwise(values))
+def _outside(what: str, value: float, lo: float, hi: float, unit: str = "") -> str | None:
+    unit = f" {unit}" if unit else ""
+    return None if lo <= value <= hi else f"{what} {value:.7g}{unit} (allowed: {lo:.7g} to {hi:.7g}{unit})"
+
+
+def _unlike(what: str, count: int, wanted: int) -> str | None:
+    return None if count == wanted else f"{count} {what} (allowed: {wanted})"
+
+
+def _misplaced(
+    what: str, values: tuple[float, ...], farthest: float, nearest: float, unit: str
+) -> str | None:
+    """What is wrong with the positions of columns or rows; the first has number 0."""
+    for number, value in enumerate(values):
+        if not -farthest <= value <= farthest:
+            return _outside(f"{what} {number} at", value, -farthest, farthest, unit)
+    for number, (before, value) in enumerate(pairwise(values), 1):
+        if not value - before >= nearest:
+            return (
+                f"{what} {number} at {value:.7g} {unit} after one at {before:.7g} {unit} "
+                f"(allowed: ascending, {nearest:g} {unit} apart or more)"
+            )
+    return None

@@ -4,13 +4,25 @@ Every question is asked under a number of its own, more than once if need be: qu
 and every request of `docs/tactile-protocol.md` may be said twice without harm.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from typing import TypeVar
 
 from serial.serialutil import SerialBase
 
-from palpate.drivers.tactile.messages import Answer, Frame, Message, MessageType, Nack, Request
+from palpate.drivers.tactile.messages import (
+    Answer,
+    Body,
+    Describe,
+    Frame,
+    Message,
+    MessageType,
+    Nack,
+    Request,
+)
+from palpate.drivers.tactile.payloads import pack
 from palpate.drivers.tactile.protocol import DELIMITER, VERSION, DecodeFault, Decoder, FaultKind, encode
+from palpate.drivers.tactile.restarts import RestartWatch
 from palpate.drivers.tactile.stream import FrameStream, Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
@@ -18,10 +30,16 @@ from palpate.errors import DeviceError
 __all__ = ["Exchange"]
 
 _Wanted = TypeVar("_Wanted", bound=Answer)
+_OUT_OF_ORDER = (FaultKind.SEQUENCE_GAP, FaultKind.STALE)
+_UNUSABLE = (FaultKind.LENGTH, FaultKind.UNKNOWN_TYPE, FaultKind.PAYLOAD)
 
 
 class Exchange:
-    """The port of one array: `ask` says a request until it is answered, `on_frame` is handed every frame."""
+    """The port of one array: `ask` says a request until it is answered, `on_frame` is handed every frame.
+
+    Raises DeviceError, which names field and value, for an answer whose CRC holds and that cannot be used:
+    asking again would bring the same.
+    """
 
     def __init__(
         self,
@@ -30,32 +48,54 @@ class Exchange:
         name: str,
         on_frame: Callable[[Message, Frame], None],
     ) -> None:
-        self.stream = FrameStream(port, clock, name, self._take)
+        self.stream = FrameStream(port, clock, name, self._take, DELIMITER)
         self.decoder = Decoder()
         self._clock = clock
         self._on_frame = on_frame
-        self._answers: list[Answer] = []
+        self._answers: list[Message] = []
+        self._unusable: list[DecodeFault] = []
+        self._restarts = RestartWatch()
+        self._restarted = ""
+        self._strays: list[int] = []
         self._other_version: int | None = None
+        self._faults_before: Counter[FaultKind] = Counter()
         self._sequence = 0
         self._request = 0
+
+    @property
+    def noise(self) -> str:
+        """What came since the last `ask` that is no message, for messages; "" if nothing did."""
+        found = self.decoder.faults - self._faults_before
+        return ", ".join(f"{found[kind]} × {kind.value}" for kind in found if kind not in _OUT_OF_ORDER)
 
     def ask(
         self, make: Callable[[int], Request], wanted: type[_Wanted], timeout_s: float, attempts: int
     ) -> _Wanted | Nack | None:
         """Say the request that `make` makes of a number until it is answered; None if it never is.
 
-        Raises DeviceError if the array speaks another version of the protocol, or is gone.
+        Raises DeviceError if the array speaks another version of the protocol, answers with something that
+        cannot be used, or is gone.
         """
         self._answers.clear()
+        self._unusable.clear()
+        self._strays.clear()
         self._other_version = None
+        self._faults_before = Counter(self.decoder.faults)
         numbers: set[int] = set()
         for _ in range(attempts):
             self._request = self._request % 0xFFFF + 1
             numbers.add(self._request)
-            self._say(make(self._request))
-            answer = self._await(numbers, wanted, timeout_s)
+            request = make(self._request)
+            self._say(request)
+            answer = self._await(request, numbers, wanted, timeout_s)
             if answer is not None:
                 return answer
+        if self._strays and wanted is Describe:
+            raise DeviceError(
+                f"{self.stream.where} answers under request number {self._strays[-1]} (allowed: "
+                f"{min(numbers)} to {max(numbers)}, as asked); correct its firmware "
+                "(docs/tactile-protocol.md, section 2)"
+            )
         return None
 
     def _say(self, request: Request) -> None:
@@ -64,40 +104,89 @@ class Exchange:
         self.stream.write(DELIMITER + encode(Message(self._sequence, now_us, request)))
         self._sequence = (self._sequence + 1) % (1 << 32)
 
-    def _await(self, numbers: set[int], wanted: type[_Wanted], timeout_s: float) -> _Wanted | Nack | None:
+    def _await(
+        self, request: Request, numbers: set[int], wanted: type[_Wanted], timeout_s: float
+    ) -> _Wanted | Nack | None:
         found: list[_Wanted | Nack] = []
+        refused: list[str] = []
 
         def answered() -> bool:
-            found.extend(
-                answer
-                for answer in self._answers
-                if isinstance(answer, (wanted, Nack)) and answer.request_id in numbers
+            for message in self._answers:
+                body = message.body
+                if not isinstance(body, Answer):
+                    continue
+                if body.request_id not in numbers:
+                    self._strays.append(body.request_id)
+                elif isinstance(body, (wanted, Nack)):
+                    found.append(body)
+                else:
+                    refused.append(_name(body))
+            refused.extend(
+                _in_words(fault)
+                for fault in self._unusable
+                if fault.request_id is None or fault.request_id in numbers
             )
             self._answers.clear()
-            return bool(found) or self._other_version is not None
+            self._unusable.clear()
+            return bool(found or refused) or self._other_version is not None
 
         self.stream.wait_until(answered, timeout_s)
-        if not found and self._other_version is not None:
+        if self._restarted:
+            how, self._restarted = self._restarted, ""
+            raise self.stream.has_restarted(how)
+        if found:
+            return found[0]
+        if refused:
+            raise DeviceError(
+                f"{self.stream.where} answers {_name(request)} with what cannot be used: "
+                f"{refused[0]}; correct its firmware (docs/tactile-protocol.md, section 2)"
+            )
+        if self._other_version is not None:
             raise DeviceError(
                 f"{self.stream.where} speaks version {self._other_version} of the tactile protocol, "
                 f"palpate speaks version {VERSION}; put firmware for version {VERSION} on the array"
             )
-        return found[0] if found else None
+        return None
 
     def _take(self, data: bytes) -> None:
+        now = self._clock.now()
         for item in self.decoder.feed(data):
             if isinstance(item, DecodeFault):
-                self._note(item)
+                self._note(item, now)
             elif isinstance(item.body, Frame):
+                self._restarts.note(item, now)
                 self._on_frame(item, item.body)
             elif isinstance(item.body, Answer):
-                self._answers.append(item.body)
+                self.stream.understood()
+                self._answers.append(item)
+                self._look_for_restart(item, now)
 
-    def _note(self, fault: DecodeFault) -> None:
-        """Remember the version of what an array sent; a request of another version is somebody else's."""
-        if (
-            fault.kind is FaultKind.VERSION
-            and fault.type_code is not None
-            and not MessageType.is_request(fault.type_code)
-        ):
+    def _look_for_restart(self, answer: Message, now: float) -> None:
+        if not isinstance(answer.body, Describe) and self._restarts.is_restart(answer, now):
+            self._restarted = self._restarts.behind(answer)
+        self._restarts.note(answer, now)
+
+    def _note(self, fault: DecodeFault, now: float) -> None:
+        """Remember what an array sent that cannot be used; a request is somebody else's."""
+        if fault.dropped is not None:
+            restarted = self._restarts.is_restart(fault.dropped, now)
+            self.stream.refuse(self._restarts.behind(fault.dropped), restarted=restarted)
+        if fault.type_code is None or MessageType.is_request(fault.type_code):
+            return
+        if fault.kind is FaultKind.VERSION:
             self._other_version = fault.version
+        elif fault.type_code == MessageType.FRAME:
+            self.stream.refuse(fault.reason)
+        elif fault.kind in _UNUSABLE:
+            self._unusable.append(fault)
+
+
+def _name(body: Body) -> str:
+    return pack(body)[0].name
+
+
+def _in_words(fault: DecodeFault) -> str:
+    code = fault.type_code
+    if code not in tuple(MessageType):
+        return f"type {code:#04x}, which version {VERSION} does not have"
+    return f"{MessageType(code).name} with {fault.reason}"

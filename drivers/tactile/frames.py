@@ -35,8 +35,8 @@ class ArrayCounters:
     """What went wrong on this port since it was opened.
 
     `frames` were taken. `lost` were numbered by the array and never came; `faults` are stretches of the
-    stream that were no message; `misshapen` frames had another size than the array's own; `dropped` frames
-    came while too many were waiting to be read.
+    stream that were no message; `misshapen` frames made no sense: another size than the array's own, counts
+    above its largest, or an impossible time; `dropped` frames came while too many were waiting to be read.
     """
 
     frames: int
@@ -63,6 +63,11 @@ class ArrayDriver(Protocol):
         """Frames taken and everything that did not become a frame."""
         ...
 
+    @property
+    def silence(self) -> str:
+        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        ...
+
     def connect(self) -> Description:
         """Ask the array what it is; a running stream stops."""
         ...
@@ -76,7 +81,10 @@ class ArrayDriver(Protocol):
         ...
 
     def frames(self) -> list[TactileFrame]:
-        """Return every frame that has arrived, oldest first, without waiting."""
+        """Return every frame that has arrived, oldest first, without waiting.
+
+        Takes a bounded time, whatever arrives. Raises DeviceError if it makes no sense for long.
+        """
         ...
 
     def wait_frame(self, timeout_s: float) -> TactileFrame:

@@ -47,6 +47,9 @@ _REPORT = struct.Struct("<HHH")
 _BAD_TAXEL = struct.Struct("<BBB")
 _TAXELS = struct.Struct("<HHB")
 MAX_PAYLOAD = _SIZE.size + 2 * MAX_TAXELS
+_NACK_REASONS = frozenset(map(int, NackReason))
+_TAXEL_FAULTS = frozenset(map(int, TaxelFault))
+_SHAPES = ", ".join(f"{shape.value} {shape.name.lower()}" for shape in Shape)
 
 
 def request_id(payload: bytes) -> int | None:
@@ -72,7 +75,7 @@ def unpack(kind: int, payload: bytes) -> Body | None:
     try:
         return reader(payload)
     except struct.error as problem:
-        raise ValueError(f"payload of another length: {problem}") from problem
+        raise ValueError(f"a payload of {len(payload)} bytes: {problem}") from problem
 
 
 def _pack_frame(body: Frame) -> bytes:
@@ -85,12 +88,14 @@ def _pack_frame(body: Frame) -> bytes:
 def _unpack_frame(payload: bytes) -> Frame:
     rows, cols = _SIZE.unpack_from(payload)
     if not 0 < rows * cols <= MAX_TAXELS or len(payload) != _SIZE.size + 2 * rows * cols:
-        raise ValueError("frame size does not match its rows and columns")
+        raise ValueError(f"{rows} x {cols} taxels in a payload of {len(payload)} bytes")
     return Frame(rows, cols, payload[_SIZE.size :])
 
 
 def _unpack_nack(payload: bytes) -> Nack:
     request, reason = _NACK.unpack(payload)
+    if reason not in _NACK_REASONS:
+        raise ValueError(f"reason {reason} (allowed: {min(_NACK_REASONS)} to {max(_NACK_REASONS)})")
     return Nack(request, NackReason(reason))
 
 
@@ -119,14 +124,20 @@ def _pack_describe(body: Describe) -> bytes:
 
 def _unpack_describe(payload: bytes) -> Describe:
     request, uid, flags, shape, depth, rows, cols, rate, scale, per_n, radius = _DESCRIBE.unpack_from(payload)
+    if shape not in tuple(Shape):
+        raise ValueError(f"shape {shape} (allowed: {_SHAPES})")
     count = 0 if shape == Shape.FREE else rows + cols
-    reals = struct.unpack_from(f"<{count}f", payload, _DESCRIBE.size)
     at = _DESCRIBE.size + 4 * count
-    if len(payload) <= at or len(payload) != at + 1 + payload[at]:
-        raise ValueError("firmware name does not end with the payload")
+    if len(payload) <= at:
+        size = f"{rows} rows and {cols} columns" if count else "a free surface"
+        raise ValueError(f"a payload of {len(payload)} bytes (allowed: {at + 1} or more, with {size})")
+    reals = struct.unpack_from(f"<{count}f", payload, _DESCRIBE.size)
+    name = payload[at + 1 :]
+    if len(name) != payload[at]:
+        raise ValueError(f"name length {payload[at]} (allowed: {len(name)}, the bytes that follow)")
     description = Description(
         unique_id=uid,
-        firmware=payload[at + 1 :].decode(),
+        firmware=_text(name),
         emulated=bool(flags & 1),
         shape=Shape(shape),
         rows=rows,
@@ -145,6 +156,13 @@ def _unpack_describe(payload: bytes) -> Describe:
     return Describe(request, description)
 
 
+def _text(name: bytes) -> str:
+    try:
+        return name.decode()
+    except UnicodeDecodeError as problem:
+        raise ValueError(f"firmware name {ascii(name)[1:]} (allowed: UTF-8)") from problem
+
+
 def _pack_report(body: Report) -> bytes:
     if len(body.bad) != min(body.bad_count, MAX_LISTED):
         raise ValueError(f"a list of {len(body.bad)} taxels where {body.bad_count} are bad")
@@ -156,7 +174,10 @@ def _unpack_report(payload: bytes) -> Report:
     request, result, count = _REPORT.unpack_from(payload)
     told = payload[_REPORT.size :]
     if len(told) != _BAD_TAXEL.size * min(count, MAX_LISTED):
-        raise ValueError("list of bad taxels does not end with the payload")
+        raise ValueError(f"{count} bad taxels in a payload of {len(payload)} bytes")
+    unknown = {kind for _, _, kind in _BAD_TAXEL.iter_unpack(told)} - _TAXEL_FAULTS
+    if unknown:
+        raise ValueError(f"kind {min(unknown)} of a bad taxel (allowed: 1 to {max(_TAXEL_FAULTS)})")
     bad = tuple(BadTaxel(row, col, TaxelFault(kind)) for row, col, kind in _BAD_TAXEL.iter_unpack(told))
     return Report(request, SelfTestResult(result), count, bad)
 
@@ -174,7 +195,7 @@ def _pack_taxels(body: Taxels) -> bytes:
 def _unpack_taxels(payload: bytes) -> Taxels:
     request, first, count = _TAXELS.unpack_from(payload)
     if count == 0 or len(payload) != _TAXELS.size + 4 * REALS_PER_TAXEL * count:
-        raise ValueError("places do not end with the payload")
+        raise ValueError(f"count {count} of taxels in a payload of {len(payload)} bytes")
     places = struct.unpack_from(f"<{REALS_PER_TAXEL * count}f", payload, _TAXELS.size)
     problem = unusable_places(places)
     if problem is not None:

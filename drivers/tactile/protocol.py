@@ -12,14 +12,23 @@ import enum
 import struct
 import zlib
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cobs import cobs
 
 from palpate.drivers.tactile.messages import Describe, Frame, Message
 from palpate.drivers.tactile.payloads import MAX_PAYLOAD, pack, request_id, unpack
 
-__all__ = ["DELIMITER", "MAX_ENCODED", "VERSION", "DecodeFault", "Decoder", "FaultKind", "encode"]
+__all__ = [
+    "DELIMITER",
+    "MAX_ENCODED",
+    "VERSION",
+    "DecodeFault",
+    "Decoder",
+    "FaultKind",
+    "encode",
+    "frame_bytes",
+]
 
 VERSION = 1
 DELIMITER = b"\x00"
@@ -51,9 +60,10 @@ class DecodeFault:
     """Something in the stream that is not a message.
 
     `missing` is the number of messages lost at a SEQUENCE_GAP. `version`, `type_code` and `request_id` are
-    there where the CRC held but what is inside cannot be used (VERSION, UNKNOWN_TYPE, PAYLOAD), so that
-    a device can answer NACK and a host knows which version was spoken to it. `request_id` is None if the
-    payload is too short for one.
+    there where the CRC held but what is inside cannot be used (VERSION, LENGTH, UNKNOWN_TYPE, PAYLOAD), so
+    that a device can answer NACK and a host knows which version was spoken to it. `request_id` is None if the
+    payload is too short for one. `reason` names the field and its value then (LENGTH, PAYLOAD). `dropped` is
+    the frame that was STALE.
     """
 
     kind: FaultKind
@@ -61,6 +71,8 @@ class DecodeFault:
     type_code: int | None = None
     request_id: int | None = None
     version: int | None = None
+    reason: str = field(default="", compare=False)
+    dropped: Message | None = field(default=None, compare=False)
 
 
 def encode(message: Message, version: int = VERSION) -> bytes:
@@ -76,6 +88,12 @@ def encode(message: Message, version: int = VERSION) -> bytes:
     plain = head + payload
     stuffed: bytes = cobs.encode(plain + _CRC.pack(zlib.crc32(plain)))
     return stuffed + DELIMITER
+
+
+def frame_bytes(taxels: int) -> int:
+    """Bytes of an encoded FRAME at most, delimiter included."""
+    plain = _SHORTEST + 2 + 2 * taxels
+    return plain + plain // 254 + 2
 
 
 class Decoder:
@@ -145,7 +163,7 @@ class Decoder:
             self._fault(DecodeFault(FaultKind.SEQUENCE_GAP, missing=step - 1), out)
         elif (step == 0 or step >= _HALF_CIRCLE) and isinstance(message.body, Frame):
             self._last = last
-            self._fault(DecodeFault(FaultKind.STALE), out)
+            self._fault(DecodeFault(FaultKind.STALE, dropped=message), out)
             return False
         return True
 
@@ -173,15 +191,17 @@ def _unpack_message(plain: bytes, version: int) -> Message | DecodeFault:
     if said != version:
         return _unusable(FaultKind.VERSION, said, kind, payload)
     if length != len(payload):
-        return DecodeFault(FaultKind.LENGTH)
+        reason = f"length {length} (allowed: {len(payload)}, the bytes of its payload)"
+        return _unusable(FaultKind.LENGTH, said, kind, payload, reason)
     try:
         body = unpack(kind, payload)
-    except ValueError:
-        return _unusable(FaultKind.PAYLOAD, said, kind, payload)
+    except ValueError as problem:
+        return _unusable(FaultKind.PAYLOAD, said, kind, payload, str(problem))
     if body is None:
         return _unusable(FaultKind.UNKNOWN_TYPE, said, kind, payload)
     return Message(sequence, time_us, body, flags)
 
 
-def _unusable(what: FaultKind, version: int, kind: int, payload: bytes) -> DecodeFault:
-    return DecodeFault(what, type_code=kind, request_id=request_id(payload), version=version)
+def _unusable(what: FaultKind, version: int, kind: int, payload: bytes, reason: str = "") -> DecodeFault:
+    number = request_id(payload)
+    return DecodeFault(what, type_code=kind, request_id=number, version=version, reason=reason)

@@ -6,6 +6,7 @@ time pass. Nothing here blocks longer than its stated limit on the clock it was 
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol, cast
 
 import serial
@@ -18,9 +19,17 @@ from palpate.errors import DeviceError
 __all__ = ["FrameStream", "Port"]
 
 _POLL_S = 0.005
+_BREATH_S = 0.001  # between two looks at a port that always has more
 _CHUNK = 64  # bytes of a frame that are worth looking at; far fewer than a frame has
 _MAX_WAITING_FRAMES = 4096
-_MOST_AT_ONCE = 1 << 20  # bytes: an array that sends faster than it is read must not hold the program up
+_READ = 4096  # bytes: what a terminal's buffer holds; what is read ahead of the limit comes late
+_SPARE_PIECES = 64  # beyond what the rate brings: decoding so many takes a fraction of a millisecond
+_SPARE_BYTES = 1024  # where every byte may be as much work as a piece
+_PIECE_BYTES = 256  # of a long piece that are as much work as a short one
+_SURPLUS = 2.0  # times the rate that is read without complaint
+_AT_ONCE = 1024  # pieces between two looks at what came of them
+_BABBLES_S = 0.25
+_SENSELESS = 5  # frames in a row
 
 
 class Port(Protocol):
@@ -47,27 +56,70 @@ class Port(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class _Behind:
+    """When the port first had more than might be taken, and what had been taken by then."""
+
+    since_s: float
+    frames: int
+    bytes: int
+
+
 class FrameStream:
     """The port of one array and the frames that wait to be read.
 
-    `take` is handed whatever arrives, and calls `push` with frames; `name` is the finger's, for messages.
+    `take` is handed whatever arrives, and calls `push` with frames, or `refuse` with what is wrong with one;
+    `name` is the finger's, for messages. `mark` is the byte that bounds the work of decoding: a stretch of
+    bytes is as much work as it has marks, whatever else is in it. None: as it has bytes.
+
+    However much a port sends, one call takes no more of it than twice what `expect` announced for the time
+    since the last call, and a little. The rest is taken by the next calls. A port that goes on like that for
+    0.25 s, and not with frames, is an error, and so are 5 frames in a row that are refused.
     """
 
     def __init__(
-        self, port: SerialBase | Port, clock: Clock, name: str, take: Callable[[bytes], None]
+        self,
+        port: SerialBase | Port,
+        clock: Clock,
+        name: str,
+        take: Callable[[bytes], None],
+        mark: bytes | None = None,
     ) -> None:
         self._port = cast(Port, port)
         self._clock = clock
         self._name = name
         self._take = take
+        self._mark = mark
         self._frames: deque[TactileFrame] = deque()
+        self._unread = b""
+        self._rate_hz, self._frame_bytes = 0.0, _SPARE_BYTES
+        self._looked_s = clock.now()
+        self._behind: _Behind | None = None
+        self._refused = 0
+        self._refusal = ""
+        self._has_restarted = False
+        self._since_frame = 0
         self.received = 0
         self.dropped = 0
+        self.bytes = 0
 
     @property
     def where(self) -> str:
         """What messages call the array."""
         return f"tactile array {self._name} on {self._port.port}"
+
+    @property
+    def silence(self) -> str:
+        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        if self._refused:
+            return f"{self._refused} frames that make no sense ({self._refusal})"
+        return f"{self._since_frame} bytes that are no frame" if self._since_frame else "nothing"
+
+    def expect(self, rate_hz: float, frame_bytes: int) -> None:
+        """A stream begins: so many frames a second, each of so many bytes at most."""
+        self._rate_hz, self._frame_bytes = rate_hz, frame_bytes
+        self._behind = None
+        self._refused = self._since_frame = 0
 
     def push(self, frame: TactileFrame) -> None:
         """Keep a frame until it is read; the oldest is dropped where too many wait."""
@@ -75,15 +127,30 @@ class FrameStream:
             self._frames.popleft()
             self.dropped += 1
         self.received += 1
+        self._refused = self._since_frame = 0
         self._frames.append(frame)
+
+    def refuse(self, reason: str, *, restarted: bool = False) -> None:
+        """Note that a frame makes no sense, or tells of a restart, and why. It was dropped."""
+        self._refused += 1
+        self._refusal = reason
+        self._has_restarted = restarted
+
+    def understood(self) -> None:
+        """Note that what came was an answer: the array is not silent and sends no noise."""
+        self._since_frame = 0
 
     def clear(self) -> None:
         """Forget the frames that nobody has read."""
         self._frames.clear()
 
     def frames(self) -> list[TactileFrame]:
-        """Return every frame that has arrived, oldest first, without waiting; after 2048 ask again."""
+        """Return the frames that have arrived, oldest first, without waiting; of too many some come later.
+
+        Raises DeviceError if what arrives makes no sense for long: see the class.
+        """
         self.drain(self._is_half_full)
+        self._judge()
         taken = list(self._frames)
         self._frames.clear()
         return taken
@@ -91,10 +158,16 @@ class FrameStream:
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
         self.drain(self._is_half_full)
-        self.wait_until(lambda: bool(self._frames), timeout_s, _CHUNK)
+        self.wait_until(lambda: bool(self._frames) or self._refused >= _SENSELESS, timeout_s, _CHUNK)
+        self._judge()
         if not self._frames:
+            but, cause = (
+                (f", but {self.silence}", "its firmware")
+                if self._since_frame
+                else ("", "that it was started")
+            )
             raise DeviceError(
-                f"{self.where} sent no frame for {timeout_s:g} s; check its cable and that it was started"
+                f"{self.where} sent no frame for {timeout_s:g} s{but}; check its cable and {cause}"
             )
         return self._frames.popleft()
 
@@ -114,41 +187,107 @@ class FrameStream:
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
 
-    def drain(self, done: Callable[[], bool] = lambda: False) -> bool:
-        """Take what has arrived, up to where `done()`, without waiting; returns whether that was anything.
+    def drain(self, done: Callable[[], bool] = lambda: False) -> None:
+        """Take what has arrived, up to where `done()` or to the limit, without waiting.
 
         Raises DeviceError if the port is gone.
         """
-        taken = 0
+        left = self._allowance()
+        while left > 0 and not done() and self._fetch():
+            head = self._cut(min(left, _AT_ONCE))
+            left -= self._work(head)
+            self._since_frame += len(head)
+            self.bytes += len(head)
+            self._take(head)
+        self._note_backlog(left)
+
+    def _allowance(self) -> int:
+        """How much work one call may do: twice what the rate brings, and a little."""
+        before, self._looked_s = self._looked_s, self._clock.now()
+        frames = _SURPLUS * self._rate_hz * (self._looked_s - before)
+        if self._mark is None:
+            return _SPARE_BYTES + int(frames * self._frame_bytes)
+        a_frame = 2 + self._frame_bytes // _PIECE_BYTES  # a mark may come before a frame, too
+        return _SPARE_PIECES + int(frames * a_frame)
+
+    def _work(self, data: bytes) -> int:
+        return len(data) if self._mark is None else 1 + data.count(self._mark) + len(data) // _PIECE_BYTES
+
+    def _cut(self, work: int) -> bytes:
+        """Take from what was read a beginning that is about so much work at most."""
+        data = self._unread
+        end = work if self._mark is None else work * _PIECE_BYTES
+        if self._mark is not None and data.count(self._mark, 0, end) > work:
+            end = len(data) - len(data.split(self._mark, work)[-1])
+        head, self._unread = data[:end], data[end:]
+        return head
+
+    def _fetch(self) -> bool:
+        """Whether there is something to take, read now if need be."""
         try:
-            while taken < _MOST_AT_ONCE and not done() and (waiting := self._port.in_waiting):
-                data = self._port.read(waiting)
-                if not data:
-                    break
-                taken += len(data)
-                self._take(data)
+            if not self._unread and (waiting := self._port.in_waiting):
+                self._unread = self._port.read(min(waiting, _READ))
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
-        return taken > 0
+        return bool(self._unread)
+
+    def _note_backlog(self, left: int) -> None:
+        """Remember since when the port has had more than may be taken."""
+        if left > 0:
+            self._behind = None
+        elif self._behind is None:
+            self._behind = _Behind(self._looked_s, self.received, self.bytes)
+
+    def _judge(self) -> None:
+        """Raise DeviceError if nothing but senseless frames, or more than can be frames, keeps coming."""
+        if self._refused >= _SENSELESS:
+            count, self._refused = self._refused, 0
+            if self._has_restarted:
+                raise self.has_restarted(self._refusal)
+            raise DeviceError(
+                f"{self.where} sent {count} frames in a row that make no sense: {self._refusal}; "
+                "check its firmware and its supply"
+            )
+        behind = self._behind
+        if behind is None or (spent_s := self._looked_s - behind.since_s) < _BABBLES_S:
+            return
+        if self.received - behind.frames <= _SURPLUS * (self._rate_hz * spent_s + 1):
+            self._behind = None
+            rate = (self.bytes - behind.bytes + len(self._unread)) / spent_s
+            raise DeviceError(
+                f"{self.where} babbles: it sends {rate:.0f} bytes/s or more, too many for {self._rate_hz:g} "
+                "frames/s; power it off and on, then check its firmware and the baud rate"
+            )
 
     def _wait(self, deadline: float, chunk: int, done: Callable[[], bool]) -> None:
         """Wait for `chunk` bytes, or for a few milliseconds; then take what is there, until `done()`."""
         before = self._clock.now()
         step = min(_POLL_S, deadline - before)
-        data = b""
         try:
-            if not self._port.in_waiting:
+            if not self._unread and not self._port.in_waiting:
                 self._port.timeout = step
-                data = self._port.read(chunk)
+                self._unread = self._port.read(chunk)
         except (serial.SerialException, OSError) as problem:
             raise self._gone(problem) from problem
-        self._take(data)
-        if not self.drain(done) and not data and self._clock.now() <= before:
+        had = self.bytes
+        self.drain(done)
+        if done():
+            return
+        if self._unread:
+            self._clock.sleep(min(step, _BREATH_S))
+        elif self.bytes == had and self._clock.now() <= before:
             self._clock.sleep(step)  # a port that returns at once must not turn waiting into a spin
 
     def _is_half_full(self) -> bool:
         """Whether to stop reading for now, while there is room for what one more read brings."""
         return len(self._frames) >= _MAX_WAITING_FRAMES // 2
+
+    def has_restarted(self, how: str) -> DeviceError:
+        """The error of an array that was reset; `how` it shows."""
+        return DeviceError(
+            f"{self.where} has restarted ({how}); what it had been told is forgotten: check its supply and "
+            "its cable, then start again"
+        )
 
     def _gone(self, problem: Exception) -> DeviceError:
         return DeviceError(f"{self.where} is gone ({problem}); check its cable and open it again")

@@ -7,7 +7,7 @@ counts per N and how the matrix sits on the tip, comes with a `Mounting`.
 import math
 
 from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.weiss_array import WeissArray, text_of
+from palpate.drivers.tactile.weiss_array import BOOT_ATTEMPTS, WeissArray, text_of
 from palpate.drivers.tactile.weiss_codec import Dialect, Packet
 from palpate.drivers.tactile.weiss_commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
 from palpate.drivers.tactile.weiss_messages import ControllerInfo, MatrixInfo, SystemInfo, parse_frame
@@ -46,7 +46,7 @@ class WtsArray(WeissArray):
         self._command(WtsCommand.START, b"\0" + period_ms.to_bytes(2, "little"), fine=fine)
 
     def _introduce(self) -> tuple[Description, float]:
-        if self._ask(Packet(WtsCommand.STOP)) is None:
+        if self._ask(Packet(WtsCommand.STOP), BOOT_ATTEMPTS) is None:
             raise self._silent()
         self._matrices = (MatrixInfo.parse_wts(self._request(WtsCommand.MATRIX_INFO)),)
         system = SystemInfo.parse(self._request(WtsCommand.SYSTEM_INFO))
@@ -112,6 +112,10 @@ class DsaArray(WeissArray):
         raise DeviceError(
             f"{self._stream.where} was started and sends no frames; power it off and on, check its firmware"
         )
+
+    def _arriving_hz(self, rate_hz: float) -> float:
+        """It sends as fast as it can, whatever is asked for."""
+        return max(rate_hz, self._MAX_RATE_HZ)
 
     def _introduce(self) -> tuple[Description, float]:
         if self._ask(Packet(DsaCommand.ACQUIRE, bytes(3)), _BOOT_ATTEMPTS, _BOOT_TIMEOUT_S) is None:

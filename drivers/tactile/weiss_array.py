@@ -30,13 +30,14 @@ from palpate.drivers.tactile.weiss_messages import (
     status_of,
 )
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, printable
 
-__all__ = ["WeissArray", "text_of"]
+__all__ = ["BOOT_ATTEMPTS", "WeissArray", "text_of"]
 
 _TIMEOUT_S = 0.5
 _COMMAND_TIMEOUT_S = 0.15  # short: servos whose Bus Watchdog is armed hear nothing meanwhile
 _ATTEMPTS = 4
+BOOT_ATTEMPTS = 10  # a board that resets as its port opens is deaf for up to 3 s
 _QUIET_S = 0.01
 _LATE_S = 0.2
 _LONGEST_ANSWER = 256  # bytes, other than frames: tags and descriptors are the longest
@@ -98,6 +99,7 @@ class WeissArray(ABC):
         self._times = FrameTimes(tick_s)
         self._description = description
         self._stream.clear()
+        self._stream.expect(0.0, frame_size(self._cells))
         return description
 
     def start(self, rate_hz: float) -> None:
@@ -107,6 +109,7 @@ class WeissArray(ABC):
             raise DeviceError(
                 f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
             )
+        self._stream.expect(self._arriving_hz(rate_hz), frame_size(self._cells))
         self._begin(rate_hz)
 
     @abstractmethod
@@ -120,6 +123,15 @@ class WeissArray(ABC):
     def wait_frame(self, timeout_s: float) -> TactileFrame:
         """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
         return self._stream.wait_frame(timeout_s)
+
+    @property
+    def silence(self) -> str:
+        """What came since the last frame, for messages: "nothing", or what is no frame."""
+        return self._stream.silence
+
+    def _arriving_hz(self, rate_hz: float) -> float:
+        """Frames a second that may come where `rate_hz` are asked for."""
+        return rate_hz
 
     @abstractmethod
     def _introduce(self) -> tuple[Description, float]:
@@ -214,6 +226,7 @@ class WeissArray(ABC):
                 if item.command == FRAME:
                     self._frame(item.payload)
                 else:
+                    self._stream.understood()
                     self._answers.append(item)
 
     def _frame(self, payload: bytes) -> None:
@@ -221,15 +234,19 @@ class WeissArray(ABC):
             return  # of a stream that ran before
         try:
             raw = parse_frame(payload, self._cells)
-        except ValueError:
-            self._misshapen += 1
+        except ValueError as problem:
+            self._refuse(str(problem))
             return
         placed = self._times.place(raw.timestamp)
         if placed is None:
-            self._misshapen += 1
+            self._refuse(f"its stamp {raw.timestamp} stands still, runs backwards or leaps")
             return
         host_s = self._clock.now()
         self._stream.push(TactileFrame(placed.sequence, placed.time_s, host_s, self._on_tip(raw)))
+
+    def _refuse(self, reason: str) -> None:
+        self._misshapen += 1
+        self._stream.refuse(reason)
 
     def _on_tip(self, raw: RawFrame) -> NDArray[np.uint16]:
         number = self._mounting.matrix
@@ -258,5 +275,5 @@ def _words(command: IntEnum) -> str:
 
 
 def text_of(payload: bytes) -> str:
-    """Text of an answer that is one."""
-    return payload.split(b"\0")[0].decode("latin-1").strip()
+    """Text of an answer that is one, as a terminal may show it."""
+    return printable(payload.split(b"\0")[0].decode("latin-1").strip())

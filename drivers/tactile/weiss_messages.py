@@ -170,7 +170,7 @@ def frame_payload(timestamp: int, texels: NDArray[np.uint16], *, compressed: boo
 
 
 def parse_frame(payload: bytes, cells: int) -> RawFrame:
-    """Read a frame of `cells` texels; ValueError if it has another number of them."""
+    """Read a frame of `cells` texels; ValueError if it has another number of them, or one above 12 bits."""
     if len(payload) < _FRAME_HEAD.size or (len(payload) - _FRAME_HEAD.size) % 2:
         raise ValueError(f"{len(payload)} bytes are no frame")
     timestamp, flags = _FRAME_HEAD.unpack_from(payload)
@@ -178,6 +178,8 @@ def parse_frame(payload: bytes, cells: int) -> RawFrame:
     texels = expand(words) if flags & COMPRESSED else words
     if len(texels) != cells:
         raise ValueError(f"a frame of {len(texels)} texels instead of {cells}")
+    if not flags & COMPRESSED and cells and int(texels.max()) > MAX_TEXEL:
+        raise ValueError(f"texel {texels.max()} (allowed: 0 to {MAX_TEXEL})")
     return RawFrame(timestamp, texels)
 
 

@@ -13,7 +13,14 @@ from collections import deque
 from dataclasses import dataclass
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.wire import BITS_PER_BYTE, Device, Emission, RatedDevice, wire_time_s
+from palpate.drivers.transport.wire import (
+    BITS_PER_BYTE,
+    Device,
+    Emission,
+    OpenedDevice,
+    RatedDevice,
+    wire_time_s,
+)
 from palpate.errors import DeviceError
 
 __all__ = ["MOCK_SCHEME", "MockHub", "MockWire", "wire_for_url"]
@@ -53,6 +60,11 @@ class MockWire:
         self._device = device
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
+
+    def opened(self) -> None:
+        """Note that a port has been opened at this end."""
+        if isinstance(self._device, OpenedDevice):
+            self._device.opened(self.clock.now())
 
     def send(self, data: bytes, baudrate: int) -> None:
         """Carry bytes to the device; moves the clock by their wire time.

@@ -33,6 +33,7 @@ class Serial(SerialBase):
             raise SerialException("Port is already open.")
         self._wire = wire_for_url(self.port)
         self.is_open = True
+        self._wire.opened()
         self.reset_input_buffer()
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ whose members have rates of their own is a `RatedDevice`.
 
 from typing import Protocol, runtime_checkable
 
-__all__ = ["BITS_PER_BYTE", "Device", "Emission", "RatedDevice", "wire_time_s"]
+__all__ = ["BITS_PER_BYTE", "Device", "Emission", "OpenedDevice", "RatedDevice", "wire_time_s"]
 
 BITS_PER_BYTE = 10  # 8 data bits, one start bit, one stop bit
 
@@ -42,6 +42,15 @@ class RatedDevice(Device, Protocol):
 
     def feed_at(self, data: bytes, now: float, baudrate: int) -> list[Emission]:
         """Take bytes sent at `baudrate` whose last bit arrived at `now`; return what they provoke."""
+        ...
+
+
+@runtime_checkable
+class OpenedDevice(Device, Protocol):
+    """A device that notices when its port is opened: by DTR, as a rule."""
+
+    def opened(self, now: float) -> None:
+        """Take note that a port was opened at `now`."""
         ...
 
 

@@ -303,3 +303,16 @@ def test_a_port_that_fails_meanwhile_is_an_error() -> None:
     broken = Broken(place.port, place.clock, place.latency_s, place.baudrate, RIG, place.urls, place.devices)
     with pytest.raises(DeviceError, match=r"failed: .*unplugged"):
         check_rig(RIG, broken)
+
+
+def test_arrays_on_boards_that_reset_as_their_port_opens(here: Here, tmp_path: Path) -> None:
+    text = shipped_rig().read_text(encoding="utf-8")
+    slow = tmp_path / "boots.toml"
+    slow.write_text(text.replace("[emulation]\n", "[emulation]\narray_boot_s = 2.5\n"), encoding="utf-8")
+    done = here("check", "--rig", str(slow), "--json")
+    assert done.code == 0
+    assert [array["lost"] for array in done.json["arrays"]] == [0, 0, 0]
+    slow.write_text(text.replace("[emulation]\n", "[emulation]\narray_boot_s = 9.0\n"), encoding="utf-8")
+    done = here("check", "--rig", str(slow), "--json")
+    assert done.code == 3
+    assert all("does not answer" in array["problems"][0] for array in done.json["arrays"])

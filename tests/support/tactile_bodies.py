@@ -29,8 +29,8 @@ from palpate.drivers.tactile.messages import (
 )
 
 u8, u16, u32, u64 = (st.integers(0, 2**n - 1) for n in (8, 16, 32, 64))
-real = st.floats(-1e6, 1e6, width=32)
-positive = st.floats(2**-10, 2**20, width=32)
+real = st.floats(-1000, 1000, width=32)
+positive = st.floats(2**-9, 2**16, width=32)
 
 
 @st.composite
@@ -50,14 +50,16 @@ def descriptions(draw: st.DrawFn) -> Description:
         max_rate_hz=draw(st.integers(1, 10**6)) / 1000,
         full_scale_n=draw(positive),
         counts_per_n=draw(positive),
-        tip_radius_mm=draw(positive),
-        columns=_ascending(draw, cols) if grid else (),
-        row_heights_mm=_ascending(draw, rows) if grid else (),
+        tip_radius_mm=draw(st.floats(0.125, 1000, width=32)),
+        columns=_ascending(draw, cols, 3.0 if shape is Shape.CYLINDER else 900.0) if grid else (),
+        row_heights_mm=_ascending(draw, rows, 900.0) if grid else (),
     )
 
 
-def _ascending(draw: st.DrawFn, count: int) -> tuple[float, ...]:
-    return tuple(sorted(draw(st.lists(real, min_size=count, max_size=count, unique=True))))
+def _ascending(draw: st.DrawFn, count: int, farthest: float) -> tuple[float, ...]:
+    """Places within ± `farthest` that are a thousandth of it apart or more, as 32-bit floats have them."""
+    steps = draw(st.lists(st.integers(-1000, 1000), min_size=count, max_size=count, unique=True))
+    return tuple(float(np.float32(step / 1000 * farthest)) for step in sorted(steps))
 
 
 @st.composite

@@ -54,7 +54,7 @@ def test_a_silent_port_is_named() -> None:
     array = TactileArray(MemoryPort(None, clock), clock, "f1")
     with pytest.raises(DeviceError, match="tactile array f1 on mem://f1 does not answer; check its power"):
         array.connect()
-    assert 0.5 < clock.now() < 3.0
+    assert 3.5 < clock.now() < 5.5  # boards that reset as their port opens are waited for
     with pytest.raises(DeviceError, match="call connect"):
         array.start(10.0)
 

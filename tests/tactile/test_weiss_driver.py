@@ -115,7 +115,7 @@ def test_a_dsa_that_has_just_been_switched_on_is_waited_for() -> None:
     assert bench.array.wait_frame(0.2).sequence == 0
 
 
-@pytest.mark.parametrize(("protocol", "limit_s"), [("weiss-wts", 2.1), ("weiss-dsa", 10.1)])
+@pytest.mark.parametrize(("protocol", "limit_s"), [("weiss-wts", 5.1), ("weiss-dsa", 10.1)])
 def test_silence_has_an_end(protocol: str, limit_s: float) -> None:
     bench = Bench(protocol, powered_s=1e6)
     with pytest.raises(

@@ -169,5 +169,5 @@ def test_a_matrix_bent_round_a_tip() -> None:
     assert (flat.columns, flat.tip_radius_mm) == ((-3.0, 0.0, 3.0), 0.0)
     with pytest.raises(ValueError, match=r"20 columns of 3\.40 mm do not fit round a tip of radius 8\.5 mm"):
         Mounting(Shape.CYLINDER, 8.5, 100.0).describe((20, 8), (3.4, 3.4), **say)
-    with pytest.raises(ValueError, match="rows or columns"):
+    with pytest.raises(ValueError, match=r"columns 0 \(allowed: 1 to 255\)"):
         Mounting(Shape.CYLINDER, 8.5, 100.0).describe((0, 8), (3.4, 3.4), **say)

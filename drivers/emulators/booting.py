@@ -1,0 +1,57 @@
+"""A board that resets as its port is opened, as those with an Arduino's reset circuit do. Around a device.
+
+Opening the port raises DTR, which pulls the reset line through a capacitor. The bootloader then waits for a
+new program and throws away whatever else it hears; it may print something when it gives up. Only then does
+the firmware run, with all that it had been told forgotten.
+"""
+
+from collections.abc import Callable
+
+from palpate.drivers.transport.wire import Device, Emission
+
+__all__ = ["BootingBoard"]
+
+
+class BootingBoard:
+    """`device` on a board that is deaf for `boot_s` after each reset, and prints `says` when that is over.
+
+    `restart(now)` is called when the device begins to run. `boot_s` may be changed at any time.
+    """
+
+    def __init__(
+        self, device: Device, boot_s: float, restart: Callable[[float], None], says: bytes = b""
+    ) -> None:
+        self.resets = 0
+        self._device = device
+        self.boot_s = boot_s
+        self._restart = restart
+        self._says = says
+        self._runs_s: float | None = None
+
+    def opened(self, now: float) -> None:
+        """Reset: somebody has opened the port."""
+        self._device.poll(now)  # what was on its way is lost
+        self.resets += 1
+        self._runs_s = now + self.boot_s
+
+    def feed(self, data: bytes, now: float) -> list[Emission]:
+        """Take bytes; the bootloader drops them."""
+        said = self._boot(now)
+        return said if self._runs_s is not None else said + self._device.feed(data, now)
+
+    def poll(self, now: float) -> list[Emission]:
+        """What the board sends of its own accord."""
+        said = self._boot(now)
+        return said if self._runs_s is not None else said + self._device.poll(now)
+
+    def next_due(self) -> float | None:
+        """When it boots, or the device's next emission."""
+        return self._device.next_due() if self._runs_s is None else self._runs_s
+
+    def _boot(self, now: float) -> list[Emission]:
+        """Begin to run if it is time."""
+        if self._runs_s is None or now < self._runs_s:
+            return []
+        began, self._runs_s = self._runs_s, None
+        self._restart(began)
+        return [(began, self._says)] if self._says else []

@@ -1,0 +1,260 @@
+"""Whatever a wire sends, a call takes a bounded part of it; one that goes on like that is named."""
+
+import itertools
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from array_contract import BAUD, MOUNTING, Held
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from memory_port import bench
+from tactile_vectors import SMALL, wire
+
+from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
+from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.devices import open_array
+from palpate.drivers.tactile.frames import ArrayDriver
+from palpate.drivers.tactile.messages import Describe, Hello, Message, MessageType
+from palpate.drivers.tactile.protocol import Decoder, encode
+from palpate.drivers.tactile.weiss_messages import MatrixInfo
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.errors import DeviceError
+
+PERIOD_S = 0.01
+ENDLESS = 1 << 22
+MATRIX = MatrixInfo(7, 5, 3.4, 3.4, 4095.0)
+CHUNKS = {
+    "2 bytes": b"\x01\x00",
+    "3 bytes": b"\x01\x01\x00",
+    "zeros": b"\x00",
+    "no delimiter": b"\x55",
+    "long pieces": b"\x01" * 8248 + b"\x00",
+    "marks": b"\xaa",
+    "packets without payload": b"\xaa\xaa\xaa\x07\x00\x00",
+    "long packets": b"\xaa\xaa\xaa\x00\x00\x04",
+    "noise": np.random.default_rng(5).bytes(5000),
+}
+CONTENTS = pytest.mark.parametrize("chunk", CHUNKS.values(), ids=CHUNKS.keys())
+PROTOCOLS = pytest.mark.parametrize("protocol", ["palpate", "weiss-wts", "weiss-dsa"])
+
+
+class Babbler:
+    """A port that hands on what an array says until `babble` is set, and that from then on without end."""
+
+    def __init__(self, port: object) -> None:
+        self.inner = port
+        self.babble = b""
+        self.taken = 0
+        self.timeout: float | None = 0.0
+        self.port: str | None = port.port  # type: ignore[attr-defined]
+
+    @property
+    def in_waiting(self) -> int:
+        return ENDLESS if self.babble else self.inner.in_waiting  # type: ignore[attr-defined, no-any-return]
+
+    def read(self, size: int = 1, /) -> bytes:
+        if not self.babble:
+            self.inner.timeout = self.timeout  # type: ignore[attr-defined]
+            return self.inner.read(size)  # type: ignore[attr-defined, no-any-return]
+        self.taken += size
+        return (self.babble * (size // len(self.babble) + 1))[:size]
+
+    def write(self, data: bytes, /) -> int | None:
+        return self.inner.write(data)  # type: ignore[attr-defined, no-any-return]
+
+
+def babbling(protocol: str) -> tuple[ArrayDriver, Babbler, VirtualClock]:
+    """An array that streams at 25 Hz, whose port can be made to babble."""
+    if protocol == "palpate":
+        _, port, clock, _ = bench()
+        babbler = Babbler(port)
+        driver: ArrayDriver = TactileArray(babbler, clock, "f1")
+    else:
+        make = EmulatedWts if protocol == "weiss-wts" else EmulatedDsa
+        matrix = MATRIX if protocol == "weiss-wts" else [MATRIX]
+        held = Held(
+            lambda taxels, advance: make(taxels, matrix, advance, baudrate=BAUD),  # type: ignore[arg-type]
+            lambda port, clock, name, mounting: open_array(protocol, port, clock, name, mounting),
+        )
+        clock, babbler = held.clock, Babbler(held.port)
+        babbler.keep = held  # type: ignore[attr-defined]
+        driver = open_array(protocol, babbler, clock, "f1", MOUNTING)
+    driver.connect()
+    driver.start(25.0)
+    driver.wait_frame(0.2)
+    return driver, babbler, clock
+
+
+def shortest_s(call: Callable[[], object], repeats: int = 5) -> float:
+    """Processor time of a call at best: other programs shall not count."""
+    taken = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        call()
+        taken.append(time.process_time() - begin)
+    return min(taken)
+
+
+@CONTENTS
+@PROTOCOLS
+def test_one_call_takes_a_bounded_part_and_a_short_time(protocol: str, chunk: bytes) -> None:
+    array, port, clock = babbling(protocol)
+    port.babble = chunk
+    port.taken = 0
+    assert shortest_s(array.frames) < 0.01
+    assert port.taken <= 5 * 64 * 8250 + 65536
+    clock.sleep(PERIOD_S)
+    assert shortest_s(array.frames, 1) < 0.02
+
+
+@CONTENTS
+@PROTOCOLS
+def test_who_goes_on_like_that_is_named(protocol: str, chunk: bytes) -> None:
+    array, port, clock = babbling(protocol)
+    port.babble = chunk
+    began = clock.now()
+
+    def look_on() -> None:
+        while clock.now() < began + 2.0:
+            clock.sleep(PERIOD_S)
+            array.frames()
+
+    with pytest.raises(DeviceError, match=r"tactile array f1 on \S+ babbles: it sends \d+ bytes/s or more"):
+        look_on()
+    assert 0.2 < clock.now() - began < 0.4
+
+
+@CONTENTS
+@PROTOCOLS
+def test_waiting_for_a_frame_ends_in_time(protocol: str, chunk: bytes) -> None:
+    array, port, clock = babbling(protocol)
+    port.babble = chunk
+    began = clock.now()
+    with pytest.raises(DeviceError, match=r"f1 on \S+ sent no frame for 0\.15 s"):
+        array.wait_frame(0.15)
+    assert clock.now() - began < 0.2
+
+
+@PROTOCOLS
+def test_verbs_that_wait_for_an_answer_end_in_time(protocol: str) -> None:
+    array, port, clock = babbling(protocol)
+    port.babble = CHUNKS["noise"]
+    for verb, limit_s in ((lambda: array.start(25.0), 1.0), (array.stop, 1.0), (array.connect, 17.0)):
+        began = clock.now()
+        with pytest.raises(DeviceError, match="tactile array f1 on "):
+            verb()
+        assert clock.now() - began < limit_s
+
+
+def test_frames_go_on_once_the_babble_is_over() -> None:
+    array, port, clock = babbling("palpate")
+    port.babble = CHUNKS["3 bytes"]
+    array.frames()
+    port.babble = b""
+    looks = 0
+    while not array.frames():  # what was read already has to be worked off
+        clock.sleep(PERIOD_S)
+        looks += 1
+    assert looks < 30
+    array.wait_frame(0.2)
+
+
+def test_a_backlog_of_frames_is_no_babble_and_comes_at_once() -> None:
+    array, _, clock, _ = bench()
+    array.connect()
+    array.start(200.0)
+    for pause_s in (3.0, 0.01, 1.0, 5.0):
+        clock.sleep(pause_s)
+        assert len(array.frames()) == pytest.approx(200 * pause_s, abs=1.1)
+    assert array.counters.dropped == array.counters.lost == 0
+
+
+class Scribbler:
+    """A port on which arrives what is put into `coming`; it answers HELLO, once."""
+
+    def __init__(self) -> None:
+        self.port: str | None = "mem://scribble"
+        self.timeout: float | None = 0.0
+        self.coming = bytearray()
+        self.taken = 0
+        self.requests = 0
+
+    @property
+    def in_waiting(self) -> int:
+        return len(self.coming)
+
+    def read(self, size: int = 1, /) -> bytes:
+        data = bytes(self.coming[:size])
+        del self.coming[:size]
+        self.taken += len(data)
+        return data
+
+    def write(self, data: bytes, /) -> int | None:
+        for item in Decoder().feed(data):
+            assert isinstance(item, Message)
+            if isinstance(item.body, Hello) and not self.requests:
+                self.coming += encode(Message(0, 0, Describe(item.body.request_id, SMALL)))
+            self.requests += 1
+        return len(data)
+
+
+messages = st.builds(
+    wire,
+    st.sampled_from([*map(int, MessageType), 0x00, 0x42, 0xFF]),
+    st.integers(0, 2**32 - 1) | st.integers(1, 40),
+    st.integers(0, 2**64 - 1) | st.integers(0, 10**6),
+    st.binary(max_size=60) | st.binary(max_size=30).map(lambda tail: b"\2\3" + tail[:12].ljust(12, b"\1")),
+    version=st.sampled_from([0, 1, 1, 1, 1, 2]),
+    flags=st.integers(0, 3),
+    grow=st.sampled_from([0, 0, 0, 0, 1, 7]),
+)
+VERBS = ("frames", "wait", "start", "stop", "rate", "connect", "test")
+
+
+@given(st.lists(st.tuples(st.sampled_from(VERBS), st.lists(messages, max_size=30)), max_size=12))
+@settings(max_examples=100, deadline=None)
+def test_messages_with_a_right_crc_end_in_values_or_in_errors_that_name_the_array(
+    said: list[tuple[str, list[bytes]]],
+) -> None:
+    clock, port = VirtualClock(), Scribbler()
+    array = TactileArray(port, clock, "f1")
+    array.connect()
+    for verb, data in said:
+        port.coming += b"".join(data)
+        port.taken = 0
+        began = clock.now()
+        complaint = call(array, verb)
+        assert complaint == "" or complaint.startswith("tactile array f1 on mem://scribble ")
+        assert complaint.isprintable()
+        assert clock.now() - began < 6.0
+        clock.sleep(PERIOD_S)
+    counters = array.counters
+    assert min(counters.frames, counters.lost, counters.faults, counters.misshapen) >= 0
+
+
+def call(array: TactileArray, verb: str) -> str:
+    """Do what a verb says; its error's message, or "" where what comes of it makes sense."""
+    try:
+        do(array, verb)
+    except DeviceError as error:
+        return str(error)
+    return ""
+
+
+def do(array: TactileArray, verb: str) -> None:
+    if verb == "frames":
+        found = array.frames()
+        assert all(int(frame.counts.max()) <= SMALL.max_count for frame in found)
+        assert all(a.device_time_s < b.device_time_s for a, b in itertools.pairwise(found))
+    elif verb == "wait":
+        assert array.wait_frame(0.02).counts.shape == (2, 3)
+    elif verb == "connect":
+        assert array.connect().problem() is None
+    elif verb == "test":
+        array.self_test_if_known()
+    else:
+        {"start": lambda: array.start(100.0), "stop": array.stop, "rate": lambda: array.set_rate(50.0)}[
+            verb
+        ]()
