@@ -246,9 +246,19 @@ cli_objects.add_to(app)
 
 def main() -> None:
     """Run the command line; ends the process with an `ExitCode`."""
+    _fill_closed_streams()
     signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _interrupt)
     sys.exit(_guarded())
+
+
+def _fill_closed_streams() -> None:
+    """Open what the caller has closed of the standard streams: no port or log may get their numbers."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
 
 
 def _guarded() -> int:
@@ -279,7 +289,8 @@ def _told(error: Interrupted | PalpateError | MemoryError) -> int:
 
 def _flushed(code: int) -> int:
     try:
-        sys.stdout.flush()
+        if sys.stdout is not None:  # it is None if the caller has closed it
+            sys.stdout.flush()
     except OSError as error:
         return _unprinted(error)
     return code

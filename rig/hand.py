@@ -369,8 +369,8 @@ class Hand:
         allowed = max(_SILENT_S, _SILENT_FRAMES / self.rig.closing.sample_rate_hz)
         if now - self._heard_s[finger] > allowed:
             raise DeviceError(
-                f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} for "
-                f"{allowed:g} s while fingers moved; fingers were stopped; check its cable"
+                f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} "
+                f"for {allowed:g} s while fingers moved; fingers were stopped; check its cable"
             )
 
     def _connect(self, open_port: OpenPort) -> None:

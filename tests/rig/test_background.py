@@ -1,0 +1,176 @@
+"""What runs beside the thread that drives devices: it is done in order, and can neither stop nor delay it."""
+
+import os
+import threading
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from command import log_events
+
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.record import Recorder
+from palpate.drivers.transport.recording import Direction
+from palpate.errors import InputError, OutputError
+from palpate.rig.background import Background, BackgroundCall
+from palpate.rig.session import SessionLog
+from palpate.rig.session_file import read_session
+
+
+def test_items_are_consumed_in_order() -> None:
+    found: list[int] = []
+    background = Background(found.extend)
+    for item in range(5000):
+        background.put(item)
+    assert background.close(10.0)
+    assert found == list(range(5000))
+    assert background.dropped == 0
+
+
+def test_a_consumer_that_hangs_delays_nobody_and_what_is_too_much_is_counted() -> None:
+    goes_on = threading.Event()
+    background: Background[int] = Background(lambda _: goes_on.wait(30.0) and None, 10)
+    background.put(0)
+    while background.busy_s == 0.0:
+        time.sleep(0.001)
+    begin = time.monotonic()
+    for item in range(100):
+        background.put(item)
+    assert time.monotonic() - begin < 1.0
+    assert background.dropped == 90
+    assert not background.close(0.01)
+    goes_on.set()
+    assert background.close(10.0)
+
+
+def test_the_first_failure_is_kept_and_nothing_is_told_after_it() -> None:
+    called: list[str] = []
+
+    def fail(text: str) -> None:
+        called.append(text)
+        raise OSError(28, "No space left on device")
+
+    call = BackgroundCall("the display", fail)
+    call("one")
+    while not called:
+        time.sleep(0.001)
+    call("two")
+    with pytest.raises(OutputError, match="the display failed: OSError: No space left on device"), call:
+        call("three")
+    assert called == ["one"]
+
+
+def test_errors_of_the_run_go_before_those_of_its_display() -> None:
+    def fail(_: str) -> None:
+        raise OSError(28, "No space left on device")
+
+    call = BackgroundCall("the display", fail)
+    call("one")
+    with pytest.raises(InputError, match="the run's"), call:
+        raise InputError("the run's own")
+
+
+class Broken:
+    """A sink that raises whatever it is told."""
+
+    def __init__(self) -> None:
+        self.told = 0
+
+    def call(self, text: str) -> None:
+        self._fail(text)
+
+    def opened(self, number: int, port: str, url: str | None) -> None:
+        self._fail(number, port, url)
+
+    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
+        self._fail(direction, instant, port, data)
+
+    def raised(self, during: str | None, error: BaseException) -> None:
+        self._fail(during, error)
+
+    def check(self) -> None:
+        """Nothing more to say."""
+
+    def _fail(self, *_: object) -> None:
+        self.told += 1
+        raise OSError(28, "No space left on device")
+
+
+def test_a_recording_that_fails_stays_with_itself() -> None:
+    sink = Broken()
+    recorder = Recorder(VirtualClock(), sink)
+    recorder.clock.now()
+    recorder.clock.sleep(1.0)
+    assert recorder.clock.now() == 1.0
+    assert sink.told == 1
+    with pytest.raises(OutputError, match="No space left on device"):
+        recorder.sink.check()
+    recorder.sink.check()  # once is enough
+
+
+def log_with(folder: Path, events: int, redirect: int | None) -> SessionLog:
+    """A log whose file is, after its header, something else."""
+    log = SessionLog(folder, VirtualClock(), {"palpate": "0"}, stalled_s=0.2)
+    time.sleep(0.15)
+    if redirect is not None:
+        os.dup2(redirect, log._file.fileno())
+    for number in range(events):
+        log.event("stage", grip=number, stage="aiming")
+    return log
+
+
+def test_a_full_disk_is_told_once_by_check(tmp_path: Path) -> None:
+    log = log_with(tmp_path, 100, os.open("/dev/full", os.O_WRONLY))
+    time.sleep(0.2)
+    with pytest.raises(OutputError, match=r"session\.jsonl cannot be written: No space left on device"):
+        log.check()
+    log.check()
+    with log:
+        log.event("stage", grip=0, stage="aiming")
+    assert read_session(tmp_path).end is None
+
+
+def test_a_disk_that_failed_last_is_told_at_the_end(tmp_path: Path) -> None:
+    log = log_with(tmp_path, 1, os.open("/dev/full", os.O_WRONLY))
+    with pytest.raises(OutputError, match="No space left on device"), log:
+        pass
+
+
+def test_a_disk_that_takes_nothing_counts_as_gone(tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(65536))
+    os.set_blocking(writer, True)
+    log = log_with(tmp_path, 1, writer)
+    time.sleep(0.5)
+    with pytest.raises(OutputError, match=r"the disk has not taken it for 0\.2 s"):
+        log.check()
+    os.close(reader)
+    with log:
+        pass
+
+
+def test_lines_are_on_the_disk_a_tenth_of_a_second_later(tmp_path: Path) -> None:
+    """A kill loses no more; a busy computer is given a second here."""
+    log = log_with(tmp_path, 3, None)
+    waited = 0
+    while _whole_lines(tmp_path) < 4 and waited < 100:
+        time.sleep(0.01)
+        waited += 1
+    assert _whole_lines(tmp_path) == 4
+    with log:
+        pass
+    assert [event["event"] for event in log_events(tmp_path / "session.jsonl")] == [
+        "session",
+        *["stage"] * 3,
+        "end",
+    ]
+
+
+def _whole_lines(folder: Path) -> int:
+    lines: Sequence[bytes] = (folder / "session.jsonl").read_bytes().splitlines(keepends=True)
+    return sum(line.endswith(b"\n") for line in lines)

@@ -1,0 +1,35 @@
+"""A sample of the fault matrix: each row once, in one of the phases in which it must be noticed.
+
+`benchmarks/bench_fault_matrix.py` runs all cells, and with each guard removed.
+"""
+
+import random
+
+import pytest
+from fault_matrix import FAULTS, Cell, problems, run_cell
+from fault_page import table, table_of_page
+
+_IDENTIFY = ("approach", "touch", "free travel", "torque off")
+_CALIBRATE = ("homing", "creep", "press", "stop at speed")
+
+
+def sample() -> list[Cell]:
+    """A cell of each row, and an array cut off at the beginning of a creep: nobody looked there once."""
+    draw = random.Random(5)
+    found = []
+    for number, fault in enumerate(FAULTS):
+        command = "calibrate" if len(fault.only) > 1 and number % 4 == 0 else "identify"
+        phases = _CALIBRATE if command == "calibrate" else _IDENTIFY
+        noticed = [phase for phase in phases if phase in fault.noticed]
+        found.append(Cell(command, draw.choice(noticed or list(phases)), number))
+    cut = next(number for number, fault in enumerate(FAULTS) if fault.name == "an array's cable breaks")
+    return [*found, Cell("calibrate", "creep", cut)]
+
+
+@pytest.mark.parametrize("cell", sample(), ids=str)
+def test_a_cell_ends_as_its_row_says(cell: Cell) -> None:
+    assert problems(cell, run_cell(cell)) == []
+
+
+def test_the_page_has_the_rows_of_the_matrix() -> None:
+    assert table_of_page() == table(), "write it anew: python benchmarks/bench_fault_matrix.py --page"

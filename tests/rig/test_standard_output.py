@@ -1,0 +1,37 @@
+"""Standard output that is full, closed, or read by somebody who has heard enough."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from command import PALPATE
+
+
+def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run a line with PALPATE for the command."""
+    text = line.replace("PALPATE", str(PALPATE))
+    return subprocess.run(["sh", "-c", text], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def test_a_full_device_is_one_line(tmp_path: Path) -> None:
+    done = shell("PALPATE --version > /dev/full", tmp_path)
+    assert done.returncode == 5
+    assert done.stderr == "error: the output cannot be written: No space left on device\n"
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
+    done = shell(f"PALPATE --version {closed}", tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:
+    done = shell("PALPATE --help | true", tmp_path)
+    assert done.stderr == ""
+
+
+def test_no_command_shows_the_help_and_no_error(tmp_path: Path) -> None:
+    for command in ("PALPATE", "PALPATE objects"):
+        done = shell(command, tmp_path)
+        assert (done.returncode, done.stderr) == (2, "")
+        assert "Usage: palpate" in done.stdout
