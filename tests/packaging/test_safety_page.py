@@ -1,4 +1,4 @@
-"""Every row of the safety page's table is a test, by the name that it gives."""
+"""Every row of the safety page's second table is a test, by its name; the first table is the fault matrix."""
 
 import ast
 import re
@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def rows() -> list[list[str]]:
     """Cells of the table's rows."""
     page = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-    table = page[page.index("| fault |") :]
+    table = page[page.index("| fault | what the stack does | what the operator sees | test |") :]
     lines = table[: table.index("\n\n")].splitlines()[2:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
@@ -28,7 +28,7 @@ def functions_named() -> dict[str, ast.FunctionDef]:
 def test_every_row_names_a_test_that_exists_and_asserts_something() -> None:
     known = functions_named()
     table = rows()
-    assert len(table) >= 20
+    assert len(table) >= 10
     for fault, does, sees, test in table:
         assert all((fault, does, sees)), fault
         match = re.fullmatch(r"`(test_\w+)`", test)
