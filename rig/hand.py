@@ -166,7 +166,9 @@ class Hand:
                 return failed
             _warn(interruption, failed)
             break
-        assert interruption is not None
+        else:
+            assert interruption is not None
+            interruption.add_note("warning: torque may be on; cut the power before you reach in")
         raise interruption
 
     def _switch_off(self) -> list[DeviceError]:
