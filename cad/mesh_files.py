@@ -67,6 +67,8 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
 
 
 def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
+    needed("networkx", "cad", "reading 3MF files")
+    needed("lxml", "cad", "reading 3MF files")
     data = read_bytes(path, CAD_BYTES, _ADVICE)
     if problem := _3mf_problem(data):
         raise InputError(f"{path}: {problem}")
@@ -91,9 +93,6 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
 def _scene(path: Path, data: bytes, kind: str) -> Any:
     """What trimesh makes of a file, nothing merged or left out."""
     trimesh = needed("trimesh", "cad", f"reading {kind.upper()} files")
-    if kind == "3mf":
-        needed("networkx", "cad", "reading 3MF files")
-        needed("lxml", "cad", "reading 3MF files")
     skip = {} if kind in ("stl", "3mf") else {"skip_materials": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

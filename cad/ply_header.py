@@ -1,4 +1,4 @@
-"""The header of a PLY file against its length: counts that a file announces and does not hold. Part of `mesh_files`.
+"""The header of a PLY file against its length: what is announced and not there. Part of `mesh_files`.
 
 trimesh reads as many rows as there are, without a word. Source: G. Turk, The PLY Polygon File Format, 1994.
 """

@@ -37,7 +37,9 @@ def triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
     if faces.ndim != 2 or faces.shape[1] != 3:
         raise InputError(f"{where}: its faces do not have 3 corners each")
     if len(faces) > FACETS:
-        raise InputError(f"{where}: has {len(faces)} facets; at most {FACETS} are read: export it more coarsely")
+        raise InputError(
+            f"{where}: has {len(faces)} facets; at most {FACETS} are read: export it more coarsely"
+        )
     if faces.min() < 0 or faces.max() >= len(vertices):
         worst = int(faces.max() if faces.max() >= len(vertices) else faces.min())
         raise InputError(f"{where}: a face has vertex {worst}, counted from 0; there are {len(vertices)}")

@@ -4,7 +4,7 @@ Pydantic's own leniency ("1" for 1, true for 1.0) is switched off value by value
 kind of value in a file is an error with a place rather than a guess.
 """
 
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -16,6 +16,7 @@ __all__ = [
     "FileModel",
     "Flag",
     "Fraction",
+    "Items",
     "Length",
     "Name",
     "Number",
@@ -45,6 +46,12 @@ Flag = Annotated[bool, Field(strict=True)]
 
 Text = Annotated[str, Field(strict=True, min_length=1)]
 """A text that is not empty."""
+
+
+_T = TypeVar("_T")
+
+Items = Annotated[list[_T], Field(fail_fast=True)]
+"""A list, checked up to its first wrong entry: there may be millions."""
 
 
 def _printable(name: str) -> str:

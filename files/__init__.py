@@ -1,7 +1,7 @@
 """Files from outside: what they may cost, how their bytes are read, and a process in which to read them.
 
-Beneath every layer but `errors`: whoever reads a file goes through `read_bytes`, and where a foreign parser does,
-through `confined`.
+Beneath every layer but `errors`: files are read through `read_bytes`, and by foreign parsers within
+`confined`.
 """
 
 from palpate.files.confined import confined

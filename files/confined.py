@@ -1,8 +1,8 @@
 """Reading in a process of its own, which may take so much time and memory and no more.
 
-Foreign parsers of a damaged or hostile file may crash, search without end, or want more memory than there is. None
-of this happens to the process that has the file read: there it is an InputError. The process is started anew
-rather than forked, since its parent may have threads.
+Foreign parsers of a damaged or hostile file may crash, search without end, or want more memory than there is.
+None of this happens to the process that has the file read: there it is an InputError. The process is started
+anew rather than forked, since its parent may have threads.
 """
 
 import os
@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ParamSpec, TypeVar
 
@@ -32,14 +31,17 @@ _TOO_LONG = f"takes more than {READING_S:g} s to read"
 TOO_LARGE = f"takes more than {size_in_words(READING_BYTES)} of memory to read"
 
 
-def confined(path: Path, advice: str, read: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs) -> _R:
+def confined(
+    path: str | os.PathLike[str], advice: str, read: Callable[_P, _R], *args: _P.args, **kwargs: _P.kwargs
+) -> _R:
     """Call `read`, a function of a module, in a process with limits; its value, or its InputError.
 
-    `path`: what is read. Raises InputError, with `advice`, also where the process exceeds `READING_S` of processor
-    time or `READING_BYTES`, crashes, or fails in an unforeseen way. Its temporary files are removed in any case.
+    `path`: what is read. Raises InputError, with `advice`, also where the process exceeds `READING_S` of
+    processor time or `READING_BYTES`, crashes, or fails unforeseen. Its temporary files are removed.
     """
     if _INSIDE in os.environ:
         return read(*args, **kwargs)
+    name = os.fspath(path)
     with TemporaryDirectory(prefix="palpate-") as folder:
         # Threads that wait for work in a busy loop would take of the processor time.
         threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), "1")
@@ -55,12 +57,12 @@ def confined(path: Path, advice: str, read: Callable[_P, _R], *args: _P.args, **
                 process_group=0,
             )
         except subprocess.TimeoutExpired:
-            raise InputError(f"{path}: {_TOO_LONG}; {advice}") from None
+            raise InputError(f"{name}: {_TOO_LONG}; {advice}") from None
     if ended.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
-        raise InputError(f"{path}: {_TOO_LONG}; {advice}")
+        raise InputError(f"{name}: {_TOO_LONG}; {advice}")
     if ended.returncode:
-        raise InputError(f"{path}: cannot be read: its reader crashed, or {TOO_LARGE}; {advice}")
+        raise InputError(f"{name}: cannot be read: its reader crashed, or {TOO_LARGE}; {advice}")
     kind, value = pickle.loads(ended.stdout)
     if kind == "value":
         return value  # type: ignore[no-any-return]
-    raise InputError(value if kind == "refused" else f"{path}: {value}; {advice}")
+    raise InputError(value if kind == "refused" else f"{name}: {value}; {advice}")

@@ -1,7 +1,7 @@
 """What a file may cost: every limit on files from outside, in one table.
 
-Each is several times what the largest useful file needs; together they keep whatever a file holds below 10 s and
-1 GB. docs/file-limits.md says the same for users.
+Each is several times what a large useful file needs; together they keep whatever a file holds below 10 s
+and 1 GB. docs/file-limits.md says the same for users.
 """
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "READING_WALL_S",
     "TABLE_KEYS",
     "TOML_BYTES",
+    "UNCONFINED_BYTES",
     "VALUES",
 ]
 
@@ -28,7 +29,7 @@ MB = 1_000_000
 TOML_BYTES = 1 * MB
 """A rig, calibration or references file; those of 16 fingers take 0.1 MB."""
 JSON_BYTES = 32 * MB
-"""An objects, contacts or scene file, or the record of a calibration; a part with six leaning states takes 1 MB."""
+"""An objects, contacts or scene file, or the record of a calibration; a leaning state takes 0.1 to 1 MB."""
 LOG_BYTES = 128 * MB
 """A session's log; a minute takes 10 to 20 MB."""
 CAD_BYTES = 64 * MB
@@ -55,8 +56,10 @@ DRAWN_NUMBERS = 400_000
 """Numbers in the outlines of a drawing, its copies unfolded: two for each point."""
 
 READING_S = 7.0
-"""Processor time to read and check a CAD file, in a process of its own."""
+"""Processor time to read and check a CAD file or a large objects file, in a process of its own."""
+UNCONFINED_BYTES = 100_000
+"""Objects files up to this are read without such a process."""
 READING_WALL_S = 60.0
 """Time on the clock for the same, where the computer is busy with something else."""
 READING_BYTES = 768 * MB
-"""Memory of the process that reads a CAD file."""
+"""Memory of that process."""

@@ -18,7 +18,7 @@ _KINDS = (
 
 
 def read_bytes(path: str | os.PathLike[str], most_bytes: int, advice: str) -> bytes:
-    """All of a regular file of at most `most_bytes`; InputError otherwise, with what to do about a larger one."""
+    """All of a regular file; InputError, with what to do, for one that has more than `most_bytes`."""
     check_file(path, most_bytes, advice)
     try:
         # Neither a pipe put here meanwhile nor a file of the kernel's keeps us waiting.
@@ -50,7 +50,9 @@ def size_in_words(count: int) -> str:
 
 
 def _too_large(path: str | os.PathLike[str], size: str, most_bytes: int, advice: str) -> InputError:
-    return InputError(f"{os.fspath(path)}: has {size}; at most {size_in_words(most_bytes)} are read: {advice}")
+    return InputError(
+        f"{os.fspath(path)}: has {size}; at most {size_in_words(most_bytes)} are read: {advice}"
+    )
 
 
 def _unreadable(path: str | os.PathLike[str], error: OSError | ValueError) -> InputError:

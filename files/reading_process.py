@@ -1,4 +1,4 @@
-"""The process that `confined` starts: a pickled call on standard input, what comes of it on standard output."""
+"""The process that `confined` starts: a pickled call on standard input, its outcome on standard output."""
 
 import os
 import pickle
