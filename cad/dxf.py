@@ -70,6 +70,8 @@ def _opened(path: Path) -> "Document":
         return readfile(path)
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such file") from None
+    except MemoryError:
+        raise
     except Exception as problem:
         # Damaged files come out of the parser as OSError, DXFError, StopIteration, ValueError and others.
         detail = " ".join(str(problem).split()) or type(problem).__name__

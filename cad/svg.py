@@ -47,6 +47,8 @@ def _strokes(source: bytes, size: Page, path: Path) -> Iterator[Stroke]:
         raise InputError("reading SVG files needs svgelements: pip install 'palpate[cad]'") from None
     try:
         drawing = svgelements.SVG.parse(io.BytesIO(source), reify=False)
+    except MemoryError:
+        raise
     except Exception as problem:
         # What it does not expect comes out as ValueError, RecursionError, AttributeError and others.
         raise InputError(f"{path}: is no readable SVG file ({problem}); save it as SVG anew") from None

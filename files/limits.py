@@ -12,6 +12,7 @@ __all__ = [
     "JSON_BYTES",
     "LOG_BYTES",
     "LOG_LINES",
+    "LOG_LINE_BYTES",
     "MEMBERS",
     "NESTING",
     "PARTS",
@@ -39,10 +40,12 @@ VALUES = 4_000_000
 """Numbers, texts, lists and tables in a JSON file or a log, counted by commas and brackets."""
 TABLE_KEYS = 1_000
 """Keys in one table of a TOML or JSON file."""
-NESTING = 32
-"""Parts of a dotted key in TOML, blocks within blocks in DXF."""
-LOG_LINES = 1_000_000
-"""Lines in a log; 128 MB of a real one have 350,000."""
+NESTING = 64
+"""Parts of a dotted key in TOML, blocks within blocks in DXF, elements within elements in SVG."""
+LOG_LINES = 400_000
+"""Lines in a log; 128 MB of a real one have 330,000."""
+LOG_LINE_BYTES = 4 * MB
+"""A line of a log; the longest, with all interpretations of a grip, take 0.4 MB."""
 
 FACETS = 500_000
 """Triangles in a mesh or STEP file."""
