@@ -38,13 +38,12 @@ def check_unfolded(root: Element, path: Path) -> None:
                 raise InputError(f"{path}: elements are nested more than {NESTING} deep; take groups apart")
             stack.append((element, True))
             stack += [(inner, False) for inner in _within(element, named)]
-    for count, most, what in zip(
-        came_to[root], (DRAWN_PIECES, DRAWN_NUMBERS), ("elements", "numbers in outlines"), strict=True
-    ):
+    pieces, numbers = came_to[root]
+    for count, most, what in ((pieces, DRAWN_PIECES, "elements"), (numbers, DRAWN_NUMBERS, "numbers")):
         if count > most:
             raise InputError(
-                f"{path}: holds {min(count, 10**15):.6g} {what}, copies counted each time; at most {most} are read: "
-                "keep the outlines only"
+                f"{path}: draws {min(count, 10**15):.6g} {what}, those of copies counted each time; "
+                f"at most {most} are read: keep the outlines only"
             )
 
 
