@@ -4,11 +4,11 @@
     python benchmarks/bench_hostile_files.py svg "ZIP bomb"      # those whose title has one of these in it
 
 Each file of tests/support/hostile_files.py is given to the command that reads it, in a folder of its own.
-Measured are the time on the clock, the processor time, and the memory of the command with all processes that it
-starts: the sum of their peaks, sampled, or the largest peak of one. A file passes if its command ends within
-10 s of processor time (on a computer that does nothing else: of the clock) and 1 GB, with exit code 2, one line
-of at most 600 characters on stderr, nothing on stdout and no new file; some may also be accepted, with exit
-code 0. Ends with exit code 1 if any does not pass.
+Measured are the time on the clock, the processor time, and the memory of the command with all processes that
+it starts: the sum of their peaks, sampled, or the largest peak of one. A file passes if its command ends
+within 10 s of processor time (on an idle computer: of the clock) and 1 GB, with exit code 2, one line of at
+most 600 characters on stderr, nothing on stdout and no new file; some may also be accepted, with exit code 0.
+Ends with exit code 1 if any does not pass.
 """
 
 import os
@@ -105,15 +105,12 @@ def main(wanted: list[str]) -> int:
         worst = [max(worst[0], seen.processor_s), max(worst[1], seen.mb)]
         said = seen.line.removeprefix(f"error: {case.name}: ").replace("\n", " ⏎ ")
         told = f"WRONG, {seen.wrong}: {said[-90:]}" if seen.wrong else said[:90]
-        print(
-            f"{case.title[:55]:55} {seen.code:4} {seen.seconds:6.1f} {seen.processor_s:5.1f} {seen.mb:5.0f}  {told}",
-            flush=True,
-        )
+        cost = f"{seen.seconds:6.1f} {seen.processor_s:5.1f} {seen.mb:5.0f}"
+        print(f"{case.title[:55]:55} {seen.code:4} {cost}  {told}", flush=True)
         wrong[seen.wrong] += 1
     good = wrong.pop("", 0)
-    print(
-        f"\n{good} of {len(cases)} as they have to be; at most {worst[0]:.1f} s of processor time and {worst[1]:.0f} MB"
-    )
+    print(f"\n{good} of {len(cases)} as they have to be")
+    print(f"at most {worst[0]:.1f} s of processor time and {worst[1]:.0f} MB")
     for words, count in wrong.most_common():
         print(f"{count} × {words}")
     return 1 if wrong else 0

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from palpate.config import shipped_objects, shipped_rig
 
-__all__ = ["CASES", "Case"]
+__all__ = ["CASES", "FIRST", "SQUARE", "SVG", "Case", "dxf"]
 
 ROOT = Path(__file__).parents[2]
 CONTACTS = ROOT / "examples" / "contacts.json"
@@ -323,7 +323,7 @@ def _uses(levels: int) -> str:
     return SVG.format(text)
 
 
-def _dxf(entities: str, blocks: str = "") -> str:
+def dxf(entities: str, blocks: str = "") -> str:
     units = "0\nSECTION\n2\nHEADER\n9\n$INSUNITS\n70\n4\n0\nENDSEC\n"
     return f"{units}0\nSECTION\n2\nBLOCKS\n{blocks}0\nENDSEC\n0\nSECTION\n2\nENTITIES\n{entities}0\nENDSEC\n0\nEOF\n"
 
@@ -340,7 +340,7 @@ def _inserts(levels: int, copies: int) -> str:
     blocks = _block("B0", SQUARE)
     for level in range(1, levels):
         blocks += _block(f"B{level}", _insert(f"B{level - 1}") * copies)
-    return _dxf(_insert(f"B{levels - 1}"), blocks)
+    return dxf(_insert(f"B{levels - 1}"), blocks)
 
 
 def _circle_of(count: int) -> str:
@@ -371,29 +371,29 @@ DRAWINGS: dict[tuple[str, str], str | Callable[[], str]] = {
     ("part.svg", "an STL file"): "solid a\nendsolid a\n",
     ("part.dxf", "blocks of blocks"): lambda: _inserts(20, 10),
     ("part.dxf", "blocks 500 deep"): lambda: _inserts(500, 1),
-    ("part.dxf", "a block of itself"): _dxf(_insert("A"), _block("A", _insert("A"))),
-    ("part.dxf", "a block, 30,000 by 30,000 times"): _dxf(
+    ("part.dxf", "a block of itself"): dxf(_insert("A"), _block("A", _insert("A"))),
+    ("part.dxf", "a block, 30,000 by 30,000 times"): dxf(
         _insert("A", "70\n30000\n71\n30000\n44\n1\n45\n1\n"), _block("A", SQUARE)
     ),
-    ("part.dxf", "no block, 30,000 by 30,000 times"): _dxf(
+    ("part.dxf", "no block, 30,000 by 30,000 times"): dxf(
         _insert("A", "70\n30000\n71\n30000\n44\n1\n45\n1\n"), _block("A", "")
     ),
-    ("part.dxf", "300,000 lines"): lambda: _dxf(SQUARE * 300_000),
-    ("part.dxf", "40,000 lines to one point"): lambda: _dxf(
+    ("part.dxf", "300,000 lines"): lambda: dxf(SQUARE * 300_000),
+    ("part.dxf", "40,000 lines to one point"): lambda: dxf(
         "".join(f"0\nLINE\n8\n0\n10\n0\n20\n0\n11\n{k % 200}\n21\n{k / 200}\n" for k in range(40_000))
     ),
-    ("part.dxf", "a circle of 1e300"): _dxf("0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n1e300\n"),
-    ("part.dxf", "a spline of degree 1000"): lambda: _dxf(
+    ("part.dxf", "a circle of 1e300"): dxf("0\nCIRCLE\n8\n0\n10\n0\n20\n0\n40\n1e300\n"),
+    ("part.dxf", "a spline of degree 1000"): lambda: dxf(
         "0\nSPLINE\n8\n0\n70\n8\n71\n1000\n72\n2002\n73\n1001\n"
         + "40\n0\n" * 1001
         + "40\n1\n" * 1001
         + "10\n0\n20\n0\n30\n0\n" * 1001
     ),
-    ("part.dxf", "an announced million of vertices"): _dxf(
+    ("part.dxf", "an announced million of vertices"): dxf(
         "0\nLWPOLYLINE\n8\n0\n90\n1000000\n70\n1\n10\n0\n20\n0\n"
     ),
     ("part.dxf", "tags without end"): lambda: "0\nSECTION\n2\nENTITIES\n" + "0\nLINE\n" * 2_000_000,
-    ("part.dxf", "numbers that are none"): _dxf("0\nLINE\n8\n0\n10\nnan\n20\ninf\n11\n1e999\n21\nx\n"),
+    ("part.dxf", "numbers that are none"): dxf("0\nLINE\n8\n0\n10\nnan\n20\ninf\n11\n1e999\n21\nx\n"),
 }
 
 
@@ -424,7 +424,6 @@ LOGS: dict[str, str | Callable[[], str]] = {
 
 
 def _cases() -> Iterator[Case]:
-    yield from _kinds()
     for title, text in TOMLS.items():
         yield Case(f"rig.toml: {title}", "rig.toml", READERS["rig.toml"], partial(_text, text))
     for title, text in JSONS.items():
@@ -451,6 +450,7 @@ def _cases() -> Iterator[Case]:
         watched,
         partial(_text, LOGS["399,000 lines, the last wrong"]),
     )
+    yield from _kinds()
 
 
 CASES = tuple(_cases())
