@@ -147,7 +147,7 @@ def _stl_problem(data: bytes) -> str:
         return "the file is empty"
     if re.match(rb"\s*solid\b", data, re.IGNORECASE) and b"\0" not in data[:_STL_HEADER]:
         opened, closed = (
-            len(re.findall(word, data)) for word in (rb"(?im)^\s*solid\b", rb"(?im)^\s*endsolid\b")
+            len(re.findall(word, data)) for word in (rb"(?im)^[ \t]*solid\b", rb"(?im)^[ \t]*endsolid\b")
         )
         return "" if opened == closed else "is cut short: there is no endsolid for a solid"
     if len(data) < _STL_HEADER:
