@@ -44,8 +44,8 @@ Count = Annotated[int, Field(strict=True, ge=0)]
 Flag = Annotated[bool, Field(strict=True)]
 """true or false, nothing else."""
 
-Text = Annotated[str, Field(strict=True, min_length=1)]
-"""A text that is not empty."""
+Text = Annotated[str, Field(strict=True, min_length=1, max_length=4096)]
+"""A text that is not empty, and no longer than the path of a file may be."""
 
 
 _T = TypeVar("_T")
@@ -67,7 +67,10 @@ Name = Annotated[
 ]
 """A name on one line of printable characters, without blanks around it."""
 
-Point = tuple[Number, Number]
+Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
+"""mm; within a kilometre, so that squares of squares stay finite."""
+
+Point = tuple[Coordinate, Coordinate]
 """x, y in mm; the frame is the file format's."""
 
 

@@ -15,6 +15,7 @@ from palpate.config.fields import Point
 from palpate.config.objects_text import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.config.outlines import outline_problem, polygons_problem
 from palpate.config.problems import Place
+from palpate.files.limits import OUTLINES
 
 __all__ = ["NOUNS", "Finding", "heights_in_words", "objects_problems"]
 
@@ -127,6 +128,10 @@ def heights_in_words(ranges: Iterable[tuple[float, float]]) -> str:
 
 
 def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
+    count = sum(1 + len(polygon.holes) for polygon in section.polygons)
+    if count > OUTLINES:
+        yield (*place, "polygons"), f"has {count} outlines; at most {OUTLINES} are read"
+        return
     simple = True
     for index, polygon in enumerate(section.polygons):
         at = (*place, "polygons", index)

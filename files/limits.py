@@ -15,6 +15,7 @@ __all__ = [
     "LOG_LINE_BYTES",
     "MEMBERS",
     "NESTING",
+    "OUTLINES",
     "PARTS",
     "READING_BYTES",
     "READING_S",
@@ -38,6 +39,8 @@ CAD_BYTES = 64 * MB
 
 VALUES = 4_000_000
 """Numbers, texts, lists and tables in a JSON file or a log, counted by commas and brackets."""
+OUTLINES = 1_000
+"""Outlines in one cross section, holes counted."""
 TABLE_KEYS = 1_000
 """Keys in one table of a TOML or JSON file."""
 NESTING = 64
