@@ -136,7 +136,7 @@ def _announced(data: bytes) -> int:
 
 
 def _stl_faces(data: bytes) -> int:
-    return _announced(data) if _is_binary_stl(data) else len(re.findall(rb"(?i)\bendfacet\b", data))
+    return _announced(data) if _is_binary_stl(data) else data.lower().count(b"endfacet")
 
 
 def _stl_problem(data: bytes) -> str:

@@ -61,7 +61,7 @@ DRAWN_PIECES = 50_000
 DRAWN_NUMBERS = 400_000
 """Numbers in the outlines of a drawing, its copies unfolded: two for each point."""
 
-READING_S = 7.0
+READING_S = 8.0
 """Processor time to read and check a CAD file or a large objects file, in a process of its own."""
 UNCONFINED_BYTES = 100_000
 """Objects files up to this are read without such a process."""
