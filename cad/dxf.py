@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING
 
 from palpate.cad.chains import JOIN_MM, Sheet, Stroke, closed_loops
 from palpate.cad.dxf_walk import Walk
+from palpate.cad.extras import readable
 from palpate.cad.nesting import parts
 from palpate.cad.size import UNIT_MM
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
+from palpate.files import check_file
+from palpate.files.limits import CAD_BYTES
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
@@ -45,9 +48,11 @@ def read_dxf(
     no closed outlines, with coordinates in the file's own unit.
     """
     document = _opened(path)
-    unit, unit_mm = _unit(document, units, path)
+    with readable(path, "DXF"):
+        unit, unit_mm = _unit(document, units, path)
     walk = Walk(path, document, unit_mm)
-    walk.all()
+    with readable(path, "DXF"):
+        walk.all()
     strokes = _chosen(walk, layers, path)
     low, high = min(strokes, key=itemgetter(1)), max(strokes, key=itemgetter(1))
     if high[1] - low[1] > JOIN_MM:
@@ -66,14 +71,9 @@ def _opened(path: Path) -> "Document":
         from ezdxf.filemanagement import readfile  # noqa: PLC0415
     except ImportError:
         raise InputError("reading DXF files needs ezdxf: pip install 'palpate[cad]'") from None
-    try:
+    check_file(path, CAD_BYTES, "keep the outlines only")
+    with readable(path, "DXF"):
         return readfile(path)
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except Exception as problem:
-        # Damaged files come out of the parser as OSError, DXFError, StopIteration, ValueError and others.
-        detail = " ".join(str(problem).split()) or type(problem).__name__
-        raise InputError(f"{path}: is no readable DXF file ({detail}); save it as DXF anew") from None
 
 
 def _unit(document: "Document", units: str | None, path: Path) -> tuple[str, float]:

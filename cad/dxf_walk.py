@@ -16,6 +16,7 @@ import numpy as np
 from palpate.cad.chains import Stroke
 from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, NotFlatError, Placing, curves
 from palpate.errors import InputError
+from palpate.files.limits import DRAWN_PIECES, NESTING
 
 if TYPE_CHECKING:
     from ezdxf.document import Drawing as Document
@@ -45,6 +46,7 @@ class Walk:
         self.found: dict[str, list[tuple[Stroke, float]]] = {}
         self.left_out: Counter[str] = Counter()
         self._path, self._document, self._unit_mm = path, document, unit_mm
+        self._pieces = 0
 
     def all(self) -> None:
         """Go through the model space. Raises InputError for what cannot be an outline of a flat part."""
@@ -54,6 +56,7 @@ class Walk:
 
     def _collect(self, entity: "DXFGraphic", outer: _Style, blocks: tuple[str, ...]) -> None:
         kind = entity.dxftype()
+        self._count()
         # A block's layer 0 and BYBLOCK are those of its insertion (DXF reference, BLOCKS section).
         layer = outer.layer if blocks and entity.dxf.layer == "0" else entity.dxf.layer
         linetype = entity.dxf.linetype.upper()
@@ -97,10 +100,21 @@ class Walk:
             raise InputError(f"{self._path}: inserts a block '{name}' that is not in the file")
         if name in blocks:
             raise InputError(f"{self._path}: the block '{name}' contains itself")
+        if len(blocks) >= NESTING:
+            raise InputError(f"{self._path}: blocks are nested in more than {NESTING} others; explode them")
         for one in insert.multi_insert() if insert.mcount > 1 else (insert,):
+            self._count()
             inside = replace(style, placing=style.placing.of(one))
             for entity in block:
                 self._collect(entity, inside, (*blocks, name))
+
+    def _count(self) -> None:
+        self._pieces += 1
+        if self._pieces > DRAWN_PIECES:
+            raise InputError(
+                f"{self._path}: holds more than {DRAWN_PIECES} entities, those of inserted blocks counted "
+                "each time; keep the outlines only"
+            )
 
     def _has_layer(self, name: str) -> bool:
         return bool(self._document.layers.has_entry(name))

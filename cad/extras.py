@@ -1,11 +1,14 @@
 """Packages that only some file formats need: imported when such a file is read, named if they are missing."""
 
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from palpate.errors import InputError
 
-__all__ = ["needed"]
+__all__ = ["needed", "readable"]
 
 
 def needed(module: str, extra: str, purpose: str) -> Any:
@@ -14,3 +17,17 @@ def needed(module: str, extra: str, purpose: str) -> Any:
         return importlib.import_module(module)
     except ImportError:
         raise InputError(f"{purpose} needs {module}: pip install 'palpate[{extra}]'") from None
+
+
+@contextmanager
+def readable(path: Path, kind: str) -> Iterator[None]:
+    """While another package reads a file: whatever it raises about a damaged one becomes an InputError."""
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as problem:
+        detail = " ".join(str(problem).split()) or type(problem).__name__
+        raise InputError(
+            f"{path}: is no readable {kind} file ({detail:.200}); save it as {kind} anew"
+        ) from None

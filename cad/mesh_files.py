@@ -7,6 +7,7 @@ passes over is therefore looked for here, in the file itself, and the rest in `m
 import io
 import re
 import warnings
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,13 @@ import numpy as np
 
 from palpate.cad.extras import needed
 from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
+from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
 from palpate.cad.values import Floats, Ints, Solid
 from palpate.errors import InputError
+from palpate.files import read_bytes
+from palpate.files.limits import CAD_BYTES, MEMBERS
+from palpate.files.opening import size_in_words
 
 __all__ = ["MESH_SUFFIXES", "read_mesh_file"]
 
@@ -24,6 +29,8 @@ MESH_SUFFIXES = (".3mf", ".obj", ".ply", ".stl")
 
 _STL_HEADER, _STL_FACE = 84, 50
 """Bytes before the first face of a binary STL file, which end in the number of faces, and of each."""
+
+_ADVICE = "export the part more coarsely"
 
 _3MF_MM = {
     "micron": 0.001,
@@ -48,8 +55,8 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
         return _read_3mf(path, units)
     if units is None:
         raise InputError(f"{path}: {kind.upper()} files have no units: add --units mm, inch or m")
-    data = path.read_bytes()
-    if problem := {"stl": _stl_problem, "obj": _obj_problem}.get(kind, lambda _: "")(data):
+    data = read_bytes(path, CAD_BYTES, _ADVICE)
+    if problem := {"stl": _stl_problem, "obj": _obj_problem, "ply": ply_problem}[kind](data):
         raise InputError(f"{path}: {problem}")
     if kind == "obj" or (kind == "stl" and not _is_binary_stl(data)):
         data = _as_utf8(data)
@@ -60,7 +67,12 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
 
 
 def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
-    scene = _scene(path, path.read_bytes(), "3mf")
+    needed("networkx", "cad", "reading 3MF files")
+    needed("lxml", "cad", "reading 3MF files")
+    data = read_bytes(path, CAD_BYTES, _ADVICE)
+    if problem := _3mf_problem(data):
+        raise InputError(f"{path}: {problem}")
+    scene = _scene(path, data, "3mf")
     stated = {
         str(mesh.metadata.get("units", "millimeter")).removesuffix("s") for mesh in scene.geometry.values()
     }
@@ -81,9 +93,6 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
 def _scene(path: Path, data: bytes, kind: str) -> Any:
     """What trimesh makes of a file, nothing merged or left out."""
     trimesh = needed("trimesh", "cad", f"reading {kind.upper()} files")
-    if kind == "3mf":
-        needed("networkx", "cad", "reading 3MF files")
-        needed("lxml", "cad", "reading 3MF files")
     skip = {} if kind in ("stl", "3mf") else {"skip_materials": True}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -91,6 +100,8 @@ def _scene(path: Path, data: bytes, kind: str) -> Any:
         warnings.filterwarnings("error", message="string or file could not be read")
         try:
             return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False, **skip)
+        except MemoryError:
+            raise
         except Exception as error:
             reason = " ".join(str(error).split())
             said = f": {reason}" if reason.count(" ") > 1 else "; is it whole?"
@@ -125,7 +136,7 @@ def _announced(data: bytes) -> int:
 
 
 def _stl_faces(data: bytes) -> int:
-    return _announced(data) if _is_binary_stl(data) else len(re.findall(rb"(?i)\bendfacet\b", data))
+    return _announced(data) if _is_binary_stl(data) else data.lower().count(b"endfacet")
 
 
 def _stl_problem(data: bytes) -> str:
@@ -136,7 +147,7 @@ def _stl_problem(data: bytes) -> str:
         return "the file is empty"
     if re.match(rb"\s*solid\b", data, re.IGNORECASE) and b"\0" not in data[:_STL_HEADER]:
         opened, closed = (
-            len(re.findall(word, data)) for word in (rb"(?im)^\s*solid\b", rb"(?im)^\s*endsolid\b")
+            len(re.findall(word, data)) for word in (rb"(?im)^[ \t]*solid\b", rb"(?im)^[ \t]*endsolid\b")
         )
         return "" if opened == closed else "is cut short: there is no endsolid for a solid"
     if len(data) < _STL_HEADER:
@@ -146,6 +157,22 @@ def _stl_problem(data: bytes) -> str:
         f"is cut short or no STL file: it announces {count} faces, "
         f"which take {_STL_HEADER + _STL_FACE * count} bytes, and has {len(data)}"
     )
+
+
+def _3mf_problem(data: bytes) -> str:
+    """What in the directory of a 3MF file, a ZIP archive, keeps it from being unpacked, or nothing."""
+    try:
+        members = zipfile.ZipFile(io.BytesIO(data)).infolist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError, UnicodeDecodeError, EOFError) as error:
+        return f"cannot be read as 3MF: {error}"
+    # No member gives more than its directory says: zipfile stops there.
+    unpacked = sum(member.file_size for member in members)
+    if unpacked > CAD_BYTES:
+        most = size_in_words(CAD_BYTES)
+        return f"is {size_in_words(unpacked)} when unpacked; at most {most} are read: {_ADVICE}"
+    if len(members) > MEMBERS:
+        return f"holds {len(members)} files; at most {MEMBERS} are read: leave out what is no part"
+    return ""
 
 
 def _obj_problem(data: bytes) -> str:

@@ -11,8 +11,10 @@ from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
 from palpate.cad.values import Drawing, Solid
 from palpate.errors import InputError
+from palpate.files import check_file
+from palpate.files.limits import CAD_BYTES, FACETS, PARTS
 
-__all__ = ["is_drawing", "read_drawings", "read_solids"]
+__all__ = ["is_drawing", "read_drawings", "read_solids", "simpler"]
 
 _DRAWINGS = (".dxf", ".svg")
 
@@ -40,8 +42,11 @@ def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, 
         raise InputError(f"{path}: is a drawing, not a solid")
     _check(path, units)
     if path.suffix.lower() in STEP_SUFFIXES:
-        return read_step(path, units, curve_mm)
-    return read_mesh_file(path, units)
+        solids = read_step(path, units, curve_mm)
+    else:
+        solids = read_mesh_file(path, units)
+    _check_count(path, len(solids), "bodies")
+    return solids
 
 
 def read_drawings(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, ...]:
@@ -52,14 +57,28 @@ def read_drawings(path: Path, units: str | None, curve_mm: float) -> tuple[Drawi
     if path.suffix.lower() == ".dxf":
         from palpate.cad.dxf import read_dxf  # noqa: PLC0415 - ezdxf is an extra
 
-        return read_dxf(path, units, curve_mm)
-    from palpate.cad.svg import read_svg  # noqa: PLC0415 - svgelements is an extra
+        drawings = read_dxf(path, units, curve_mm)
+    else:
+        from palpate.cad.svg import read_svg  # noqa: PLC0415 - svgelements is an extra
 
-    return read_svg(path, units, curve_mm)
+        drawings = read_svg(path, units, curve_mm)
+    _check_count(path, len(drawings), "parts")
+    return drawings
+
+
+def simpler(path: Path) -> str:
+    """What to do about a file that is too large for its limits."""
+    if path.suffix.lower() in _DRAWINGS:
+        return "draw the part with fewer lines and points, each part in a file of its own"
+    return f"export the part more coarsely, with fewer than {FACETS} facets, each part in a file of its own"
+
+
+def _check_count(path: Path, count: int, what: str) -> None:
+    if count > PARTS:
+        raise InputError(f"{path}: has {count} {what}; at most {PARTS} are read: {simpler(path)}")
 
 
 def _check(path: Path, units: str | None) -> None:
     if units is not None and units not in MM_PER_UNIT:
         raise InputError(f"--units {units}: allowed are {', '.join(MM_PER_UNIT)}")
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file")
+    check_file(path, CAD_BYTES, simpler(path))

@@ -10,6 +10,7 @@ import numpy as np
 
 from palpate.cad.values import Floats, Ints
 from palpate.errors import InputError
+from palpate.files.limits import FACETS
 
 __all__ = ["Placed", "distinct_shapes", "triangles"]
 
@@ -31,7 +32,15 @@ def triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
     vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
     if vertices.ndim != 2 or vertices.shape[1] != 3:
         raise InputError(f"{where}: its vertices do not have 3 coordinates each")
-    if len(faces) and (faces.min() < 0 or faces.max() >= len(vertices)):
+    if not faces.size:
+        return vertices, np.zeros((0, 3), dtype=np.int64)
+    if faces.ndim != 2 or faces.shape[1] != 3:
+        raise InputError(f"{where}: its faces do not have 3 corners each")
+    if len(faces) > FACETS:
+        raise InputError(
+            f"{where}: has {len(faces)} facets; at most {FACETS} are read: export it more coarsely"
+        )
+    if faces.min() < 0 or faces.max() >= len(vertices):
         worst = int(faces.max() if faces.max() >= len(vertices) else faces.min())
         raise InputError(f"{where}: a face has vertex {worst}, counted from 0; there are {len(vertices)}")
     return vertices, faces

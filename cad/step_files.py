@@ -6,8 +6,6 @@ millimetres, whatever the file's unit.
 
 import math
 import re
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,8 @@ from palpate.cad.scenes import distinct_shapes
 from palpate.cad.surface import rounding
 from palpate.cad.values import Solid
 from palpate.errors import InputError
+from palpate.files import confined, read_bytes
+from palpate.files.limits import CAD_BYTES
 
 __all__ = ["STEP_SUFFIXES", "read_step"]
 
@@ -28,8 +28,7 @@ _TURN_RAD = math.radians(10.0)
 _SHARE = 0.5
 """OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
 
-_PATIENCE_S = 60.0
-"""After so long a file is given up."""
+_ADVICE = "allow its curves a larger tolerance, or export it as STL"
 
 _SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001}
 
@@ -41,13 +40,13 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     read, for units that are not the file's, and for what `mesh_checks` refuses.
     """
     needed("cascadio", "step", "reading STEP files")
-    data = path.read_bytes()
+    data = read_bytes(path, CAD_BYTES, _ADVICE)
     if not data.lstrip().startswith(b"ISO-10303-21"):
         raise InputError(f"{path}: is no STEP file: it does not start with ISO-10303-21")
     if not data.rstrip().endswith(b"END-ISO-10303-21;"):
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     _check_units(path, data, units)
-    scene = _tessellated(path, curve_mm)
+    scene = confined(path, _ADVICE, _tessellated, path, curve_mm)
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
@@ -59,23 +58,28 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
 
 
 def _tessellated(path: Path, curve_mm: float) -> Any:
-    """What OpenCASCADE makes of a file, as a trimesh scene in metres."""
+    """What OpenCASCADE makes of a file, as a trimesh scene in metres.
+
+    What it makes of a damaged one may be a crash, a search without end or more memory than there is.
+    """
     trimesh = needed("trimesh", "step", "reading STEP files")
+    cascadio = needed("cascadio", "step", "reading STEP files")
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "tessellated.glb"
-        numbers = [repr(curve_mm * _SHARE), repr(_TURN_RAD)]
-        command = [sys.executable, "-m", "palpate.cad.tessellate", str(path.resolve()), str(target), *numbers]
-        try:
-            ended = subprocess.run(command, capture_output=True, timeout=_PATIENCE_S, check=False)
-        except subprocess.TimeoutExpired:
-            raise InputError(
-                f"{path}: OpenCASCADE was not done with it after {_PATIENCE_S:g} s; "
-                "allow its curves a larger tolerance, or export it as STL"
-            ) from None
-        if ended.returncode or not target.is_file():
+        # One thread: the same triangles in the same order, always.
+        failed = cascadio.step_to_glb(
+            str(path.resolve()),
+            str(target),
+            tol_linear=curve_mm * _SHARE,
+            tol_angular=_TURN_RAD,
+            use_parallel=False,
+        )
+        if failed or not target.is_file():
             raise InputError(f"{path}: OpenCASCADE cannot read it, or it holds no solid; export it again")
         try:
             return trimesh.load_scene(target, process=False)
+        except MemoryError:
+            raise
         except Exception:
             raise InputError(f"{path}: holds no solid") from None
 

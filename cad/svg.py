@@ -15,6 +15,7 @@ import numpy as np
 
 from palpate.cad.chains import Sheet, Stroke, closed_loops
 from palpate.cad.curves import Arc, Curve, line, mapped
+from palpate.cad.extras import readable
 from palpate.cad.nesting import parts
 from palpate.cad.svg_page import Page, bare_svg, page, parsed
 from palpate.cad.values import Drawing
@@ -32,24 +33,21 @@ def read_svg(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, .
     """
     root = parsed(path)
     size = page(root, units, path)
-    strokes = list(_strokes(bare_svg(root, size, path), size, path))
+    with readable(path, "SVG"):
+        strokes = list(_strokes(bare_svg(root, size, path), size))
     if not strokes:
         raise InputError(f"{path}: holds no outlines; draw them as paths or shapes with a stroke or a fill")
     sheet = Sheet(str(path), "mm from the top left", (1.0, -1.0))
     return parts(closed_loops(strokes, curve_mm, sheet), path.stem, units, sheet)
 
 
-def _strokes(source: bytes, size: Page, path: Path) -> Iterator[Stroke]:
+def _strokes(source: bytes, size: Page) -> Iterator[Stroke]:
     """All that is drawn, from the page's top left, y upwards, mm."""
     try:
         import svgelements  # noqa: PLC0415 - an extra: only who reads such files needs it
     except ImportError:
         raise InputError("reading SVG files needs svgelements: pip install 'palpate[cad]'") from None
-    try:
-        drawing = svgelements.SVG.parse(io.BytesIO(source), reify=False)
-    except Exception as problem:
-        # What it does not expect comes out as ValueError, RecursionError, AttributeError and others.
-        raise InputError(f"{path}: is no readable SVG file ({problem}); save it as SVG anew") from None
+    drawing = svgelements.SVG.parse(io.BytesIO(source), reify=False)
     number: Counter[str] = Counter()
     for shape in drawing.elements():
         if not isinstance(shape, svgelements.Shape):

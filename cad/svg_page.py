@@ -10,7 +10,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from palpate.cad.size import UNIT_MM
+from palpate.cad.svg_unfolded import check_unfolded
 from palpate.errors import InputError
+from palpate.files import read_bytes
+from palpate.files.limits import CAD_BYTES
 
 __all__ = ["Page", "bare_svg", "page", "parsed"]
 
@@ -76,13 +79,12 @@ class Page:
 def parsed(path: Path) -> ElementTree.Element:
     """The outermost element. Raises InputError for what is no SVG file."""
     try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file") from None
-    except (OSError, ElementTree.ParseError, ValueError, LookupError) as problem:
+        root = ElementTree.fromstring(read_bytes(path, CAD_BYTES, "keep the outlines only"))
+    except (ElementTree.ParseError, ValueError, LookupError) as problem:
         raise InputError(f"{path}: is no readable SVG file ({problem}); save it as SVG anew") from None
     if _local(root) != "svg":
         raise InputError(f"{path}: is XML but no SVG: its outermost element is <{_local(root)}>, not <svg>")
+    check_unfolded(root, path)
     return root
 
 

@@ -11,7 +11,7 @@ from pydantic import Field
 from palpate.calibration.measured import Touched
 from palpate.config.calibration_file import CalibrationDevice
 from palpate.config.calibration_finger import ActuatorsCalibration, TactileCalibration
-from palpate.config.fields import FileModel
+from palpate.config.fields import FileModel, Items
 
 __all__ = ["RunRecord"]
 
@@ -20,14 +20,14 @@ class RunRecord(FileModel):
     """What a calibration has done so far; steps that are not done are left out."""
 
     format: Literal["palpate/calibration-run@1"] = "palpate/calibration-run@1"
-    steps: list[str] = Field(description="Steps that were asked for.")
+    steps: Items[str] = Field(description="Steps that were asked for.")
     geometry_sha256: str = Field(description="Of the rig as described.")
     references_sha256: str = Field(description="Of the references.")
-    places: list[tuple[str, float, float]] = Field(description="What is put where: name, x, y (mm).")
-    devices: list[CalibrationDevice] = Field(description="Every device that takes part.")
-    actuators: list[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
-    tactile: list[TactileCalibration] | None = Field(default=None, description="By finger.")
-    touched: list[list[Touched]] = Field(default=[], description="Touches of every placing that is done.")
+    places: Items[tuple[str, float, float]] = Field(description="What is put where: name, x, y (mm).")
+    devices: Items[CalibrationDevice] = Field(description="Every device that takes part.")
+    actuators: Items[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
+    tactile: Items[TactileCalibration] | None = Field(default=None, description="By finger.")
+    touched: Items[Items[Touched]] = Field(default=[], description="Touches of every placing that is done.")
 
     def is_for(self, other: "RunRecord") -> bool:
         """Whether this is about the same rig, references, devices and steps as another one."""

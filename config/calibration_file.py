@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from palpate.config.calibration_finger import CalibratedFinger
 from palpate.config.calibration_numbers import Hash, Measured, MeasuredLength, UtcTime
-from palpate.config.fields import Count, FileModel, Flag, Name, Text
+from palpate.config.fields import Count, FileModel, Flag, Items, Name, Text
 from palpate.config.loading import Source, load_toml
 from palpate.config.problems import problem
 
@@ -68,7 +68,7 @@ class Residuals(FileModel):
     held_out: Count = Field(description="Touches that were only foretold.")
     held_out_rms_mm: MeasuredLength = Field(description="Root mean square of their residuals; 0 for none.")
     held_out_largest_mm: MeasuredLength = Field(description="The largest of them; 0 for none.")
-    touches_seen: list[TouchSeen] = Field(default=[], description="Every touch.")
+    touches_seen: Items[TouchSeen] = Field(default=[], description="Every touch.")
 
 
 class CalibrationFile(FileModel):
@@ -86,9 +86,9 @@ class CalibrationFile(FileModel):
     coverage: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, lt=1)] = Field(
         description="Share of contacts that the bounds are to hold for."
     )
-    references: list[CalibrationReference] = Field(default=[], description="What was touched.")
-    devices: list[CalibrationDevice] = Field(description="Every device that took part.")
-    fingers: list[CalibratedFinger] = Field(
+    references: Items[CalibrationReference] = Field(default=[], description="What was touched.")
+    devices: Items[CalibrationDevice] = Field(description="Every device that took part.")
+    fingers: Items[CalibratedFinger] = Field(
         min_length=1, description="The rig's fingers, in the rig file's order."
     )
     residuals: Residuals | None = Field(

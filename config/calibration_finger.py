@@ -19,7 +19,7 @@ from palpate.config.calibration_numbers import (
     UpLength,
     UpPositive,
 )
-from palpate.config.fields import Count, FileModel, Flag, Name
+from palpate.config.fields import Count, FileModel, Flag, Items, Name
 from palpate.config.problems import problem
 
 __all__ = [
@@ -54,13 +54,13 @@ class UnusableTaxel(FileModel):
 class TactileCalibration(FileModel):
     """What was found of a finger's array and of the skin under it."""
 
-    gain: list[list[Gain]] = Field(
+    gain: Items[Items[Gain]] = Field(
         description="Relative gain of every taxel, row by row from the tip's lower end up; 1 where unknown."
     )
-    gain_bound: list[list[ShareUp]] = Field(
+    gain_bound: Items[Items[ShareUp]] = Field(
         description="Bound: each gain is off by at most this share of it."
     )
-    unusable: list[UnusableTaxel] = Field(default=[], description="Taxels that are left out.")
+    unusable: Items[UnusableTaxel] = Field(default=[], description="Taxels that are left out.")
     noise_counts: UpPositive = Field(description="Standard deviation of a taxel's noise.")
     offset_counts: MeasuredLength = Field(description="Mean of what taxels read at rest.")
     drift_counts_per_s: UpLength = Field(description="Bound: no taxel's zero moves faster.")
@@ -128,7 +128,7 @@ class SlideCalibration(FileModel):
     touch_zero_mm: Measured = Field(
         description="Distance at Goal Position 2048 in a touch, which has taken up the play."
     )
-    touch_covariance: list[list[Precise]] = Field(
+    touch_covariance: Items[Items[Precise]] = Field(
         description="2 x 2, of touch_zero_mm and of mm_per_turn's error as a share."
     )
     friction_a: MeasuredLength = Field(description="Current that it needs to move through free space.")
@@ -137,7 +137,7 @@ class SlideCalibration(FileModel):
     settle_s: UpLength = Field(
         description="Bound: in a touch, from the stop that is sent to standing still, at most this."
     )
-    overshoots: list[Overshoot] = Field(default=[], description="What was seen at each speed.")
+    overshoots: Items[Overshoot] = Field(default=[], description="What was seen at each speed.")
 
     @model_validator(mode="after")
     def _travels(self) -> Self:
@@ -181,7 +181,7 @@ class PlaceCalibration(FileModel):
     mm_per_turn: Measured = Field(
         description="Travel per turn of the slide's servo that belongs to this fit."
     )
-    covariance: list[list[Precise]] = Field(
+    covariance: Items[Items[Precise]] = Field(
         description="5 x 5, of base x, base y (mm), heading (rad), tip radius and zero (mm)."
     )
 

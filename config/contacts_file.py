@@ -10,7 +10,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from palpate.config.fields import FileModel, Flag, Length, Name, Number, Point
+from palpate.config.fields import FileModel, Flag, Items, Length, Name, Number, Point
 from palpate.config.loading import Source, load_json
 from palpate.config.problems import problem
 
@@ -94,14 +94,15 @@ class ContactEntry(FileModel):
 class GripEntry(FileModel):
     """Approaches carried out together, each finger at most once."""
 
-    contacts: list[ContactEntry] = Field(min_length=1)
+    contacts: Items[ContactEntry] = Field(min_length=1)
 
     @model_validator(mode="after")
     def _fingers_differ(self) -> Self:
-        names = [contact.finger for contact in self.contacts]
-        for index, name in enumerate(names):
-            if name in names[:index]:
-                first = names.index(name)
+        seen: dict[str, int] = {}
+        for index, contact in enumerate(self.contacts):
+            name = contact.finger
+            first = seen.setdefault(name, index)
+            if first != index:
                 raise problem(
                     f'"{name}" is contact {first} of this grip already; start a new grip',
                     "contacts",
@@ -116,7 +117,7 @@ class ContactsFile(FileModel):
 
     format: Literal["palpate/contacts@1"]
     units: Literal["mm, rad"]
-    grips: list[GripEntry] = Field(min_length=1)
+    grips: Items[GripEntry] = Field(min_length=1)
 
 
 def load_contacts(source: Source) -> ContactsFile:

@@ -4,7 +4,7 @@ Pydantic's own leniency ("1" for 1, true for 1.0) is switched off value by value
 kind of value in a file is an error with a place rather than a guess.
 """
 
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -16,6 +16,7 @@ __all__ = [
     "FileModel",
     "Flag",
     "Fraction",
+    "Items",
     "Length",
     "Name",
     "Number",
@@ -43,8 +44,14 @@ Count = Annotated[int, Field(strict=True, ge=0)]
 Flag = Annotated[bool, Field(strict=True)]
 """true or false, nothing else."""
 
-Text = Annotated[str, Field(strict=True, min_length=1)]
-"""A text that is not empty."""
+Text = Annotated[str, Field(strict=True, min_length=1, max_length=4096)]
+"""A text that is not empty, and no longer than the path of a file may be."""
+
+
+_T = TypeVar("_T")
+
+Items = Annotated[list[_T], Field(fail_fast=True)]
+"""A list, checked up to its first wrong entry: there may be millions."""
 
 
 def _printable(name: str) -> str:
@@ -60,7 +67,10 @@ Name = Annotated[
 ]
 """A name on one line of printable characters, without blanks around it."""
 
-Point = tuple[Number, Number]
+Coordinate = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
+"""mm; within a kilometre, so that squares of squares stay finite."""
+
+Point = tuple[Coordinate, Coordinate]
 """x, y in mm; the frame is the file format's."""
 
 

@@ -8,15 +8,17 @@ import json
 import os
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Mapping
 from importlib.resources.abc import Traversable
-from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from palpate.config.problems import Problem, place_in_words, problems_of, refuse, shown
+from palpate.config.problems import Problem, first_problem, place_in_words, refuse, shown
 from palpate.errors import InputError
+from palpate.files import read_bytes
+from palpate.files.limits import JSON_BYTES, NESTING, TABLE_KEYS, TOML_BYTES, VALUES
 
 __all__ = ["Source", "load_json", "load_toml", "source_name"]
 
@@ -27,8 +29,14 @@ _Model = TypeVar("_Model", bound=BaseModel)
 _TOML_POSITION = re.compile(r"^(?P<what>.*?)\s*\(at (?P<where>.*)\)$", re.DOTALL)
 
 
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_DOTTED = re.compile(rf"(?:^|(?<=[\s\[,{{])){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{NESTING}}}")
+"""A dotted key of too many parts, or a text that looks like one."""
+_INTEGER = "integer string conversion"
+
+
 class _Refused(ValueError):
-    """Found while decoding JSON, at a place the decoder does not know."""
+    """Found before or while decoding, at a place the decoder does not know."""
 
 
 def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> _Model:
@@ -40,12 +48,14 @@ def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
         InputError: anything is wrong with the file; one line, the first problem and the number of others.
 
     """
-    return _load(source, model, nouns, _decode_json, "JSON")
+    text = _read_text(source, JSON_BYTES, "divide it into several files")
+    return _load(source, text, model, nouns, _decode_json, "JSON")
 
 
 def load_toml(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> _Model:
     """Read `source` as TOML into `model`; otherwise as `load_json`."""
-    return _load(source, model, nouns, _decode_toml, "TOML")
+    text = _read_text(source, TOML_BYTES, "give the file that was meant")
+    return _load(source, text, model, nouns, _decode_toml, "TOML")
 
 
 def source_name(source: Source) -> str:
@@ -55,13 +65,13 @@ def source_name(source: Source) -> str:
 
 def _load(
     source: Source,
+    text: str,
     model: type[_Model],
     nouns: Mapping[str, str],
     decode: Callable[[str], object],
     language: str,
 ) -> _Model:
     name = source_name(source)
-    text = _read_text(source, name)
     try:
         data = decode(text)
     except _Refused as error:
@@ -72,25 +82,19 @@ def _load(
         raise InputError(f"{name}: not valid {language}: {_syntax(error)}") from None
     wrong_format = _format_problem(data, model)
     if wrong_format is not None:
-        raise refuse(name, [wrong_format])
+        raise refuse(name, wrong_format)
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        problems = problems_of(error, model, data, nouns)
-    raise refuse(name, problems)
+        raise refuse(name, *first_problem(error, model, data, nouns)) from None
 
 
-def _read_text(source: Source, name: str) -> str:
-    file = Path(source) if isinstance(source, str | os.PathLike) else source
-    try:
-        raw = file.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{name}: there is no such file") from None
-    except IsADirectoryError:
-        raise InputError(f"{name}: is a folder, not a file") from None
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise InputError(f"{name}: cannot be read: {reason}") from None
+def _read_text(source: Source, most_bytes: int, advice: str) -> str:
+    name = source_name(source)
+    if isinstance(source, str | os.PathLike):
+        raw = read_bytes(source, most_bytes, advice)
+    else:
+        raw = source.read_bytes()
     try:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -101,18 +105,42 @@ def _read_text(source: Source, name: str) -> str:
 
 
 def _decode_json(text: str) -> object:
+    values = sum(text.count(mark) for mark in ",[{")
+    if values > VALUES:
+        raise _Refused(
+            f"holds about {values} values; at most {VALUES} are read: divide it into several files"
+        )
     return json.loads(text, object_pairs_hook=_no_repeats)
 
 
 def _decode_toml(text: str) -> object:
-    return tomllib.loads(text)
+    if found := _DOTTED.search(text):  # tomllib takes time by the square of this
+        line = text.count("\n", 0, found.start()) + 1
+        raise _Refused(f"line {line} has a key of more than {NESTING} parts between dots")
+    data = tomllib.loads(text)
+    _check_keys(data)
+    return data
+
+
+def _check_keys(value: object) -> None:
+    """Refuse a table of too many keys, at any depth."""
+    if isinstance(value, dict):
+        _check_size(value)
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_keys(inner)
+
+
+def _check_size(table: Mapping[str, object] | list[tuple[str, Any]]) -> None:
+    if len(table) > TABLE_KEYS:
+        raise _Refused(f"a table has {len(table)} keys; at most {TABLE_KEYS} are read")
 
 
 def _no_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    _check_size(pairs)
     table = dict(pairs)
     if len(table) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
+        counts = Counter(key for key, _ in pairs)
+        twice = next(key for key, count in counts.items() if count > 1)
         raise _Refused(f"the key {shown(twice)} is given twice in one table")
     return table
 
@@ -123,6 +151,8 @@ def _syntax(error: ValueError) -> str:
     match = _TOML_POSITION.match(str(error))
     if match is not None:
         return f"{match['where']}: {match['what'][:1].lower()}{match['what'][1:]}"
+    if _INTEGER in str(error):
+        return "a whole number has thousands of digits"
     return " ".join(str(error).split())
 
 

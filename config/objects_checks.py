@@ -4,7 +4,9 @@ Stands behind `objects_text`, where the values have the right kinds already, and
 an outline must be is in `outlines`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ from palpate.config.fields import Point
 from palpate.config.objects_text import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.config.outlines import outline_problem, polygons_problem
 from palpate.config.problems import Place
+from palpate.files.limits import OUTLINES
 
 __all__ = ["NOUNS", "Finding", "heights_in_words", "objects_problems"]
 
@@ -41,11 +44,13 @@ def objects_problems(text: ObjectsFileText) -> Iterator[Finding]:
 
 
 def _repeated_names(names: list[str], place: Place, noun: str) -> Iterator[Finding]:
+    first: dict[str, int] = {}
     for index, name in enumerate(names):
-        if name in names[:index]:
+        taken = first.setdefault(name, index)
+        if taken != index:
             yield (
                 (*place, index),
-                f"the name is taken by {noun} {names.index(name)} already ({noun}s are counted from 0)",
+                f"the name is taken by {noun} {taken} already ({noun}s are counted from 0)",
             )
 
 
@@ -73,10 +78,19 @@ def _state_problems(state: StateText, place: Place) -> Iterator[Finding]:
         at = (*place, "sections", index)
         if section.z[0] < 0:
             yield (*at, "z"), f"starts at {section.z[0]:g} mm, below the support plane"
-        for other, earlier in enumerate(state.sections[:index]):
-            if section.z[0] < earlier.z[1] and earlier.z[0] < section.z[1]:
-                yield (*at, "z"), f"overlaps the heights of section {other}"
         yield from _section_problems(section, at)
+    for index, other in _overlapping(state.sections):
+        yield (*place, "sections", index, "z"), f"overlaps the heights of section {other}"
+
+
+def _overlapping(sections: Sequence[SectionText]) -> Iterator[tuple[int, int]]:
+    """Pairs of sections that overlap, at least one pair if any do; the later one in the file first."""
+    highest: tuple[float, int] | None = None
+    for index in sorted(range(len(sections)), key=lambda k: sections[k].z):
+        low, high = sections[index].z
+        if highest is not None and low < highest[0]:
+            yield max(index, highest[1]), min(index, highest[1])
+        highest = max(highest or (high, index), (high, index))
 
 
 def _heights_problems(state: StateText, place: Place) -> Iterator[Finding]:
@@ -97,7 +111,8 @@ def _heights_problems(state: StateText, place: Place) -> Iterator[Finding]:
             yield at, f"starts at {low:g} mm, where the one before has not ended; give them in order, apart"
     for index, section in enumerate(state.sections):
         low, high = section.z
-        if not any(first <= low and high <= last for first, last in known):
+        around = known[bisect_right(known, low, key=itemgetter(0)) - 1]
+        if not (around[0] <= low and high <= around[1]):
             what = f"[{low:g}, {high:g}] mm is not within the heights at which the state is known"
             yield (*place, "sections", index, "z"), f"{what}: {heights_in_words(known)}"
     highest = max(section.z[1] for section in state.sections)
@@ -113,6 +128,10 @@ def heights_in_words(ranges: Iterable[tuple[float, float]]) -> str:
 
 
 def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
+    count = sum(1 + len(polygon.holes) for polygon in section.polygons)
+    if count > OUTLINES:
+        yield (*place, "polygons"), f"has {count} outlines; at most {OUTLINES} are read"
+        return
     simple = True
     for index, polygon in enumerate(section.polygons):
         at = (*place, "polygons", index)

@@ -8,6 +8,7 @@ Outlines keep the order of the file, whichever way round they run: edge k goes f
 the last edge back to point 0. Edges of a section are counted polygon by polygon, outer before holes.
 """
 
+import os
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,8 @@ from palpate.config.loading import Source, load_json, source_name
 from palpate.config.objects_checks import NOUNS, objects_problems
 from palpate.config.objects_text import ObjectsFileText, ObjectText, StateText
 from palpate.config.problems import Problem, place_in_words, refuse
+from palpate.files import confined
+from palpate.files.limits import UNCONFINED_BYTES
 
 __all__ = [
     "FLAT",
@@ -103,7 +106,26 @@ def load_objects(source: Source) -> ObjectsFile:
             the object and the place.
 
     """
+    if not _large(source):
+        return _loaded(source)
+    objects = confined(source_name(source), "divide it", _loaded, source)
+    for model in objects.objects:
+        for polygon in (p for state in model.states for section in state.sections for p in section.polygons):
+            for outline in (polygon.outer, *polygon.holes):
+                outline.setflags(write=False)
+    return objects
+
+
+def _loaded(source: Source) -> ObjectsFile:
     return checked_objects(load_objects_text(source), source_name(source))
+
+
+def _large(source: Source) -> bool:
+    """Can checking outlines against each other, by the square of their number, take long?"""
+    try:
+        return isinstance(source, str | os.PathLike) and os.stat(source).st_size > UNCONFINED_BYTES
+    except (OSError, ValueError):
+        return False  # reading it says what is wrong
 
 
 def load_objects_text(source: Source) -> ObjectsFileText:
@@ -115,8 +137,8 @@ def checked_objects(text: ObjectsFileText, name: str) -> ObjectsFile:
     """Check what the values of a text mean; InputError as `load_objects`, which calls the file `name`."""
     problems = list(objects_problems(text))
     if problems:
-        data = text.model_dump()
-        raise refuse(name, [Problem(place_in_words(at, data, NOUNS), what) for at, what in problems])
+        at, what = problems[0]
+        raise refuse(name, Problem(place_in_words(at, text.model_dump(), NOUNS), what), len(problems))
     return ObjectsFile(tuple(_object(entry) for entry in text.objects))
 
 

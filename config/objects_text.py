@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.config.fields import Bounded, FileModel, Fraction, Length, Name, Point, Positive
+from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Point, Positive
 
 __all__ = [
     "ObjectText",
@@ -21,21 +21,23 @@ __all__ = [
     "objects_json",
 ]
 
-Outline = Annotated[list[Point], Field(description="Corner points [x, y], mm, either way round, not closed.")]
+Outline = Annotated[
+    Items[Point], Field(description="Corner points [x, y], mm, either way round, not closed.")
+]
 
 
 class PolygonText(FileModel):
     """A polygon as it stands in the file."""
 
     outer: Outline
-    holes: list[Outline] = Field(default=[], description="Outlines of holes, inside `outer`.")
+    holes: Items[Outline] = Field(default=[], description="Outlines of holes, inside `outer`.")
 
 
 class SectionText(FileModel):
     """A cross section as it stands in the file."""
 
     z: Bounded = Field(description="[from, to], mm above the support plane.")
-    polygons: list[PolygonText] = Field(min_length=1)
+    polygons: Items[PolygonText] = Field(min_length=1)
 
 
 class StateText(FileModel):
@@ -49,12 +51,12 @@ class StateText(FileModel):
     height: Positive | None = Field(
         default=None, description="Height of the part in this state, mm; above it there is nothing."
     )
-    heights: list[Bounded] | None = Field(
+    heights: Items[Bounded] | None = Field(
         default=None,
         min_length=1,
         description="Heights [from, to] at which the sections are known, mm, ascending; without it, all are.",
     )
-    sections: list[SectionText] = Field(min_length=1)
+    sections: Items[SectionText] = Field(min_length=1)
 
 
 class ObjectText(FileModel):
@@ -66,7 +68,7 @@ class ObjectText(FileModel):
     )
     outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
     height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
-    states: list[StateText] | None = Field(default=None, min_length=1)
+    states: Items[StateText] | None = Field(default=None, min_length=1)
 
 
 class ObjectsFileText(FileModel):
@@ -74,7 +76,7 @@ class ObjectsFileText(FileModel):
 
     format: Literal["palpate/objects@1"]
     units: Literal["mm"] = Field(description="mm is the only unit; convert other drawings on import.")
-    objects: list[ObjectText] = Field(min_length=1)
+    objects: Items[ObjectText] = Field(min_length=1)
 
 
 _WIDTH = 100  # to which points are filled; keys and brackets come on top

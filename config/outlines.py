@@ -43,9 +43,12 @@ def polygons_problem(
 
     `polygons`: (outer, holes) of one section, each outline of shape (n, 2), mm.
     """
+    solids = [shapely.Polygon(*polygon) for polygon in polygons]
+    near_solids = shapely.STRtree(solids)
     for index, (outer, holes) in enumerate(polygons):
         shell = shapely.Polygon(outer)
         cut = [shapely.Polygon(hole) for hole in holes]
+        near_holes = shapely.STRtree(cut)
         for number, hole in enumerate(cut):
             if not shapely.contains_properly(shell, hole):
                 outside = (
@@ -54,17 +57,21 @@ def polygons_problem(
                 x, y = outside.representative_point().coords[0]
                 where = "lies outside" if not shell.covers(hole) else "touches"
                 return index, number, f"{where} the outer outline at ({x:.4g}, {y:.4g})"
-            for other in range(number):
-                if hole.intersects(cut[other]):
-                    x, y = hole.intersection(cut[other]).representative_point().coords[0]
-                    return index, number, f"touches or overlaps hole {other} at ({x:.4g}, {y:.4g})"
-        solid = shapely.Polygon(outer, holes)
-        for other in range(index):
-            common = solid.intersection(shapely.Polygon(*polygons[other]))
+            for other in _earlier(near_holes, hole, number):
+                x, y = hole.intersection(cut[other]).representative_point().coords[0]
+                return index, number, f"touches or overlaps hole {other} at ({x:.4g}, {y:.4g})"
+        for other in _earlier(near_solids, solids[index], index):
+            common = solids[index].intersection(solids[other])
             if common.area > _OVERLAP_MM2:
                 x, y = common.representative_point().coords[0]
                 return index, None, f"overlaps polygon {other} at ({x:.4g}, {y:.4g})"
     return None
+
+
+def _earlier(tree: shapely.STRtree, shape: shapely.Polygon, number: int) -> list[int]:
+    """Which of the shapes before this one it intersects, in their order."""
+    met = tree.query(shape, predicate="intersects")
+    return sorted(met[met < number].tolist())
 
 
 def _repeated(points: NDArray[np.float64], first: int) -> Found:
@@ -76,10 +83,11 @@ def _repeated(points: NDArray[np.float64], first: int) -> Found:
 
 def _crossing(points: NDArray[np.float64]) -> str:
     """Name the first two edges that meet where they should not, and the place."""
-    edges = [shapely.LineString((points[k], points[(k + 1) % len(points)])) for k in range(len(points))]
+    edges = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
     tree = shapely.STRtree(edges)
-    firsts, seconds = tree.query(edges, predicate="intersects")
-    for first, second in sorted(zip(firsts.tolist(), seconds.tolist(), strict=True)):
+    # Edge by edge: all that meet may be as many as the square of the edges.
+    pairs = ((k, other) for k in range(len(edges)) for other in np.sort(tree.query(edges[k], "intersects")))
+    for first, second in pairs:
         if first >= second:
             continue
         meeting = edges[first].intersection(edges[second])

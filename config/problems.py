@@ -19,10 +19,10 @@ __all__ = [
     "TAG",
     "Place",
     "Problem",
+    "first_problem",
     "nearest",
     "place_in_words",
     "problem",
-    "problems_of",
     "refuse",
     "shown",
 ]
@@ -72,10 +72,10 @@ def problem(message: str, *place: str | int) -> PydanticCustomError:
     return PydanticCustomError(_OWN_TYPE, "{text}", {"text": message, "place": place})
 
 
-def refuse(source: str, problems: Sequence[Problem]) -> InputError:
-    """One line for the first of `problems` (not empty), with the number of the others."""
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    return InputError(f"{source}: {problems[0]}{more}")
+def refuse(source: str, first: Problem, count: int = 1) -> InputError:
+    """One line for the first of `count` problems, with the number of the others."""
+    more = f" (and {count - 1} more)" if count > 1 else ""
+    return InputError(f"{source}: {first}{more}")
 
 
 def shown(value: object, limit: int = 40) -> str:
@@ -134,10 +134,10 @@ def place_in_words(place: Place, data: object, nouns: Mapping[str, str]) -> str:
     return ", ".join(parts) + owner
 
 
-def problems_of(
+def first_problem(
     error: ValidationError, model: type[BaseModel], data: object, nouns: Mapping[str, str]
-) -> list[Problem]:
-    """Everything `error` found in `data`, the likeliest cause first.
+) -> tuple[Problem, int]:
+    """The likeliest cause of what `error` found in `data`, and the number of all that it found.
 
     A mistyped key shows up twice (unknown, and missing under its right name): only the first is kept.
     """
@@ -152,8 +152,8 @@ def problems_of(
         for detail in details
         if not (detail["type"] == "missing" and (detail["loc"][:-1], detail["loc"][-1]) in unknown)
     ]
-    kept.sort(key=lambda detail: detail["type"] != "extra_forbidden")
-    return [_reworded(detail, model, data, nouns) for detail in kept]
+    first = min(kept, key=lambda detail: detail["type"] != "extra_forbidden")
+    return _reworded(first, model, data, nouns), len(kept)
 
 
 def _reworded(

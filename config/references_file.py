@@ -9,7 +9,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.config.fields import FileModel, Length, Point, Positive
+from palpate.config.fields import FileModel, Items, Length, Point, Positive
 from palpate.config.loading import Source, load_toml
 
 __all__ = ["DiscReference", "PlateReference", "ReferencesFile", "load_references", "references_sha256"]
@@ -26,7 +26,7 @@ class DiscReference(FileModel):
 class PlateReference(FileModel):
     """A convex reference with straight faces, such as a square plate."""
 
-    outline_mm: list[Point] = Field(min_length=3, description="Corners [x, y] in order round it.")
+    outline_mm: Items[Point] = Field(min_length=3, description="Corners [x, y] in order round it.")
     height_mm: Positive = Field(description="Height of its top above the support plane.")
     tolerance_mm: Length = Field(default=0.0, description="Its faces are off by at most this.")
 

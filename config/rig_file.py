@@ -11,7 +11,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.config.fields import Count, FileModel, Length, Name, Number, Point, Positive, Text
+from palpate.config.fields import Count, FileModel, Items, Length, Name, Number, Point, Positive, Text
 from palpate.config.loading import Source, load_toml
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
@@ -175,7 +175,7 @@ class Obstacle(FileModel):
     """A part of the rig that stands in the fingers' plane: a post, a camera."""
 
     name: Name = Field(description="How messages call it.")
-    outline_mm: list[Point] = Field(
+    outline_mm: Items[Point] = Field(
         min_length=3, description="Corners [x, y] in the support-plane frame W, in order round it."
     )
 
@@ -242,9 +242,11 @@ class RigFile(FileModel):
     workspace: Workspace
     closing: Closing
     search: Search
-    fingers: list[AnyFinger] = Field(min_length=1, description="The fingers, in the order they are reported.")
+    fingers: Items[AnyFinger] = Field(
+        min_length=1, description="The fingers, in the order they are reported."
+    )
     stage: Stage | None = Field(default=None, description="The turning stage, if there is one.")
-    obstacles: list[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
+    obstacles: Items[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
     emulation: Emulation | None = Field(default=None, description="Only for rigs with mock:// ports.")
 
     @model_validator(mode="after")

@@ -8,7 +8,18 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from palpate.config.fields import Count, FileModel, Length, Name, Number, Point, Positive, Text, in_order
+from palpate.config.fields import (
+    Count,
+    FileModel,
+    Items,
+    Length,
+    Name,
+    Number,
+    Point,
+    Positive,
+    Text,
+    in_order,
+)
 from palpate.config.problems import TAG, problem
 from palpate.config.servo_turns import check_one_turn, check_slide, check_turns
 
@@ -124,9 +135,11 @@ class Tip(FileModel):
 class Taxels(FileModel):
     """What calibration found of an array's taxels, row by row from the tip's lower end up."""
 
-    gain: list[list[Positive]] = Field(description="Relative gain of every taxel, 1 where unknown.")
-    gain_bound: list[list[Share]] = Field(description="Bound: each gain is off by at most this share of it.")
-    unusable: list[tuple[Count, Count]] = Field(
+    gain: Items[Items[Positive]] = Field(description="Relative gain of every taxel, 1 where unknown.")
+    gain_bound: Items[Items[Share]] = Field(
+        description="Bound: each gain is off by at most this share of it."
+    )
+    unusable: Items[tuple[Count, Count]] = Field(
         default=[], description="[row, column] of dead and hot taxels."
     )
     noise_counts: Positive = Field(description="Standard deviation of a taxel's noise.")

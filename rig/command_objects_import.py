@@ -8,7 +8,7 @@ from pathlib import Path
 import typer
 
 from palpate.config.import_result import ImportedObjectOut, ImportOut
-from palpate.config.objects_file import checked_objects, load_objects_text
+from palpate.config.objects_file import checked_objects, load_objects, load_objects_text
 from palpate.config.objects_text import ObjectsFileText, ObjectText, objects_json
 from palpate.config.results import to_json
 from palpate.errors import InputError
@@ -99,9 +99,8 @@ def _there(target: Path, *, add: bool) -> ObjectsFileText | None:
         return None
     if not add:
         raise InputError(f"{target} is there already: add to it with --add, or choose another with --out")
-    text = load_objects_text(target)
-    checked_objects(text, str(target))
-    return text
+    load_objects(target)
+    return load_objects_text(target)
 
 
 def _joined(

@@ -13,12 +13,13 @@ import numpy as np
 import shapely
 
 from palpate.cad.as_drawn import volume_mm3
-from palpate.cad.reading import is_drawing, read_drawings, read_solids
+from palpate.cad.reading import is_drawing, read_drawings, read_solids, simpler
 from palpate.cad.values import Drawing, Solid
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
 from palpate.config.objects_file import FLAT
 from palpate.config.objects_text import ObjectText, SectionText, StateText
 from palpate.errors import InputError
+from palpate.files import confined
 from palpate.rig.import_states import Shares, Stood, standing
 from palpate.rig.import_text import bound_mm, edges_of, frame_out, polygons_text, rounded
 
@@ -77,7 +78,7 @@ def import_file(path: Path, wanted: Wanted, tell: Tell = lambda _: None) -> Impo
     if wanted.thickness_mm is not None:
         raise InputError(f"--thickness is for drawings; {path} holds solids, which have heights of their own")
     curve = _CURVE_SHARE * wanted.tolerance_mm
-    solids = read_solids(path, wanted.units, curve)
+    solids = confined(path, simpler(path), read_solids, path, wanted.units, curve)
     objects, warnings = [], []
     for solid, name in zip(solids, _names([solid.name for solid in solids], wanted), strict=True):
         stood = standing(solid, _shares(solid, wanted), partial(_told_of, tell, name))
@@ -140,7 +141,7 @@ def _drawings(path: Path, wanted: Wanted) -> Imported:
         raise InputError(
             f"{path} is a drawing, which says nothing of heights: add --thickness with the part's"
         )
-    drawings = read_drawings(path, wanted.units, wanted.tolerance_mm)
+    drawings = confined(path, simpler(path), read_drawings, path, wanted.units, wanted.tolerance_mm)
     names = _names([drawing.name for drawing in drawings], wanted)
     pairs = zip(drawings, names, strict=True)
     return Imported(tuple(_flat_object(drawing, name, thickness, wanted) for drawing, name in pairs), ())

@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from palpate.calibration.run_record import RunRecord
+from palpate.config.loading import load_json
 from palpate.errors import InputError
 from palpate.rig.files import write_text
 
@@ -22,12 +21,10 @@ class FileKeeper:
         if not self._path.exists():
             return None
         try:
-            return RunRecord.model_validate_json(self._path.read_bytes())
-        except (OSError, ValidationError) as error:
-            what = str(error).splitlines()[0]
+            return load_json(self._path, RunRecord, {})
+        except InputError as error:
             raise InputError(
-                f"{self._path}: the calibration that was begun cannot be taken up ({what}); "
-                "add --restart to begin anew"
+                f"{error}: the calibration that was begun cannot be taken up; add --restart to begin anew"
             ) from None
 
     def save(self, record: RunRecord) -> None:

@@ -6,6 +6,7 @@ line, and what is allowed. A log that was cut off by a kill is read up to its la
 
 import base64
 import binascii
+import io
 import json
 import math
 import re
@@ -18,12 +19,16 @@ from palpate.config.problems import shown
 from palpate.drivers.transport.calls import CALLS
 from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
 from palpate.errors import InputError
+from palpate.files import read_bytes
+from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES, LOG_LINES, VALUES
+from palpate.files.opening import size_in_words
 from palpate.rig.session import LOG_NAME, check_sum
 from palpate.rig.session_errors import INTERRUPTS, KINDS, error_of
 
 __all__ = ["FORMAT", "SessionFile", "read_session"]
 
 FORMAT = "palpate/session@1"
+_ADVICE = "record shorter runs"
 _SUM = re.compile(r',"sum":"([0-9a-f]{8})"\}$')
 _COMMON = ("t_s", "event", "calls", "sum")
 
@@ -52,17 +57,21 @@ def read_session(folder: Path) -> SessionFile:
     """Read the log in a session's folder; InputError if there is none, or a line of it cannot be read."""
     path = folder / LOG_NAME
     try:
-        raw = path.read_bytes()
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(f"{folder} is not a session: {path} cannot be read: {reason}") from None
-    lines = raw.split(b"\n")[:-1]  # what follows the last line feed was cut off while it was written
-    if not lines:
-        raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
+        raw = read_bytes(path, LOG_BYTES, _ADVICE)
+    except InputError as error:
+        raise InputError(f"{folder} is not a session: {error}") from None
+    _check_counts(path, raw)
     entries = []
     checked, changed = 0, None
-    for number, line in enumerate(lines, start=1):
-        text = _Line(path, number, {}).decoded(line)
+    for number, line in enumerate(io.BytesIO(raw), start=1):
+        if not line.endswith(b"\n"):
+            break  # it was cut off while it was written
+        if len(line) > LOG_LINE_BYTES:
+            most = size_in_words(LOG_LINE_BYTES)
+            raise InputError(
+                f"{path}: line {number}: has {size_in_words(len(line))}; at most {most} are read"
+            )
+        text = _Line(path, number, {}).decoded(line[:-1])
         match = _SUM.search(text)
         bare = text if match is None else text[: match.start()] + "}"
         checked = check_sum(bare, checked)
@@ -76,6 +85,15 @@ def read_session(folder: Path) -> SessionFile:
     last = entries[-1].what
     end = last.values if isinstance(last, Told) and last.kind == "end" else None
     return SessionFile(path, header, tuple(entries[1:]), end, changed)
+
+
+def _check_counts(path: Path, raw: bytes) -> None:
+    lines, values = raw.count(b"\n"), sum(raw.count(mark) for mark in (b",", b"[", b"{"))
+    if not lines:
+        raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
+    for count, most, what in ((lines, LOG_LINES, "lines"), (values, VALUES, "values")):
+        if count > most:
+            raise InputError(f"{path}: holds {count} {what}; at most {most} are read: {_ADVICE}")
 
 
 def _header(path: Path, entry: Entry) -> Mapping[str, Any]:

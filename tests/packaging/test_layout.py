@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("errors", "config", "recognizer", "drivers", "calibration", "cad", "rig")
+FOLDERS = ("errors", "files", "config", "recognizer", "drivers", "calibration", "cad", "rig")
 MODULES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 OUTSIDE = sorted(
     path

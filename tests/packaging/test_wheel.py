@@ -20,7 +20,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("errors", "config", "recognizer", "drivers", "calibration", "cad", "rig")
+FOLDERS = ("errors", "files", "config", "recognizer", "drivers", "calibration", "cad", "rig")
 LEFT_OUT = {"build", "dist", "__pycache__"}
 
 IMPORT_ALL = """

@@ -61,6 +61,8 @@ def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], a
             return [] if len(value) <= wanted else wrong
         case "minimum":
             return [] if value >= wanted else wrong
+        case "maximum":
+            return [] if value <= wanted else wrong
         case "exclusiveMinimum":
             return [] if value > wanted else wrong
         case "pattern":
