@@ -8,12 +8,14 @@ was only hidden.
 from collections.abc import Mapping
 
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Block, Exchange, Lost
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost
+from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import StatusPacket
 
 __all__ = ["read_group"]
 
-_Answers = dict[int, StatusPacket | Lost]
+_Answers = dict[int, StatusPacket | Loss]
+_UNHEARD = (Lost.SILENT, Lost.LATE)
 
 
 def read_group(
@@ -43,8 +45,13 @@ def read_group(
 
 def _read_fast(exchange: Exchange, blocks: Mapping[int, Block], silent: set[int]) -> _Answers:
     some = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in silent}
-    answers = exchange.ask_group_fast(some) if some else {}
-    return {dxl_id: answer for dxl_id, answer in answers.items() if isinstance(answer, StatusPacket)}
+    wide = exchange.wider(some, fast=True) if some else {}
+    answers = exchange.read_group_fast(wide) if some else {}
+    return {
+        dxl_id: _cut(answer, wide[dxl_id], some[dxl_id])
+        for dxl_id, answer in answers.items()
+        if isinstance(answer, StatusPacket)
+    }
 
 
 def _read_plain(
@@ -53,22 +60,31 @@ def _read_plain(
     found: _Answers = {}
     tries = dict.fromkeys(blocks, 0)
     waiting = sorted(blocks, key=silent.__contains__)
+    wide = exchange.wider(blocks) if blocks else {}
     while waiting:
         patient = 0 < retries == max(tries[dxl_id] for dxl_id in waiting)
-        answers = exchange.ask_group({dxl_id: blocks[dxl_id] for dxl_id in waiting}, patient=patient)
-        hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] is Lost.SILENT), None)
+        answers = exchange.read_group({dxl_id: wide[dxl_id] for dxl_id in waiting}, patient=patient)
+        hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] in _UNHEARD), None)
         for dxl_id, answer in answers.items():
-            if answer is Lost.SILENT and dxl_id != hiding:
+            if answer in _UNHEARD and dxl_id != hiding:
                 continue  # perhaps only hidden
-            found[dxl_id] = answer
+            found[dxl_id] = _cut(answer, wide[dxl_id], blocks[dxl_id])
             tries[dxl_id] += 1
-            if isinstance(answer, Lost):
-                counts.lost(silent=answer is Lost.SILENT)
+            if not isinstance(answer, StatusPacket):
+                counts.lost(silent=answer in _UNHEARD)
         left = [
             dxl_id
             for dxl_id in waiting
-            if isinstance(answers[dxl_id], Lost) and tries[dxl_id] <= (0 if dxl_id in silent else retries)
+            if not isinstance(answers[dxl_id], StatusPacket)
+            and tries[dxl_id] <= (0 if dxl_id in silent else retries)
         ]
         waiting = sorted(left, key=tries.__getitem__)
         counts.retries += bool(waiting)
     return found
+
+
+def _cut(answer: StatusPacket | Loss, wide: Block, block: Block) -> StatusPacket | Loss:
+    """An answer without what was read besides the block."""
+    if isinstance(answer, StatusPacket) and wide != block:
+        return StatusPacket(answer.dxl_id, answer.error, part(answer.params, wide, block))
+    return answer

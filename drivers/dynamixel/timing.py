@@ -43,14 +43,15 @@ _BLOCK = 4  # of a fast read: error, ID and CRC
 class Timing:
     """What decides how long an answer may take.
 
-    `latency_s`: what adapter, driver and system may add. `quiet_s`: an answer that has missed its time-out
-    may still come for as long as this; until then it could be believed to answer the next question, because
-    no packet says which instruction it answers.
+    `latency_s`: what adapter, driver and system may add. `patience_s`: how much longer the last try waits,
+    for a computer that is busy. `horizon_s`: how long after an instruction its answer, or a copy of it, is
+    believed to come; until then it must not be taken for the answer to something else.
     """
 
     baudrate: int
     latency_s: float
-    quiet_s: float = 0.05
+    patience_s: float = 0.15
+    horizon_s: float = 0.3
 
     def timeout_s(self, sent: int, expected: int, return_delay_s: float) -> float:
         """How long to wait for an answer of `expected` bytes to the `sent` bytes that were just written."""
