@@ -226,7 +226,8 @@ class Bus:
         for dxl_id in blocks:
             _check_id(dxl_id)
         with self._exchanging():
-            found = read_group(self._exchange, blocks, self._silent, self._retries, self.counts, fast=fast)
+            tries = self.timing.tries(self._retries)
+            found = read_group(self._exchange, blocks, self._silent, tries, self.counts, fast=fast)
             return {dxl_id: self._or_error(dxl_id, block, found[dxl_id]) for dxl_id, block in blocks.items()}
 
     def sorted_out(
@@ -277,10 +278,10 @@ class Bus:
     ) -> StatusPacket:
         """The servo's answer, asked for again where it was lost. Raises NotAnswering or DamagedAnswer."""
         lost: Loss = Lost.SILENT
-        last = self._retries if retries is None else retries
-        for attempt in range(1 + last):
+        tries = self.timing.tries(self._retries if retries is None else retries)
+        for attempt, patient in enumerate(tries):
             self.counts.retries += attempt > 0
-            answer = ask(dxl_id, patient=attempt == last > 0)
+            answer = ask(dxl_id, patient=patient)
             if isinstance(answer, StatusPacket):
                 self._silent.discard(dxl_id)
                 return answer

@@ -50,7 +50,7 @@ class AnsweringLate(NotAnswering):
             dxl_ids,
             port,
             f"{_servos(dxl_ids)} on {port} {verb} too late, so power and cable are in order; close what "
-            "keeps the computer busy, shorten the adapter's latency timer, or raise latency_ms in the rig file",
+            "keeps the computer busy, shorten the adapter's latency timer, or raise latency_ms",
         )
 
 

@@ -43,15 +43,21 @@ _BLOCK = 4  # of a fast read: error, ID and CRC
 class Timing:
     """What decides how long an answer may take.
 
-    `latency_s`: what adapter, driver and system may add. `patience_s`: how much longer the last try waits,
-    for a computer that is busy. `horizon_s`: how long after an instruction its answer, or a copy of it, is
-    believed to come; until then it must not be taken for the answer to something else.
+    `latency_s`: what adapter, driver and system may add. `patience_s`: how much longer each of the last
+    `patient_tries` waits, for a computer that is busy. `horizon_s`: how long after an instruction its
+    answer, or a copy of it, is believed to come; until then it must not be taken for the answer to something
+    else.
     """
 
     baudrate: int
     latency_s: float
-    patience_s: float = 0.15
+    patience_s: float = 0.024
+    patient_tries: int = 4
     horizon_s: float = 0.3
+
+    def tries(self, retries: int) -> list[bool]:
+        """How often to ask for what gets lost, and whether patiently; all are the same question."""
+        return [False] * max(retries, 1) + [True] * (self.patient_tries if retries else 0)
 
     def timeout_s(self, sent: int, expected: int, return_delay_s: float) -> float:
         """How long to wait for an answer of `expected` bytes to the `sent` bytes that were just written."""
