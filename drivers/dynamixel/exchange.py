@@ -160,7 +160,8 @@ class Exchange:
         """Read a block of each servo with one sync read, or one bulk read if the blocks differ.
 
         The result is in the order in which they were asked. After the first that stays silent nobody is
-        waited for: where the servos wait for each other, all behind it are silent, too.
+        waited for: where the servos wait for each other, all behind it are silent, too. `patient`: as long as
+        nobody has answered. If somebody has, it is not the computer that is late.
         """
         self._note(questions(blocks))
         self._send_group(blocks, Instruction.SYNC_READ, Instruction.BULK_READ)
@@ -171,7 +172,8 @@ class Exchange:
             nearest = next(iter(waiting))
             if len(waiting) < awaited:  # only an answer that was asked for gives the next one its time
                 awaited = len(waiting)
-                delay = self._delay_s([nearest]) + self._patience_s(patient)
+                nobody_yet = len(waiting) == len(blocks)
+                delay = self._delay_s([nearest]) + self._patience_s(patient and nobody_yet)
                 self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
             elif self._handler.isPacketTimeout():
                 break
@@ -306,8 +308,8 @@ class Exchange:
 
 
 def _fits(answer: StatusPacket, size: int) -> bool:
-    """Whether it is an answer with `size` bytes, or a refusal, which has none."""
-    return len(answer.params) == (ACK if answer.error_number else size)
+    """Whether it is an answer with `size` bytes, or a refusal, which has none; no servo refuses a ping."""
+    return len(answer.params) == (ACK if answer.error_number and size != PING else size)
 
 
 def _words(*values: int) -> bytes:

@@ -67,9 +67,13 @@ def _read_plain(
     wide = exchange.wider(blocks) if blocks else {}
     while waiting:
         patient = tries[max(tried[dxl_id] for dxl_id in waiting)]
-        answers = exchange.read_group({dxl_id: wide[dxl_id] for dxl_id in waiting}, patient=patient)
+        # one that has answered is asked along, and first: if it is prompt, silence is the others' own
+        witness = [dxl_id for dxl_id, answer in found.items() if isinstance(answer, StatusPacket)][:1]
+        asked = [*witness, *waiting] if patient else waiting
+        answers = exchange.read_group({dxl_id: wide[dxl_id] for dxl_id in asked}, patient=patient)
         hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] in _UNHEARD), None)
-        for dxl_id, answer in answers.items():
+        for dxl_id in waiting:
+            answer = answers[dxl_id]
             if answer in _UNHEARD and dxl_id != hiding:
                 continue  # perhaps only hidden
             found[dxl_id] = _cut(answer, wide[dxl_id], blocks[dxl_id])

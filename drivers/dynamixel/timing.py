@@ -51,7 +51,7 @@ class Timing:
 
     baudrate: int
     latency_s: float
-    patience_s: float = 0.024
+    patience_s: float = 0.03
     patient_tries: int = 4
     horizon_s: float = 0.3
 
