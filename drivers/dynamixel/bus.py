@@ -46,7 +46,6 @@ __all__ = ["Bus", "GroupRead", "Ping"]
 
 _LONGEST_NUMBER = 4  # bytes of the longest single item
 _WRITES = 3  # how often an item is written that reads otherwise afterwards
-_LENGTHS = 4  # that one read takes in turn
 _WHOLE_TABLE = (0, 1)  # what a reboot changes, by its beginning
 
 
@@ -291,7 +290,7 @@ class Bus:
 
     def _read(self, dxl_id: int, block: Block) -> StatusPacket:
         """The answer to a read, without what was read besides. Raises NotAnswering or DamagedAnswer."""
-        wide = self._exchange.wider({dxl_id: block}, variants=_LENGTHS)[dxl_id]
+        wide = self._exchange.wider({dxl_id: block})[dxl_id]
         doubtful = self._exchange.may_be_stale(dxl_id)
         answer = self._asked(dxl_id, lambda i, *, patient: self._exchange.read(i, wide, patient=patient))
         if answer.error_number and (doubtful or wide != block):

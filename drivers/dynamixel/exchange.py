@@ -33,6 +33,7 @@ _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
 _PING_SLOT_S = 3e-3  # the SDK allows as much for each ID when all servos answer one ping
 _LARGEST_READ = 256
 _SILENT_BYTES = 3  # a wire with nothing on it for so many byte times is free
+_VARIANTS, _VARIANTS_TROUBLED = 2, 24  # lengths of answers that the same question takes in turn
 _SILENCE_LOOKS = 500  # one that never is, is full of noise, and CRCs have to deal with it
 
 
@@ -68,6 +69,7 @@ class Exchange:
         self._delays_s: dict[int, float] = {}
         self._heard = False
         self._outstanding = Outstanding(timing.horizon_s)
+        self._troubled_until_s = 0.0
         self._handler.openPort()
 
     def set_return_delay(self, dxl_id: int, seconds: float) -> None:
@@ -78,14 +80,15 @@ class Exchange:
         """Make the SDK's handler usable again after whatever interrupted it."""
         self._handler.is_using = False
 
-    def wider(
-        self, blocks: Mapping[int, Block], *, variants: int = 1, fast: bool = False
-    ) -> dict[int, Block]:
+    def wider(self, blocks: Mapping[int, Block], *, fast: bool = False) -> dict[int, Block]:
         """What to read instead of `blocks`, so that no other answer can be taken for the answer to it.
 
+        The same question takes lengths in turn, more of them while answers get lost or come late or twice.
         Where no length is free it waits until one is.
         """
-        found = self._outstanding.wider(blocks, self._clock.now(), variants=variants, fast=fast)
+        now = self._clock.now()
+        variants = _VARIANTS_TROUBLED if now < self._troubled_until_s else _VARIANTS
+        found = self._outstanding.wider(blocks, now, variants=variants, fast=fast)
         if found is None:
             self.settle([BROADCAST_ID] if fast else blocks)
             return dict(blocks)
@@ -203,6 +206,9 @@ class Exchange:
             if any(parts) or result != COMM_SUCCESS or self._handler.isPacketTimeout():
                 break
             self._counts.stale += 1
+            self._note_trouble()
+        if result != COMM_SUCCESS:
+            self._note_trouble()
         lost = Lost.DAMAGED if frame else Lost.SILENT
         return {
             dxl_id: StatusPacket(dxl_id, part.error, part.params)
@@ -261,6 +267,7 @@ class Exchange:
             if not waiting:
                 return
             self._port.read(waiting)
+            self._note_trouble()
 
     def _send_group(self, blocks: Mapping[int, Block], sync: Instruction, bulk: Instruction) -> None:
         if len(set(blocks.values())) == 1:
@@ -273,7 +280,9 @@ class Exchange:
     def _receive(self) -> StatusPacket | Lost:
         packet, result = self._packets.rxPacket(self._handler, False)
         self._heard = True
-        if result == COMM_SUCCESS:
+        if result != COMM_SUCCESS:
+            self._note_trouble()
+        else:
             # an instruction that reached the servo damaged is as good as a damaged answer: nothing was done
             if packet[_ERROR] & ~ALERT_BIT == StatusErrorCode.CRC_ERROR:
                 return Lost.DAMAGED
@@ -295,6 +304,9 @@ class Exchange:
         for (dxl_id, size), question in asked.items():
             self._outstanding.note(dxl_id, size, question, now)
 
+    def _note_trouble(self) -> None:
+        self._troubled_until_s = self._clock.now() + self._timing.horizon_s
+
     def _judged(self, answer: StatusPacket, size: int) -> StatusPacket | Loss:
         if _fits(answer, size):
             return answer
@@ -304,6 +316,7 @@ class Exchange:
         """Whether an answer that does not fit is to something that was asked before; counted."""
         stale = self.may_be_stale(answer.dxl_id, len(answer.params))
         self._counts.stale += stale
+        self._note_trouble()
         return stale
 
 
