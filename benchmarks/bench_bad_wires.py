@@ -2,7 +2,8 @@
 
 A host reads and writes at random (items one by one, sync and bulk and fast reads, sync writes, pings) over
 ten kinds of wire in virtual time, and every value, confirmation and refusal is compared with what the servos
-held. The servos are memory behind bytes of Protocol 2.0 (`tests/support/spoiling_wire.py`), so that nothing
+held. Control loops, which always ask the same, go over those wires that can answer with what was true before.
+The servos are memory behind bytes of Protocol 2.0 (`tests/support/spoiling_wire.py`), so that nothing
 but host and wire takes time. One transaction is one instruction packet with its answers; a sync read has
 several values.
 
@@ -18,9 +19,10 @@ import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from bus_talk import KINDS, Tally, talk
+from bus_talk import KINDS, LOOPS, Tally, loop, talk
 
 CHUNK = 20_000
+ALL = {**dict.fromkeys(KINDS, talk), **dict.fromkeys(LOOPS, loop)}
 COLUMNS = (
     "instructions",
     "values",
@@ -54,9 +56,9 @@ def read_log(path: Path | None) -> Done:
 
 def table(done: Done) -> str:
     """A row for each kind of wire, and their sum."""
-    rows = [f"{'wire':26}" + "".join(f"{name:>13}" for name in COLUMNS)]
+    rows = [f"{'wire':31}" + "".join(f"{name:>13}" for name in COLUMNS)]
     total = Tally()
-    for kind in KINDS:
+    for kind in ALL:
         sums = Tally()
         for (name, _), tally in done.items():
             if name == kind.name:
@@ -68,7 +70,7 @@ def table(done: Done) -> str:
 
 def line(name: str, tally: Tally) -> str:
     """A row of the table."""
-    return f"{name:26}" + "".join(f"{getattr(tally, column):>13,}" for column in COLUMNS)
+    return f"{name:31}" + "".join(f"{getattr(tally, column):>13,}" for column in COLUMNS)
 
 
 def main() -> int:
@@ -79,13 +81,13 @@ def main() -> int:
     parser.add_argument("--report", action="store_true", help="show the log, run nothing")
     options = parser.parse_args()
     done = read_log(options.log)
-    chunks = -(-options.transactions // (CHUNK * len(KINDS)))
+    chunks = -(-options.transactions // (CHUNK * len(ALL)))
     begin = time.monotonic()
     for seed in range(0 if options.report else chunks):
-        for kind in KINDS:
+        for kind, run in ALL.items():
             if (kind.name, seed) in done:
                 continue
-            tally = done[kind.name, seed] = talk(kind, seed, CHUNK)
+            tally = done[kind.name, seed] = run(kind, seed, CHUNK)
             if options.log is not None:
                 with options.log.open("a") as log:
                     log.write(json.dumps({"kind": kind.name, "seed": seed, "tally": tally.as_dict()}) + "\n")

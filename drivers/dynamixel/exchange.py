@@ -250,6 +250,8 @@ class Exchange:
         self._handler.is_using = False
         if result != COMM_SUCCESS:
             raise OSError(self._packets.getTxRxResult(result))
+        if self._handler.dropped:
+            self._note_trouble()
         self._counts.instructions += 1
 
     def _wait_for_silence(self) -> None:

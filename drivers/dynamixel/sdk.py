@@ -48,6 +48,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         self._sent = 0
         self._late_looks = 0
         self._again = b""
+        self.dropped = False
         self.baudrate = timing.baudrate
         self.return_delay_s = LONGEST_RETURN_DELAY_S
 
@@ -84,8 +85,9 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         return self._late_looks < 0 or not self.getBytesAvailable()
 
     def clearPort(self) -> None:
-        """Drop received bytes."""
+        """Drop received bytes; `dropped` says whether there were any."""
         try:
+            self.dropped = bool(self.getBytesAvailable())
             super().clearPort()
         except BaseException:
             self._release()

@@ -16,7 +16,7 @@ from palpate.drivers.dynamixel.failures import StatusError
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
 
-__all__ = ["KINDS", "Tally", "talk"]
+__all__ = ["KINDS", "LOOPS", "Tally", "loop", "talk"]
 
 _ITEMS = {
     item.address: item
@@ -54,6 +54,12 @@ KINDS = (
     Kind("answers twice, late", _FINE, _TWICE_LATE),
     Kind("all of it", _ALL, _ALL),
 )
+LOOPS = tuple(
+    Kind(f"loop: {kind.name}", kind.out, kind.back)
+    for kind in KINDS
+    if kind.back in (_LATE, _TWICE_LATE, _ALL)
+)
+"""Wires on which a control loop, which always asks the same, may be told what was true before."""
 
 
 @dataclass
@@ -113,6 +119,14 @@ class _Talk:
             self.tally.failed += 1
         self.tally.instructions = self.bus.counts.instructions
 
+    def cycle(self, number: int) -> None:
+        """One cycle of a control loop: a measurement of all, and a goal for all."""
+        self.clock.sleep((0.0, 0.001, 0.005)[number % 3])
+        self.tally.calls += 1
+        self._read_clocks(fast=number % 1000 < 500)
+        self.bus.sync_write(ct.GOAL_POSITION, dict.fromkeys(_IDS, 5))
+        self.tally.instructions = self.bus.counts.instructions
+
     def _call(self, draw: float, dxl_id: int, item: Item, begin: float) -> None:
         if draw < 0.35:
             self._judge(dxl_id, item, self.bus.read(dxl_id, item), begin)
@@ -121,32 +135,41 @@ class _Talk:
         elif draw < 0.60:
             self._write(dxl_id, item, begin)
         elif draw < 0.70:
-            ids = self.chance.sample(_IDS, self.chance.randint(1, 3))
-            wanted = {i: self._value(item) for i in ids}
-            self.bus.sync_write(item, wanted)
-            for i in ids:
-                self.last.pop((i, item.address), None)  # servos do not confirm it
-        elif draw < 0.85:
-            found = self.bus.sync_read(_IDS, item, item, fast=draw < 0.75)
-            self._count_failed(found.errors.values())
-            for i, values in found.values.items():
-                self._judge(i, item, values[item], begin)
-        elif draw < 0.87:
-            clocks = self.bus.sync_read(_IDS, ct.REALTIME_TICK, ct.REALTIME_TICK)
-            self._count_failed(clocks.errors.values())
-            for values in clocks.values.values():
-                self._judge_clock(values[ct.REALTIME_TICK], begin)
+            self._write_some(item)
         elif draw < 0.95:
-            items = {i: self.chance.choice(list(_ITEMS.values())) for i in _IDS}
-            read = self.bus.bulk_read(items)
-            self._count_failed(read.errors.values())
-            for i, values in read.values.items():
-                self._judge(i, items[i], values[items[i]], begin)
+            self._read_some(draw, item, begin)
         else:
             answer = self.bus.ping(dxl_id)
             self.tally.values += 1
             if (answer.model_number, answer.firmware) != (1020, 44):
                 self._count_wrong("wrong")
+
+    def _read_some(self, draw: float, item: Item, begin: float) -> None:
+        if draw < 0.85:
+            found = self.bus.sync_read(_IDS, item, item, fast=draw < 0.75)
+            items = dict.fromkeys(_IDS, item)
+        elif draw < 0.87:
+            self._read_clocks(fast=False)
+            return
+        else:
+            items = {i: self.chance.choice(list(_ITEMS.values())) for i in _IDS}
+            found = self.bus.bulk_read(items)
+        self._count_failed(found.errors.values())
+        for i, values in found.values.items():
+            self._judge(i, items[i], values[items[i]], begin)
+
+    def _read_clocks(self, *, fast: bool) -> None:
+        begin = self.clock.now()
+        clocks = self.bus.sync_read(_IDS, ct.REALTIME_TICK, ct.REALTIME_TICK, fast=fast)
+        self._count_failed(clocks.errors.values())
+        for values in clocks.values.values():
+            self._judge_clock(values[ct.REALTIME_TICK], begin)
+
+    def _write_some(self, item: Item) -> None:
+        ids = self.chance.sample(_IDS, self.chance.randint(1, 3))
+        self.bus.sync_write(item, {i: self._value(item) for i in ids})
+        for i in ids:
+            self.last.pop((i, item.address), None)  # servos do not confirm it
 
     def _write(self, dxl_id: int, item: Item, begin: float) -> None:
         value = self._value(item)
@@ -208,3 +231,13 @@ def talk(kind: Kind, seed: int, instructions: int) -> Tally:
         talking.step()
     talking.tally.damaged_packets_let_through = len(talking.port.let_through_s)
     return talking.tally
+
+
+def loop(kind: Kind, seed: int, instructions: int) -> Tally:
+    """The same with a control loop, in which only the age of what is measured is judged."""
+    looping = _Talk(kind, seed)
+    number = 0
+    while looping.tally.instructions < instructions:
+        looping.cycle(number)
+        number += 1
+    return looping.tally
