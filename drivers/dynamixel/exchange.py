@@ -296,7 +296,7 @@ class Exchange:
         self._handler.setPacketTimeout(size)
 
     def _patience_s(self, patient: bool) -> float:
-        return self._timing.patience_s if patient else 0.0
+        return max(0.0, self._timing.patience_s - self._timing.latency_s) if patient else 0.0
 
     def _delay_s(self, dxl_ids: Sequence[int]) -> float:
         return max(self._delays_s.get(dxl_id, LONGEST_RETURN_DELAY_S) for dxl_id in dxl_ids)

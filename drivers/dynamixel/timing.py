@@ -7,6 +7,7 @@ Return Delay Time (9); the latency timer is that of the FTDI chips in the vendor
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 from palpate.drivers.transport.wire import wire_time_s
 
@@ -43,21 +44,24 @@ _BLOCK = 4  # of a fast read: error, ID and CRC
 class Timing:
     """What decides how long an answer may take.
 
-    `latency_s`: what adapter, driver and system may add. `patience_s`: how much longer each of the last
-    `patient_tries` waits, for a computer that is busy. `horizon_s`: how long after an instruction its
-    answer, or a copy of it, is believed to come; until then it must not be taken for the answer to something
-    else.
+    `latency_s`: what adapter, driver and system may add. `late_s`: how late an answer can be because the
+    computer is busy; a question is repeated for as long. `patience_s`: how long each of the last tries waits
+    at least. `horizon_s`: how long after an instruction its answer, or a copy of it, is believed to come;
+    until then it must not be taken for the answer to something else.
     """
 
     baudrate: int
     latency_s: float
+    late_s: float = 0.121
     patience_s: float = 0.03
-    patient_tries: int = 4
     horizon_s: float = 0.3
 
     def tries(self, retries: int) -> list[bool]:
         """How often to ask for what gets lost, and whether patiently; all are the same question."""
-        return [False] * max(retries, 1) + [True] * (self.patient_tries if retries else 0)
+        if not retries:
+            return [False]
+        left_s = self.late_s - retries * self.latency_s
+        return [False] * retries + [True] * max(1, ceil(left_s / max(self.patience_s, self.latency_s)))
 
     def timeout_s(self, sent: int, expected: int, return_delay_s: float) -> float:
         """How long to wait for an answer of `expected` bytes to the `sent` bytes that were just written."""
