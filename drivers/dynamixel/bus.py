@@ -22,7 +22,7 @@ from palpate.drivers.dynamixel.control_table import (
     Item,
 )
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, together
 from palpate.drivers.dynamixel.failures import (
     AnsweringLate,
     DamagedAnswer,
@@ -276,7 +276,7 @@ class Bus:
         self, dxl_id: int, ask: Callable[..., StatusPacket | Loss], retries: int | None = None
     ) -> StatusPacket:
         """The servo's answer, asked for again where it was lost. Raises NotAnswering or DamagedAnswer."""
-        lost: Loss = Lost.SILENT
+        lost: Loss | None = None
         tries = self.timing.tries(self._retries if retries is None else retries)
         for attempt, patient in enumerate(tries):
             self.counts.retries += attempt > 0
@@ -284,9 +284,9 @@ class Bus:
             if isinstance(answer, StatusPacket):
                 self._silent.discard(dxl_id)
                 return answer
-            lost = answer
+            lost = together(lost, answer)
             self.counts.lost(silent=lost in (Lost.SILENT, Lost.LATE))
-        raise self._loss(dxl_id, lost)
+        raise self._loss(dxl_id, lost or Lost.SILENT)
 
     def _read(self, dxl_id: int, block: Block) -> StatusPacket:
         """The answer to a read, without what was read besides. Raises NotAnswering or DamagedAnswer."""

@@ -26,7 +26,7 @@ from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing, fas
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
-__all__ = ["Block", "Exchange", "Loss", "Lost", "Misfit"]
+__all__ = ["Exchange", "Loss", "Lost", "Misfit", "together"]
 
 _STATUS_SIZE = 11  # bytes of a status packet without parameters
 _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
@@ -54,6 +54,11 @@ class Misfit:
 
 
 Loss = Lost | Misfit
+
+
+def together(before: Loss | None, loss: Loss) -> Loss:
+    """What two tries at one question say: whatever comes after silence is late rather than misfit."""
+    return Lost.LATE if isinstance(loss, Misfit) and before in (Lost.SILENT, Lost.LATE) else loss
 
 
 class Exchange:

@@ -160,7 +160,7 @@ def raise_first(errors: Collection[DeviceError]) -> None:
     """Raise one error for all silent servos, or the first other one; nothing without errors."""
     silent = [error for error in errors if isinstance(error, NotAnswering)]
     if silent:
-        late = all(isinstance(error, AnsweringLate) for error in silent)
+        late = any(isinstance(error, AnsweringLate) for error in silent)
         dxl_ids = [dxl_id for error in silent for dxl_id in error.dxl_ids]
         raise (AnsweringLate if late else NotAnswering)(dxl_ids, silent[0].port)
     for error in errors:

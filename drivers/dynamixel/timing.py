@@ -52,7 +52,7 @@ class Timing:
 
     baudrate: int
     latency_s: float
-    late_s: float = 0.121
+    late_s: float = 0.15
     patience_s: float = 0.03
     horizon_s: float = 0.3
 
