@@ -22,7 +22,7 @@ from palpate.drivers.dynamixel.control_table import (
     Item,
 )
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, together
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, combine_losses
 from palpate.drivers.dynamixel.failures import (
     AnsweringLate,
     DamagedAnswer,
@@ -36,7 +36,7 @@ from palpate.drivers.dynamixel.failures import (
 )
 from palpate.drivers.dynamixel.group import read_group
 from palpate.drivers.dynamixel.outstanding import Block, part
-from palpate.drivers.dynamixel.packet import MAX_ID, Instruction, StatusPacket
+from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
 from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, Timing
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS
@@ -168,7 +168,7 @@ class Bus:
         _check_id(dxl_id)
         with self._exchanging():
             params = _words(item.address) + item.encode(value)
-            self._exchange.tell([dxl_id], Instruction.WRITE, params, (item.address, item.size))
+            self._exchange.tell(dxl_id, params, (item.address, item.size))
 
     def reboot(self, dxl_id: int) -> None:
         """Restart a servo: the only way back from a hardware error. It is deaf for a moment afterwards.
@@ -258,14 +258,14 @@ class Bus:
             _check_id(dxl_id)
             params += bytes([dxl_id]) + item.encode(value)
         with self._exchanging():
-            self._exchange.tell(values, Instruction.SYNC_WRITE, params, (item.address, item.size))
+            self._exchange.tell_group(values, params, (item.address, item.size))
 
     def torque_off_everywhere(self) -> None:
         """Tell every servo on the wire, known or not, to switch torque off. Servos do not confirm it."""
         with self._exchanging():
             item = TORQUE_ENABLE
             params = _words(item.address) + item.encode(0)
-            self._exchange.tell(None, Instruction.WRITE, params, (item.address, item.size))
+            self._exchange.tell(BROADCAST_ID, params, (item.address, item.size))
 
     def _use(self, port: SerialBase) -> None:
         self._port = port
@@ -284,7 +284,7 @@ class Bus:
             if isinstance(answer, StatusPacket):
                 self._silent.discard(dxl_id)
                 return answer
-            lost = together(lost, answer)
+            lost = combine_losses(lost, answer)
             self.counts.lost(silent=lost in (Lost.SILENT, Lost.LATE))
         raise self._loss(dxl_id, lost or Lost.SILENT)
 

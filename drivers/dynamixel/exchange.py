@@ -26,7 +26,7 @@ from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing, fas
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
-__all__ = ["Exchange", "Loss", "Lost", "Misfit", "together"]
+__all__ = ["Exchange", "Loss", "Lost", "Misfit", "combine_losses"]
 
 _STATUS_SIZE = 11  # bytes of a status packet without parameters
 _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
@@ -56,7 +56,7 @@ class Misfit:
 Loss = Lost | Misfit
 
 
-def together(before: Loss | None, loss: Loss) -> Loss:
+def combine_losses(before: Loss | None, loss: Loss) -> Loss:
     """What two tries at one question say: whatever comes after silence is late rather than misfit."""
     return Lost.LATE if isinstance(loss, Misfit) and before in (Lost.SILENT, Lost.LATE) else loss
 
@@ -109,14 +109,17 @@ class Exchange:
         while self._clock.now() < instant:
             self._port.read(_LARGEST_READ)
 
-    def tell(self, dxl_ids: Collection[int] | None, instruction: int, params: bytes, written: Block) -> None:
-        """Send a write to one servo, or to several (None: all), for whose confirmation nobody waits."""
-        alone = len(dxl_ids) == 1 and instruction == Instruction.WRITE if dxl_ids else False
-        target = next(iter(dxl_ids)) if dxl_ids and alone else BROADCAST_ID
-        self._send(target, instruction, params)
+    def tell(self, dxl_id: int, params: bytes, written: Block) -> None:
+        """Write without waiting for a confirmation, which may come; to one servo or all (`BROADCAST_ID`)."""
+        self._send(dxl_id, Instruction.WRITE, params)
+        self._outstanding.outdate(None if dxl_id == BROADCAST_ID else [dxl_id], written)
+        if dxl_id != BROADCAST_ID:
+            self._note({(dxl_id, ACK): None})
+
+    def tell_group(self, dxl_ids: Collection[int], params: bytes, written: Block) -> None:
+        """Send a sync write, which is not confirmed."""
+        self._send(BROADCAST_ID, Instruction.SYNC_WRITE, params)
         self._outstanding.outdate(dxl_ids, written)
-        if target != BROADCAST_ID:
-            self._note({(target, ACK): None})
 
     def read(self, dxl_id: int, block: Block, *, patient: bool = False) -> StatusPacket | Loss:
         """Read a block of one servo."""

@@ -8,7 +8,7 @@ was only hidden.
 from collections.abc import Mapping, Sequence
 
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, together
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, combine_losses
 from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import StatusPacket
 
@@ -78,7 +78,7 @@ def _read_plain(
                 continue  # perhaps only hidden
             before = found.get(dxl_id)
             if not isinstance(answer, StatusPacket) and not isinstance(before, StatusPacket):
-                answer = together(before, answer)
+                answer = combine_losses(before, answer)
             found[dxl_id] = _cut(answer, wide[dxl_id], blocks[dxl_id])
             tried[dxl_id] += 1
             if not isinstance(answer, StatusPacket):

@@ -166,7 +166,7 @@ def test_answers_of_a_busy_computer_are_waited_for(host: Host, seconds: float) -
 
 
 def test_answers_that_are_later_still_are_told_as_late(host: Host) -> None:
-    host.wire.change = late(0.16)
+    host.wire.change = late(0.17)
     with pytest.raises(NotAnswering):
         host.bus.read(1, ct.PROFILE_VELOCITY)
     with pytest.raises(
