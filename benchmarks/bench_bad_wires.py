@@ -1,7 +1,7 @@
 """What the servo bus is told over bad wires, ten million times: `python benchmarks/bench_bad_wires.py`.
 
 A host reads and writes at random (items one by one, sync and bulk and fast reads, sync writes, pings) over
-ten kinds of wire in virtual time, and every value, confirmation and refusal is compared with what the servos
+eleven kinds of wire in virtual time, and every value, confirmation and refusal is compared with what the servos
 held. Control loops, which always ask the same, go over those wires that can answer with what was true before.
 The servos are memory behind bytes of Protocol 2.0 (`tests/support/spoiling_wire.py`), so that nothing
 but host and wire takes time. One transaction is one instruction packet with its answers; a sync read has
@@ -79,12 +79,14 @@ def main() -> int:
     parser.add_argument("--transactions", type=int, default=10_000_000, help="of all kinds together")
     parser.add_argument("--log", type=Path, help="where chunks are written down, and looked up")
     parser.add_argument("--report", action="store_true", help="show the log, run nothing")
+    parser.add_argument("--only", choices=[kind.name for kind in ALL], help="one kind of wire")
     options = parser.parse_args()
+    kinds = {kind: run for kind, run in ALL.items() if options.only in (None, kind.name)}
     done = read_log(options.log)
-    chunks = -(-options.transactions // (CHUNK * len(ALL)))
+    chunks = -(-options.transactions // (CHUNK * len(kinds)))
     begin = time.monotonic()
     for seed in range(0 if options.report else chunks):
-        for kind, run in ALL.items():
+        for kind, run in kinds.items():
             if (kind.name, seed) in done:
                 continue
             tally = done[kind.name, seed] = run(kind, seed, CHUNK)

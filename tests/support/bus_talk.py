@@ -36,6 +36,7 @@ _TELLING_S = 1.0  # how long a packet that was damaged unnoticed may be to blame
 _FRESH_S = 2e-3
 
 _FLIPS, _LOSSES = Spoil(flipped=0.003), Spoil(lost=0.1, cut=0.05)
+_GARBLED = Spoil(garbled=0.2)
 _LATE = Spoil(late=0.1, late_s=(0.0, 0.12))
 _TWICE = Spoil(twice=0.2)
 _TWICE_LATE = Spoil(twice=0.2, twice_s=(0.0005, 0.04))
@@ -45,6 +46,7 @@ _FINE = Spoil()
 KINDS = (
     Kind("nothing", _FINE, _FINE),
     Kind("bits flip", _FLIPS, _FLIPS),
+    Kind("garbled", _GARBLED, _GARBLED),
     Kind("lost or cut", _LOSSES, _LOSSES),
     Kind("instructions late", _LATE, _FINE),
     Kind("answers late", _FINE, _LATE),

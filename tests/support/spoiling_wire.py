@@ -41,7 +41,11 @@ _GAP_S = 1.5e-3  # between two bytes of a packet a servo waits no longer
 
 @dataclass(frozen=True)
 class Spoil:
-    """Probabilities for each byte (`flipped`) and each packet of one direction, and how late (s)."""
+    """Probabilities for each byte (`flipped`) and each packet of one direction, and how late (s).
+
+    One that is `garbled` is random from some byte behind its LEN on, as after a collision: what a CRC of 16
+    bits lets through once in 65,536 times.
+    """
 
     flipped: float = 0.0
     lost: float = 0.0
@@ -50,6 +54,7 @@ class Spoil:
     late_s: tuple[float, float] = (0.0, 0.0)
     twice: float = 0.0
     twice_s: tuple[float, float] = (0.0, 0.0)
+    garbled: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -169,6 +174,9 @@ class SpoilingPort:
                 spoilt = bytes(byte ^ bit for byte, bit in zip(data, mask, strict=True))
         if spoil.cut and chance() < spoil.cut:
             spoilt = spoilt[: self._chance.randrange(1, len(data))]
+        if spoil.garbled and chance() < spoil.garbled:
+            at = self._chance.randrange(7, len(data))
+            spoilt = spoilt[:at] + self._chance.randbytes(len(data) - at)
         heapq.heappush(self._events, (due, next(self._number), out, spoilt, spoilt != data))
 
     def _run(self, now: float) -> None:
