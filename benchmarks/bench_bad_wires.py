@@ -1,11 +1,11 @@
 """What the servo bus is told over bad wires, ten million times: `python benchmarks/bench_bad_wires.py`.
 
 A host reads and writes at random (items one by one, sync and bulk and fast reads, sync writes, pings) over
-eleven kinds of wire in virtual time, and every value, confirmation and refusal is compared with what the servos
-held. Control loops, which always ask the same, go over those wires that can answer with what was true before.
-The servos are memory behind bytes of Protocol 2.0 (`tests/support/spoiling_wire.py`), so that nothing
-but host and wire takes time. One transaction is one instruction packet with its answers; a sync read has
-several values.
+eleven kinds of wire in virtual time, and every value, confirmation and refusal is compared with what the
+servos held. Control loops, which always ask the same, go over those wires that can answer with what was true
+before. The servos are memory behind bytes of Protocol 2.0 (`tests/support/spoiling_wire.py`), so that
+nothing but host and wire takes time. One transaction is one instruction packet with its answers; a sync read
+has several values.
 
 One core. With `--log` every chunk is written down as it ends, and a chunk that is in the log is not run
 again: the same command goes on where it was stopped. `--report` only shows what is in the log. To compare
