@@ -101,6 +101,7 @@ class BusCountsOut(Out):
     retries: int
     alerts: int
     reconnects: int
+    stale: int
 
 
 class FingerTouchOut(Out):

@@ -116,6 +116,12 @@ def _loop_warnings(loop: LoopOut | None, wanted_hz: float) -> list[str]:
 
 
 def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> list[str]:
+    if counts.stale:
+        came = counted(counts.stale, "answer", "answers")
+        return [
+            f"{came} of {counts.instructions} came late or twice; close what keeps the computer busy, or "
+            "shorten the adapter's latency timer"
+        ]
     silent = counts.silent if all(item.answers for item in found) else 0
     if not (counts.damaged or silent):
         return []

@@ -22,15 +22,20 @@ from palpate.drivers.dynamixel.control_table import (
     Item,
 )
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Block, Exchange, Lost
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, combine_losses
 from palpate.drivers.dynamixel.failures import (
+    AnsweringLate,
     DamagedAnswer,
     HardwareAlert,
     NotAnswering,
+    NotConfirmed,
     PortFailed,
     StatusError,
+    WrongLength,
+    raise_first,
 )
 from palpate.drivers.dynamixel.group import read_group
+from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
 from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, Timing
 from palpate.drivers.transport.clock import Clock
@@ -40,6 +45,8 @@ from palpate.errors import DeviceError
 __all__ = ["Bus", "GroupRead", "Ping"]
 
 _LONGEST_NUMBER = 4  # bytes of the longest single item
+_WRITES = 3  # how often an item is written that reads otherwise afterwards
+_WHOLE_TABLE = (0, 1)  # what a reboot changes, by its beginning
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +70,7 @@ class GroupRead:
 
     def all(self) -> dict[int, dict[Item, int]]:
         """Every servo's values. Raises NotAnswering for all that are silent, or the first other error."""
-        silent = [error for error in self.errors.values() if isinstance(error, NotAnswering)]
-        if silent:
-            raise NotAnswering([dxl_id for error in silent for dxl_id in error.dxl_ids], silent[0].port)
-        for error in self.errors.values():
-            raise error
+        raise_first(tuple(self.errors.values()))
         return {dxl_id: dict(values) for dxl_id, values in self.values.items()}
 
 
@@ -120,7 +123,7 @@ class Bus:
         """Ask a servo for model number and firmware; answered at every Status Return Level."""
         _check_id(dxl_id)
         with self._exchanging():
-            answer = self._asked(dxl_id, Instruction.PING, b"", 3, retries)
+            answer = self._asked(dxl_id, self._exchange.ping, retries)
             self._check(answer, "a ping", alert=False)
         return _told(answer)
 
@@ -141,8 +144,7 @@ class Bus:
         """Read one item even of a servo that reports a hardware error; with `alert`, raise HardwareAlert."""
         _check_id(dxl_id)
         with self._exchanging():
-            params = _words(item.address, item.size)
-            answer = self._asked(dxl_id, Instruction.READ, params, item.size)
+            answer = self._read(dxl_id, (item.address, item.size))
             self._check(answer, f"to read {item.name}", alert=alert)
             value = item.decode(answer.params)
             self._learn(dxl_id, item, value)
@@ -151,12 +153,13 @@ class Bus:
     def write(self, dxl_id: int, item: Item, value: int, *, retries: int | None = None) -> None:
         """Write one item and wait for the servo to confirm. ValueError if the value does not fit the item.
 
-        Where no confirmation comes it is written again: writing the same value twice does no harm.
+        Where no confirmation comes it is written again: writing the same value twice does no harm. All
+        confirmations are alike. Where an earlier one may still be under way, the item is read back, and
+        written again if it holds something else; NotConfirmed if it still does.
         """
         _check_id(dxl_id)
         with self._exchanging():
-            params = _words(item.address) + item.encode(value)
-            answer = self._asked(dxl_id, Instruction.WRITE, params, 0, retries)
+            answer = self._written(dxl_id, item, item.encode(value), retries)
             self._check(answer, _write_of(item, value))
             self._learn(dxl_id, item, value)
 
@@ -164,7 +167,8 @@ class Bus:
         """Write one item of a servo that may be set not to answer."""
         _check_id(dxl_id)
         with self._exchanging():
-            self._exchange.tell(dxl_id, Instruction.WRITE, _words(item.address) + item.encode(value))
+            params = _words(item.address) + item.encode(value)
+            self._exchange.tell(dxl_id, params, (item.address, item.size))
 
     def reboot(self, dxl_id: int) -> None:
         """Restart a servo: the only way back from a hardware error. It is deaf for a moment afterwards.
@@ -173,7 +177,13 @@ class Bus:
         """
         _check_id(dxl_id)
         with self._exchanging():
-            answer = self._asked(dxl_id, Instruction.REBOOT, b"", 0, retries=0)
+            if self._exchange.may_be_stale(dxl_id):
+                self._exchange.settle([dxl_id])
+
+            def reboot(dxl_id: int, *, patient: bool) -> StatusPacket | Loss:
+                return self._exchange.change(dxl_id, Instruction.REBOOT, b"", _WHOLE_TABLE, patient=patient)
+
+            answer = self._asked(dxl_id, reboot, retries=0)
             self._check(answer, "a reboot", alert=False)
 
     def hardware_error(self, dxl_id: int) -> HardwareError:
@@ -215,8 +225,9 @@ class Bus:
         for dxl_id in blocks:
             _check_id(dxl_id)
         with self._exchanging():
-            found = read_group(self._exchange, blocks, self._silent, self._retries, self.counts, fast=fast)
-        return {dxl_id: self._or_error(dxl_id, found[dxl_id]) for dxl_id in blocks}
+            tries = self.timing.tries(self._retries)
+            found = read_group(self._exchange, blocks, self._silent, tries, self.counts, fast=fast)
+            return {dxl_id: self._or_error(dxl_id, block, found[dxl_id]) for dxl_id, block in blocks.items()}
 
     def sorted_out(
         self,
@@ -247,13 +258,14 @@ class Bus:
             _check_id(dxl_id)
             params += bytes([dxl_id]) + item.encode(value)
         with self._exchanging():
-            self._exchange.tell(BROADCAST_ID, Instruction.SYNC_WRITE, params)
+            self._exchange.tell_group(values, params, (item.address, item.size))
 
     def torque_off_everywhere(self) -> None:
         """Tell every servo on the wire, known or not, to switch torque off. Servos do not confirm it."""
         with self._exchanging():
-            params = _words(TORQUE_ENABLE.address) + TORQUE_ENABLE.encode(0)
-            self._exchange.tell(BROADCAST_ID, Instruction.WRITE, params)
+            item = TORQUE_ENABLE
+            params = _words(item.address) + item.encode(0)
+            self._exchange.tell(BROADCAST_ID, params, (item.address, item.size))
 
     def _use(self, port: SerialBase) -> None:
         self._port = port
@@ -261,28 +273,71 @@ class Bus:
             self._exchange = Exchange(port, self._clock, self.timing, self.counts)
 
     def _asked(
-        self, dxl_id: int, instruction: Instruction, params: bytes, size: int, retries: int | None = None
+        self, dxl_id: int, ask: Callable[..., StatusPacket | Loss], retries: int | None = None
     ) -> StatusPacket:
         """The servo's answer, asked for again where it was lost. Raises NotAnswering or DamagedAnswer."""
-        lost = Lost.SILENT
-        last = self._retries if retries is None else retries
-        for attempt in range(1 + last):
+        lost: Loss | None = None
+        tries = self.timing.tries(self._retries if retries is None else retries)
+        for attempt, patient in enumerate(tries):
             self.counts.retries += attempt > 0
-            patient = attempt == last > 0
-            answer = self._exchange.ask(dxl_id, instruction, params, size, patient=patient)
+            answer = ask(dxl_id, patient=patient)
             if isinstance(answer, StatusPacket):
                 self._silent.discard(dxl_id)
                 return answer
-            lost = answer
-            self.counts.lost(silent=lost is Lost.SILENT)
-        raise self._loss(dxl_id, lost)
+            lost = combine_losses(lost, answer)
+            self.counts.lost(silent=lost in (Lost.SILENT, Lost.LATE))
+        raise self._loss(dxl_id, lost or Lost.SILENT)
 
-    def _or_error(self, dxl_id: int, answer: StatusPacket | Lost) -> StatusPacket | DeviceError:
-        return answer if isinstance(answer, StatusPacket) else self._loss(dxl_id, answer)
+    def _read(self, dxl_id: int, block: Block) -> StatusPacket:
+        """The answer to a read, without what was read besides. Raises NotAnswering or DamagedAnswer."""
+        wide = self._exchange.wider({dxl_id: block})[dxl_id]
+        doubtful = self._exchange.may_be_stale(dxl_id)
+        answer = self._asked(dxl_id, lambda i, *, patient: self._exchange.read(i, wide, patient=patient))
+        if answer.error_number and (doubtful or wide != block):
+            # an earlier refusal that came twice, or this servo does not read so far
+            self._exchange.settle([dxl_id])
+            wide = block
+            answer = self._asked(dxl_id, lambda i, *, patient: self._exchange.read(i, block, patient=patient))
+        return StatusPacket(dxl_id, answer.error, part(answer.params, wide, block))
 
-    def _loss(self, dxl_id: int, lost: Lost) -> NotAnswering | DamagedAnswer:
-        kind = NotAnswering if lost is Lost.SILENT else DamagedAnswer
-        return kind([dxl_id], self.port_name)
+    def _written(self, dxl_id: int, item: Item, data: bytes, retries: int | None) -> StatusPacket:
+        """The answer to a write that cannot be the answer to an earlier one."""
+        block = item.address, item.size
+
+        def write(dxl_id: int, *, patient: bool) -> StatusPacket | Loss:
+            params = _words(item.address) + data
+            return self._exchange.change(dxl_id, Instruction.WRITE, params, block, patient=patient)
+
+        for _ in range(_WRITES):
+            doubtful = self._exchange.may_be_stale(dxl_id)
+            answer = self._asked(dxl_id, write, retries)
+            if not doubtful:
+                return answer
+            if answer.error_number:
+                self._exchange.settle([dxl_id])
+                return self._asked(dxl_id, write, retries)
+            if self._read(dxl_id, block).params == data:
+                return answer
+        raise NotConfirmed([dxl_id], self.port_name, [item.name])
+
+    def _or_error(self, dxl_id: int, block: Block, answer: StatusPacket | Loss) -> StatusPacket | DeviceError:
+        """What a group read found, an error if it is none; a refusal is asked for once more by itself."""
+        if not isinstance(answer, StatusPacket):
+            return self._loss(dxl_id, answer)
+        try:
+            return self._read(dxl_id, block) if answer.error_number else answer
+        except (NotAnswering, DamagedAnswer) as error:
+            return error
+
+    def _loss(self, dxl_id: int, lost: Loss) -> NotAnswering | DamagedAnswer:
+        match lost:
+            case Lost.SILENT:
+                return NotAnswering([dxl_id], self.port_name)
+            case Lost.LATE:
+                return AnsweringLate([dxl_id], self.port_name)
+            case Misfit():
+                return WrongLength(dxl_id, self.port_name, lost.size, lost.wanted)
+        return DamagedAnswer([dxl_id], self.port_name)
 
     def _check(self, answer: StatusPacket, doing: str, *, alert: bool = True) -> None:
         self.counts.alerts += answer.alert

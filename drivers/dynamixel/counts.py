@@ -11,7 +11,8 @@ class BusCounts:
 
     `instructions`: packets sent. `silent`: answers that did not come in time. `damaged`: answers that came
     broken. `retries`: instructions that were sent once more because of it. `alerts`: answers of servos that
-    report a hardware error. `reconnects`: ports opened again.
+    report a hardware error. `reconnects`: ports opened again. `stale`: answers that came late or twice and
+    were dropped, because they answered what had been asked before.
     """
 
     instructions: int = 0
@@ -20,6 +21,7 @@ class BusCounts:
     retries: int = 0
     alerts: int = 0
     reconnects: int = 0
+    stale: int = 0
 
     def lost(self, *, silent: bool) -> None:
         """Count an answer that did not come, or came broken."""

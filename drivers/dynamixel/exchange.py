@@ -1,17 +1,18 @@
 """One instruction and what comes back, through the vendor's SDK. Between `bus` and the port.
 
 Nothing here is repeated and nothing raised but the port's own errors: an answer is a status packet, or it is
-`Lost`. What a loss means, and whether to ask again, is for the `bus`.
+`Lost`, or a `Misfit`. What a loss means, and whether to ask again, is for the `bus`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.late_answers import LateAnswers, Question
+from palpate.drivers.dynamixel.outstanding import ACK, PING, Block, Outstanding, Question, questions
 from palpate.drivers.dynamixel.packet import (
     ALERT_BIT,
     BROADCAST_ID,
@@ -25,26 +26,39 @@ from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing, fas
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
-__all__ = ["Block", "Exchange", "Lost"]
-
-Block = tuple[int, int]
-"""First address and number of bytes of a part of the control table."""
+__all__ = ["Exchange", "Loss", "Lost", "Misfit", "combine_losses"]
 
 _STATUS_SIZE = 11  # bytes of a status packet without parameters
 _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
 _PING_SLOT_S = 3e-3  # the SDK allows as much for each ID when all servos answer one ping
 _LARGEST_READ = 256
 _SILENT_BYTES = 3  # a wire with nothing on it for so many byte times is free
+_VARIANTS, _VARIANTS_TROUBLED = 2, 24  # lengths of answers that the same question takes in turn
 _SILENCE_LOOKS = 500  # one that never is, is full of noise, and CRCs have to deal with it
-
-_PINGING: Question = (Instruction.PING, b"")
 
 
 class Lost(Enum):
     """Why there is no answer."""
 
     SILENT = "nothing came"
+    LATE = "answers came to what was asked before, none to this"
     DAMAGED = "what came was broken"
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """An answer of another length than asked for, and not to anything that was asked before."""
+
+    size: int
+    wanted: int
+
+
+Loss = Lost | Misfit
+
+
+def combine_losses(before: Loss | None, loss: Loss) -> Loss:
+    """What two tries at one question say: whatever comes after silence is late rather than misfit."""
+    return Lost.LATE if isinstance(loss, Misfit) and before in (Lost.SILENT, Lost.LATE) else loss
 
 
 class Exchange:
@@ -59,7 +73,8 @@ class Exchange:
         self._handler = ClockedPortHandler(port, clock, timing)
         self._delays_s: dict[int, float] = {}
         self._heard = False
-        self._late = LateAnswers(timing.quiet_s)
+        self._outstanding = Outstanding(timing.horizon_s)
+        self._troubled_until_s = 0.0
         self._handler.openPort()
 
     def set_return_delay(self, dxl_id: int, seconds: float) -> None:
@@ -70,57 +85,106 @@ class Exchange:
         """Make the SDK's handler usable again after whatever interrupted it."""
         self._handler.is_using = False
 
-    def tell(self, dxl_id: int, instruction: int, params: bytes = b"") -> None:
-        """Send an instruction that is not answered."""
-        self._send(dxl_id, instruction, params)
-        self._late.outdate()
+    def wider(self, blocks: Mapping[int, Block], *, fast: bool = False) -> dict[int, Block]:
+        """What to read instead of `blocks`, so that no other answer can be taken for the answer to it.
 
-    def ask(
-        self, dxl_id: int, instruction: int, params: bytes = b"", size: int = 0, *, patient: bool = False
-    ) -> StatusPacket | Lost:
-        """Send an instruction and wait for the servo's answer with `size` bytes of parameters.
+        The same question takes lengths in turn, more of them while answers get lost or come late or twice.
+        Where no length is free it waits until one is.
+        """
+        now = self._clock.now()
+        variants = _VARIANTS_TROUBLED if now < self._troubled_until_s else _VARIANTS
+        found = self._outstanding.wider(blocks, now, variants=variants, fast=fast)
+        if found is None:
+            self.settle([BROADCAST_ID] if fast else blocks)
+            return dict(blocks)
+        return found
+
+    def may_be_stale(self, dxl_id: int, size: int = ACK) -> bool:
+        """Whether an answer of this length may be to something that was asked before."""
+        return self._outstanding.expects(dxl_id, size, self._clock.now())
+
+    def settle(self, dxl_ids: Iterable[int]) -> None:
+        """Wait until nothing that servos were asked before can be answered any more, and drop what comes."""
+        instant = max(self._outstanding.clear_at(dxl_id) for dxl_id in dxl_ids)
+        while self._clock.now() < instant:
+            self._port.read(_LARGEST_READ)
+
+    def tell(self, dxl_id: int, params: bytes, written: Block) -> None:
+        """Write without waiting for a confirmation, which may come; to one servo or all (`BROADCAST_ID`)."""
+        self._send(dxl_id, Instruction.WRITE, params)
+        self._outstanding.outdate(None if dxl_id == BROADCAST_ID else [dxl_id], written)
+        if dxl_id != BROADCAST_ID:
+            self._note({(dxl_id, ACK): None})
+
+    def tell_group(self, dxl_ids: Collection[int], params: bytes, written: Block) -> None:
+        """Send a sync write, which is not confirmed."""
+        self._send(BROADCAST_ID, Instruction.SYNC_WRITE, params)
+        self._outstanding.outdate(dxl_ids, written)
+
+    def read(self, dxl_id: int, block: Block, *, patient: bool = False) -> StatusPacket | Loss:
+        """Read a block of one servo."""
+        self._note(questions({dxl_id: block}))
+        return self._ask(dxl_id, Instruction.READ, _words(*block), block[1], patient)
+
+    def ping(self, dxl_id: int, *, patient: bool = False) -> StatusPacket | Loss:
+        """Ping one servo."""
+        self._note({(dxl_id, PING): None})
+        return self._ask(dxl_id, Instruction.PING, b"", PING, patient)
+
+    def change(
+        self, dxl_id: int, instruction: int, params: bytes, written: Block, *, patient: bool = False
+    ) -> StatusPacket | Loss:
+        """Send an instruction that changes a servo, and wait for its confirmation.
+
+        All confirmations are alike: this may be an earlier one's if `may_be_stale` said so before.
+        """
+        self._outstanding.outdate([dxl_id], written)
+        self._note({(dxl_id, ACK): None})
+        return self._ask(dxl_id, instruction, params, ACK, patient)
+
+    def _ask(
+        self, dxl_id: int, instruction: int, params: bytes, size: int, patient: bool
+    ) -> StatusPacket | Loss:
+        """The servo's answer with `size` bytes of parameters, or a refusal without any.
 
         `patient`: wait for a late answer, too, that of an earlier try at the same question included.
         """
-        question = (instruction, params)
-        self._let_late_answers_pass({dxl_id: question})
         self._send(dxl_id, instruction, params)
         self._expect(_STATUS_SIZE + size, self._delay_s([dxl_id]) + self._patience_s(patient))
+        lost = Lost.SILENT
         while True:
             answer = self._receive()
             if isinstance(answer, Lost):
-                if answer is Lost.SILENT:
-                    self._may_be_late(dxl_id, question)
-                return answer
-            if answer.dxl_id != dxl_id:
-                if self._handler.isPacketTimeout():  # somebody else on the wire may go on talking for ever
-                    self._may_be_late(dxl_id, question)
-                    return Lost.SILENT
-                continue
-            if not _fits(answer, size):
-                self._may_be_late(dxl_id, None)  # that was the answer to something else
-                return Lost.DAMAGED
-            self._let_second_answers_pass({dxl_id: (0, size)})
-            return answer
+                return lost if answer is Lost.SILENT else answer
+            if answer.dxl_id == dxl_id:
+                if _fits(answer, size):
+                    return answer
+                if not self._is_stale(answer):
+                    return Misfit(len(answer.params), size)
+                lost = Lost.LATE
+            if self._handler.isPacketTimeout():  # somebody else on the wire may go on talking for ever
+                return lost
 
-    def ask_group(
+    def read_group(
         self, blocks: Mapping[int, Block], *, patient: bool = False
-    ) -> dict[int, StatusPacket | Lost]:
+    ) -> dict[int, StatusPacket | Loss]:
         """Read a block of each servo with one sync read, or one bulk read if the blocks differ.
 
         The result is in the order in which they were asked. After the first that stays silent nobody is
-        waited for: where the servos wait for each other, all behind it are silent, too.
+        waited for: where the servos wait for each other, all behind it are silent, too. `patient`: as long as
+        nobody has answered. If somebody has, it is not the computer that is late.
         """
-        self._let_late_answers_pass({dxl_id: _reading(block) for dxl_id, block in blocks.items()})
+        self._note(questions(blocks))
         self._send_group(blocks, Instruction.SYNC_READ, Instruction.BULK_READ)
-        found: dict[int, StatusPacket | Lost] = dict.fromkeys(blocks, Lost.SILENT)
+        found: dict[int, StatusPacket | Loss] = dict.fromkeys(blocks, Lost.SILENT)
         waiting = dict(blocks)
         awaited = len(waiting) + 1
         while waiting:
             nearest = next(iter(waiting))
             if len(waiting) < awaited:  # only an answer that was asked for gives the next one its time
                 awaited = len(waiting)
-                delay = self._delay_s([nearest]) + self._patience_s(patient)
+                nobody_yet = len(waiting) == len(blocks)
+                delay = self._delay_s([nearest]) + self._patience_s(patient and nobody_yet)
                 self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
             elif self._handler.isPacketTimeout():
                 break
@@ -130,40 +194,40 @@ class Exchange:
                 del waiting[nearest]
             elif isinstance(answer, Lost):
                 break
-            elif not isinstance(found.get(answer.dxl_id), Lost):
-                continue  # not asked, or twice
-            elif _fits(answer, blocks[answer.dxl_id][1]):
-                found[answer.dxl_id] = answer
-                waiting.pop(answer.dxl_id, None)
-            else:
-                self._may_be_late(answer.dxl_id, None)  # that was the answer to something else
-        for place, dxl_id in enumerate(waiting):
-            self._may_be_late(dxl_id, _reading(blocks[dxl_id]), hidden=place > 0)
-        self._let_second_answers_pass({i: blocks[i] for i, a in found.items() if isinstance(a, StatusPacket)})
+            elif isinstance(found.get(answer.dxl_id), Lost):  # otherwise not asked, or answered already
+                found[answer.dxl_id] = self._judged(answer, blocks[answer.dxl_id][1])
+                if found[answer.dxl_id] is not Lost.LATE:
+                    waiting.pop(answer.dxl_id, None)
         return found
 
-    def ask_group_fast(self, blocks: Mapping[int, Block]) -> dict[int, StatusPacket | Lost]:
+    def read_group_fast(self, blocks: Mapping[int, Block]) -> dict[int, StatusPacket | Loss]:
         """The same with a fast read: one answer, made by all servos in turn, with a CRC after each part."""
-        self._let_late_answers_pass({dxl_id: _reading(block) for dxl_id, block in blocks.items()})
+        self._note(questions(blocks, fast=True))
         self._send_group(blocks, Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
         sizes = [size for _, size in blocks.values()]
         self._expect(fast_frame_size(sizes), self._delay_s(list(blocks)))
-        frame, _ = self._packets.rxPacket(self._handler, True)
-        self._heard = True
-        parts = parse_fast_status(bytes(frame), sizes)
-        found: dict[int, StatusPacket | Lost] = dict.fromkeys(
-            blocks, Lost.SILENT if not frame else Lost.DAMAGED
-        )
-        for dxl_id, part in zip(blocks, parts, strict=True):
-            if part is not None and part.dxl_id == dxl_id:
-                found[dxl_id] = StatusPacket(dxl_id, part.error, part.params)
-            elif not frame:
-                self._may_be_late(dxl_id, _reading(blocks[dxl_id]))
-        return found
+        while True:
+            frame, result = self._packets.rxPacket(self._handler, True)
+            self._heard = True
+            parts = parse_fast_status(bytes(frame), sizes)
+            # a whole packet that has nothing of what was asked for is the answer to something else
+            if any(parts) or result != COMM_SUCCESS or self._handler.isPacketTimeout():
+                break
+            self._counts.stale += 1
+            self._note_trouble()
+        if result != COMM_SUCCESS:
+            self._note_trouble()
+        lost = Lost.DAMAGED if frame else Lost.SILENT
+        return {
+            dxl_id: StatusPacket(dxl_id, part.error, part.params)
+            if part is not None and part.dxl_id == dxl_id
+            else lost
+            for dxl_id, part in zip(blocks, parts, strict=True)
+        }
 
     def ping_all(self, wanted: Sequence[int]) -> list[StatusPacket]:
         """One ping to all: the answers until all `wanted` are there, or the highest of them is overdue."""
-        self._let_late_answers_pass(dict.fromkeys(wanted, _PINGING))
+        self._note({(dxl_id, PING): None for dxl_id in wanted})
         self._send(BROADCAST_ID, Instruction.PING, b"")
         found: list[StatusPacket] = []
         missing = set(wanted)
@@ -183,8 +247,6 @@ class Exchange:
             elif isinstance(answer, StatusPacket):
                 found.append(answer)
                 missing.discard(answer.dxl_id)
-        for dxl_id in missing:
-            self._may_be_late(dxl_id, _PINGING)
         return found
 
     def _send(self, dxl_id: int, instruction: int, params: bytes) -> None:
@@ -196,6 +258,8 @@ class Exchange:
         self._handler.is_using = False
         if result != COMM_SUCCESS:
             raise OSError(self._packets.getTxRxResult(result))
+        if self._handler.dropped:
+            self._note_trouble()
         self._counts.instructions += 1
 
     def _wait_for_silence(self) -> None:
@@ -213,6 +277,7 @@ class Exchange:
             if not waiting:
                 return
             self._port.read(waiting)
+            self._note_trouble()
 
     def _send_group(self, blocks: Mapping[int, Block], sync: Instruction, bulk: Instruction) -> None:
         if len(set(blocks.values())) == 1:
@@ -225,7 +290,9 @@ class Exchange:
     def _receive(self) -> StatusPacket | Lost:
         packet, result = self._packets.rxPacket(self._handler, False)
         self._heard = True
-        if result == COMM_SUCCESS:
+        if result != COMM_SUCCESS:
+            self._note_trouble()
+        else:
             # an instruction that reached the servo damaged is as good as a damaged answer: nothing was done
             if packet[_ERROR] & ~ALERT_BIT == StatusErrorCode.CRC_ERROR:
                 return Lost.DAMAGED
@@ -237,40 +304,35 @@ class Exchange:
         self._handler.setPacketTimeout(size)
 
     def _patience_s(self, patient: bool) -> float:
-        return self._timing.quiet_s if patient else 0.0
+        return max(0.0, self._timing.patience_s - self._timing.latency_s) if patient else 0.0
 
     def _delay_s(self, dxl_ids: Sequence[int]) -> float:
         return max(self._delays_s.get(dxl_id, LONGEST_RETURN_DELAY_S) for dxl_id in dxl_ids)
 
-    def _may_be_late(self, dxl_id: int, question: Question | None, *, hidden: bool = False) -> None:
-        self._late.expect(dxl_id, question, self._clock.now(), hidden=hidden)
+    def _note(self, asked: Mapping[tuple[int, int], Question | None]) -> None:
+        now = self._clock.now()
+        for (dxl_id, size), question in asked.items():
+            self._outstanding.note(dxl_id, size, question, now)
 
-    def _let_late_answers_pass(self, questions: Mapping[int, Question]) -> None:
-        """Wait where a late answer could be taken for the answer to one of these questions, and drop it."""
-        self._drop_until(self._late.clear_at(questions, self._clock.now()))
+    def _note_trouble(self) -> None:
+        self._troubled_until_s = self._clock.now() + self._timing.horizon_s
 
-    def _let_second_answers_pass(self, answered: Mapping[int, Block]) -> None:
-        """Where a servo was asked again and has answered, drop its answer to the other try.
+    def _judged(self, answer: StatusPacket, size: int) -> StatusPacket | Loss:
+        if _fits(answer, size):
+            return answer
+        return Lost.LATE if self._is_stale(answer) else Misfit(len(answer.params), size)
 
-        Otherwise that one would be believed to answer the next try, and so on, always one behind.
-        """
-        again = self._late.pending(answered, self._clock.now())
-        if again:
-            size = _STATUS_SIZE + max(answered[dxl_id][1] for dxl_id in again)
-            self._drop_until(self._clock.now() + self._timing.timeout_s(0, size, self._delay_s(again)))
-            self._late.renew(again, self._clock.now())
-
-    def _drop_until(self, instant: float) -> None:
-        while self._clock.now() < instant:
-            self._port.read(_LARGEST_READ)
+    def _is_stale(self, answer: StatusPacket) -> bool:
+        """Whether an answer that does not fit is to something that was asked before; counted."""
+        stale = self.may_be_stale(answer.dxl_id, len(answer.params))
+        self._counts.stale += stale
+        self._note_trouble()
+        return stale
 
 
 def _fits(answer: StatusPacket, size: int) -> bool:
-    return answer.error_number != 0 or len(answer.params) == size
-
-
-def _reading(block: Block) -> Question:
-    return Instruction.READ, _words(*block)
+    """Whether it is an answer with `size` bytes, or a refusal, which has none; no servo refuses a ping."""
+    return len(answer.params) == (ACK if answer.error_number and size != PING else size)
 
 
 def _words(*values: int) -> bytes:

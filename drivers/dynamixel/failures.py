@@ -1,12 +1,13 @@
 """What can go wrong between host and servo, as errors that name the servo and the port."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 from palpate.errors import DeviceError, SafetyStop
 
 __all__ = [
+    "AnsweringLate",
     "DamagedAnswer",
     "HardwareAlert",
     "NotAnswering",
@@ -15,6 +16,8 @@ __all__ = [
     "Restarted",
     "StatusError",
     "WatchdogTripped",
+    "WrongLength",
+    "raise_first",
 ]
 
 
@@ -29,24 +32,52 @@ class PortFailed(DeviceError):
 class NotAnswering(DeviceError):
     """One or more servos gave no answer at all."""
 
-    def __init__(self, dxl_ids: Sequence[int], port: str) -> None:
-        servos = _servos(dxl_ids)
+    def __init__(self, dxl_ids: Sequence[int], port: str, message: str | None = None) -> None:
         verb = "does" if len(dxl_ids) == 1 else "do"
-        super().__init__(f"{servos} on {port} {verb} not answer; check power, cable, id and baud rate")
+        super().__init__(
+            message or f"{_servos(dxl_ids)} on {port} {verb} not answer; check power, cable, id and baud rate"
+        )
         self.dxl_ids = tuple(dxl_ids)
         self.port = port
+
+
+class AnsweringLate(NotAnswering):
+    """Servos whose answers come, but only once their time is over."""
+
+    def __init__(self, dxl_ids: Sequence[int], port: str) -> None:
+        verb = "answers" if len(dxl_ids) == 1 else "answer"
+        super().__init__(
+            dxl_ids,
+            port,
+            f"{_servos(dxl_ids)} on {port} {verb} too late, so power and cable are in order; close what "
+            "keeps the computer busy, shorten the adapter's latency timer, or raise latency_ms",
+        )
 
 
 class DamagedAnswer(DeviceError):
     """An answer came in pieces, with a wrong CRC, of the wrong length, or was lost."""
 
-    def __init__(self, dxl_ids: Sequence[int], port: str) -> None:
+    def __init__(self, dxl_ids: Sequence[int], port: str, message: str | None = None) -> None:
         super().__init__(
-            f"the answer of {_servos(dxl_ids)} on {port} was lost or damaged; "
+            message
+            or f"the answer of {_servos(dxl_ids)} on {port} was lost or damaged; "
             "check cable, termination and that no two servos share an id"
         )
         self.dxl_ids = tuple(dxl_ids)
         self.port = port
+
+
+class WrongLength(DamagedAnswer):
+    """A servo answers with a whole packet of another length than asked for."""
+
+    def __init__(self, dxl_id: int, port: str, size: int, wanted: int) -> None:
+        super().__init__(
+            [dxl_id],
+            port,
+            f"servo {dxl_id} on {port} answered with {size} bytes instead of {wanted}: its control table is "
+            "not that of the model in the rig file, or another program uses the bus; "
+            "check `model` and the servo's firmware",
+        )
 
 
 class NotConfirmed(DeviceError):
@@ -123,6 +154,17 @@ class HardwareAlert(DeviceError):
         self.port = port
         self.cause = cause
         self.carried_out = carried_out
+
+
+def raise_first(errors: Collection[DeviceError]) -> None:
+    """Raise one error for all silent servos, or the first other one; nothing without errors."""
+    silent = [error for error in errors if isinstance(error, NotAnswering)]
+    if silent:
+        late = any(isinstance(error, AnsweringLate) for error in silent)
+        dxl_ids = [dxl_id for error in silent for dxl_id in error.dxl_ids]
+        raise (AnsweringLate if late else NotAnswering)(dxl_ids, silent[0].port)
+    for error in errors:
+        raise error
 
 
 def _servos(dxl_ids: Sequence[int]) -> str:

@@ -5,22 +5,24 @@ it for ever (the e-Manual leaves it open), so they are asked again without it: n
 was only hidden.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Block, Exchange, Lost
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, combine_losses
+from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import StatusPacket
 
 __all__ = ["read_group"]
 
-_Answers = dict[int, StatusPacket | Lost]
+_Answers = dict[int, StatusPacket | Loss]
+_UNHEARD = (Lost.SILENT, Lost.LATE)
 
 
 def read_group(
     exchange: Exchange,
     blocks: Mapping[int, Block],
     silent: set[int],
-    retries: int,
+    tries: Sequence[bool],
     counts: BusCounts,
     *,
     fast: bool,
@@ -28,13 +30,13 @@ def read_group(
     """Read a block of each servo; an answer or what was lost for each.
 
     `silent`: those that did not answer at all the last time; they are asked once, and last. It is brought
-    up to date. All others are asked up to `retries` times more. `fast`: with one fast read first; what is
-    missing in it is read plainly.
+    up to date. All others are asked as often as there are `tries`, patiently where that is True. `fast`:
+    with one fast read first; what is missing in it is read plainly.
     """
     found: _Answers = _read_fast(exchange, blocks, silent) if fast else {}
     left = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in found}
     counts.retries += bool(fast and left.keys() - silent)
-    found.update(_read_plain(exchange, left, silent, retries, counts))
+    found.update(_read_plain(exchange, left, silent, tries, counts))
     gone = {dxl_id for dxl_id, answer in found.items() if answer is Lost.SILENT}
     silent -= found.keys() - gone
     silent |= gone
@@ -43,32 +45,57 @@ def read_group(
 
 def _read_fast(exchange: Exchange, blocks: Mapping[int, Block], silent: set[int]) -> _Answers:
     some = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in silent}
-    answers = exchange.ask_group_fast(some) if some else {}
-    return {dxl_id: answer for dxl_id, answer in answers.items() if isinstance(answer, StatusPacket)}
+    wide = exchange.wider(some, fast=True) if some else {}
+    answers = exchange.read_group_fast(wide) if some else {}
+    return {
+        dxl_id: _cut(answer, wide[dxl_id], some[dxl_id])
+        for dxl_id, answer in answers.items()
+        if isinstance(answer, StatusPacket)
+    }
 
 
 def _read_plain(
-    exchange: Exchange, blocks: Mapping[int, Block], silent: set[int], retries: int, counts: BusCounts
+    exchange: Exchange,
+    blocks: Mapping[int, Block],
+    silent: set[int],
+    tries: Sequence[bool],
+    counts: BusCounts,
 ) -> _Answers:
     found: _Answers = {}
-    tries = dict.fromkeys(blocks, 0)
+    tried = dict.fromkeys(blocks, 0)
     waiting = sorted(blocks, key=silent.__contains__)
+    wide = exchange.wider(blocks) if blocks else {}
     while waiting:
-        patient = 0 < retries == max(tries[dxl_id] for dxl_id in waiting)
-        answers = exchange.ask_group({dxl_id: blocks[dxl_id] for dxl_id in waiting}, patient=patient)
-        hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] is Lost.SILENT), None)
-        for dxl_id, answer in answers.items():
-            if answer is Lost.SILENT and dxl_id != hiding:
+        patient = tries[max(tried[dxl_id] for dxl_id in waiting)]
+        # one that has answered is asked along, and first: if it is prompt, silence is the others' own
+        witness = [dxl_id for dxl_id, answer in found.items() if isinstance(answer, StatusPacket)][:1]
+        asked = [*witness, *waiting] if patient else waiting
+        answers = exchange.read_group({dxl_id: wide[dxl_id] for dxl_id in asked}, patient=patient)
+        hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] in _UNHEARD), None)
+        for dxl_id in waiting:
+            answer = answers[dxl_id]
+            if answer in _UNHEARD and dxl_id != hiding:
                 continue  # perhaps only hidden
-            found[dxl_id] = answer
-            tries[dxl_id] += 1
-            if isinstance(answer, Lost):
-                counts.lost(silent=answer is Lost.SILENT)
+            before = found.get(dxl_id)
+            if not isinstance(answer, StatusPacket) and not isinstance(before, StatusPacket):
+                answer = combine_losses(before, answer)
+            found[dxl_id] = _cut(answer, wide[dxl_id], blocks[dxl_id])
+            tried[dxl_id] += 1
+            if not isinstance(answer, StatusPacket):
+                counts.lost(silent=answer in _UNHEARD)
         left = [
             dxl_id
             for dxl_id in waiting
-            if isinstance(answers[dxl_id], Lost) and tries[dxl_id] <= (0 if dxl_id in silent else retries)
+            if not isinstance(answers[dxl_id], StatusPacket)
+            and tried[dxl_id] < (1 if dxl_id in silent else len(tries))
         ]
-        waiting = sorted(left, key=tries.__getitem__)
+        waiting = sorted(left, key=tried.__getitem__)
         counts.retries += bool(waiting)
     return found
+
+
+def _cut(answer: StatusPacket | Loss, wide: Block, block: Block) -> StatusPacket | Loss:
+    """An answer without what was read besides the block."""
+    if isinstance(answer, StatusPacket) and wide != block:
+        return StatusPacket(answer.dxl_id, answer.error, part(answer.params, wide, block))
+    return answer

@@ -5,11 +5,11 @@ plain SDK 4.1:
 
 - it opens only `serial.Serial` by device name, and knows no baud rate above 4 Mbps: ours takes any open
   pyserial port and any rate;
-- it times out after a fixed 34 ms and busy-waits on the wall clock: ours takes the clock, lets the port
-wait, is
-  told how long an answer may take, and looks once more when the time is up, because the computer may have
-  slept;
+- it times out after a fixed 34 ms and busy-waits on the wall clock: ours takes the clock, lets the port wait,
+  is told how long an answer may take, and looks once more when the time is up, because the computer may
+  have slept;
 - an exception from the port leaves the handler marked busy for ever: ours releases it;
+- `rxPacket` throws away all that was received behind a false header: ours searches it again;
 - `txPacket` computes the byte stuffing and sends the packet without it;
 - `removeStuffing` reads bytes that it has already overwritten, and loses data.
 
@@ -18,7 +18,7 @@ Quicker, with the same answers: the CRC, whose table the SDK builds anew for eve
 
 from collections.abc import Sequence
 
-from dynamixel_sdk import PortHandler, Protocol2PacketHandler
+from dynamixel_sdk import COMM_RX_CORRUPT, PortHandler, Protocol2PacketHandler
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.packet import crc16, stuff, unstuff
@@ -32,6 +32,7 @@ READ_WAIT_S = 1e-3
 """How long a read may wait in the port before the SDK looks at its packet timeout again."""
 
 _LATE_LOOKS = 8  # a wire full of noise must not be listened to for ever
+_HEADER = b"\xff\xff\xfd\x00"
 _BODY = 7  # index of INST: behind header, ID and length
 
 
@@ -46,6 +47,8 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         self._timing = timing
         self._sent = 0
         self._late_looks = 0
+        self._again = b""
+        self.dropped = False
         self.baudrate = timing.baudrate
         self.return_delay_s = LONGEST_RETURN_DELAY_S
 
@@ -82,15 +85,23 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
         return self._late_looks < 0 or not self.getBytesAvailable()
 
     def clearPort(self) -> None:
-        """Drop received bytes."""
+        """Drop received bytes; `dropped` says whether there were any."""
         try:
+            self.dropped = bool(self.getBytesAvailable())
             super().clearPort()
         except BaseException:
             self._release()
             raise
 
+    def read_again(self, data: bytes) -> None:
+        """Let these bytes, which were read from the port, be read once more."""
+        self._again = data + self._again
+
     def readPort(self, length: int) -> bytes:
         """Read what is there, waiting for `READ_WAIT_S` at most."""
+        if self._again:
+            data, self._again = self._again[:length], self._again[length:]
+            return data
         try:
             return bytes(super().readPort(length))
         except BaseException:
@@ -100,6 +111,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
     def writePort(self, packet: list[int]) -> int:
         """Write a packet, given as the SDK's list of bytes."""
         self._sent = len(packet)
+        self._again = b""
         try:
             return int(super().writePort(bytes(packet)))
         except BaseException:
@@ -113,6 +125,15 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
 
 class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # the SDK has no types
     """The SDK's packet handler with byte stuffing that reaches the wire and comes off it whole."""
+
+    def rxPacket(self, port: ClockedPortHandler, fast_option: bool) -> tuple[list[int], int]:
+        """The next packet and the SDK's result; as much as there is of it if it is broken."""
+        packet, result = super().rxPacket(port, fast_option)
+        broken = packet
+        while result == COMM_RX_CORRUPT and (start := bytes(packet).find(_HEADER, 1)) > 0:
+            port.read_again(bytes(packet[start:]))
+            packet, result = super().rxPacket(port, fast_option)
+        return (broken if result == COMM_RX_CORRUPT else packet), result
 
     def addStuffing(self, packet: list[int]) -> list[int]:
         """Stuff in place: the SDK's `txPacket` goes on with the list that it passed in."""

@@ -93,7 +93,8 @@ class Servo:
         """
         if self.read(name) == value:
             return False
-        self.write(name, value)
+        with contextlib.suppress(NotConfirmed):  # what it holds instead says more
+            self.write(name, value)
         found = self.read(name)
         if found != value:
             raise DeviceError(

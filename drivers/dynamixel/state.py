@@ -14,15 +14,15 @@ from dataclasses import dataclass
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import HardwareError, Item
-from palpate.drivers.dynamixel.exchange import Block
 from palpate.drivers.dynamixel.failures import (
     HardwareAlert,
-    NotAnswering,
     NotConfirmed,
     Restarted,
     StatusError,
+    raise_first,
 )
 from palpate.drivers.dynamixel.models import Indirect
+from palpate.drivers.dynamixel.outstanding import Block
 from palpate.drivers.dynamixel.packet import StatusPacket
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s
@@ -64,11 +64,7 @@ class States:
 
     def all(self) -> dict[int, ServoState]:
         """Every servo's state. Raises NotAnswering for all that are silent, or the first other error."""
-        silent = [error for error in self.errors.values() if isinstance(error, NotAnswering)]
-        if silent:
-            raise NotAnswering([dxl_id for error in silent for dxl_id in error.dxl_ids], silent[0].port)
-        for error in self.errors.values():
-            raise error
+        raise_first(tuple(self.errors.values()))
         return dict(self.found)
 
 

@@ -7,6 +7,7 @@ Return Delay Time (9); the latency timer is that of the FTDI chips in the vendor
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import ceil
 
 from palpate.drivers.transport.wire import wire_time_s
 
@@ -43,14 +44,24 @@ _BLOCK = 4  # of a fast read: error, ID and CRC
 class Timing:
     """What decides how long an answer may take.
 
-    `latency_s`: what adapter, driver and system may add. `quiet_s`: an answer that has missed its time-out
-    may still come for as long as this; until then it could be believed to answer the next question, because
-    no packet says which instruction it answers.
+    `latency_s`: what adapter, driver and system may add. `late_s`: how late an answer can be because the
+    computer is busy; a question is repeated for as long. `patience_s`: how long each of the last tries waits
+    at least. `horizon_s`: how long after an instruction its answer, or a copy of it, is believed to come;
+    until then it must not be taken for the answer to something else.
     """
 
     baudrate: int
     latency_s: float
-    quiet_s: float = 0.05
+    late_s: float = 0.15
+    patience_s: float = 0.03
+    horizon_s: float = 0.3
+
+    def tries(self, retries: int) -> list[bool]:
+        """How often to ask for what gets lost, and whether patiently; all are the same question."""
+        if not retries:
+            return [False]
+        left_s = self.late_s - retries * self.latency_s
+        return [False] * retries + [True] * max(1, ceil(left_s / max(self.patience_s, self.latency_s)))
 
     def timeout_s(self, sent: int, expected: int, return_delay_s: float) -> float:
         """How long to wait for an answer of `expected` bytes to the `sent` bytes that were just written."""

@@ -100,7 +100,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         "shape": "cylinder",
         "bad_taxels": 0,
         "wanted_hz": 250.0,
-        "rate_hz": 250.0,
+        "rate_hz": pytest.approx(250.0),
         "lost": 0,
         "latency_timer_ms": None,
         "problems": [],

@@ -27,7 +27,7 @@ A finger that nobody stops runs into the part at approach speed, and its own ine
 """
 
 NOTICED_MM = 5.0
-"""Approach speed by 0.1 s until the host has asked thrice and waited, and what a slide coasts."""
+"""Approach speed by 0.18 s until the host has asked again and waited, and what a slide coasts."""
 
 UNHEARD_MM = 12.0
 """Approach speed by 0.52 s until Bus Watchdog trips, and the servo's braking."""

@@ -36,7 +36,7 @@ CHECKED = CheckOut(
     servos=(),
     arrays=(),
     loop=None,
-    bus=BusCountsOut(instructions=1, silent=0, damaged=0, retries=0, alerts=0, reconnects=0),
+    bus=BusCountsOut(instructions=1, silent=0, damaged=0, retries=0, alerts=0, reconnects=0, stale=0),
     calibration=CalibrationCheckOut(
         file="rig.calibration.toml",
         made="2026-05-04T12:30:00Z",

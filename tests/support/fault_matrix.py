@@ -45,8 +45,9 @@ _DRAWN_S = 4.0
 FORCE_N = 10.0
 """max_force_n of the rigs (8 N, by the slides' current limit) and a quarter for inertia."""
 
-NOTICED_MM, UNHEARD_MM = 5.0, 12.0
-"""Bounds of docs/safety.md on the travel after a fault that the host notices, and after one it cannot."""
+NOTICED_MM, SILENT_MM, UNHEARD_MM = 5.0, 7.0, 12.0
+"""Bounds of docs/safety.md on the travel after a fault that the host notices, a silent array, or one that
+nobody can tell the servos of."""
 
 
 @dataclass
@@ -400,7 +401,7 @@ FAULTS: tuple[Fault, ...] = (
         "Bus Watchdog stops the servos within 0.5 s, **with torque on**",
         "`device error: servo … on … does not answer …`, exit code 3, with a warning to cut the power",
         DEVICE,
-        r"does? not answer",
+        r"do(es)? not answer",
         LOOKED,
         ALL,
         "no servo can be told",
@@ -429,8 +430,9 @@ FAULTS: tuple[Fault, ...] = (
         "all motion ends within 0.15 s and a look, torque off",
         "`device error: tactile array f1 on … has sent nothing for 0.15 s …`, exit code 3",
         DEVICE,
-        r"tactile array f1 on .*(sent nothing|does not answer|no frame)",
+        r"tactile array f1 on .*(sent nothing|(does|did) not answer|no frame)",
         MOVING,
+        travel_mm=SILENT_MM,
     ),
     Fault(
         "an array is unplugged",
@@ -438,7 +440,7 @@ FAULTS: tuple[Fault, ...] = (
         "torque off",
         "`device error: tactile array f1 on … is gone …`, exit code 3",
         DEVICE,
-        r"tactile array f1 on .*",
+        r"tactile array f1 on |port .*/f1 ",
         MOVING,
     ),
     Fault(
@@ -467,6 +469,7 @@ FAULTS: tuple[Fault, ...] = (
         EITHER,
         r"finger f1|servo 12",
         frozenset({"approach", "stop at speed"}),
+        travel_mm=np.inf,
     ),
     Fault(
         "the computer does not run palpate for 0.8 s",
@@ -696,6 +699,6 @@ def problems(cell: Cell, found: Outcome) -> list[str]:
     if found.error is not None and cell.phase in LOOKED and cell.phase != "torque off":
         if found.hardest_n > FORCE_N and fault.strike is not _shove:
             wrong.append(f"pressed with {found.hardest_n:.1f} N")
-        if found.travel_mm > fault.travel_mm:
+        if cell.phase in fault.noticed and found.travel_mm > fault.travel_mm:
             wrong.append(f"went on for {found.travel_mm:.1f} mm")
     return wrong

@@ -1,0 +1,150 @@
+"""Answers that may still arrive: which servo owes which one, of how many bytes, and until when.
+
+No packet of Protocol 2.0 says which instruction it answers, and an answer can come late, or twice. All that
+tells two answers of a servo apart is their length. So a read is made a few bytes wider wherever an answer of
+its length, to anything else, may still be under way. `exchange` asks here before it sends, and once an answer
+has come that does not fit.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from palpate.drivers.dynamixel.control_table import GOAL_PWM, REALTIME_TICK
+from palpate.drivers.dynamixel.packet import BROADCAST_ID
+from palpate.drivers.dynamixel.timing import fast_frame_size
+
+__all__ = ["ACK", "PING", "Block", "Outstanding", "Question", "part", "questions"]
+
+Block = tuple[int, int]
+"""First address and number of bytes of a part of the control table."""
+
+Question = tuple[tuple[int, Block], ...]
+"""What was read of which servos; one servo in all but fast reads."""
+
+ACK = 0
+PING = 3
+"""Lengths of answers that cannot be varied: to a write, a reboot or a refusal; to a ping."""
+
+_INDIRECT = 168  # from here on there are indirect addresses, then what they show
+_WIDEST, _WIDEST_INDIRECT = 60, 40  # at least as many addresses follow, or come before
+_GOALS = range(GOAL_PWM.address, REALTIME_TICK.address)  # changing these changes nothing else
+
+
+@dataclass(slots=True)
+class _Owed:
+    question: Question | None  # None: more than one, or it would be answered otherwise by now
+    until_s: float
+
+
+class Outstanding:
+    """Answers that may still arrive, by servo and number of parameters."""
+
+    def __init__(self, horizon_s: float) -> None:
+        """`horizon_s`: how long after an instruction its answer, or a copy of it, can come at most."""
+        self._horizon_s = horizon_s
+        self._owed: dict[tuple[int, int], _Owed] = {}
+
+    def note(self, dxl_id: int, size: int, question: Question | None, now: float) -> None:
+        """Something was asked; its answer has `size` bytes of parameters."""
+        owed = self._owed.get((dxl_id, size))
+        if owed is not None and owed.until_s > now and owed.question != question:
+            question = None
+        self._owed[dxl_id, size] = _Owed(question, now + self._horizon_s)
+
+    def expects(self, dxl_id: int, size: int, now: float) -> bool:
+        """Whether an answer of this length may come: if it was not asked for now, it was before."""
+        owed = self._owed.get((dxl_id, size))
+        return owed is not None and owed.until_s > now
+
+    def clear_at(self, dxl_id: int) -> float:
+        """Instant from which on nothing that was asked of a servo before can be answered."""
+        return max((owed.until_s for (i, _), owed in self._owed.items() if i == dxl_id), default=0.0)
+
+    def outdate(self, dxl_ids: Collection[int] | None, written: Block) -> None:
+        """Part of the control table was written: what was read of it before no longer holds.
+
+        `dxl_ids`: of these servos, None for all. Goals change nothing but themselves; Operating Mode, Torque
+        Enable and many others change goals and gains, and what indirect addresses show is not known here.
+        """
+        if written[0] in _GOALS:
+            for owed in self._owed.values():
+                if owed.question and any(
+                    (dxl_ids is None or i in dxl_ids) and _overlap(block, written)
+                    for i, block in owed.question
+                ):
+                    owed.question = None
+            return
+        for (dxl_id, _), owed in self._owed.items():
+            asked = [dxl_id] if owed.question is None else [i for i, _ in owed.question]
+            if dxl_ids is None or not set(asked).isdisjoint(dxl_ids):
+                owed.question = None
+
+    def wider(
+        self, blocks: Mapping[int, Block], now: float, *, variants: int = 1, fast: bool = False
+    ) -> dict[int, Block] | None:
+        """Blocks with `blocks` in them, of lengths that tell their answers from all outstanding.
+
+        Of the first `variants` such lengths the one that was used least recently. Blocks that are all alike
+        stay so. `fast`: they are for a fast read, which has one answer. None if there are no such lengths.
+        """
+        if fast or len(set(blocks.values())) == 1:
+            return self._all_wider(blocks, now, variants, fast)
+        found: dict[int, Block] = {}
+        for dxl_id, block in blocks.items():
+            alone = self._all_wider({dxl_id: block}, now, variants, fast)
+            if alone is None:
+                return None
+            found |= alone
+        return found
+
+    def _all_wider(
+        self, blocks: Mapping[int, Block], now: float, variants: int, fast: bool
+    ) -> dict[int, Block] | None:
+        """All of them wider by the same number of bytes."""
+        spare = min(_WIDEST if first < _INDIRECT else _WIDEST_INDIRECT for first, _ in blocks.values())
+        found: list[tuple[float, dict[int, Block]]] = []
+        for extra in range(spare + 1):
+            wide = {dxl_id: _widened(block, extra) for dxl_id, block in blocks.items()}
+            last_s = self._last_use_s(wide, now, fast)
+            if last_s is not None:
+                found.append((last_s, wide))
+                if last_s == 0.0 or len(found) == variants:
+                    break
+        return min(found, key=lambda item: item[0])[1] if found else None
+
+    def _last_use_s(self, blocks: Mapping[int, Block], now: float, fast: bool) -> float | None:
+        """When answers of these lengths were last asked for, 0 if none is outstanding; None: to else."""
+        last_s = 0.0
+        for key, question in questions(blocks, fast=fast).items():
+            owed = self._owed.get(key)
+            if key[1] == PING:
+                return None
+            if owed is None or owed.until_s <= now:
+                continue
+            if owed.question != question:
+                return None
+            last_s = max(last_s, owed.until_s)
+        return last_s
+
+
+def questions(blocks: Mapping[int, Block], *, fast: bool = False) -> dict[tuple[int, int], Question]:
+    """What is asked when blocks are read, by the servo and the length of the answer."""
+    if fast:
+        size = fast_frame_size([size for _, size in blocks.values()])
+        return {(BROADCAST_ID, size): tuple(blocks.items())}
+    return {(dxl_id, block[1]): ((dxl_id, block),) for dxl_id, block in blocks.items()}
+
+
+def part(data: bytes, wide: Block, block: Block) -> bytes:
+    """The bytes of a block among those of a wider one."""
+    begin = block[0] - wide[0]
+    return data[begin : begin + block[1]]
+
+
+def _widened(block: Block, extra: int) -> Block:
+    first, size = block
+    return (first if first < _INDIRECT else first - extra), size + extra
+
+
+def _overlap(one: Block, other: Block) -> bool:
+    return one[0] < other[0] + other[1] and other[0] < one[0] + one[1]
