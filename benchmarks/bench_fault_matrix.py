@@ -27,29 +27,19 @@ from fault_page import write_page
 
 from palpate.drivers.dynamixel import control_table, guarded, servo, state
 from palpate.drivers.transport import record
-from palpate.rig import finger_movers, hand, session
+from palpate.rig import array_watch, finger_movers, hand, session
 
 Result = tuple[Cell, Outcome, list[str]]
 
 
 def without_force() -> None:
     """No force counts as too high."""
-    sensed = hand.Hand._sensed
-
-    def deaf(self: hand.Hand, finger: hand.HostFinger) -> hand.Felt:
-        rig, closing = self.rig, self.rig.closing.model_copy(update={"max_force_n": 1e9})
-        self.rig = rig.model_copy(update={"closing": closing})
-        try:
-            return sensed(self, finger)
-        finally:
-            self.rig = rig
-
-    hand.Hand._sensed = deaf  # type: ignore[method-assign]
+    array_watch.ArrayWatch._check_force = lambda *_: None  # type: ignore[method-assign]
 
 
 def without_silence() -> None:
     """Arrays may be silent for ever."""
-    hand.Hand._check_heard = lambda *_: None  # type: ignore[method-assign]
+    array_watch.ArrayWatch._check_heard = lambda *_: None  # type: ignore[method-assign]
 
 
 def without_stall() -> None:

@@ -17,7 +17,8 @@ from palpate.drivers.tactile.contact import ContactPatch
 from palpate.rig.concluding import Touch, concluded
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.finger_movers import ARRIVED_MM, FreeMover, TipMover
-from palpate.rig.hand import SPEAK_S, Hand, HostFinger
+from palpate.rig.hand import SPEAK_S, Hand
+from palpate.rig.host_finger import HostFinger
 from palpate.rig.reach import Close
 from palpate.rig.run import Run
 from palpate.rig.stage import planned_turn

@@ -11,7 +11,8 @@ from palpate.drivers.dynamixel.guarded import End, Goals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import SafetyStop
-from palpate.rig.hand import Hand, HostFinger
+from palpate.rig.hand import Hand
+from palpate.rig.host_finger import HostFinger
 from palpate.rig.room import gap_mm, pieces_of
 from palpate.rig.run import Run
 
@@ -169,8 +170,8 @@ class TipMover(_FingerMover):
 
     def sense(self, _now: float) -> End | None:
         """A contact, if the newest frame shows one."""
-        felt = self.hand.felt.get(self.finger)
-        if felt is None or felt.force_n <= self._contact_n:
+        felt = self.hand.felt(self.finger)
+        if felt.force_n <= self._contact_n:
             return None
         self.run.touched = True
         return End.CONTACT

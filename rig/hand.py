@@ -8,7 +8,6 @@ torque off, each by itself. Whatever time passes with torque on passes in `pause
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -20,19 +19,20 @@ from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, Goals, Mover, ServoMover, guarded_loop
 from palpate.drivers.dynamixel.servo import Servo, torque_off_all
 from palpate.drivers.dynamixel.state import ServoState, StateReader
-from palpate.drivers.finger import FingerKinematics, Line, Servos, Turn
-from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.finger import Servos, Turn
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.array_of import array_of, extractor_of
+from palpate.rig.array_watch import ArrayWatch, Felt
 from palpate.rig.convert import kinematics_of
 from palpate.rig.drives import Drive
+from palpate.rig.host_finger import HostFinger
 from palpate.rig.stage import HostStage
 from palpate.rig.waiting import home_line
 from palpate.rig.wiring import drive_of, start_problem
 
-__all__ = ["SPEAK_S", "Felt", "Hand", "HostFinger", "OpenPort"]
+__all__ = ["SPEAK_S", "Hand", "OpenPort"]
 
 OpenPort = Callable[[str, int], SerialBase]
 """Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
@@ -46,42 +46,9 @@ _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
 _REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
 _REPLUG_POLL_S = 0.25
-_SILENT_S = 0.15
-_SILENT_FRAMES = 3  # that long at least, for slow arrays
 _OFF_TRIES = 3  # whatever interrupts switching off, it is done again
 
 _M = TypeVar("_M", bound=Mover)
-
-
-@dataclass(frozen=True, eq=False)
-class HostFinger:
-    """One finger as the host sees it: its part of the rig file, its devices and its kinematics.
-
-    `home`: a way that starts where the finger stands when the stage turns.
-    """
-
-    spec: AnyFinger
-    kinematics: FingerKinematics
-    drive: Drive
-    home: Line
-    array: ArrayDriver
-    extractor: ContactExtractor
-
-    @property
-    def name(self) -> str:
-        """The rig file's name of the finger."""
-        return self.spec.name
-
-
-@dataclass(frozen=True, eq=False)
-class Felt:
-    """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
-
-    frames: Sequence[TactileFrame]
-    force_n: float
-
-
-_NOTHING_FELT = Felt((), 0.0)
 
 
 class Hand:
@@ -109,8 +76,7 @@ class Hand:
         self._latency_s = latency_s
         self.notice = notice
         self._check = check
-        self.felt: dict[HostFinger, Felt] = {}
-        self._heard_s: dict[HostFinger, float] = {}
+        self._watch = ArrayWatch(clock, rig.closing)
         self._ports: list[SerialBase] = []
         self._arrays: list[ArrayDriver] = []
         self._servos: list[Servo] = []
@@ -298,16 +264,11 @@ class Hand:
 
     def start_arrays(self) -> None:
         """Let every array stream; from now on silence counts."""
-        for finger in self.fingers:
-            finger.array.start(self.rig.closing.sample_rate_hz)
-        self._heard_s = dict.fromkeys(self.fingers, self.clock.now())
+        self._watch.start(self.fingers)
 
     def stop_arrays(self) -> None:
         """Let the arrays rest; what they sent and nobody looked at is dropped."""
-        self._heard_s = {}
-        for finger in self.fingers:
-            finger.array.stop()
-            finger.array.frames()
+        self._watch.stop(self.fingers)
 
     def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:
         """The next `count` frames of each finger, taken in turns so that no port waits for the others.
@@ -322,58 +283,29 @@ class Hand:
                 spoken_s = self.clock.now()
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
-        self._heard_s |= dict.fromkeys(fingers, self.clock.now())
+        self._watch.heard(fingers)
         return taken
 
     def pause(self, seconds: float) -> None:
         """Let time pass, and look at every array that streams, every 20 ms at least.
 
-        What they sent meanwhile is in `felt` until the next pause. Raises SafetyStop for a force above
+        What they sent meanwhile is `felt` until the next pause. Raises SafetyStop for a force above
         max_force_n, DeviceError for an array that has fallen silent, and what `check` raises.
         """
         looks = math.ceil(seconds / _POLL_S)
-        self.felt = {}
+        self._watch.forget()
         for _ in range(looks):
             self.clock.sleep(seconds / looks)
             self._check()
-            # A port that is not read keeps its oldest frames for up to a second: they would pass for new.
-            self.felt = {finger: self._felt_since(finger) for finger in self._heard_s}
+            self._watch.look()
+
+    def felt(self, finger: HostFinger) -> Felt:
+        """What an array that streams has sent in the last pause."""
+        return self._watch.felt(finger)
 
     def take_felt(self, finger: HostFinger) -> Felt:
         """Frames of an array that were not taken before, up to now: for what belongs to a read just made."""
-        felt = self._felt_since(finger)
-        self.felt[finger] = _NOTHING_FELT
-        return felt
-
-    def _felt_since(self, finger: HostFinger) -> Felt:
-        """What is in `felt` and what has come since."""
-        before, now = self.felt.get(finger, _NOTHING_FELT), self._sensed(finger)
-        return Felt((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
-
-    def _sensed(self, finger: HostFinger) -> Felt:
-        """Look at one array that streams."""
-        frames, now = finger.array.frames(), self.clock.now()
-        if not frames:
-            self._check_heard(finger, now)
-            return _NOTHING_FELT
-        self._heard_s[finger] = now
-        finger.extractor.follow(frames)
-        force = finger.extractor.force_n(frames[-1])
-        hard = self.rig.closing.max_force_n
-        if force > hard:
-            raise SafetyStop(
-                f"finger {finger.name} felt {force:.1f} N, above max_force_n = {hard:g} N; fingers were "
-                "stopped; lower approach_speed_mm_s or clear its way"
-            )
-        return Felt(frames, force)
-
-    def _check_heard(self, finger: HostFinger, now: float) -> None:
-        allowed = max(_SILENT_S, _SILENT_FRAMES / self.rig.closing.sample_rate_hz)
-        if now - self._heard_s[finger] > allowed:
-            raise DeviceError(
-                f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} "
-                f"for {allowed:g} s while fingers moved; fingers were stopped; check its cable"
-            )
+        return self._watch.take(finger)
 
     def _connect(self, open_port: OpenPort) -> None:
         rig = self.rig

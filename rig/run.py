@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.config import ARM_MARGIN_MM
 from palpate.drivers.finger import Body, Line, Servos, Turn
-from palpate.rig.hand import HostFinger
+from palpate.rig.host_finger import HostFinger
 from palpate.rig.reach import Close
 
 __all__ = ["Run"]

@@ -14,7 +14,8 @@ from palpate.errors import DeviceError, InputError
 from palpate.rig.closing import retract_all
 from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_SPEED_RAD_S, AIM_TOLERANCE_RAD
 from palpate.rig.finger_movers import ARRIVED_MM
-from palpate.rig.hand import Hand, HostFinger
+from palpate.rig.hand import Hand
+from palpate.rig.host_finger import HostFinger
 
 __all__ = ["slide_of", "stall", "swing"]
 

@@ -106,10 +106,9 @@ def test_a_creep_that_presses_too_hard_stops_everything() -> None:
         rig.put_disc()
         watched = Watched(rig)
         closing = rig.hand.rig.closing.model_copy(update={"max_force_n": 0.75})
-        soft = rig.hand.rig.model_copy(update={"closing": closing})
 
         def careful(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
-            hand.rig = soft
+            hand._watch._closing = closing
             return measure_creeping(hand, runs)
 
         watched.measure = careful  # type: ignore[method-assign]

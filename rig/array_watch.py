@@ -1,0 +1,109 @@
+"""Watch over the tactile arrays that stream: what they have sent, too much force, and silence.
+
+The hand looks through it wherever time passes with torque on, so that no motion can leave it out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.config import Closing
+from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.transport.clock import Clock
+from palpate.errors import DeviceError, SafetyStop
+from palpate.rig.host_finger import HostFinger
+
+__all__ = ["ArrayWatch", "Felt"]
+
+_SILENT_S = 0.15
+_SILENTHostFingerRAMES = 3  # that long at least, for slow arrays
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
+
+    frames: Sequence[TactileFrame]
+    force_n: float
+
+
+_NOTHING = Felt((), 0.0)
+
+
+class ArrayWatch:
+    """Looks at all arrays that stream."""
+
+    def __init__(self, clock: Clock, closing: Closing) -> None:
+        """`closing`: the rig file's limits and sample rate."""
+        self._clock, self._closing = clock, closing
+        self._heard_s: dict[HostFinger, float] = {}
+        self._felt: dict[HostFinger, Felt] = {}
+
+    def start(self, fingers: Sequence[HostFinger]) -> None:
+        """Let arrays stream; from now on their silence counts."""
+        for finger in fingers:
+            finger.array.start(self._closing.sample_rate_hz)
+        self.heard(fingers)
+
+    def stop(self, fingers: Sequence[HostFinger]) -> None:
+        """Let arrays rest; what they sent and nobody looked at is dropped."""
+        self._heard_s, self._felt = {}, {}
+        for finger in fingers:
+            finger.array.stop()
+            finger.array.frames()
+
+    def heard(self, fingers: Sequence[HostFinger]) -> None:
+        """Note that these have sent something just now."""
+        self._heard_s |= dict.fromkeys(fingers, self._clock.now())
+
+    def forget(self) -> None:
+        """What was felt so far is not of now any more."""
+        self._felt = {}
+
+    def look(self) -> None:
+        """Look at every array that streams.
+
+        Raises SafetyStop for a force above max_force_n, and DeviceError for an array that has fallen silent.
+        """
+        # A port that is not read keeps its oldest frames for up to a second: they would pass for new.
+        self._felt = {finger: self._since(finger) for finger in self._heard_s}
+
+    def felt(self, finger: HostFinger) -> Felt:
+        """What a finger's array has sent since `forget`."""
+        return self._felt.get(finger, _NOTHING)
+
+    def take(self, finger: HostFinger) -> Felt:
+        """Frames that were not taken before, up to now: for what belongs to a read just made."""
+        felt = self._since(finger)
+        self._felt[finger] = _NOTHING
+        return felt
+
+    def _since(self, finger: HostFinger) -> Felt:
+        before, now = self.felt(finger), self._sensed(finger)
+        return Felt((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
+
+    def _sensed(self, finger: HostFinger) -> Felt:
+        frames, now = finger.array.frames(), self._clock.now()
+        if not frames:
+            self._check_heard(finger, now)
+            return _NOTHING
+        self._heard_s[finger] = now
+        finger.extractor.follow(frames)
+        force = finger.extractor.force_n(frames[-1])
+        self._check_force(finger, force)
+        return Felt(frames, force)
+
+    def _check_force(self, finger: HostFinger, force_n: float) -> None:
+        hard = self._closing.max_force_n
+        if force_n > hard:
+            raise SafetyStop(
+                f"finger {finger.name} felt {force_n:.1f} N, above max_force_n = {hard:g} N; fingers were "
+                "stopped; lower approach_speed_mm_s or clear its way"
+            )
+
+    def _check_heard(self, finger: HostFinger, now: float) -> None:
+        allowed = max(_SILENT_S, _SILENTHostFingerRAMES / self._closing.sample_rate_hz)
+        if now - self._heard_s[finger] > allowed:
+            raise DeviceError(
+                f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} "
+                f"for {allowed:g} s while fingers moved; fingers were stopped; check its cable"
+            )
