@@ -29,11 +29,16 @@ class Background(Generic[_T]):
     After the first failure of `consume`, or while `capacity` items wait, items are dropped and counted.
     """
 
-    def __init__(self, consume: Callable[[Sequence[_T]], None], capacity: int = _CAPACITY) -> None:
-        """The thread begins with the first item; it does not keep the process alive."""
+    def __init__(
+        self,
+        consume: Callable[[Sequence[_T]], None],
+        capacity: int = _CAPACITY,
+        finish: Callable[[], None] = lambda: None,
+    ) -> None:
+        """The thread begins with the first item; it does not keep the process alive. `finish` ends it."""
         self.failure: BaseException | None = None
         self.dropped = 0
-        self._consume, self._capacity = consume, capacity
+        self._consume, self._capacity, self._finish = consume, capacity, finish
         self._queue: SimpleQueue[_T] = SimpleQueue()
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
@@ -55,7 +60,7 @@ class Background(Generic[_T]):
     @property
     def busy_s(self) -> float:
         """For how long it has been at the present batch."""
-        since = self._busy_since_s
+        since = None if self.failure is not None else self._busy_since_s
         return 0.0 if since is None else time.monotonic() - since
 
     def close(self, patience_s: float) -> bool:
@@ -67,15 +72,22 @@ class Background(Generic[_T]):
         return self.failure is None
 
     def _run(self) -> None:
-        while self.failure is None:
+        try:
+            self._work()
+        except BaseException as error:
+            self.failure = error
+        try:
+            self._finish()
+        except BaseException as error:
+            self.failure = self.failure or error
+
+    def _work(self) -> None:
+        while True:
             ends = self._closing.wait(_EVERY_S)
             batch = self._waiting()
             if batch:
                 self._busy_since_s = time.monotonic()
-                try:
-                    self._consume(batch)
-                except BaseException as error:
-                    self.failure = error
+                self._consume(batch)
                 self._busy_since_s = None
             elif ends:
                 return

@@ -12,7 +12,6 @@ import fcntl
 import json
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -85,7 +84,7 @@ class SessionLog(SessionEvents):
             raise InputError(f"{self.path} is being written by another palpate; choose --sessions") from error
         except OSError as error:
             raise InputError(f"{self.path} cannot be written: {error.strerror}; choose --sessions") from error
-        self._lines: Background[_Line] = Background(self._write)
+        self._lines: Background[_Line] = Background(self._write, finish=self._file.close)
         self.event("session", format="palpate/session@1", **header)
 
     def __enter__(self) -> Self:
@@ -97,9 +96,6 @@ class SessionLog(SessionEvents):
         how = "done" if error is None else type(error).__name__
         self.event("end", how=how, message=None if error is None else str(error))
         whole = self._lines.close(self._stalled_s)
-        if self._lines.busy_s == 0.0:  # else the disk holds the thread, and would hold this one
-            with suppress(OSError):
-                self._file.close()
         if whole or self._said:
             return
         if error is None:

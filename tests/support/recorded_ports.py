@@ -1,12 +1,16 @@
 """Ports whose bytes a test listens to, by way of the recorder that the session log uses."""
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.record import Recorder
+from palpate.drivers.transport.record import Recorder, RecordingPort
 from palpate.drivers.transport.recording import Direction
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 __all__ = ["Listener"]
 
@@ -17,7 +21,7 @@ class Listener:
     """A sink that keeps the bytes alone, with the clock's instant (s), in order."""
 
     def __init__(self, clock: Clock, on_bytes: Callable[[], None] = lambda: None) -> None:
-        """`on_bytes` is called whenever some pass, and may raise in the port's place."""
+        """`on_bytes` is called before any are read or written, and may raise in the port's place."""
         self.heard: list[Heard] = []
         self._on_bytes = on_bytes
         self._recorder = Recorder(clock, self)
@@ -29,7 +33,7 @@ class Listener:
 
     def on(self, port: SerialBase) -> SerialBase:
         """An open port with this listener on it."""
-        return self._recorder.open(port.port or "", lambda: port)
+        return _Listened(port, self._recorder, self._on_bytes)
 
     def call(self, text: str) -> None:
         """Calls other than reads and writes are of no interest here."""
@@ -44,7 +48,22 @@ class Listener:
         """Keep what passes a port."""
         del port
         self.heard.append((direction, instant, data))
-        self._on_bytes()
 
     def raised(self, during: str | None, error: BaseException) -> None:
         """Nor what failed: the test sees that itself."""
+
+
+class _Listened(RecordingPort):
+    """A recorded port that does something of a test's before it reads or writes."""
+
+    def __init__(self, port: SerialBase, recorder: Recorder, before: Callable[[], None]) -> None:
+        super().__init__(port, recorder, port.port or "", 0)
+        self._before = before
+
+    def read(self, size: int = 1, /) -> bytes:
+        self._before()
+        return super().read(size)
+
+    def write(self, b: "ReadableBuffer", /) -> int | None:
+        self._before()
+        return super().write(b)
