@@ -198,11 +198,11 @@ class Interrupting(MotorWire):
     ("looks", "last"),
     [
         (7, "Return Delay Time"),
-        (28, "Current Limit"),
-        (56, "Min Position Limit"),
-        (77, "Max Position Limit"),
-        (91, "ID"),
-        (105, "Baud Rate"),
+        (45, "Current Limit"),
+        (100, "Min Position Limit"),
+        (140, "Max Position Limit"),
+        (158, "ID"),
+        (180, "Baud Rate"),
     ],
 )
 def test_interrupted_in_the_middle_it_says_what_was_written(
