@@ -1,4 +1,6 @@
-"""Faults in the middle of a closing: how hard a finger presses then, how far it goes, how it ends.
+"""Faults just before a touch: how hard a finger presses then, how far it goes, how it ends.
+
+The fault matrix (`fault_matrix`) has the other instants.
 
 The bounds are those of docs/safety.md, for the shipped rig.
 """
@@ -95,7 +97,7 @@ def check_end(session: EmulatedSession, folder: Path, error: PalpateError | None
 
 
 JUST_BEFORE_TOUCHING = -1.0
-WHEN = [(Stage.CLOSING, 1.7), (Stage.TOUCHING, 0.25), (Stage.CLOSING, JUST_BEFORE_TOUCHING)]
+WHEN = [(Stage.CLOSING, JUST_BEFORE_TOUCHING)]
 
 
 @cache
@@ -119,9 +121,7 @@ def first_touch_s(seed: int) -> float:
     return touched[0] - began[0]
 
 
-@pytest.mark.parametrize(
-    ("stage", "after_s", "dxl_id"), [*((*when, 12) for when in WHEN), (Stage.CLOSING, 1.7, 31)]
-)
+@pytest.mark.parametrize(("stage", "after_s", "dxl_id"), [*((*when, 12) for when in WHEN)])
 def test_a_silent_servo(tmp_path: Path, stage: Stage, after_s: float, dxl_id: int) -> None:
     """Its data line breaks: it hears and says nothing, and goes on with what it was told last."""
 
@@ -151,8 +151,6 @@ FAILURES: dict[str, Callable[[EmulatedSession], object]] = {
     ("failure", "stage", "after_s"),
     [
         *((failure, Stage.CLOSING, JUST_BEFORE_TOUCHING) for failure in FAILURES),
-        ("overload", Stage.TOUCHING, 0.25),
-        ("brown-out of all", Stage.CLOSING, 1.7),
     ],
 )
 def test_a_servo_that_fails(tmp_path: Path, failure: str, stage: Stage, after_s: float) -> None:
@@ -166,9 +164,7 @@ def test_a_servo_that_fails(tmp_path: Path, failure: str, stage: Stage, after_s:
     assert watch.furthest_mm <= NOTICED_MM
 
 
-@pytest.mark.parametrize(
-    ("stage", "after_s", "back_s"), [*((*when, 3.0) for when in WHEN), (Stage.CLOSING, 1.7, 0.2)]
-)
+@pytest.mark.parametrize(("stage", "after_s", "back_s"), [*((*when, 3.0) for when in WHEN)])
 def test_the_adapter_unplugged_and_plugged_in_again(
     tmp_path: Path, stage: Stage, after_s: float, back_s: float
 ) -> None:
@@ -204,7 +200,6 @@ def test_the_host_dies(tmp_path: Path, stage: Stage, after_s: float) -> None:
 
 RATES = {
     "1 % of bytes flipped": FaultRates(flipped=0.01),
-    "2 % of packets lost": FaultRates(lost=0.02),
     "a third of packets lost": FaultRates(lost=0.33),
 }
 
@@ -213,7 +208,6 @@ RATES = {
     ("stage", "after_s", "rates"),
     [
         *((*when, "1 % of bytes flipped") for when in WHEN),
-        (Stage.TOUCHING, 0.25, "2 % of packets lost"),
         (Stage.CLOSING, JUST_BEFORE_TOUCHING, "a third of packets lost"),
     ],
 )

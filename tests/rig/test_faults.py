@@ -11,9 +11,6 @@ from command import log_events
 from emulated_session import EmulatedSession, emulated_session
 
 from palpate.drivers.dynamixel import control_table as ct
-from palpate.drivers.emulators.servo import OVERLOAD_BIT
-from palpate.drivers.tactile.messages import Message, Stop
-from palpate.drivers.tactile.protocol import encode
 from palpate.errors import DeviceError, PalpateError, SafetyStop
 from palpate.rig.bench import connect
 from palpate.rig.closing import Stage, Touch
@@ -98,51 +95,6 @@ def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
     assert "one servo did not confirm that torque is off" in warning
     assert f"servo {dead} " in warning
     check_off(session, but=dead)
-
-
-@pytest.mark.parametrize("how", ["cable", "stop"])
-def test_an_array_that_falls_silent_in_a_closing(tmp_path: Path, how: str) -> None:
-    session = emulated_session()
-
-    def cut() -> None:
-        session.cables["mock://f2"].cut = True
-
-    def stop() -> None:
-        session.bench.fingers[1].array.feed(encode(Message(0, 0, Stop(9))), session.clock.now())
-
-    noticed: list[float] = []
-    session.clock.on_tick = lambda: noticed.append(session.clock.now())
-    error = failing(session, tmp_path, Stage.CLOSING, 1.0, cut if how == "cable" else stop)
-    assert isinstance(error, DeviceError)
-    assert "tactile array f2 " in str(error)
-    assert "sent nothing" in str(error)
-    check_off(session)
-    assert all(finger.hardest_n < session.rig.closing.max_force_n for finger in session.bench.fingers)
-
-
-@pytest.mark.parametrize("dxl_id", [22, 32])
-def test_an_overload_in_a_closing(tmp_path: Path, dxl_id: int) -> None:
-    session = emulated_session()
-    servo = session.servos[dxl_id]
-    error = failing(session, tmp_path, Stage.CLOSING, 1.0, lambda: servo.report_hardware_error(OVERLOAD_BIT))
-    assert isinstance(error, DeviceError | SafetyStop)
-    assert f"servo {dxl_id} " in str(error)
-    assert "overload" in str(error)
-    check_off(session)
-
-
-def test_the_bus_unplugged_in_a_closing_leaves_the_watchdogs_to_stop_the_fingers(tmp_path: Path) -> None:
-    session = emulated_session()
-
-    def cut() -> None:
-        session.cables["mock://bus"].cut = True
-
-    error = failing(session, tmp_path, Stage.CLOSING, 1.0, cut)
-    assert isinstance(error, DeviceError)
-    assert ["6 servos did not confirm" in note for note in error.__notes__] == [True]
-    session.rest(0.6)
-    assert session.rest(0.5) < 0.05, "every servo stopped by itself"
-    assert all(finger.press is None or finger.hardest_n < 8 for finger in session.bench.fingers)
 
 
 def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
