@@ -37,7 +37,7 @@ from palpate.rig.scene_findings import scene_lines
 from palpate.rig.session import SessionLog, session_folder
 from palpate.rig.session_inputs import keep_inputs
 from palpate.rig.terminal import Terminal, print_notices
-from palpate.rig.whole_run import Job, carry_out
+from palpate.rig.whole_run import Job, WholeRun, carry_out
 
 __all__ = ["run_identify"]
 
@@ -88,28 +88,36 @@ def run_identify(
     latency_s = bus_latency_s(rig_file)
     header |= {"bus_latency_s": latency_s}
     console = Terminal(stderr=True, highlight=False, markup=False)
-    with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
-        keep_inputs(folder, on_bench, objects_source, scene)
-        with HeldInterrupts() as held:
-            recorded = outside(bench, log, latency_s, held.check)
-            run = carry_out(job, recorded, log, [progress], progress.notice)
-        out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
-        log.event("result", result=out.model_dump(mode="json"))
-    result = run.result
-    drawn = identification_picture(result, placement, rig_file, _facts(out))
-    write_text(folder / "picture.svg", drawn)
-    write_text(folder / "result.json", to_json(out, indent=2) + "\n")
-    felt = contacts_json([[touch.contact for touch in grip] for grip in result.grips])
-    write_text(folder / "contacts.json", jsonlib.dumps(felt, indent=1) + "\n")
+    out: IdentificationOut | None = None
+    try:
+        with SessionLog(folder, bench.clock, header) as log, Progress(console) as progress:
+            keep_inputs(folder, on_bench, objects_source, scene)
+            with HeldInterrupts() as held:
+                recorded = outside(bench, log, latency_s, held.check)
+                run = carry_out(job, recorded, log, [progress], progress.notice)
+            out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
+            log.event("result", result=out.model_dump(mode="json"))
+        _write_results(run, out, folder, picture)
+    finally:
+        if out is not None:  # an answer that could not be written down is still an answer
+            if json:
+                typer.echo(to_json(out))
+            else:
+                advice = untouched_lines(rig_file, objects_file.objects)
+                _print(out, advice, picture or folder / "picture.svg")
+    resolved = run.result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
+    return 0 if resolved else 1
+
+
+def _write_results(run: WholeRun, out: IdentificationOut, folder: Path, picture: Path | None) -> None:
+    """Write picture, answer and contacts into the session's folder, and the picture where it is wanted."""
+    drawn = identification_picture(run.result, run.job.placement, run.job.rig, _facts(out))
     if picture is not None:
         write_text(picture, drawn)
-    if json:
-        typer.echo(to_json(out))
-    else:
-        advice = untouched_lines(rig_file, objects_file.objects)
-        _print(out, advice, picture or folder / "picture.svg")
-    resolved = result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
-    return 0 if resolved else 1
+    write_text(folder / "picture.svg", drawn)
+    write_text(folder / "result.json", to_json(out, indent=2) + "\n")
+    felt = contacts_json([[touch.contact for touch in grip] for grip in run.result.grips])
+    write_text(folder / "contacts.json", jsonlib.dumps(felt, indent=1) + "\n")
 
 
 class Progress:

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from command import PALPATE
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
 
 def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run a line with PALPATE for the command."""
@@ -35,3 +37,15 @@ def test_no_command_shows_the_help_and_no_error(tmp_path: Path) -> None:
         done = shell(command, tmp_path)
         assert (done.returncode, done.stderr) == (2, "")
         assert "Usage: palpate" in done.stdout
+
+
+def test_a_picture_that_finds_no_room_is_one_line(tmp_path: Path) -> None:
+    """`ulimit -f` lets no file grow beyond so many blocks, as a full disk: EFBIG in place of ENOSPC."""
+    done = shell(
+        "trap '' XFSZ; ulimit -f 0; PALPATE plan --contacts CONTACTS --picture p.svg".replace(
+            "CONTACTS", str(EXAMPLES / "first-grip.json")
+        ),
+        tmp_path,
+    )
+    assert done.returncode == 5
+    assert done.stderr.startswith("output error: p.svg cannot be written: File too large")
