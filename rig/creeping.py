@@ -15,6 +15,7 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.finger import TICK_RAD
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
+from palpate.recognizer.arrays import Ints
 from palpate.rig.closing import measure_at_rest
 from palpate.rig.finger_movers import TipMover
 from palpate.rig.hand import Hand
@@ -37,7 +38,8 @@ def measure_creeping(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, Contact
     """
     creeping = [_CreepMover(hand, run, runs) for run in runs if run.touched]
     ends = hand.guarded(creeping, period_s=1 / hand.rig.closing.sample_rate_hz)
-    found = {mover.run: mover.mean(hand.clock.now()) for mover, end in ends.items() if end is End.ENOUGH}
+    moved = [mover for mover, end in ends.items() if end is End.ENOUGH and mover.counted.size]
+    found = {mover.run: mover.mean(hand.clock.now()) for mover in moved}
     resting = dict(measure_at_rest(hand, [run for run in runs if run not in found]))
     return [(run, found[run] if run in found else resting[run]) for run in runs]
 
@@ -73,11 +75,17 @@ class _CreepMover(TipMover):
 
     def mean(self, now: float) -> ContactPatch | None:
         """The patch in the mean of the steps that count; the run's slide is then where it was in the mean."""
-        ticks = np.array(self._ticks)
-        counted = np.flatnonzero((ticks > _BEFORE) & (ticks <= _BEFORE + _STEPS))
+        counted = self.counted.tolist()
         near, far = self._rested
-        self.run.seen((near, far + self._way * float(ticks[counted].mean()) * TICK_RAD), now)
-        return self.finger.extractor.extract([f for k in counted.tolist() for f in self._frames[k]])
+        gone = float(np.mean([self._ticks[k] for k in counted]))
+        self.run.seen((near, far + self._way * gone * TICK_RAD), now)
+        return self.finger.extractor.extract([frame for k in counted for frame in self._frames[k]])
+
+    @property
+    def counted(self) -> Ints:
+        """Which looks count; none if the slide was elsewhere all at once, as after a pause of the computer."""
+        ticks = np.array(self._ticks)
+        return np.flatnonzero((ticks > _BEFORE) & (ticks <= _BEFORE + _STEPS))
 
     @property
     def _way(self) -> float:
