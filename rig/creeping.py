@@ -83,7 +83,7 @@ class _CreepMover(TipMover):
 
     @property
     def counted(self) -> Ints:
-        """Which looks count; none if the slide was elsewhere all at once, as after a pause of the computer."""
+        """Which looks count; none if the slide went on unseen, as while the computer was paused."""
         ticks = np.array(self._ticks)
         return np.flatnonzero((ticks > _BEFORE) & (ticks <= _BEFORE + _STEPS))
 
