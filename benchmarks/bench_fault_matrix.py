@@ -72,13 +72,14 @@ def without_alerts() -> None:
 
 def without_restart_check() -> None:
     """A servo that has forgotten everything passes for one that has not."""
-    unpack = state._LAYOUT
+    layout = state._LAYOUT
 
     class Forgiving:
-        size = unpack.size
+        size = layout.size
 
         def unpack(self, data: bytes) -> tuple[int, ...]:
-            return (*unpack.unpack(data)[:-3], 1, *unpack.unpack(data)[-2:-1], control_table.ANSWERS_ALL)
+            *measured, _torque, watchdog, _level = layout.unpack(data)
+            return (*measured, 1, watchdog, control_table.ANSWERS_ALL)
 
     state._LAYOUT = Forgiving()  # type: ignore[assignment]
 
