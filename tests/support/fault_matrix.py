@@ -530,6 +530,9 @@ FAULTS: tuple[Fault, ...] = (
         "`output error: session log … cannot be written: No space left on device …`, exit code 5",
         OUTPUT,
         r"session log .* No space left",
+        LOOKED,
+        travel_mm=np.inf,
+        within_s=8.0,  # of virtual time; the log's thread lives in real time
         only=IDENTIFY,
     ),
     Fault(
