@@ -3,7 +3,7 @@ and `cli_objects`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
-4 safety stop, 5 log or disk failed, 130 interrupted, 143 terminated.
+4 safety stop, 5 log or disk failed, 129 terminal closed, 130 interrupted, 143 terminated.
 """
 
 import errno
@@ -70,6 +70,13 @@ StrategyOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also write a picture (SVG) here.")]
 
+
+_ENDINGS = {
+    signal.SIGINT: ExitCode.INTERRUPTED,
+    signal.SIGTERM: ExitCode.TERMINATED,
+    signal.SIGHUP: ExitCode.HUNG_UP,
+}
+"""Signals that end a command in order, and its exit code then; SIGHUP comes when a terminal is closed."""
 
 _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
     DeviceError: ("device error", ExitCode.DEVICE),
@@ -247,8 +254,9 @@ cli_objects.add_to(app)
 def main() -> None:
     """Run the command line; ends the process with an `ExitCode`."""
     _fill_closed_streams()
-    signal.signal(signal.SIGINT, _interrupt)
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in _ENDINGS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup has SIGHUP ignored
+            signal.signal(number, _interrupt)
     sys.exit(_guarded())
 
 
@@ -308,9 +316,9 @@ def _unprinted(error: OSError) -> int:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     """Unwind once; further signals wait until torque is off."""
     del frame
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise Interrupted(ExitCode.INTERRUPTED if number == signal.SIGINT else ExitCode.TERMINATED)
+    for ending in _ENDINGS:
+        signal.signal(ending, signal.SIG_IGN)
+    raise Interrupted(_ENDINGS[signal.Signals(number)])
 
 
 def _notes(error: BaseException) -> list[str]:

@@ -14,6 +14,7 @@ class ExitCode(IntEnum):
     DEVICE = 3
     SAFETY = 4
     OUTPUT = 5
+    HUNG_UP = 129
     INTERRUPTED = 130
     TERMINATED = 143
 

@@ -14,11 +14,11 @@ from typing import Self
 __all__ = ["HeldInterrupts"]
 
 _PATIENCE_S = 0.25
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class HeldInterrupts:
-    """Holds SIGINT and SIGTERM back for `check`, which does what their handlers would have done.
+    """Holds SIGINT, SIGTERM and SIGHUP back for `check`, which does what their handlers would have done.
 
     Use as a context manager; outside of the main thread, which alone gets signals, it does nothing.
     """

@@ -218,7 +218,12 @@ def real_rig(folder: Path, bus: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("number", "code", "name"), [(signal.SIGINT, 130, "Interrupted"), (signal.SIGTERM, 143, "Interrupted")]
+    ("number", "code", "name"),
+    [
+        (signal.SIGINT, 130, "Interrupted"),
+        (signal.SIGTERM, 143, "Interrupted"),
+        (signal.SIGHUP, 129, "Interrupted"),
+    ],
 )
 def test_a_signal_in_the_middle_of_a_closing(
     tmp_path: Path, number: signal.Signals, code: int, name: str
