@@ -255,7 +255,7 @@ def main() -> None:
     """Run the command line; ends the process with an `ExitCode`."""
     _fill_closed_streams()
     for number in _ENDINGS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup has SIGHUP ignored
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has it
             signal.signal(number, _interrupt)
     sys.exit(_guarded())
 
