@@ -22,20 +22,20 @@ import numpy as np
 import shapely
 import trimesh
 
-from palpate.cad.reading import read_solids
+from palpate.cad.readers import read_solids
 from palpate.cad.values import Solid
 from palpate.config import ObjectModel, ObjectsFile, RigFile, load_rig, shipped_rig
 from palpate.config.import_result import ImportedStateOut
 from palpate.config.objects_file import Polygon, Section, State, checked_objects
-from palpate.config.objects_text import ObjectsFileText
+from palpate.config.objects_tables import ObjectsFileText
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import outside, set_up
-from palpate.rig.convert import models_of
-from palpate.rig.heights import check_known
-from palpate.rig.importing import Wanted, import_file
-from palpate.rig.scene import draw_placement
-from palpate.rig.whole_run import Job, carry_out
+from palpate.rig.catalogue.cad_import import Wanted, import_file
+from palpate.rig.catalogue.heights import check_known
+from palpate.rig.conversion import models_of
+from palpate.rig.emulated.scene import draw_placement
+from palpate.rig.session.run import Job, carry_out
 
 INCHES = ("angle_block", "featuretype")
 ABOUT_MM = 0.01

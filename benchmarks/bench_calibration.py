@@ -30,7 +30,7 @@ import numpy as np
 from scipy.stats import chi2, kstest
 
 from palpate.calibration.agreement import promises_of
-from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.calibration.gauge import Place, hand_frame
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, calibrated, load_objects, load_rig, shipped_objects
 from palpate.config.references_file import load_references
@@ -38,15 +38,15 @@ from palpate.config.shipped import shipped_references
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
-from palpate.rig.calibrating import STEPS, CalibrationJob, calibrate, references_of
-from palpate.rig.calibration_hand import connecting
-from palpate.rig.convert import models_of
-from palpate.rig.known_well import check_known_well
-from palpate.rig.record_keeper import FileKeeper
-from palpate.rig.retouch import retouch
-from palpate.rig.scene import draw_placement
-from palpate.rig.truth import in_hand_frame
-from palpate.rig.whole_run import Job, carry_out
+from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of
+from palpate.rig.commissioning.calibration_hand import connecting
+from palpate.rig.commissioning.run_record_file import FileKeeper
+from palpate.rig.conversion import models_of
+from palpate.rig.diagnostics.retouch import retouch
+from palpate.rig.emulated.answer_error import in_hand_frame
+from palpate.rig.emulated.scene import draw_placement
+from palpate.rig.identification.preconditions import check_known_well
+from palpate.rig.session.run import Job, carry_out
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from simulated_prober import SimulatedRig

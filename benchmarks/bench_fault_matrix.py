@@ -27,19 +27,20 @@ from fault_page import write_page
 
 from palpate.drivers.dynamixel import control_table, guarded, servo, state
 from palpate.drivers.transport import record
-from palpate.rig import array_watch, finger_movers, hand, session
+from palpate.rig.motion import array_guard, finger_movers, hand
+from palpate.rig.session import log
 
 Result = tuple[Cell, Outcome, list[str]]
 
 
 def without_force() -> None:
     """No force counts as too high."""
-    array_watch.ArrayWatch._check_force = lambda *_: None  # type: ignore[method-assign]
+    array_guard.ArrayWatch._check_force = lambda *_: None  # type: ignore[method-assign]
 
 
 def without_silence() -> None:
     """Arrays may be silent for ever."""
-    array_watch.ArrayWatch._check_heard = lambda *_: None  # type: ignore[method-assign]
+    array_guard.ArrayWatch._check_heard = lambda *_: None  # type: ignore[method-assign]
 
 
 def without_stall() -> None:
@@ -91,13 +92,13 @@ def without_watchdog() -> None:
 
 def without_output_check() -> None:
     """The log's failure is not looked at."""
-    session.SessionLog.check = lambda _: None  # type: ignore[method-assign]
+    log.SessionLog.check = lambda _: None  # type: ignore[method-assign]
 
 
 def without_shield() -> None:
     """What a recording raises goes through, and the log is written by the thread that drives devices."""
     record._Shielded._tell = lambda _, action: action()  # type: ignore[method-assign]
-    session.SessionLog._put = lambda self, line: self._write([(line, "")])  # type: ignore[method-assign]
+    log.SessionLog._put = lambda self, line: self._write([(line, "")])  # type: ignore[method-assign]
 
 
 def without_sure_off() -> None:

@@ -33,15 +33,15 @@ from touched_references import FRESH
 from truth_calibration import bench_calibration
 
 from palpate.config import load_rig
-from palpate.config.calibration_text import calibration_toml
+from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import OutputError
 from palpate.rig.bench import outside
-from palpate.rig.calibrating import CalibrationJob, calibrate
-from palpate.rig.calibration_hand import connecting
-from palpate.rig.emulated_table import EmulatedTable
-from palpate.rig.record_keeper import FileKeeper
+from palpate.rig.commissioning.calibration import CalibrationJob, calibrate
+from palpate.rig.commissioning.calibration_hand import connecting
+from palpate.rig.commissioning.run_record_file import FileKeeper
+from palpate.rig.emulated.reference_table import EmulatedTable
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = (0, 4096, 65536, 400_000, 900_000, 1_500_000)

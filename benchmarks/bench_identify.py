@@ -32,12 +32,12 @@ from simulated_touches import as_foretold
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Approach, Catalogue, Grip, Recognition, Strategy, used_by
 from palpate.rig.bench import BenchRig, connect, set_up
-from palpate.rig.closing import Stage, Touch
-from palpate.rig.convert import models_of, resolution_of
-from palpate.rig.identify import Identification, Outcome, identify
-from palpate.rig.reach import reach_of
-from palpate.rig.scene import Placement, draw_placement, outline_at
-from palpate.rig.truth import compare
+from palpate.rig.conversion import models_of, resolution_of
+from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
+from palpate.rig.identification.loop import Identification, Outcome, identify
+from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.reach.approaches import reach_of
 
 
 @dataclass(frozen=True)

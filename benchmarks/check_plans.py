@@ -26,8 +26,8 @@ from shapely_bench import SHIPPED_OBJECTS, place
 
 from palpate.config import load_rig, shipped_rig
 from palpate.recognizer import Recognition, plan_grip, recognise, used_by
-from palpate.rig.convert import goals_of, resolution_of
-from palpate.rig.reach import reach_of
+from palpate.rig.conversion import goals_of, resolution_of
+from palpate.rig.reach.approaches import reach_of
 
 _CHUNK = 40
 _HALF_RANGES_DEG = (10.0, 20.0, 45.0, 90.0)

@@ -8,10 +8,10 @@ from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.cad.chains import JOIN_MM, Sheet, Stroke, closed_loops
 from palpate.cad.dxf_walk import Walk
 from palpate.cad.extras import readable
-from palpate.cad.nesting import parts
+from palpate.cad.loop_assembly import JOIN_MM, Sheet, Stroke, closed_loops
+from palpate.cad.ring_nesting import parts
 from palpate.cad.size import UNIT_MM
 from palpate.cad.values import Drawing
 from palpate.errors import InputError

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.cad.chains import JOIN_MM
 from palpate.cad.curves import Arc, Curve, bulge, hull, line, mapped, spline
+from palpate.cad.loop_assembly import JOIN_MM
 from palpate.cad.values import Floats
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.cad.chains import Stroke
 from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, NotFlatError, Placing, curves
+from palpate.cad.loop_assembly import Stroke
 from palpate.errors import InputError
 from palpate.files.limits import DRAWN_PIECES, NESTING
 

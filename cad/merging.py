@@ -15,9 +15,9 @@ import numpy as np
 import shapely
 
 from palpate.cad.congruence import surface_apart_between_mm
+from palpate.cad.congruence_search import Motion, motions
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.resting_surface import ROUNDING
-from palpate.cad.sameness import Motion, motions
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.symmetries import Symmetries

@@ -14,11 +14,11 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.cad.kept import kept
+from palpate.cad.hausdorff_bound import Outline, corners_of, facets_of, need, outline_of
 from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
 from palpate.cad.simplify import simplified
 from palpate.cad.slicing import Ring, regions_of, sliced
-from palpate.cad.tube import Outline, corners_of, facets_of, need, outline_of
+from palpate.cad.thin_features import kept
 from palpate.cad.values import CrossSection, Floats, Ints, Region, Solid, StableState
 from palpate.errors import InputError
 

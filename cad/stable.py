@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from palpate.cad.hull import Hull, centre_of_mass, hull_of
-from palpate.cad.tumbling import margins_mm, resting_probability
+from palpate.cad.resting_probability import margins_mm, resting_probability
 from palpate.cad.values import Floats, Ints, Solid, StableState
 
 __all__ = ["LEAST_TIPPING_RAD", "LeftOut", "rotations_onto", "stable_states"]

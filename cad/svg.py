@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.cad.chains import Sheet, Stroke, closed_loops
 from palpate.cad.curves import Arc, Curve, line, mapped
 from palpate.cad.extras import readable
-from palpate.cad.nesting import parts
+from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
+from palpate.cad.ring_nesting import parts
 from palpate.cad.svg_page import Page, bare_svg, page, parsed
 from palpate.cad.values import Drawing
 from palpate.errors import InputError

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.finding import Found, at_bearing, find
 from palpate.calibration.finger_fit import FingerModel, Placing
 from palpate.calibration.finger_model import Homed, finger_model, mm_per_rad_of, touching, zero_in_file_mm
 from palpate.calibration.friction import friction_of
 from palpate.calibration.homing import Described, homed
-from palpate.calibration.measured import Press, Stop
+from palpate.calibration.measurements import Press, Stop
 from palpate.calibration.play import Play, backlash_of, combined
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
+from palpate.calibration.reference_search import Found, at_bearing, find
 from palpate.calibration.stopping import Overshoot as OvershootFit
 from palpate.calibration.stopping import overshoot_of
 from palpate.config import Finger

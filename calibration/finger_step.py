@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.choice import choose
-from palpate.calibration.finding import find, touches_of
+from palpate.calibration.consistency import check_fit, check_still
+from palpate.calibration.experiment_design import choose
 from palpate.calibration.finger_fit import (
     COLUMNS,
     RADIUS,
@@ -23,9 +23,9 @@ from palpate.calibration.finger_fit import (
     fit_fingers,
 )
 from palpate.calibration.idle import COVERAGE_SIGMAS
-from palpate.calibration.measured import Touched
+from palpate.calibration.measurements import Touched
 from palpate.calibration.prober import Probe, Prober
-from palpate.calibration.trust import check_fit, check_still
+from palpate.calibration.reference_search import find, touches_of
 from palpate.config import Finger
 
 __all__ = ["fitted", "held_out", "touch_placing"]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measured import FREE, Press
+from palpate.calibration.measurements import FREE, Press
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit
-from palpate.calibration.measured import IN
+from palpate.calibration.measurements import IN
 from palpate.calibration.pattern import approach
 from palpate.calibration.press_model import Known, Solution, solve
 from palpate.calibration.ramps import PressedAt, Ramps, ramps_of, telling

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measured import Idle
+from palpate.calibration.measurements import Idle
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.errors import InputError
 

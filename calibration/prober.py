@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from palpate.calibration.measured import Idle, Press, Stop, Touched
+from palpate.calibration.measurements import Idle, Press, Stop, Touched
 from palpate.calibration.reference import Reference
 
 __all__ = ["Approach", "Probe", "Prober"]

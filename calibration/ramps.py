@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measured import FREE, IN, Press
+from palpate.calibration.measurements import FREE, IN, Press
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 

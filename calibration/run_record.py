@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.calibration.measured import Touched
+from palpate.calibration.measurements import Touched
 from palpate.config.calibration_file import CalibrationDevice
 from palpate.config.calibration_finger import ActuatorsCalibration, TactileCalibration
 from palpate.config.fields import FileModel, Items

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from palpate.calibration.measured import Stop
+from palpate.calibration.measurements import Stop
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 

@@ -7,13 +7,13 @@ needs besides friction.
 import math
 from collections.abc import Callable, Sequence
 
-from palpate.calibration.finding import at_bearing, find
 from palpate.calibration.finger_fit import FingerModel, Placing
 from palpate.calibration.finger_model import finger_model, mm_per_rad_of, touching
 from palpate.calibration.gains import Expected, GainFit, PressedAt, gains_of
 from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
+from palpate.calibration.reference_search import at_bearing, find
 from palpate.config import Finger
 from palpate.config.calibration_finger import TactileCalibration, UnusableTaxel
 from palpate.drivers.dynamixel.models import model_named

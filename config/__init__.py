@@ -4,7 +4,6 @@ Files are read once at the start of the data's way and become frozen values. A f
 an `InputError` with one line that names the file, the place, what is wrong and what is allowed.
 """
 
-from palpate.config.calibrated import calibrated, check_calibration, geometry_sha256
 from palpate.config.calibration_file import (
     CalibrationDevice,
     CalibrationFile,
@@ -27,7 +26,8 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
     UnusableTaxel,
 )
-from palpate.config.calibration_text import calibration_toml
+from palpate.config.calibration_overlay import calibrated, check_calibration, geometry_sha256
+from palpate.config.calibration_writer import calibration_toml
 from palpate.config.contacts_file import ContactEntry, ContactsFile, GripEntry, Travel, load_contacts
 from palpate.config.objects_file import ObjectModel, ObjectsFile, Polygon, Section, State, load_objects
 from palpate.config.rig_checks import ARM_MARGIN_MM

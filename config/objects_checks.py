@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.config.fields import Point
-from palpate.config.objects_text import ObjectsFileText, ObjectText, SectionText, StateText
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.config.outlines import outline_problem, polygons_problem
 from palpate.config.problems import Place
 from palpate.files.limits import OUTLINES

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from palpate.config.fields import Point
 from palpate.config.loading import Source, load_json, source_name
 from palpate.config.objects_checks import NOUNS, objects_problems
-from palpate.config.objects_text import ObjectsFileText, ObjectText, StateText
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, StateText
 from palpate.config.problems import Problem, place_in_words, refuse
 from palpate.files import confined
 from palpate.files.limits import UNCONFINED_BYTES

@@ -19,7 +19,7 @@ from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.import_result import ImportOut
 from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut
-from palpate.config.objects_text import ObjectsFileText
+from palpate.config.objects_tables import ObjectsFileText
 from palpate.config.ports_result import SerialPortsOut
 from palpate.config.recognition_result import RecognitionOut
 from palpate.config.references_file import ReferencesFile

@@ -4,7 +4,7 @@ Every message says what was wrong, where, and what to do next, in one line, for 
 read the code. The command line turns the branches into exit codes (see `docs/conventions.md`).
 """
 
-__all__ = ["DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop", "printable"]
+__all__ = ["DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop", "counted", "printable"]
 
 
 class PalpateError(Exception):
@@ -32,3 +32,8 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+
+
+def counted(count: int, one: str, many: str) -> str:
+    """A number with its noun."""
+    return f"{count} {one if count == 1 else many}"

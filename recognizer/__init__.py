@@ -6,16 +6,16 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.evidence import chance_of_agreeing, unnoticed_shift_mm
-from palpate.recognizer.explain import fits_something
-from palpate.recognizer.felt import Resolution
+from palpate.recognizer.explanation import fits_something
 from palpate.recognizer.grips import Candidate, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
+from palpate.recognizer.measurement_model import Resolution
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.planner import plan_grip
 from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
 from palpate.recognizer.rays import Approach
-from palpate.recognizer.recognise import Recognition, Verdict, recognise
+from palpate.recognizer.recognition import Recognition, Verdict, recognise
 from palpate.recognizer.strategy import Strategy, checking_grip, next_grip, used_by
 
 __all__ = [

@@ -12,13 +12,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.coarse import coarsened
 from palpate.recognizer.contact import Finger
-from palpate.recognizer.displaced import touchable_edges
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
-from palpate.recognizer.grown import GrownSection, grow
+from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.model import Section
 from palpate.recognizer.segments import cross
+from palpate.recognizer.simplification import coarsened
+from palpate.recognizer.tolerance_band import touchable_edges
 
 __all__ = ["MOST_EDGES", "outline_set", "pairing_set"]
 

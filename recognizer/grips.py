@@ -11,11 +11,11 @@ from typing import Protocol
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.felt import Resolution, felt, likeness
+from palpate.recognizer.measurement_model import Resolution, felt, likeness
 from palpate.recognizer.poses import witness_poses
 from palpate.recognizer.prediction import Predictions, joined_predictions, predict
 from palpate.recognizer.rays import Approach
-from palpate.recognizer.recognise import Recognition
+from palpate.recognizer.recognition import Recognition
 
 __all__ = ["Candidate", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "twins"]
 

@@ -16,8 +16,8 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
 from palpate.recognizer.segments import cross
-from palpate.recognizer.settle import Question, Regions, position_boxes
-from palpate.recognizer.waves import largest
+from palpate.recognizer.sinusoid_bounds import largest
+from palpate.recognizer.witness_search import Question, Regions, position_boxes
 
 __all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
-from palpate.recognizer.felt import Felt, Resolution, felt, likeness
 from palpate.recognizer.grips import Foreseen, Grip, Reachable, fits, foreseen, grip_of
+from palpate.recognizer.measurement_model import Felt, Resolution, felt, likeness
 from palpate.recognizer.poses import Goals, Pairs, Poses, pairs_to_tell_apart, sampled_poses
-from palpate.recognizer.recognise import Recognition
+from palpate.recognizer.recognition import Recognition
 
 __all__ = ["other_side", "plan_grip"]
 

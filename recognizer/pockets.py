@@ -30,8 +30,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
-from palpate.recognizer.blocked import Pieces, blocked, walked
 from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.visibility import Pieces, blocked, walked
 
 __all__ = [
     "Pockets",

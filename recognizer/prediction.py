@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
-from palpate.recognizer.capsules import Capsules, capsules_of
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Hypotheses
 from palpate.recognizer.rays import Approach, in_pieces, rays_of
 from palpate.recognizer.region import Cells
+from palpate.recognizer.swept_edges import Capsules, capsules_of
 
 __all__ = ["END_MM", "Prediction", "Predictions", "joined_predictions", "predict"]
 

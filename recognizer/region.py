@@ -15,12 +15,12 @@ import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import all_half_planes
+from palpate.recognizer.sinusoid_bounds import largest
+from palpate.recognizer.three_contact_test import triple_hull
 from palpate.recognizer.tree import Interpretations
-from palpate.recognizer.triple import triple_hull
-from palpate.recognizer.waves import largest
+from palpate.recognizer.two_contact_test import chord_hull
 
 __all__ = ["Cells", "Intervals", "Probed", "build_cells", "joined_cells", "probed", "refined", "stepped"]
 

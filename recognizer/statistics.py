@@ -14,15 +14,15 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.pockets import conservative_pockets
 from palpate.recognizer.region import build_cells, stepped
 from palpate.recognizer.segments import distance_range
 from palpate.recognizer.sweep import unblocked
+from palpate.recognizer.three_contact_test import triple_hull
 from palpate.recognizer.tree import Interpretations
-from palpate.recognizer.triple import triple_hull
+from palpate.recognizer.two_contact_test import chord_hull
 
 __all__ = ["MemoCounts", "MemoLevel", "memo_counts"]
 

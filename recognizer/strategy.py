@@ -12,13 +12,13 @@ import numpy as np
 from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.evidence import unnoticed_shift_mm
-from palpate.recognizer.felt import Felt, Resolution, felt
 from palpate.recognizer.grips import Candidate, Foreseen, Grip, Reachable, fits, foreseen, grip_of
+from palpate.recognizer.measurement_model import Felt, Resolution, felt
 from palpate.recognizer.planner import other_side, plan_grip
 from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
 from palpate.recognizer.prediction import joined_predictions
 from palpate.recognizer.rays import aside, lines_of
-from palpate.recognizer.recognise import Recognition
+from palpate.recognizer.recognition import Recognition
 
 __all__ = ["Strategy", "checking_grip", "next_grip", "used_by"]
 

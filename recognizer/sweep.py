@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.capsules import capsules_of
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays, in_pieces, rays_of
 from palpate.recognizer.region import Cells
 from palpate.recognizer.strips import StripForest
+from palpate.recognizer.swept_edges import capsules_of
 
 __all__ = ["StopInterval", "clear_of_outline", "sweep", "unblocked"]
 

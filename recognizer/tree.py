@@ -14,11 +14,11 @@ from palpate.errors import InputError
 from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
 from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.segments import distance_range
-from palpate.recognizer.triple import triple_hull
+from palpate.recognizer.three_contact_test import triple_hull
+from palpate.recognizer.two_contact_test import chord_hull
 
 __all__ = [
     "Interpretations",

@@ -20,7 +20,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
 from palpate.drivers.two_link import ArmKinematics
 from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Limits
-from palpate.rig.waiting import on_circle
+from palpate.rig.standby_geometry import on_circle
 
 __all__ = ["ArmDrive"]
 

@@ -15,12 +15,12 @@ from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.emulated import EmulatedRig, MockRig, emulate, on_mock_wires
-from palpate.rig.emulated_table import EmulatedTable
-from palpate.rig.hand import Hand
-from palpate.rig.heights import check_known
-from palpate.rig.outside import Outside
-from palpate.rig.scene import Placement, draw_placement, placement_of
+from palpate.rig.catalogue.heights import check_known
+from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_wires
+from palpate.rig.emulated.reference_table import EmulatedTable
+from palpate.rig.emulated.scene import Placement, draw_placement, placement_of
+from palpate.rig.motion.hand import Hand
+from palpate.rig.session.environment import Outside
 
 __all__ = ["BenchRig", "connect", "emulated_table", "outside", "place", "set_up"]
 

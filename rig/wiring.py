@@ -7,9 +7,9 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Servos
 from palpate.rig.arm_drive import ArmDrive
-from palpate.rig.convert import arm_kinematics, slide_kinematics
+from palpate.rig.conversion import arm_kinematics, slide_kinematics
 from palpate.rig.drives import Drive, SlideDrive
-from palpate.rig.waiting import is_steady, on_circle, wait_distance_mm, wait_radius_mm
+from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
 
 __all__ = ["drive_of", "start_problem"]
 

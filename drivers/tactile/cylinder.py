@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
-from palpate.drivers.tactile.hidden import beyond, by_shape
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known
 from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
 from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
+from palpate.drivers.tactile.unobserved_load import beyond, by_shape
 from palpate.errors import InputError
 
 __all__ = ["MISFIT_LIMIT", "MISFIT_SLACK", "CylinderTip"]

@@ -14,9 +14,9 @@ from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_fi
 
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
-from palpate.drivers.tactile.hidden import beyond, by_crosstalk, by_shape
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known, spread_out, untouched
 from palpate.drivers.tactile.surface import Surface
+from palpate.drivers.tactile.unobserved_load import beyond, by_crosstalk, by_shape
 
 __all__ = ["Taxels", "pad_patches"]
 

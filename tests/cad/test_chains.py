@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from palpate.cad.chains import Sheet, Stroke, closed_loops
 from palpate.cad.curves import Arc, bulge, line
-from palpate.cad.nesting import parts
+from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
+from palpate.cad.ring_nesting import parts
 from palpate.cad.size import size_problem
 from palpate.cad.values import Drawing
 from palpate.errors import InputError

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from shared_files import cad_file
 
-from palpate.cad.reading import is_drawing, read_drawings, read_solids
+from palpate.cad.readers import is_drawing, read_drawings, read_solids
 from palpate.errors import InputError
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import affinity
 
-from palpate.cad.sameness import Motion, apart_mm, motions
+from palpate.cad.congruence_search import Motion, apart_mm, motions
 
 ANGLES = st.floats(-math.pi, math.pi)
 SHIFTS = st.tuples(st.floats(-80, 80), st.floats(-80, 80))

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from shared_files import cad_file
 
 from palpate.cad.hull import centre_of_mass, hull_of
+from palpate.cad.resting_probability import solid_angles
 from palpate.cad.stable import LEAST_TIPPING_RAD, stable_states
-from palpate.cad.tumbling import solid_angles
 from palpate.cad.values import Solid
 from palpate.errors import InputError
 

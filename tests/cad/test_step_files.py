@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.cad.reading import read_solids
+from palpate.cad.readers import read_solids
 from palpate.errors import InputError
 
 HERE = Path(__file__).parent / "step"

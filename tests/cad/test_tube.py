@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from palpate.cad.tube import Outline, Pieces, need, outline_of
+from palpate.cad.hausdorff_bound import Outline, Pieces, need, outline_of
 from palpate.cad.values import Floats
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])

@@ -17,7 +17,7 @@ from palpate.calibration.agreement import (
     promises_of,
 )
 from palpate.config import RigFile, load_rig, shipped_rig
-from palpate.rig.emulated import emulate
+from palpate.rig.emulated.devices import emulate
 
 Floats = NDArray[np.float64]
 RIG: RigFile = load_rig(shipped_rig())

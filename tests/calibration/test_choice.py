@@ -22,7 +22,7 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.choice import Foreseen, choose, foresee, towards
+from palpate.calibration.experiment_design import Foreseen, choose, foresee, towards
 from palpate.calibration.finger_fit import Fit, fit_fingers
 from palpate.calibration.prober import Approach
 

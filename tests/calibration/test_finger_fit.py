@@ -22,8 +22,8 @@ from touched_references import (
 )
 
 from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers, predicted
-from palpate.calibration.hand_frame import Place, hand_frame
-from palpate.calibration.placed import in_hand
+from palpate.calibration.frame_alignment import in_hand
+from palpate.calibration.gauge import Place, hand_frame
 
 GAUGE = 3  # a shift and a turn of everything: what touches cannot show
 

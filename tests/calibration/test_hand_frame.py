@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from palpate.calibration.hand_frame import HEADING_ARM_MM, Place, Rigid, hand_frame
+from palpate.calibration.gauge import HEADING_ARM_MM, Place, Rigid, hand_frame
 
 ANGLES = st.floats(-math.pi, math.pi)
 NEAR = st.floats(-200.0, 200.0)

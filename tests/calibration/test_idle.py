@@ -7,7 +7,7 @@ import pytest
 from simulated_presses import DESCRIPTION
 
 from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
-from palpate.calibration.measured import Idle
+from palpate.calibration.measurements import Idle
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.errors import InputError
 

@@ -21,8 +21,8 @@ from touched_references import (
 )
 
 from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers
-from palpate.calibration.measured import Touched
-from palpate.calibration.placed import InHand, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.frame_alignment import InHand, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.measurements import Touched
 
 SIZE = 3 * COLUMNS
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from servo_console import Console
 
 from palpate.calibration.friction import friction_of
-from palpate.calibration.measured import FREE, IN, OUT, Press
+from palpate.calibration.measurements import FREE, IN, OUT, Press
 from palpate.calibration.play import Play, backlash_of, combined
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo

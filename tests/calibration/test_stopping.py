@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.calibration.measured import Stop
+from palpate.calibration.measurements import Stop
 from palpate.calibration.stopping import overshoot_of
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError

@@ -17,10 +17,10 @@ from touched_references import (
     touches,
 )
 
+from palpate.calibration.consistency import check_fit, check_still, growth_mm
 from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
-from palpate.calibration.measured import Touched
+from palpate.calibration.measurements import Touched
 from palpate.calibration.reference import Disc
-from palpate.calibration.trust import check_fit, check_still, growth_mm
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 

@@ -11,7 +11,7 @@ from json_schema import violations
 
 from palpate.config import load_objects
 from palpate.config.objects_file import load_objects_text
-from palpate.config.objects_text import ObjectsFileText, ObjectText, objects_json
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_json
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
 

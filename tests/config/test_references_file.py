@@ -8,7 +8,7 @@ from palpate.calibration.reference import Disc, Plate
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
-from palpate.rig.calibrating import references_of
+from palpate.rig.commissioning.calibration import references_of
 
 GOOD = """
 format = "palpate/references@1"

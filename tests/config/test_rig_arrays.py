@@ -12,8 +12,8 @@ from palpate.drivers.tactile.devices import PROTOCOLS
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.errors import InputError
-from palpate.rig.convert import mounting_of
-from palpate.rig.emulated import emulate
+from palpate.rig.conversion import mounting_of
+from palpate.rig.emulated.devices import emulate
 
 BENCH: Traversable = shipped_rig()
 

@@ -9,7 +9,7 @@ from palpate.config.rig_file import BUS_BAUDRATES
 from palpate.drivers.dynamixel import Bus
 from palpate.drivers.dynamixel.manual import MODEL_NAMES
 from palpate.drivers.transport.port import open_port
-from palpate.rig.emulated import emulate, on_mock_wires
+from palpate.rig.emulated.devices import emulate, on_mock_wires
 
 
 def pinged(rig_text: str, folder: Path) -> set[int]:

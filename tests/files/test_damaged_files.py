@@ -11,11 +11,11 @@ import trimesh
 from hostile_files import FIRST, SQUARE, SVG, dxf
 from solids import ELL, prism
 
-from palpate.cad.reading import read_drawings, read_solids
+from palpate.cad.readers import read_drawings, read_solids
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
 from palpate.config.calibration_file import load_calibration
 from palpate.errors import InputError
-from palpate.rig.session_file import read_session
+from palpate.rig.session.log_reader import read_session
 
 ROOT = Path(__file__).parents[2]
 LINE = '{"t_s":0.1,"event":"bytes","port":"a","direction":"sent","base64":"AA==","calls":"t1~2.z"}\n'

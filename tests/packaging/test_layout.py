@@ -3,14 +3,14 @@
 import ast
 import os
 import re
-import tomllib
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = ("errors", "files", "config", "recognizer", "drivers", "calibration", "cad", "rig")
+FOLDERS = tuple(sorted(path.name for path in (ROOT / "src" / "palpate").iterdir() if path.is_symlink()))
 MODULES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
+MODULES += sorted((ROOT / "src" / "palpate").glob("*.py"))
 OUTSIDE = sorted(
     path
     for folder in ("tests", "examples", "benchmarks", "firmware")
@@ -27,12 +27,6 @@ def name_of(path: Path) -> str:
 
 def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
-
-
-def setuptools_table() -> dict[str, object]:
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        table: dict[str, object] = tomllib.load(file)["tool"]["setuptools"]
-    return table
 
 
 def own_files() -> list[Path]:
@@ -72,39 +66,30 @@ def test_modules_say_what_they_are_for(path: Path) -> None:
 
 @pytest.mark.parametrize("path", MODULES, ids=name_of)
 def test_only_the_command_line_prints_or_asks(path: Path) -> None:
-    if path.parent == ROOT / "rig" and path.stem.startswith("cli"):
+    if path.is_relative_to(ROOT / "cli"):
         return
     calls = [node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)]
     named = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
     assert not named & {"print", "input"}
 
 
-def test_every_package_folder_is_listed_for_the_wheel() -> None:
-    folders = {path.parent for path in MODULES}
-    packages = {"palpate." + ".".join(folder.relative_to(ROOT).parts) for folder in folders}
-    assert set(setuptools_table()["packages"]) == packages  # type: ignore[call-overload]
-
-
-def test_every_package_folder_is_a_package_and_says_it_is_typed() -> None:
+def test_every_package_folder_is_a_package() -> None:
     assert all((path.parent / "__init__.py").is_file() for path in MODULES)
-    assert all((ROOT / folder / "py.typed").is_file() for folder in FOLDERS)
 
 
-def test_every_top_level_package_is_mapped_to_its_folder() -> None:
-    assert setuptools_table()["package-dir"] == {f"palpate.{folder}": folder for folder in FOLDERS}
-
-
-def test_there_is_no_root_package() -> None:
+def test_a_checkout_does_not_shadow_an_installed_palpate() -> None:
     assert not (ROOT / "palpate").exists()
-    assert not (ROOT / "typings" / "palpate" / "__init__.py").exists()
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_static_tools_see_the_real_folders(folder: str) -> None:
-    link = ROOT / "typings" / "palpate" / folder
-    assert link.is_symlink()
+def test_the_import_root_links_to_the_folders_at_the_top(folder: str) -> None:
+    link = ROOT / "src" / "palpate" / folder
     assert not link.readlink().is_absolute()
     assert link.resolve() == ROOT / folder
+
+
+def test_every_folder_at_the_top_that_holds_a_package_is_linked() -> None:
+    assert {path.parent.name for path in ROOT.glob("*/__init__.py")} == set(FOLDERS)
 
 
 def test_no_file_names_a_path_of_one_machine() -> None:

@@ -9,11 +9,11 @@ from shapely_bench import flat, grip, holding_truth, place
 
 from palpate.recognizer.arrays import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.coarse import coarsened
 from palpate.recognizer.contact import Finger, NormalRange
-from palpate.recognizer.grown import GrownSection, grow
+from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.model import ObjectModel, Polygon, Section
-from palpate.recognizer.recognise import recognise
+from palpate.recognizer.recognition import recognise
+from palpate.recognizer.simplification import coarsened
 
 KINDS = ("smooth", "wavy", "noisy")
 

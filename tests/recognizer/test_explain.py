@@ -12,7 +12,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, ObjectModel, State, recognise
-from palpate.recognizer.explain import Reason, Why, moved, suspects, why
+from palpate.recognizer.explanation import Reason, Why, moved, suspects, why
 
 RECTANGLE = flat("rectangle", [(-30, -12), (30, -12), (30, 12), (-30, 12)])
 POINT = Finger(0.0, 10.0)

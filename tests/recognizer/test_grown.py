@@ -5,7 +5,7 @@ import pytest
 import shapely
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines
 
-from palpate.recognizer.grown import GrownSection, grow
+from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.model import Polygon, Section
 
 FACET_ERROR_MM = 0.1

@@ -12,10 +12,10 @@ from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 from triples import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, triple_arcs
 
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.chord import chord_hull
 from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.triple import triple_hull
-from palpate.recognizer.waves import largest
+from palpate.recognizer.sinusoid_bounds import largest
+from palpate.recognizer.three_contact_test import triple_hull
+from palpate.recognizer.two_contact_test import chord_hull
 
 ANGLE = st.floats(-math.pi, math.pi)
 COEFFICIENT = st.floats(-5, 5).map(lambda value: round(value, 3))

@@ -21,7 +21,7 @@ from palpate.recognizer import (
     recognise,
     twins,
 )
-from palpate.recognizer.felt import felt, likeness
+from palpate.recognizer.measurement_model import felt, likeness
 from palpate.recognizer.pockets import exact_pockets
 from palpate.recognizer.poses import witness_poses
 

@@ -13,7 +13,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
-from palpate.recognizer.recognise import Recognition, recognise
+from palpate.recognizer.recognition import Recognition, recognise
 from palpate.recognizer.segments import point_segment_distance
 from palpate.recognizer.strips import StripForest
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place, stop, until_touched
 
-from palpate.recognizer import recognise, settle
+from palpate.recognizer import recognise, witness_search
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.model import ObjectModel
@@ -183,7 +183,7 @@ def test_skipping_clear_paths_changes_nothing(seed: int, monkeypatch: pytest.Mon
     bound, half_range = (0.0, 0.3, 1.0)[seed % 3], (None, 0.2)[seed % 2]
     contacts = until_touched(grip, placed, rng, fingers=2 + seed % 3, bound=bound, half_range=half_range)
     skipping = recognise(CATALOGUE, contacts).hypotheses
-    monkeypatch.setattr(settle, "clear_of_outline", lambda *args: np.zeros(args[3].shape, dtype=bool))
+    monkeypatch.setattr(witness_search, "clear_of_outline", lambda *args: np.zeros(args[3].shape, dtype=bool))
     looking = recognise(CATALOGUE, contacts).hypotheses
     assert len(skipping) == len(looking)
     np.testing.assert_array_equal(skipping.lo, looking.lo)

@@ -15,7 +15,7 @@ from palpate.recognizer.arrays import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.model import ObjectModel
-from palpate.recognizer.recognise import recognise
+from palpate.recognizer.recognition import recognise
 from palpate.recognizer.segments import point_segment_distance
 
 TOLERANCES = (0.05, 0.2, 0.5)

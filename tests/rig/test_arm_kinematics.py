@@ -13,7 +13,7 @@ from palpate.drivers.emulators.mechanics import ArmMechanics, ArmTruth, JointTru
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.finger import TICK_RAD, Line
 from palpate.drivers.two_link import ArmKinematics
-from palpate.rig.convert import arm_kinematics
+from palpate.rig.conversion import arm_kinematics
 
 ARMS = load_rig(Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml")
 

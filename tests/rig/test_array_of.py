@@ -11,7 +11,7 @@ from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
-from palpate.rig.array_of import calibration_of, extractor_of
+from palpate.rig.arrays import calibration_of, extractor_of
 
 ROWS, COLS = 2, 3
 SMALL = Description(

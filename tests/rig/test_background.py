@@ -15,8 +15,8 @@ from palpate.drivers.transport.record import Recorder
 from palpate.drivers.transport.recording import Direction
 from palpate.errors import InputError, OutputError
 from palpate.rig.background import Background, BackgroundCall
-from palpate.rig.session import SessionLog
-from palpate.rig.session_file import read_session
+from palpate.rig.session.log import SessionLog
+from palpate.rig.session.log_reader import read_session
 
 
 def test_items_are_consumed_in_order() -> None:

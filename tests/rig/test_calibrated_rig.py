@@ -14,7 +14,7 @@ from command import Ended, log_events, run_here
 from json_schema import violations
 from rich.console import Console
 
-from palpate.calibration.hand_frame import Place
+from palpate.calibration.gauge import Place
 from palpate.config import (
     CalibrationFile,
     RigFile,
@@ -28,13 +28,13 @@ from palpate.config import (
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
 from palpate.rig.bench import connect, place, set_up
-from palpate.rig.bus_place import bus_of
-from palpate.rig.calibrated_devices import check_devices, devices_of, other_device
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.check_calibration import with_calibration
-from palpate.rig.check_table import show
-from palpate.rig.checking import check_rig
-from palpate.rig.hand_truth import placement_seen
+from palpate.rig.diagnostics.bus_selection import bus_of
+from palpate.rig.diagnostics.calibration_check import with_calibration
+from palpate.rig.diagnostics.rig_check import check_rig
+from palpate.rig.emulated.calibrated_truth import placement_seen
+from palpate.rig.motion.calibrated_devices import check_devices, devices_of, other_device
+from palpate.views.check_table import show
 
 Here = Callable[..., Ended]
 SEED = 7

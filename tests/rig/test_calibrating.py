@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 from simulated_prober import SimulatedProber, SimulatedRig
 
-from palpate.calibration.hand_frame import Place, hand_frame
-from palpate.calibration.measured import Touched
+from palpate.calibration.gauge import Place, hand_frame
+from palpate.calibration.measurements import Touched
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Disc, Reference
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, RigFile, calibrated, load_rig
 from palpate.config.calibration_file import load_calibration
-from palpate.config.calibration_text import calibration_toml
+from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import ReferencesFile, load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError, OutputError
-from palpate.rig.calibrating import STEPS, CalibrationJob, Connected, calibrate
+from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, Connected, calibrate
 
 FRESH = Path(__file__).parents[2] / "examples" / "fresh-rig.toml"
 MADE = datetime(2026, 11, 22, tzinfo=UTC)
@@ -101,7 +101,7 @@ def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole)
 def test_the_bounds_hold_for_where_tips_are(whole: Whole) -> None:
     """The rig with its calibration says where tips are, all over the workspace, within its bounds."""
     from palpate.drivers.slide_finger import SlideKinematics
-    from palpate.rig.convert import kinematics_of
+    from palpate.rig.conversion import kinematics_of
 
     known = calibrated(whole.rig, whole.file)
     truths = [whole.world.truth(k) for k in range(3)]

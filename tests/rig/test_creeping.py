@@ -12,11 +12,11 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.errors import SafetyStop
-from palpate.rig.closing import Touch, close_fingers
-from palpate.rig.creeping import measure_creeping
-from palpate.rig.hand import Hand
-from palpate.rig.reach import reach_of
-from palpate.rig.run import Run
+from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.guarded_approach import Touch, close_fingers
+from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.quasi_static_touch import measure_creeping
+from palpate.rig.reach.approaches import reach_of
 
 TICK = 2 * math.pi / 4096
 SLIDE = 12

@@ -14,7 +14,7 @@ from served_rig import served
 
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.rig.bench import place
-from palpate.rig.scene import Placement
+from palpate.rig.emulated.scene import Placement
 
 pytestmark = pytest.mark.realtime
 

@@ -9,8 +9,8 @@ import pytest
 from palpate.config import ArmFinger, Finger, load_rig, shipped_rig
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import InputError
-from palpate.rig.emulated import emulate
-from palpate.rig.hidden import dead_taxels, start_angles_rad
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.emulated.emulated_truth import dead_taxels, start_angles_rad
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")

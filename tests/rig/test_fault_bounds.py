@@ -19,8 +19,8 @@ from palpate.drivers.dynamixel.failures import Restarted
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.errors import DeviceError, PalpateError, SafetyStop
-from palpate.rig.closing import Stage
-from palpate.rig.reach import reach_of
+from palpate.rig.motion.guarded_approach import Stage
+from palpate.rig.reach.approaches import reach_of
 
 FORCE_N = 10.0
 """max_force_n of the shipped rig (8 N, by the servos' current limit, whatever the host does) and a quarter.

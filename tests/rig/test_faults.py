@@ -13,7 +13,7 @@ from emulated_session import EmulatedSession, emulated_session
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.errors import DeviceError, PalpateError, SafetyStop
 from palpate.rig.bench import connect
-from palpate.rig.closing import Stage, Touch
+from palpate.rig.motion.guarded_approach import Stage, Touch
 
 IDS = (11, 12, 21, 22, 31, 32)
 

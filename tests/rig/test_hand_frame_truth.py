@@ -9,9 +9,9 @@ import pytest
 
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.rig.emulated import emulate
-from palpate.rig.scene import Placement, draw_placement
-from palpate.rig.truth import in_hand_frame
+from palpate.rig.emulated.answer_error import in_hand_frame
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.emulated.scene import Placement, draw_placement
 
 FRESH = load_rig(Path(__file__).resolve().parents[2] / "examples" / "fresh-rig.toml")
 PLACEMENT = draw_placement(load_objects(shipped_objects()), 20.0, np.random.default_rng(4))

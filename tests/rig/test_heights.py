@@ -9,7 +9,7 @@ from command import Ended, run_here
 
 from palpate.config import load_objects
 from palpate.errors import InputError
-from palpate.rig.heights import FingerAt, check_known
+from palpate.rig.catalogue.heights import FingerAt, check_known
 
 OUTER = [[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]]
 

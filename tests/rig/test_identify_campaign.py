@@ -8,10 +8,10 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer import Catalogue
-from palpate.rig.convert import models_of
-from palpate.rig.identify import Outcome
-from palpate.rig.scene import Placement
-from palpate.rig.truth import compare
+from palpate.rig.conversion import models_of
+from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.loop import Outcome
 
 NAMES = ("tr-1", "tr-2", "tr-3", "grip", "gator", "hand")
 PLACES = {11: (12.0, -7.0, 2.5), 12: (-15.0, 9.0, -0.7)}

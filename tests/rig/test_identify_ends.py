@@ -9,12 +9,12 @@ from emulated_session import EmulatedSession, emulated_session, identify_checked
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
 from palpate.rig.bench import connect
-from palpate.rig.closing import Stage, Touch
-from palpate.rig.convert import models_of
-from palpate.rig.identify import Identification, Outcome, identify
-from palpate.rig.observers import Observer
-from palpate.rig.scene import Placement, outline_at
-from palpate.rig.truth import compare
+from palpate.rig.conversion import models_of
+from palpate.rig.emulated.answer_error import compare
+from palpate.rig.emulated.scene import Placement, outline_at
+from palpate.rig.identification.loop import Identification, Outcome, identify
+from palpate.rig.identification.observers import Observer
+from palpate.rig.motion.guarded_approach import Stage, Touch
 
 OBJECTS = load_objects(shipped_objects())
 PLACE = (6.0, -8.0, 1.1)

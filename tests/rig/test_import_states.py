@@ -11,8 +11,8 @@ import pytest
 from solids import ELL, prism
 
 from palpate.cad.values import Solid
-from palpate.rig import import_states
-from palpate.rig.import_states import Shares, standing
+from palpate.rig.catalogue import import_states
+from palpate.rig.catalogue.import_states import Shares, standing
 
 SHARES = Shares(0.5, 0.1, None, 0.01, as_is=False)
 

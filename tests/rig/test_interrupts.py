@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from palpate.rig.interrupts import HeldInterrupts
+from palpate.rig.session.signals import HeldInterrupts
 
 
 class Told(Exception):

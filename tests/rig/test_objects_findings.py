@@ -28,11 +28,11 @@ from palpate.config import (
 )
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue
-from palpate.rig.convert import models_of
-from palpate.rig.identify import Outcome, search
-from palpate.rig.objects_findings import HOPELESS, Finding, Trouble, findings_of
-from palpate.rig.objects_findings_words import finding_lines, untouched_lines
-from palpate.rig.reach import reach_of
+from palpate.rig.catalogue.reachability import HOPELESS, Finding, Trouble, findings_of
+from palpate.rig.catalogue.reachability_text import finding_lines, untouched_lines
+from palpate.rig.conversion import models_of
+from palpate.rig.identification.loop import Outcome, search
+from palpate.rig.reach.approaches import reach_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 BENCH = load_rig(shipped_rig())

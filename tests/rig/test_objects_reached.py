@@ -8,8 +8,8 @@ import shapely
 from numpy.typing import NDArray
 from stacked_parts import polygon, rectangle
 
-from palpate.cad.sameness import Motion, apart_mm
-from palpate.rig.objects_reached import Reached, surely_within
+from palpate.cad.congruence_search import Motion, apart_mm
+from palpate.rig.catalogue.reached_regions import Reached, surely_within
 
 HOLE = np.array(polygon(8, 5.0))
 

@@ -26,15 +26,15 @@ from stacked_parts import (
     section,
 )
 
-from palpate.cad.sameness import motions
+from palpate.cad.congruence_search import motions
 from palpate.config import load_objects, load_rig, shipped_rig
 from palpate.errors import InputError
-from palpate.rig.objects_fingers import heights_in_words, rig_fingers
-from palpate.rig.objects_measures import measures, within_reach
-from palpate.rig.objects_reach import filled, unreached
-from palpate.rig.objects_separating import MOST_TRIED, Separating, separating
-from palpate.rig.objects_stack import Resting, joined_ranges, resting
-from palpate.rig.objects_twins import Likeness, Pair, alike
+from palpate.rig.catalogue.finger_model import heights_in_words, rig_fingers
+from palpate.rig.catalogue.region_measures import measures, within_reach
+from palpate.rig.catalogue.section_stack import Resting, joined_ranges, resting
+from palpate.rig.catalogue.separating_heights import MOST_TRIED, Separating, separating
+from palpate.rig.catalogue.tip_reach import filled, unreached
+from palpate.rig.catalogue.twins import Likeness, Pair, alike
 
 LIMIT = 2 * BOUND_MM
 

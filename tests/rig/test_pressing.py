@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
-from palpate.calibration.measured import FREE, IN, OUT, Press
+from palpate.calibration.measurements import FREE, IN, OUT, Press
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import DeviceError
 

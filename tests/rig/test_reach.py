@@ -12,9 +12,9 @@ import shapely
 from palpate.config import Finger as FingerFile
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.errors import InputError
-from palpate.rig.closing import Close
-from palpate.rig.convert import kinematics_of, slide_kinematics
-from palpate.rig.reach import Reach, reach_of
+from palpate.rig.conversion import kinematics_of, slide_kinematics
+from palpate.rig.motion.guarded_approach import Close
+from palpate.rig.reach.approaches import Reach, reach_of
 
 POST = [[30.0, 95.0], [42.0, 95.0], [42.0, 107.0], [30.0, 107.0]]
 

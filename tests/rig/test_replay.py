@@ -20,11 +20,11 @@ from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
 from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.closing import Stage, close_fingers
-from palpate.rig.outside import Outside
-from palpate.rig.replayed import first_difference, replay_with
-from palpate.rig.session_events import SessionEvents
-from palpate.rig.session_file import read_session
+from palpate.rig.motion.guarded_approach import Stage, close_fingers
+from palpate.rig.session.environment import Outside
+from palpate.rig.session.events import SessionEvents
+from palpate.rig.session.log_reader import read_session
+from palpate.rig.session.replay import first_difference, replay_with
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -14,16 +14,16 @@ from simulated_prober import SimulatedProber, SimulatedRig
 from truth_calibration import bench_calibration, truth_calibration
 
 from palpate.calibration.agreement import promises_of
-from palpate.calibration.measured import Touched
+from palpate.calibration.measurements import Touched
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Disc, Reference
 from palpate.config import calibrated, calibration_path, calibration_toml, load_rig, shipped_rig
 from palpate.config.check_result import AdapterCheckOut, BusCountsOut, CalibrationCheckOut, CheckOut
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
-from palpate.rig.check_calibration import with_touch
-from palpate.rig.check_table import show
-from palpate.rig.retouch import Retouch, retouch
+from palpate.rig.diagnostics.calibration_check import with_touch
+from palpate.rig.diagnostics.retouch import Retouch, retouch
+from palpate.views.check_table import show
 
 RIG = load_rig(shipped_rig())
 DISC = Disc("disc", 25.0)

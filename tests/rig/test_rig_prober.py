@@ -12,7 +12,7 @@ from touched_references import FRESH
 
 from palpate.calibration.prober import Probe
 from palpate.errors import DeviceError
-from palpate.rig.rig_prober import approaches_of
+from palpate.rig.commissioning.rig_prober import approaches_of
 
 STOPS_MM = (43.0, 255.0)
 SPEED_MM_S = 20.0

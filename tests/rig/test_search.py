@@ -21,9 +21,9 @@ from simulated_touches import SimulatedTouches, as_foretold
 
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.recognizer import Catalogue, Grip, ObjectModel, Recognition, Strategy
-from palpate.rig.closing import Stage, Touch
-from palpate.rig.identify import Identification, Outcome, search
-from palpate.rig.reach import reach_of
+from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.reach.approaches import reach_of
 
 RIG = load_rig(shipped_rig())
 REACH = reach_of(RIG)

@@ -33,12 +33,12 @@ from palpate.config.identification_result import (
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue
-from palpate.rig.answer_words import answer_lines
-from palpate.rig.closing import Stage, Touch
-from palpate.rig.emulated import emulate
-from palpate.rig.identify import Identification, Outcome, search
-from palpate.rig.reach import Reach, reach_of
-from palpate.rig.session_drift import calibration_used, session_agreement
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.session.calibration_drift import calibration_used, session_agreement
+from palpate.views.answer import answer_lines
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())

@@ -12,10 +12,10 @@ from serial import SerialException
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.recording import Direction, Passed, Raised, Told
 from palpate.errors import InputError
-from palpate.rig.ending import ExitCode, Interrupted
-from palpate.rig.session import SessionLog
-from palpate.rig.session_errors import KINDS, error_of, values_of
-from palpate.rig.session_file import read_session
+from palpate.rig.session.error_values import KINDS, error_of, values_of
+from palpate.rig.session.exit_codes import ExitCode, Interrupted
+from palpate.rig.session.log import SessionLog
+from palpate.rig.session.log_reader import read_session
 
 
 def written(folder: Path) -> Path:

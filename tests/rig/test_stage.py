@@ -15,10 +15,10 @@ from palpate.config import RigFile, load_objects, shipped_objects, shipped_rig
 from palpate.errors import DeviceError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
-from palpate.rig.closing import Stage, close_fingers
-from palpate.rig.convert import models_of
-from palpate.rig.identify import Outcome
-from palpate.rig.reach import Close, Reach, reach_of
+from palpate.rig.conversion import models_of
+from palpate.rig.identification.loop import Outcome
+from palpate.rig.motion.guarded_approach import Stage, close_fingers
+from palpate.rig.reach.approaches import Close, Reach, reach_of
 
 STAGE = {
     "centre_mm": [3.0, -2.0],

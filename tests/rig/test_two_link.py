@@ -24,10 +24,10 @@ from palpate.errors import DeviceError, InputError
 from palpate.recognizer import Catalogue
 from palpate.recognizer.segments import distance_range
 from palpate.rig.bench import connect, place
-from palpate.rig.closing import Stage, Touch, close_fingers
-from palpate.rig.convert import arm_kinematics, models_of
-from palpate.rig.identify import Outcome
-from palpate.rig.reach import Close, reach_of
+from palpate.rig.conversion import arm_kinematics, models_of
+from palpate.rig.identification.loop import Outcome
+from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
+from palpate.rig.reach.approaches import Close, reach_of
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml"
 ARMS = load_rig(EXAMPLE)

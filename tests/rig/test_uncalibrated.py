@@ -20,14 +20,14 @@ from palpate.config import (
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.finger import TICK_RAD
-from palpate.rig.convert import (
+from palpate.rig.conversion import (
     array_bound_rad,
     kinematics_of,
     resolution_of,
     slide_kinematics,
     tip_bound_mm,
 )
-from palpate.rig.reach import reach_of
+from palpate.rig.reach.approaches import reach_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")

@@ -14,8 +14,8 @@ from odd_parts import objects_file, part, scene_file
 
 from palpate.config import load_objects, load_rig, load_scene, shipped_rig
 from palpate.config.schema import schema_text
-from palpate.rig.scene import Placement, placement_of
-from palpate.rig.scene_findings import scene_lines
+from palpate.rig.emulated.scene import Placement, placement_of
+from palpate.rig.emulated.scene_reachability import scene_lines
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RIGS = {"shipped": shipped_rig(), "arms": EXAMPLES / "two-link-rig.toml"}

@@ -14,9 +14,9 @@ from simulated_touches import SimulatedTouches
 
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.recognizer import Catalogue, Contact, Finger, ObjectModel, Polygon, Section, State
-from palpate.rig.identify import Identification, Outcome, search
-from palpate.rig.reach import reach_of
-from palpate.rig.unswept import Disc, discs_at, is_swept, places_left, sweeping_grip
+from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
+from palpate.rig.reach.approaches import reach_of
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RIG = load_rig(shipped_rig())

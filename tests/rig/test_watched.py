@@ -5,11 +5,11 @@ import pytest
 from tactile_tip import COLS, DESCRIPTION, ROWS
 from watched_tip import WatchedTip
 
+from palpate.cli.monitor.loop import end_if_silent, obey, watch
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
-from palpate.rig.paced_clock import PacedClock
-from palpate.rig.watched import FingerView, Tare
-from palpate.rig.watching import end_if_silent, obey, watch
+from palpate.rig.monitor.finger_monitor import FingerView, Tare
+from palpate.rig.monitor.paced_clock import PacedClock
 
 
 def test_what_a_touch_looks_like() -> None:

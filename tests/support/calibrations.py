@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from palpate.calibration.hand_frame import Place, hand_frame
+from palpate.calibration.gauge import Place, hand_frame
 from palpate.config import (
     ActuatorsCalibration,
     AimCalibration,
@@ -29,8 +29,8 @@ from palpate.config import (
 from palpate.config.rig_file import Finger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
-from palpate.rig.calibrated_devices import devices_of
-from palpate.rig.emulated import emulate
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.motion.calibrated_devices import devices_of
 
 MADE = datetime(2026, 5, 4, 12, 30, tzinfo=UTC)
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from palpate.rig.cli import main
+from palpate.cli.main import main
 
 PALPATE = Path(sys.executable).with_name("palpate")
 

@@ -27,9 +27,9 @@ from palpate.recognizer import (
     twins,
     used_by,
 )
-from palpate.rig.convert import goals_of, resolution_of
-from palpate.rig.explore import exploring_grip
-from palpate.rig.reach import Reach, reach_of
+from palpate.rig.conversion import goals_of, resolution_of
+from palpate.rig.identification.exploration import exploring_grip
+from palpate.rig.reach.approaches import Reach, reach_of
 
 _MOST_HYPOTHESES = 40
 

@@ -19,14 +19,14 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, connect
-from palpate.rig.closing import Close, Stage, Touch, close_fingers
-from palpate.rig.emulated import EmulatedRig, MockRig, emulate
-from palpate.rig.hand import Hand
-from palpate.rig.identify import Identification, identify
-from palpate.rig.reach import reach_of
-from palpate.rig.report_run import identification_out
-from palpate.rig.scene import Placement, draw_placement
-from palpate.rig.session import SessionLog
+from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
+from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.identification.loop import Identification, identify
+from palpate.rig.identification.result import identification_out
+from palpate.rig.motion.guarded_approach import Close, Stage, Touch, close_fingers
+from palpate.rig.motion.hand import Hand
+from palpate.rig.reach.approaches import reach_of
+from palpate.rig.session.log import SessionLog
 
 TORQUE_ENABLE = 64
 

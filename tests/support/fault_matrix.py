@@ -31,12 +31,12 @@ from palpate.drivers.emulators.tip import Outline
 from palpate.errors import DeviceError, OutputError, SafetyStop
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import outside
-from palpate.rig.convert import models_of
-from palpate.rig.emulated_table import EmulatedTable
-from palpate.rig.retouch import retouch
-from palpate.rig.rig_prober import HandProber
-from palpate.rig.session import SessionLog
-from palpate.rig.whole_run import Job, carry_out
+from palpate.rig.commissioning.rig_prober import HandProber
+from palpate.rig.conversion import models_of
+from palpate.rig.diagnostics.retouch import retouch
+from palpate.rig.emulated.reference_table import EmulatedTable
+from palpate.rig.session.log import SessionLog
+from palpate.rig.session.run import Job, carry_out
 
 __all__ = ["COMMANDS", "FAULTS", "Cell", "Fault", "Outcome", "cells", "problems", "run_cell"]
 

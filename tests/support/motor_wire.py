@@ -8,7 +8,7 @@ from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.rig.bus_place import BusPlace
+from palpate.rig.diagnostics.bus_selection import BusPlace
 
 __all__ = ["MotorWire", "Person"]
 

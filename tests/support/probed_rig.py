@@ -14,9 +14,9 @@ from palpate.calibration.prober import Approach, Probe
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect
-from palpate.rig.emulated_table import EmulatedTable
-from palpate.rig.hand import Hand
-from palpate.rig.rig_prober import HandProber
+from palpate.rig.commissioning.rig_prober import HandProber
+from palpate.rig.emulated.reference_table import EmulatedTable
+from palpate.rig.motion.hand import Hand
 
 GOAL_CURRENT = 102
 HARD_N = 8.0  # max_force_n of the rig file

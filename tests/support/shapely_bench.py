@@ -14,7 +14,7 @@ from shapely import affinity, ops
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.hypotheses import Hypothesis
 from palpate.recognizer.model import ObjectModel, Polygon, Section, State
-from palpate.recognizer.recognise import Recognition
+from palpate.recognizer.recognition import Recognition
 
 SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
 

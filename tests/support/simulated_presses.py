@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.calibration.gains import PressedAt
-from palpate.calibration.measured import FREE, IN, OUT, Idle, Press
+from palpate.calibration.measurements import FREE, IN, OUT, Idle, Press
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import Outline, press
 from palpate.drivers.tactile.messages import Description, Shape

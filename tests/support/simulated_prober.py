@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measured import FREE, IN, OUT, Idle, Press, Stop, Touched
+from palpate.calibration.measurements import FREE, IN, OUT, Idle, Press, Stop, Touched
 from palpate.calibration.prober import Approach, Probe
 from palpate.calibration.reference import Reference
 from palpate.config import CalibrationDevice, RigFile
@@ -18,10 +18,10 @@ from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.drivers.emulators.tip import Outline, press, separation_mm
 from palpate.drivers.finger import TICK_RAD
-from palpate.rig.calibrating import Connected
-from palpate.rig.emulated import emulate
-from palpate.rig.emulated_table import outline_of
-from palpate.rig.rig_prober import approaches_of
+from palpate.rig.commissioning.calibration import Connected
+from palpate.rig.commissioning.rig_prober import approaches_of
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.emulated.reference_table import outline_of
 
 Floats = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from shapely_bench import Placed, outward_normal, stop, unit
 
 from palpate.recognizer import Approach, Contact, NormalRange
 from palpate.recognizer.prediction import Prediction
-from palpate.rig.closing import Stage, Touch
-from palpate.rig.reach import Reach
+from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.reach.approaches import Reach
 
 # Of an approach's bound: what touches on the emulated bench declare.
 ORDINARY_SHARE, ORDINARY_PATH = 0.33, 0.55

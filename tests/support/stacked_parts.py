@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from palpate.rig.objects_fingers import AtHeight, RigFingers
+from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
 
 Ring = list[list[float]]
 BOUND_MM = 0.5

@@ -7,7 +7,7 @@ import shapely
 from emulated_session import angle_in
 
 from palpate.drivers.tactile.contact import PatchFlag
-from palpate.rig.closing import Touch
+from palpate.rig.motion.guarded_approach import Touch
 
 SEVERAL = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 

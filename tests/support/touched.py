@@ -5,8 +5,8 @@ from emulated_session import EmulatedSession, shape_of
 from touch_check import check_touch
 
 from palpate.rig.bench import connect
-from palpate.rig.closing import Close, Stage, Touch
-from palpate.rig.reach import reach_of
+from palpate.rig.motion.guarded_approach import Close, Stage, Touch
+from palpate.rig.reach.approaches import reach_of
 
 __all__ = ["random_grip", "run_checked"]
 

@@ -2,7 +2,7 @@
 
 By Helly's theorem and Farkas' lemma the half-planes of all contacts have a common point iff every positively
 dependent triple of them allows one, and each triple is one arc of θ. The recogniser says the same in fewer
-conditions (recognizer/chord.py, recognizer/triple.py).
+conditions (recognizer/two_contact_test.py, recognizer/three_contact_test.py).
 """
 
 from itertools import product

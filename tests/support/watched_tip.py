@@ -11,7 +11,7 @@ from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.rig.watched import WatchedFinger
+from palpate.rig.monitor.finger_monitor import WatchedFinger
 
 BAUDRATE = 4_000_000
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.hidden import beyond, by_crosstalk, by_shape
+from palpate.drivers.tactile.unobserved_load import beyond, by_crosstalk, by_shape
 
 seeds = st.integers(0, 2**32 - 1)
 

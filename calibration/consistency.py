@@ -1,0 +1,187 @@
+"""Is a reference what it is said to be, and does it stand still? What is found wrong is refused, not fitted.
+
+Looks at touches and fits; raises errors that say which reference, and what to do.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.calibration.finger_fit import (
+    AIM_PLAY,
+    COLUMNS,
+    HEADING,
+    RADIUS,
+    ZERO,
+    FingerModel,
+    Fit,
+    Placing,
+    Touches,
+    predicted,
+)
+from palpate.calibration.gauge import Place, hand_frame
+from palpate.calibration.measurements import Touched
+from palpate.config import Finger
+from palpate.drivers.finger import TICK_RAD
+from palpate.errors import InputError
+
+__all__ = ["check_fit", "check_still", "growth_mm"]
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_STILL_SIGMAS = 5.0
+_MOST_SIDEWAYS = 1.12  # tangent of 48°: touches are not more oblique, and an aim that is off shifts them so
+_MOST_OUTLIERS = 0.1  # of a placing's touches
+_MOST_SQUARES = 2.0  # chi square over its degrees of freedom
+_SURE = 4.5  # standard deviations of a reference's size
+
+
+def check_still(
+    first: Sequence[Touched], again: Sequence[Touched], models: Sequence[FingerModel], placing: Placing
+) -> None:
+    """Compare touches with the same ones made later; InputError if the reference has moved between them."""
+    model = {item.name: item for item in models}
+    later = {item.finger: item for item in again}
+    for item in first:
+        other = later.get(item.finger)
+        per_rad = abs(model[item.finger].mm_per_rad)
+        if other is None:
+            raise InputError(
+                f"{_named(placing)}: finger {item.finger} touched it at first and missed it later: it has "
+                "moved; put it back, keep it from sliding, and begin this placing again"
+            )
+        off = abs(other.servos_rad[1] - item.servos_rad[1]) * per_rad
+        limit = _STILL_SIGMAS * math.hypot(per_rad * TICK_RAD / math.sqrt(6), 0.01)
+        limit += _sideways_mm(model[item.finger], item, other)
+        if off > limit:
+            raise InputError(
+                f"{_named(placing)}: finger {item.finger} met it {off:.2f} mm from where it had met it "
+                f"before, and {limit:.2f} mm can be explained: it has moved between touches; keep it from "
+                "sliding (tape, a weight), and begin this placing again"
+            )
+
+
+def _sideways_mm(model: FingerModel, item: Touched, other: Touched) -> float:
+    """How much further an oblique touch may be if the aim has come to it from the other side.
+
+    It stands a few encoder steps elsewhere then, which is seen, and on the other flank of its play.
+    """
+    distance = abs(float(model.prior[ZERO]) + model.mm_per_rad * item.servos_rad[1])
+    apart = abs(other.servos_rad[0] - item.servos_rad[0]) + TICK_RAD
+    turned = 4 * float(model.prior[AIM_PLAY]) + apart / abs(model.gear_ratio)
+    return turned * distance * _MOST_SIDEWAYS
+
+
+def check_fit(
+    specs: Sequence[Finger],
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    touches: Touches,
+    fit: Fit,
+) -> None:
+    """Refuse a fit whose touches do not agree with the references, or that leaves what the rig file allows.
+
+    InputError names the reference or the finger.
+    """
+    for number, placing in enumerate(placings):
+        mine = touches.placing == number
+        out = int((fit.outlier & mine).sum())
+        if out > max(1, _MOST_OUTLIERS * int(mine.sum())):
+            raise InputError(
+                f"{_named(placing)}: {out} of {int(mine.sum())} touches do not agree with its shape at any "
+                "place: it has moved between touches, or is not what was given; measure it, fix it, and "
+                "begin again"
+            )
+    _check_sizes(models, placings, touches, fit)
+    _check_bounds(specs, models, fit)
+    ratio = fit.chi_square / fit.freedom
+    if ratio > _MOST_SQUARES:
+        share = (fit.residual_mm / touches.sigma_mm) ** 2
+        worst = max(range(len(placings)), key=lambda k: float(share[touches.placing == k].mean()))
+        raise InputError(
+            f"touches differ from the references by {math.sqrt(ratio):.1f} times what they should, most on "
+            f"{_named(placings[worst])}: is its shape as given, and did it stand still?"
+        )
+
+
+def growth_mm(
+    models: Sequence[FingerModel], placings: Sequence[Placing], touches: Touches, fit: Fit, which: Bools
+) -> tuple[float, float]:
+    """How much larger all round the references of some placings (n,) look than given, and its deviation; mm.
+
+    The value of one more unknown, by linear least squares round the fit.
+    """
+    rows = predicted(models, placings, touches, fit.values, fit.poses)[3]
+    used = touches.used & ~fit.outlier
+    weight = 1 / touches.sigma_mm[used] ** 2
+    slope = rows[used]
+    grown = -which[touches.placing[used]].astype(float)
+    explained = slope @ (fit.covariance @ (slope.T @ (weight * grown)))
+    own = float((weight * grown * (grown - explained)).sum())
+    if own <= 1e-9:
+        return 0.0, math.inf
+    # At the best fit the residuals are weighed so that no unknown could explain more of them.
+    found = -float((weight * grown * fit.residual_mm[used]).sum()) / own
+    return found, 1 / math.sqrt(own)
+
+
+def _check_sizes(
+    models: Sequence[FingerModel], placings: Sequence[Placing], touches: Touches, fit: Fit
+) -> None:
+    names = list(dict.fromkeys(placing.reference.name for placing in placings))
+    if len(names) < 2:
+        return
+    for name in names[1:]:
+        which = np.array([placing.reference.name == name for placing in placings])
+        tolerance = sum(
+            next(p.reference.tolerance_mm for p in placings if p.reference.name == each)
+            for each in (names[0], name)
+        )
+        found, sigma = growth_mm(models, placings, touches, fit, which)
+        if abs(found) > _SURE * sigma + tolerance:
+            raise InputError(
+                f"the {name} seems {abs(found):.3f} ± {sigma:.3f} mm too {_sized(found)} all round "
+                f"beside the {names[0]}: one of them has another size than given; measure both"
+            )
+
+
+def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: Fit) -> None:
+    """Refuse values that the rig file rules out: they would come from references of a wrong size."""
+    sigma = np.sqrt(np.diag(fit.covariance))
+    nominal = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
+    found = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
+    frame = hand_frame(nominal, found)
+    for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
+        radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
+        if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):
+            raise InputError(
+                f"finger {model.name}: its tip would have a radius of {radius:.2f} mm, and the rig file says "
+                f"{spec.tip.radius_mm:g} ± {bound:g}: measure references, tip, or widen tip.radius_bound_mm"
+            )
+        place = frame.place(found[k])
+        away, bound = math.dist(place.base_mm, spec.base_mm), spec.bounds.base_mm
+        if away > 2 * bound + 0.3:
+            raise InputError(
+                f"finger {model.name}: its base would be {away:.2f} mm from base_mm, and the rig file says "
+                f"within {bound:g}: check the references, correct base_mm or widen bounds.base_mm"
+            )
+        turned = abs(math.remainder(place.heading_rad - nominal[k].heading_rad, 2 * math.pi))
+        bound = spec.bounds.heading_deg
+        if turned > 2 * math.radians(bound) + 0.005:
+            raise InputError(
+                f"finger {model.name}: its heading would be {math.degrees(turned):.2f}° from heading_deg, "
+                f"and the rig file says within {bound:g}°: check the references, correct heading_deg or "
+                "widen bounds.heading_deg"
+            )
+
+
+def _sized(growth: float) -> str:
+    return "large" if growth > 0 else "small"
+
+
+def _named(placing: Placing) -> str:
+    x, y = placing.about_mm
+    return f"{placing.reference.name} near ({x:.0f}, {y:.0f}) mm"

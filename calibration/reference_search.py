@@ -1,0 +1,119 @@
+"""Finding a reference that was put somewhere, and the approaches that meet it as wanted.
+
+The first thing that every step does with a reference. From touches to a fit, and to probes at bearings.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.calibration.experiment_design import Foreseen, foresee, towards
+from palpate.calibration.finger_fit import FingerModel, Fit, Placing, Touches, fit_fingers
+from palpate.calibration.measurements import Touched
+from palpate.calibration.prober import Probe, Prober
+from palpate.drivers.finger import TICK_RAD
+from palpate.errors import InputError
+
+__all__ = ["Found", "at_bearing", "find", "touches_of"]
+
+_ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
+_STEP_LEFT = 0.1  # of a slide's encoder step: it is measured on the move, over several of them
+_OTHER_MM = 0.006  # what is left: force, tares
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A reference that was found: the touches that did it, a fit, and what approaches would meet."""
+
+    touched: tuple[Touched, ...]
+    fit: Fit
+    foreseen: Foreseen
+
+
+def find(
+    prober: Prober,
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    known: Sequence[Touched],
+    stiffness_n_per_mm: Sequence[float],
+    start: Fit | None = None,
+) -> Found:
+    """Touch the last of `placings`, which has been put, from all sides.
+
+    `known`, `start`: touches of the earlier ones, and their fit.
+    Raises InputError if fingers meet nothing where it should be.
+    """
+    number = len(placings) - 1
+    touched: list[Touched] = []
+    values = np.array([model.prior for model in models]) if start is None else start.values
+    about = placings[number].about_mm
+    fit = start
+    looks = len(_ASIDE_MM) if start is None else 1 + placings[number].reference.turns
+    for aside in _ASIDE_MM[:looks]:
+        grip = towards(about, aside, prober.approaches, models, values)
+        touched += [item for item in prober.touch(grip, number) if item is not None]
+        if not touched:
+            continue
+        touches = touches_of([*known, *touched], models, placings, stiffness_n_per_mm)
+        begin = None if start is None else (start.values, start.poses)
+        fit = fit_fingers(models, placings, touches, begin)
+        values, about = fit.values, (float(fit.poses[number, 0]), float(fit.poses[number, 1]))
+    if fit is None or len({item.finger for item in touched}) < min(2, len(models)):
+        reference, (x, y) = placings[number].reference, placings[number].about_mm
+        raise InputError(
+            f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches "
+            "that looked for it met something; put it there and begin this step again"
+        )
+    return Found(tuple(touched), fit, foresee(models, placings, fit, number, prober.approaches))
+
+
+def at_bearing(
+    found: Found, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
+) -> list[tuple[Probe, float]]:
+    """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
+
+    A bearing is the direction from the tip's axis to the contact, from the direction of travel.
+    """
+    finger = np.array([item.finger for item in prober.approaches])
+    result = []
+    for index in range(len(models)):
+        own = np.flatnonzero(found.foreseen.good & (finger == index))
+        if len(own):
+            off = np.abs(found.foreseen.oblique_rad[own] - bearing_rad)
+            best = int(own[off.argmin()])
+            probe = Probe(best, float(found.foreseen.slide_rad[best]))
+            result.append((probe, float(found.foreseen.oblique_rad[best])))
+    return result
+
+
+def touches_of(
+    touched: Sequence[Touched],
+    models: Sequence[FingerModel],
+    placings: Sequence[Placing],
+    stiffness_n_per_mm: Sequence[float],
+) -> Touches:
+    """Touches as arrays for the fit, with what each is expected to be off by."""
+    number = {model.name: k for k, model in enumerate(models)}
+    finger = np.array([number[item.finger] for item in touched], dtype=np.int64)
+    force = np.array([item.force_n for item in touched])
+    slide = np.array([item.servos_rad[1] for item in touched])
+    per_rad = np.array([model.mm_per_rad for model in models])[finger]
+    gear = np.array([model.gear_ratio for model in models])[finger]
+    zero = np.array([model.prior[4] for model in models])[finger]
+    along = np.abs(per_rad) * TICK_RAD * _STEP_LEFT
+    # Contacts are oblique by less than 48°: half of what the aim is off counts, or so.
+    across = 0.5 * np.abs(zero + per_rad * slide) * TICK_RAD / np.abs(gear) / math.sqrt(12)
+    placing = np.array([item.placing for item in touched], dtype=np.int64)
+    shape = np.array([item.reference.tolerance_mm for item in placings])[placing] / math.sqrt(3)
+    return Touches(
+        finger,
+        placing,
+        np.array([item.servos_rad[0] for item in touched]),
+        slide,
+        np.array([float(item.aim_way) for item in touched]),
+        force / np.asarray(stiffness_n_per_mm)[finger],
+        np.sqrt(along**2 + across**2 + shape**2 + _OTHER_MM**2),
+        np.ones(len(touched), dtype=bool),
+    )

@@ -1,0 +1,275 @@
+"""`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report."""
+
+import hashlib
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from palpate.calibration.references import placings_for
+from palpate.cli.commissioning.confirm_motion import ask_to_move
+from palpate.cli.commissioning.reference_placement import ConsoleTable
+from palpate.cli.terminal import Doing, Terminal
+from palpate.config import (
+    CalibrationFile,
+    RigFile,
+    calibration_path,
+    check_calibration,
+    load_calibration,
+    load_rig,
+)
+from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
+from palpate.config.calibration_finger import CalibratedFinger
+from palpate.config.calibration_writer import calibration_toml
+from palpate.config.references_file import ReferencesFile, load_references
+from palpate.config.results import to_json
+from palpate.config.shipped import shipped_references
+from palpate.errors import InputError
+from palpate.files.writing import check_place, write_text
+from palpate.rig.background import BackgroundCall
+from palpate.rig.bench import emulated_table, outside, set_up
+from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of, slides_of
+from palpate.rig.commissioning.calibration_hand import connecting
+from palpate.rig.commissioning.run_record_file import FileKeeper
+from palpate.views.calibration.report import write_report
+
+__all__ = ["run_calibrate"]
+
+_COVERAGE = 0.999
+_TITLES = (
+    "contacts\n± mm",
+    "direction\n± °",
+    "base\nmm off",
+    "heading\n° off",
+    "tip\nmm",
+    "play\n± mm",
+    "skin\nN/mm",
+    "taxels\nout",
+)
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Files beside the rig file."""
+
+    calibration: Path
+    record: Path
+    report: Path
+
+    @classmethod
+    def beside(cls, rig: Path) -> "_Places":
+        file = calibration_path(rig)
+        return cls(file, file.with_suffix(".run.json"), file.with_suffix(".html"))
+
+
+def run_calibrate(
+    *,
+    rig: Path,
+    steps: Sequence[str],
+    references: Path | None,
+    seed: int,
+    yes: bool,
+    dry_run: bool,
+    restart: bool,
+    json: bool,
+) -> int:
+    """Calibrate and tell; returns the exit code. Raises InputError for whatever is not as it should be."""
+    begin = time.perf_counter()
+    described, shapes = load_rig(rig), load_references(references or shipped_references())
+    slides_of(described)
+    references_of(shapes)
+    _check_heights(described, shapes)
+    places, console = _Places.beside(rig), Terminal(stderr=True, highlight=False, soft_wrap=True)
+    _announce(console, described, shapes, steps, places)
+    if dry_run:
+        return 0
+    for path in (places.calibration, places.record, places.report):
+        check_place(path)
+    if not yes:
+        ask_to_move(console)
+    keeper = FileKeeper(places.record)
+    if restart:
+        keeper.forget()
+    bench = set_up(described, None, seed)
+    job = CalibrationJob(
+        described,
+        hashlib.sha256(rig.read_bytes()).hexdigest(),
+        shapes,
+        steps,
+        _COVERAGE,
+        datetime.now(UTC).replace(microsecond=0),
+        _before(places.calibration, described, rig),
+    )
+    table = emulated_table(bench, seed) or ConsoleTable(console)
+    with (
+        _Progress(console, asks=bench.mock is None) as progress,
+        BackgroundCall("the display", progress.tell) as notice,
+    ):
+        connect = connecting(outside(bench), table, notice)
+        file = calibrate(job, connect, keeper, progress.tell)
+    write_text(places.calibration, calibration_toml(file))
+    write_report(places.report, file)
+    keeper.forget()
+    out = _out(file, described, steps, places, bench.clock.now(), time.perf_counter() - begin)
+    if json:
+        typer.echo(to_json(out))
+    _show(out, console if json else Terminal(highlight=False, soft_wrap=True))
+    return 0
+
+
+class _Progress:
+    """Says on stderr what goes on: a line for every step, a moving line for what changes all the time."""
+
+    def __init__(self, console: Console, *, asks: bool) -> None:
+        self._console = console
+        # A moving line and a question would write over each other.
+        self._doing = None if asks else Doing(console, "connecting")
+        self._step = ""
+
+    def __enter__(self) -> "_Progress":
+        if self._doing is not None:
+            self._doing.__enter__()
+        return self
+
+    def __exit__(self, *ended: object) -> None:
+        if self._doing is not None:
+            self._doing.__exit__(None, None, None)
+
+    def tell(self, text: str) -> None:
+        """Say it."""
+        if self._doing is not None and text.startswith(("touch ", "press ")):
+            self._doing.now(f"{self._step}, {text}")
+            return
+        self._step = text
+        self._console.print(text if text.endswith(":") else f"  {text}", markup=False)
+
+
+def _announce(
+    console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: _Places
+) -> None:
+    """What is going to happen, before anything does."""
+    disc, plate = references_of(shapes)
+    placings = len(placings_for(disc, plate, rig.workspace.radius_mm))
+    words = {
+        "actuators": "actuators  aims swing, slides go against their stops, fingers press and hit a disc",
+        "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",
+        "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
+    }
+    console.print(f"Calibrating rig {rig.name} ({len(rig.fingers)} fingers):", markup=False)
+    for step in STEPS:
+        if step in steps:
+            console.print(f"  {words[step]}", markup=False)
+    corners = shapes.plate.outline_mm
+    console.print(
+        f"References: a disc of {shapes.disc.diameter_mm:g} mm, a plate with {len(corners)} corners, "
+        f"{plate.radius_mm:.1f} mm from its middle. Result: {places.calibration}",
+        markup=False,
+    )
+    if places.record.exists():
+        console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
+
+
+def _check_heights(rig: RigFile, shapes: ReferencesFile) -> None:
+    """Refuse references that fingers pass above."""
+    highest = max(rig.fingers, key=lambda finger: finger.height_mm)
+    for name, shape in (("disc", shapes.disc), ("plate", shapes.plate)):
+        if shape.height_mm <= highest.height_mm:
+            raise InputError(
+                f"the {name} is {shape.height_mm:g} mm high, and finger {highest.name} touches at "
+                f"{highest.height_mm:g} mm: references must stand higher than every array"
+            )
+
+
+def _before(path: Path, rig: RigFile, rig_path: Path) -> CalibrationFile | None:
+    """The calibration so far, if it is of this rig as it is now."""
+    if not path.exists():
+        return None
+    try:
+        found = load_calibration(path)
+        check_calibration(found, rig, str(path), str(rig_path))
+    except InputError:
+        return None  # it will be replaced by one that is
+    return found
+
+
+def _out(
+    file: CalibrationFile,
+    rig: RigFile,
+    steps: Sequence[str],
+    places: _Places,
+    rig_seconds: float,
+    wall_seconds: float,
+) -> CalibrateOut:
+    residuals = file.residuals
+    return CalibrateOut(
+        rig=file.rig,
+        emulated=file.emulated,
+        steps=tuple(steps),
+        file=str(places.calibration),
+        report=str(places.report),
+        coverage=file.coverage,
+        fingers=tuple(_finger(found, rig, k) for k, found in enumerate(file.fingers)),
+        touches=None if residuals is None else residuals.touches,
+        outliers=None if residuals is None else residuals.outliers,
+        rms_mm=None if residuals is None else residuals.rms_mm,
+        held_out_rms_mm=None if residuals is None else residuals.held_out_rms_mm,
+        rig_seconds=rig_seconds,
+        wall_seconds=wall_seconds,
+    )
+
+
+def _finger(found: CalibratedFinger, rig: RigFile, index: int) -> CalibratedFingerOut:
+    spec, place, bounds = rig.fingers[index], found.place, found.bounds
+    return CalibratedFingerOut(
+        name=found.name,
+        position_mm=None if bounds is None else bounds.position_mm,
+        direction_deg=None if bounds is None else bounds.direction_deg,
+        moved_mm=None if place is None else math.dist(place.base_mm, spec.base_mm),
+        turned_deg=None if place is None else math.remainder(place.heading_deg - spec.heading_deg, 360),
+        tip_radius_mm=None if place is None else place.tip_radius_mm,
+        backlash_mm=None if found.actuators is None else found.actuators.slide.backlash_mm,
+        stiffness_n_per_mm=None if found.tactile is None else found.tactile.stiffness_n_per_mm,
+        unusable=None if found.tactile is None else len(found.tactile.unusable),
+    )
+
+
+def _show(out: CalibrateOut, console: Console) -> None:
+    """The result for people."""
+    table = RichTable(box=None, pad_edge=False, header_style="bold")
+    for title in ("finger", *_TITLES):
+        table.add_column(title, justify="left" if title == "finger" else "right")
+    for item in out.fingers:
+        table.add_row(
+            escape(item.name),
+            _shown(item.position_mm, 2),
+            _shown(item.direction_deg, 2),
+            _shown(item.moved_mm, 2),
+            _shown(item.turned_deg, 2),
+            _shown(item.tip_radius_mm, 2),
+            _shown(item.backlash_mm, 3),
+            _shown(item.stiffness_n_per_mm, 2),
+            "–" if item.unusable is None else str(item.unusable),
+        )
+    console.print(table)
+    if out.rms_mm is not None:
+        console.print(
+            f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "
+            f"{out.held_out_rms_mm:.3f} mm where they were only foretold; {out.outliers} left out. "
+            f"Bounds are for {out.coverage:.1%} of contacts."
+        )
+    minutes = out.rig_seconds / 60
+    console.print(
+        f"{minutes:.0f} min on the {'emulated ' if out.emulated else ''}rig, {out.wall_seconds:.0f} s here"
+    )
+    console.print(f"calibration {out.file}, report {out.report}", markup=False)
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"

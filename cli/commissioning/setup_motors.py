@@ -1,0 +1,205 @@
+"""`palpate setup-motors`: gives each servo of a rig its id, baud rate and limits, one at a time."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from palpate.cli.terminal import Doing, Terminal
+from palpate.config import RigFile, load_rig
+from palpate.config.results import to_json
+from palpate.config.setup_result import SetupOut, SetupOutcome
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.control_table import BAUD_RATE
+from palpate.drivers.dynamixel.manual import BAUD_RATES
+from palpate.drivers.dynamixel.scan import Found
+from palpate.drivers.dynamixel.set_up import Change, Wire, wanted_items
+from palpate.errors import InputError
+from palpate.rig.commissioning.motor_setup import Motor, Ready, set_up_all
+from palpate.rig.diagnostics.bus_selection import BusPlace, bus_of
+from palpate.rig.servo_settings import wanted_servos
+
+__all__ = ["run_setup", "set_up_motors"]
+
+_ENDINGS = {
+    SetupOutcome.RIGHT: "is right already, nothing was written",
+    SetupOutcome.WRITTEN: "is set up: written and read back",
+    SetupOutcome.DECLINED: "is left as it was",
+    SetupOutcome.SKIPPED: "was skipped",
+    SetupOutcome.NOT_DONE: "is not done",
+}
+
+
+def run_setup(*, rig: Path, dxl_ids: Sequence[int], yes: bool, json: bool) -> int:
+    """Set up and tell; returns the exit code: 1 if something was skipped or declined, 3 if not done."""
+    rig_file = load_rig(rig)
+    return set_up_motors(rig_file, bus_of(rig_file), dxl_ids, yes=yes, json=json)
+
+
+def set_up_motors(rig: RigFile, place: BusPlace, dxl_ids: Sequence[int], *, yes: bool, json: bool) -> int:
+    """The same for a rig whose bus is at hand."""
+    motors = _motors(rig, place, dxl_ids)
+    console = Terminal(stderr=True, soft_wrap=True)
+    person = _Person(console, len(motors), yes=yes)
+    wire = Wire(place.open, place.clock, place.latency_s)
+    try:
+        set_up_all(motors, wire, place.port, person)
+    except BaseException as error:
+        for motor in motors:
+            if motor.written and motor.outcome is SetupOutcome.NOT_DONE:
+                error.add_note(_half_done(motor))
+        raise
+    finally:
+        person.quiet()
+        if json:
+            typer.echo(to_json(_out(rig, place, motors)))
+    _summary(console, motors)
+    outcomes = {motor.outcome for motor in motors}
+    if SetupOutcome.NOT_DONE in outcomes:
+        return 3
+    return 1 if outcomes & {SetupOutcome.SKIPPED, SetupOutcome.DECLINED} else 0
+
+
+class _Person:
+    """Asks on the terminal, or whatever stdin is; everything goes to stderr."""
+
+    def __init__(self, console: Console, count: int, *, yes: bool) -> None:
+        self._console = console
+        self._count = count
+        self._yes = yes
+        self._number = 0
+        self._last: Motor | None = None
+        self._doing: Doing | None = None
+
+    def connect(self, motor: Motor) -> Ready:
+        if motor is not self._last:
+            self._last, self._number = motor, self._number + 1
+            title = f"servo {motor.dxl_id}: {motor.owner}, {motor.model.name}"
+            self._say(f"\n[bold]{escape(title)}[/]  ({self._number} of {self._count})")
+        try:
+            text = typer.prompt(
+                "connect only this servo, then press Enter (s skips it, q ends)",
+                default="",
+                show_default=False,
+                err=True,
+            )
+        except typer.Abort:
+            return Ready.END
+        return {"s": Ready.SKIP, "q": Ready.END}.get(str(text).strip().lower()[:1], Ready.GO)
+
+    def may_write(self, motor: Motor, found: Found, changes: Sequence[Change]) -> bool:
+        self.quiet()
+        firmware = "" if found.ping is None else f", firmware {found.ping.firmware}"
+        self._say(f"found {motor.model.name}{firmware}, id {found.dxl_id}, {found.baudrate} baud")
+        self._console.print(_change_table(changes))
+        if self._yes:
+            return True
+        try:
+            return typer.confirm("write this to its EEPROM?", default=False, err=True)
+        except typer.Abort:
+            return False
+
+    def problem(self, motor: Motor, problem: str) -> None:
+        del motor
+        self.quiet()
+        self._say(f"[red]{escape(problem)}[/]")
+
+    def done(self, motor: Motor) -> None:
+        self.quiet()
+        self._say(f"servo {motor.dxl_id} {_ENDINGS[motor.outcome]}")
+
+    def doing(self, what: str) -> None:
+        if self._doing is None:
+            self._doing = Doing(self._console, what)
+            self._doing.__enter__()
+        self._doing.now(what)
+
+    def quiet(self) -> None:
+        """End the moving line, before something is asked or printed."""
+        if self._doing is not None:
+            self._doing.__exit__(None, None, None)
+            self._doing = None
+
+    def _say(self, text: str) -> None:
+        self._console.print(text, highlight=False)
+
+
+def _motors(rig: RigFile, place: BusPlace, dxl_ids: Sequence[int]) -> list[Motor]:
+    """The servos to set up, with all that each should hold. Raises DeviceError if the port is not there."""
+    baudrate = rig.bus.baudrate_bps
+    with closing(Bus(place.open(baudrate), place.clock, baudrate, latency_s=place.latency_s)) as bus:
+        wanted = wanted_servos(rig, bus)
+    known = {item.servo.dxl_id for item in wanted}
+    for dxl_id in dxl_ids:
+        if dxl_id not in known:
+            raise InputError(
+                f"--id {dxl_id}: the rig file has no such servo; it has {', '.join(map(str, sorted(known)))}"
+            )
+    return [
+        Motor(
+            item.owner,
+            item.servo.dxl_id,
+            item.servo.model,
+            wanted_items(item.servo.dxl_id, baudrate, item.eeprom()),
+        )
+        for item in wanted
+        if not dxl_ids or item.servo.dxl_id in dxl_ids
+    ]
+
+
+def _change_table(changes: Sequence[Change]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("item")
+    table.add_column("now", justify="right")
+    table.add_column("will be", justify="right")
+    for change in changes:
+        table.add_row(change.item, _value(change.item, change.found), _value(change.item, change.wanted))
+    return table
+
+
+def _value(item: str, value: int) -> str:
+    """A value as people know it: baud rates are written as codes."""
+    if item == BAUD_RATE.name and 0 <= value < len(BAUD_RATES):
+        return f"{BAUD_RATES[value]} baud"
+    return str(value)
+
+
+def _half_done(motor: Motor) -> str:
+    written = ", ".join(
+        f"{change.item} {_value(change.item, change.found)} → {_value(change.item, change.wanted)}"
+        for change in motor.written
+    )
+    return (
+        f"servo {motor.dxl_id} ({motor.owner}) is set up in part, torque off: {written}; "
+        "`palpate setup-motors` goes on from there"
+    )
+
+
+def _summary(console: Console, motors: Sequence[Motor]) -> None:
+    console.print()
+    for motor in motors:
+        if motor.outcome is SetupOutcome.NOT_DONE:
+            reason = "" if motor.problem is None else f": {motor.problem}"
+            console.print(
+                f"servo {motor.dxl_id} ({motor.owner}) is not done{reason}", highlight=False, markup=False
+            )
+            if motor.written:
+                console.print(_half_done(motor), highlight=False, markup=False)
+    good = sum(motor.outcome in (SetupOutcome.RIGHT, SetupOutcome.WRITTEN) for motor in motors)
+    console.print(f"as the rig file wants them: {good} of {len(motors)}", highlight=False)
+    if good == len(motors):
+        console.print("connect all servos, then run: palpate check --rig FILE", highlight=False)
+
+
+def _out(rig: RigFile, place: BusPlace, motors: Sequence[Motor]) -> SetupOut:
+    return SetupOut(
+        rig=rig.name,
+        port=place.port,
+        emulated=place.emulated,
+        baudrate_bps=rig.bus.baudrate_bps,
+        servos=tuple(motor.out() for motor in motors),
+    )

@@ -1,0 +1,1 @@
+"""Commands that examine a bench: `find-port`, `scan`, `check`, `stop`."""

@@ -1,0 +1,116 @@
+"""`palpate objects import`: from a CAD file to an objects file."""
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+from palpate.cli.terminal import Doing, Terminal
+from palpate.config.import_result import ImportedObjectOut, ImportOut
+from palpate.config.objects_file import checked_objects, load_objects, load_objects_text
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_json
+from palpate.config.results import to_json
+from palpate.errors import InputError
+from palpate.files.writing import check_place, write_text
+from palpate.rig.catalogue.cad_import import ImportedObject, Wanted, import_file
+from palpate.views.import_table import show
+
+__all__ = ["Into", "heights_of", "run_import"]
+
+_LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM = 0.001, 5.0
+_MOST_THICKNESS_MM = 1000.0
+
+
+@dataclass(frozen=True)
+class Into:
+    """The objects file: None for the source's name. `add`: to what is there already."""
+
+    path: Path | None
+    add: bool = False
+
+
+def run_import(source: Path, wanted: Wanted, into: Into, *, json: bool) -> int:
+    """Read, compute, write, tell; returns the exit code.
+
+    The objects file is written last, at once, and only if it can be read again.
+    """
+    begin = time.perf_counter()
+    _check_wanted(wanted)
+    target = into.path or Path(f"{source.stem}.objects.json")
+    there = _there(target, add=into.add)
+    console = Terminal(stderr=True, soft_wrap=True, highlight=False)
+    with Doing(console, f"reading {source.name}") as doing:
+        imported = import_file(source, wanted, doing.now)
+        doing.now(f"writing {target}")
+        text, told = _joined(there, imported.objects)
+        checked_objects(text, str(source))
+        written = objects_json(text)
+        write_text(target, written)
+    out = ImportOut(
+        source=str(source),
+        objects_file=str(target),
+        bytes=len(written.encode()),
+        objects=told,
+        warnings=imported.warnings,
+        seconds=time.perf_counter() - begin,
+    )
+    if json:
+        typer.echo(to_json(out))
+    show(out, console if json else Terminal(highlight=False))
+    return 0
+
+
+def heights_of(text: str) -> tuple[float, ...]:
+    """The heights of "5,12", ascending. Raises InputError."""
+    found = set()
+    for part in text.split(","):
+        try:
+            height = float(part)
+        except ValueError:
+            height = math.nan
+        if not 0 <= height < math.inf:
+            raise InputError(f'--heights "{text}": "{part}" is no height in mm; write them as 5,12')
+        found.add(height)
+    return tuple(sorted(found))
+
+
+def _check_wanted(wanted: Wanted) -> None:
+    limits = (
+        ("--tolerance", wanted.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
+        ("--deviation", wanted.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),
+        ("--thickness", wanted.thickness_mm, _LEAST_TOLERANCE_MM, _MOST_THICKNESS_MM, " mm"),
+        ("--least-probability", wanted.least_probability, 0.0, 1.0, ""),
+    )
+    for option, value, least, most, unit in limits:
+        if value is not None and not least <= value <= most:
+            raise InputError(f"{option} is {value:g}{unit}; it must be from {least:g} to {most:g}{unit}")
+    if wanted.name is not None and (not wanted.name.isprintable() or wanted.name.strip() != wanted.name):
+        raise InputError("--name must be printable characters without blanks around them")
+    if wanted.name is not None and not 0 < len(wanted.name) <= 90:
+        raise InputError(f"--name has {len(wanted.name)} characters; it must have from 1 to 90")
+
+
+def _there(target: Path, *, add: bool) -> ObjectsFileText | None:
+    """What the objects file holds already; InputError, before anything is computed, if it stays as it is."""
+    check_place(target)
+    if not target.exists():
+        return None
+    if not add:
+        raise InputError(f"{target} is there already: add to it with --add, or choose another with --out")
+    load_objects(target)
+    return load_objects_text(target)
+
+
+def _joined(
+    there: ObjectsFileText | None, new: tuple[ImportedObject, ...]
+) -> tuple[ObjectsFileText, tuple[ImportedObjectOut, ...]]:
+    """The file's text with the new objects: in the place of those of their names, else at the end."""
+    old = [] if there is None else there.objects
+    fresh: dict[str, ObjectText] = {item.text.name: item.text for item in new}
+    names = {entry.name for entry in old}
+    objects = [fresh.get(entry.name, entry) for entry in old]
+    objects += [text for name, text in fresh.items() if name not in names]
+    told = tuple(item.told.model_copy(update={"replaced": item.told.name in names}) for item in new)
+    return ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects), told

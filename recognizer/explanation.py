@@ -1,0 +1,218 @@
+"""Why nothing fits, or why one object does not. Beside the data's way: for people, after `recognise`.
+
+From contacts to the step of the search that ruled an object out, to a smallest set of contacts that rule it
+out on their own, and to what may have gone wrong: an object that moved between grips, a contact that is
+spurious.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import combinations
+
+import numpy as np
+
+from palpate.errors import InputError
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.hypotheses import Hypothesis
+from palpate.recognizer.model import ObjectModel
+from palpate.recognizer.recognition import anchor_of, intervals_of, recognise
+from palpate.recognizer.region import Cells, build_cells
+from palpate.recognizer.sweep import unblocked
+from palpate.recognizer.tree import Interpretations, by_angle, by_chord, by_distance, by_triple, first_level
+
+__all__ = ["Reason", "Step", "Why", "fits_something", "moved", "suspects", "why"]
+
+
+_LEAST_TO_SUSPECT = 2
+
+
+class Reason(Enum):
+    """What a step of the search looks at (docs/recogniser.md)."""
+
+    EDGES = "edges"  # that the first contact may lie on, at its height
+    NORMAL = "normal"
+    DISTANCE = "distance"
+    TWO = "model of two contacts"
+    THREE = "model of three contacts"
+    REGION = "region"
+    PATH = "free path"
+    FINER = "finer cells"
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """`left` interpretations after a test of `contacts`; the newest of them is the last."""
+
+    reason: Reason
+    contacts: tuple[Contact, ...]
+    left: int
+
+
+@dataclass(frozen=True, eq=False)
+class Why:
+    """What the search makes of one object, or of one of its states.
+
+    `conflict`: contacts and misses that cannot all be true of it, none of which can be left out; empty if the
+    object is not ruled out. Then `hypotheses` are its own.
+    """
+
+    object_name: str
+    state_name: str | None
+    steps: tuple[Step, ...]
+    conflict: tuple[Contact, ...]
+    hypotheses: tuple[Hypothesis, ...]
+
+    @property
+    def ruled_out(self) -> Step | None:
+        """The step that left nothing; None if something is left."""
+        return None if self.steps[-1].left else self.steps[-1]
+
+
+def why(
+    catalogue: Catalogue, contacts: Sequence[Contact], object_name: str, state_name: str | None = None
+) -> Why:
+    """Search for one object alone, step by step, until nothing is left of it or all contacts are used.
+
+    No contact is taken as spurious. Raises InputError if none of the contacts touched anything, and for an
+    object or a state that is not in the catalogue.
+    """
+    alone = _only(catalogue, object_name, state_name)
+    if not any(contact.touched for contact in contacts):
+        raise InputError("no finger touched anything: nothing can be ruled out")
+    steps = tuple(_steps(alone, contacts))
+    if not steps[-1].left:
+        return Why(object_name, state_name, steps, _conflict(alone, contacts), ())
+    return Why(object_name, state_name, steps, (), tuple(recognise(alone, contacts).hypotheses))
+
+
+def moved(catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious: int = 0) -> int | None:
+    """How many of the first grips fit together, if the object may have moved after them.
+
+    That is so if every grip that touched something fits an object on its own, but all together fit none. None
+    otherwise.
+    """
+    if fits_something(catalogue, _together(grips), max_spurious):
+        return None
+    if not all(fits_something(catalogue, grip, max_spurious) for grip in grips):
+        return None
+    return next(
+        count - 1
+        for count in range(1, len(grips) + 1)
+        if not fits_something(catalogue, _together(grips[:count]), max_spurious)
+    )
+
+
+def suspects(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> tuple[Contact, ...]:
+    """Contacts that are spurious in some hypothesis if `max_spurious` + 1 may be; in the order given.
+
+    Empty if that does not help, or if less than two contacts would be left: one alone nearly always fits.
+    """
+    if sum(contact.touched for contact in contacts) - max_spurious - 1 < _LEAST_TO_SUSPECT:
+        return ()
+    try:
+        found = recognise(catalogue, contacts, max_spurious + 1)
+    except InputError:  # the others say too little: everything fits
+        return ()
+    named = {id(contact) for item in found.hypotheses for contact in item.null_contacts}
+    return tuple(contact for contact in contacts if id(contact) in named)
+
+
+def fits_something(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> bool:
+    """Whether something explains the contacts; without a touch, or if they say too little, anything does."""
+    touched = sum(contact.touched for contact in contacts)
+    if not touched:
+        return True
+    try:
+        return bool(recognise(catalogue, contacts, min(max_spurious, touched - 1)).hypotheses)
+    except InputError:
+        return True
+
+
+def _together(grips: Sequence[Sequence[Contact]]) -> list[Contact]:
+    return [contact for grip in grips for contact in grip]
+
+
+def _only(catalogue: Catalogue, object_name: str, state_name: str | None) -> Catalogue:
+    """A catalogue of one object, with one state or with all that it has."""
+    named = [state for state in catalogue.states if state.object_name == object_name]
+    if not named:
+        known = ", ".join(dict.fromkeys(state.object_name for state in catalogue.states))
+        raise InputError(f'no object "{object_name}" in the catalogue; there are: {known}')
+    chosen = [item.state for item in named if state_name in {None, item.state.name}]
+    if not chosen:
+        known = ", ".join(item.state.name for item in named)
+        raise InputError(f'object "{object_name}" has no state "{state_name}"; it has: {known}')
+    model = ObjectModel(object_name, tuple(chosen), named[0].tolerance_mm)
+    return Catalogue([model], facet_error_mm=catalogue.facet_error_mm, flat_edges=catalogue.flat_edges)
+
+
+def _steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[Step]:
+    """The tests of the search with what they leave, up to the first that leaves nothing."""
+    for step in _all_steps(alone, contacts):
+        yield step
+        if not step.left:
+            return
+
+
+def _all_steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[Step]:
+    """Pairs and triples of contacts are tested at every level; `recognise` has the last word."""
+    touched = [contact for contact in contacts if contact.touched]
+    anchor = anchor_of(touched)
+    nodes, _ = first_level(alone, touched[0])
+    yield Step(Reason.EDGES, (touched[0],), len(nodes))
+    for size in range(2, len(touched) + 1):
+        for step, grown in _level(alone, nodes, touched[:size]):
+            nodes = grown
+            yield step
+    cells = build_cells(alone, nodes, touched, anchor, intervals_of(nodes))
+    yield Step(Reason.REGION, tuple(touched), _interpretations(cells))
+    for contact in contacts:
+        cells = cells.select(unblocked(alone, cells, anchor, [contact]))
+        yield Step(Reason.PATH, (contact,), _interpretations(cells))
+    found = recognise(alone, contacts).hypotheses
+    yield Step(Reason.FINER, tuple(contacts), sum(_interpretations(item.cells) for item in found))
+
+
+def _level(
+    alone: Catalogue, nodes: Interpretations, contacts: list[Contact]
+) -> Iterator[tuple[Step, Interpretations]]:
+    """The tests of `tree.next_level`, one by one."""
+    *earlier, new = contacts
+    nodes = by_angle(alone, nodes, earlier, new)
+    yield Step(Reason.NORMAL, (new,), len(nodes)), nodes
+    for level, other in enumerate(earlier):
+        nodes = by_distance(alone, nodes, level, other, new)
+        yield Step(Reason.DISTANCE, (other, new), len(nodes)), nodes
+    for level, other in enumerate(earlier):
+        nodes = by_chord(alone, nodes, level, contacts)
+        yield Step(Reason.TWO, (other, new), len(nodes)), nodes
+    for pair in combinations(range(len(earlier)), 2):
+        nodes = by_triple(alone, nodes, pair, contacts, anchor_of(contacts))
+        yield Step(Reason.THREE, (*(earlier[k] for k in pair), new), len(nodes)), nodes
+
+
+def _interpretations(cells: Cells) -> int:
+    return len(np.unique(cells.node))
+
+
+def _conflict(alone: Catalogue, contacts: Sequence[Contact]) -> tuple[Contact, ...]:
+    """Contacts that rule the object out, until none of them can be left out; misses are tried first."""
+    left = list(contacts)
+    shrunk = True
+    while shrunk:
+        shrunk = False
+        missed = [contact for contact in reversed(left) if not contact.touched]
+        for contact in (*missed, *(contact for contact in reversed(left) if contact.touched)):
+            fewer = [other for other in left if other is not contact]
+            if _ruled_out(alone, fewer):
+                left, shrunk = fewer, True
+    return tuple(left)
+
+
+def _ruled_out(alone: Catalogue, contacts: Sequence[Contact]) -> bool:
+    if not any(contact.touched for contact in contacts):
+        return False
+    *_, last = _steps(alone, contacts)
+    return not last.left

@@ -1,0 +1,198 @@
+"""What a finger may touch of an outline whose vertices are off by a tolerance: every feature on its own.
+
+From cross sections to the edges that contacts are paired with, for objects with a tolerance. The outline
+grown from the nominal section says too little of them: where a notch is a little wider in truth than in the
+model, a finger may touch its floor or its corners though the nominal grown outline has neither. So every edge
+and every convex vertex is taken by itself.
+
+With vertices off by δ at most, each point of a true edge is within δ of the nominal edge, and an edge of
+length L tilts by up to asin(2δ/L). Where the true outline is a round of sagitta δ over the edge its normal is
+off by nearly twice that, so asin(4δ/L) is allowed. A finger of radius r that touches the edge has its centre
+r along the true normal from such a point; one that touches a vertex has it r from a point within δ of the
+nominal vertex, along a normal between those of the two true edges. Nothing else is assumed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.recognizer.minkowski import GrownSection, Ring, grow, oriented_rings
+from palpate.recognizer.model import Section
+from palpate.recognizer.outline_arcs import facet_turn
+from palpate.recognizer.simplification import coarsened
+
+__all__ = ["Touchable", "touchable_edges"]
+
+_MOST_SIDES = 1000  # of a ring; finer ones are replaced by chords
+
+
+@dataclass(frozen=True, eq=False)
+class Touchable:
+    """Edges (n) in the section's frame, for pairing only: they overlap, and do not close to outlines.
+
+    `inward`, `outward` and `along` (n,) mm: how far the tip's centre may lie from them.
+    """
+
+    edges: GrownSection
+    inward: Floats
+    outward: Floats
+    along: Floats
+
+    def select(self, rows: Ints | Bools) -> "Touchable":
+        """Those at `rows` (indices or a mask)."""
+        return Touchable(self.edges.select(rows), self.inward[rows], self.outward[rows], self.along[rows])
+
+
+def touchable_edges(
+    section: Section, radius_mm: float, tolerance_mm: float, facet_error_mm: float
+) -> Touchable:
+    """Places of a tip's centre at every feature, except for those that the object surely covers.
+
+    The centre is never nearer to the nominal section than r − δ.
+    """
+    parts = []
+    for ring in oriented_rings(section):
+        sides = _sides(ring, tolerance_mm)
+        parts.append(_along_edges(sides, radius_mm))
+        if radius_mm > 0:
+            parts.append(_about_vertices(sides, radius_mm, facet_turn(radius_mm, facet_error_mm)))
+    found = Touchable(
+        GrownSection(
+            *(
+                np.concatenate([getattr(part.edges, name) for part in parts])
+                for name in ("start", "end", "direction", "length", "bulge", "dent", "span", "feature")
+            )
+        ),
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("inward", "outward", "along")),
+    )
+    if radius_mm <= tolerance_mm:
+        return found
+    return found.select(~_covered(found, section, radius_mm - tolerance_mm, facet_error_mm))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """The edges (n) of a ring: edge k runs from `start` along `leg` (n, 2); `number` (n,) is its start's.
+
+    A point of the true edge is within `off` (n,) mm of it, and the true normal within `tilt` (n,) rad.
+    """
+
+    start: Floats
+    leg: Floats
+    number: Ints
+    off: Floats
+    tilt: Floats
+
+
+def _sides(ring: Ring, tolerance_mm: float) -> _Sides:
+    """A ring's edges; of a very fine ring, chords of its runs of edges."""
+    leg = np.roll(ring.points, -1, axis=0) - ring.points
+    length = np.hypot(*leg.T)
+    ratio = 4 * tolerance_mm / length
+    tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
+    nothing = np.zeros(len(length))
+    traced = GrownSection(
+        start=ring.points,
+        end=np.roll(ring.points, -1, axis=0),
+        direction=leg / length[:, None],
+        length=length,
+        bulge=nothing,
+        dent=nothing,
+        span=tilt,
+        feature=ring.vertex,
+    )
+    traced = coarsened(traced, _MOST_SIDES)
+    return _Sides(
+        traced.start, traced.end - traced.start, traced.feature, tolerance_mm + traced.dent, traced.span
+    )
+
+
+def _along_edges(sides: _Sides, radius_mm: float) -> Touchable:
+    length = np.hypot(*sides.leg.T)
+    direction = sides.leg / np.maximum(length, 1e-300)[:, None]
+    normal = np.column_stack([direction[:, 1], -direction[:, 0]])
+    nothing = np.zeros(len(length))
+    edges = GrownSection(
+        start=sides.start + radius_mm * normal,
+        end=sides.start + sides.leg + radius_mm * normal,
+        direction=direction,
+        length=length,
+        bulge=nothing,
+        dent=nothing,
+        span=sides.tilt,
+        feature=sides.number,
+    )
+    sunk = radius_mm * (1 - np.cos(sides.tilt))
+    aside = radius_mm * np.sin(np.minimum(sides.tilt, np.pi / 2))
+    return Touchable(edges, sides.off + sunk, sides.off, sides.off + aside)
+
+
+def _about_vertices(sides: _Sides, radius_mm: float, turn_rad: float) -> Touchable:
+    """Facets of the arcs about vertices that may be convex.
+
+    An edge that may point anywhere holds whatever touches its ends as well.
+    """
+    angle = np.arctan2(sides.leg[:, 1], sides.leg[:, 0]) - np.pi / 2
+    before, tilt_before = np.roll(angle, 1), np.roll(sides.tilt, 1)
+    off = np.maximum(sides.off, np.roll(sides.off, 1))
+    bend = (angle - before + np.pi) % (2 * np.pi) - np.pi
+    width = np.minimum(bend + sides.tilt + tilt_before, 2 * np.pi)
+    at = np.flatnonzero((width > 0) & (np.maximum(sides.tilt, tilt_before) < np.pi))
+    count = np.ceil(width[at] / turn_rad).astype(np.int64)
+    owner = np.repeat(at, count)
+    step = np.repeat(width[at] / np.maximum(count, 1), count)
+    place = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    begin = before[owner] - tilt_before[owner] + place * step
+    start, end = (
+        sides.start[owner] + radius_mm * np.column_stack([np.cos(a), np.sin(a)])
+        for a in (begin, begin + step)
+    )
+    middle = begin + step / 2
+    bulge = radius_mm * (1 - np.cos(step / 2))
+    edges = GrownSection(
+        start=start,
+        end=end,
+        direction=np.column_stack([-np.sin(middle), np.cos(middle)]),
+        length=np.hypot(*(end - start).T),
+        bulge=bulge,
+        dent=np.zeros(len(owner)),
+        span=step / 2,
+        feature=-1 - sides.number[owner],
+    )
+    return Touchable(edges, off[owner], off[owner] + bulge, off[owner])
+
+
+def _covered(found: Touchable, section: Section, radius_mm: float, facet_error_mm: float) -> Bools:
+    """Which edges, with all their slack, are inside of what is nearer to the section than `radius_mm`."""
+    grown = grow(section, radius_mm, facet_error_mm)
+    solid = shapely.polygonize(list(shapely.linestrings(np.stack([grown.start, grown.end], axis=1))))
+    inside = shapely.union_all([part for part in solid.geoms if _is_solid(part, grown)])
+    edges = found.edges
+    normal = np.column_stack([edges.direction[:, 1], -edges.direction[:, 0]])
+    corners = [
+        point + side * edges.direction * found.along[:, None] + across * normal
+        for point, side, across in (
+            (edges.start, -1.0, -found.inward[:, None]),
+            (edges.end, 1.0, -found.inward[:, None]),
+            (edges.end, 1.0, found.outward[:, None]),
+            (edges.start, -1.0, found.outward[:, None]),
+        )
+    ]
+    shapely.prepare(inside)
+    covered: Bools = shapely.contains_properly(inside, shapely.polygons(np.stack(corners, axis=1)))
+    return covered
+
+
+def _is_solid(part: shapely.Polygon, grown: GrownSection) -> bool:
+    """Whether a face of the grown outlines is on their left: faces of holes are on their right."""
+    point = part.representative_point()
+    return math.isfinite(point.x) and _winding(np.array([point.x, point.y]), grown) > 0
+
+
+def _winding(point: Floats, grown: GrownSection) -> int:
+    begin, end = grown.start - point, grown.end - point
+    turn = np.arctan2(begin[:, 0] * end[:, 1] - begin[:, 1] * end[:, 0], np.sum(begin * end, axis=1))
+    return round(float(turn.sum()) / (2 * math.pi))

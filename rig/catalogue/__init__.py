@@ -1,0 +1,1 @@
+"""Object models as a rig's fingers meet them: CAD import, reachability, twins."""

@@ -1,0 +1,184 @@
+"""From a CAD file to object models: joins `cad`, which knows geometry, and `config`, which knows files.
+
+What `tolerance_mm` allows is shared out: to curves that become edges, to states that are nearly the same, and
+to cross sections that stand for many. What they came to is added up and written as the object's tolerance.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from palpate.cad.as_drawn import volume_mm3
+from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler
+from palpate.cad.values import Drawing, Solid
+from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
+from palpate.config.objects_file import FLAT
+from palpate.config.objects_tables import ObjectText, SectionText, StateText
+from palpate.errors import InputError
+from palpate.files import confined
+from palpate.rig.catalogue.import_states import Shares, Stood, standing
+from palpate.rig.catalogue.objects_text import bound_mm, edges_of, frame_out, polygons_text, rounded
+
+__all__ = ["Imported", "ImportedObject", "Wanted", "import_file"]
+
+Tell = Callable[[str], None]
+
+_CURVE_SHARE, _MERGED_SHARE = 0.3, 0.2
+_ORIGIN_DECIMALS = 3
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is asked of an import.
+
+    `units`: of files that say none. `name`: instead of the file's. `tolerance_mm`: what approximations may
+    add up to; `deviation_mm`: how far the made part may be from the file's. `heights_mm`: near which
+    sections are wanted, None: all. `thickness_mm`: of a drawing. `as_is`: not dropped, but as it lies in the
+    file. States that are less probable than `least_probability` are left out.
+    """
+
+    units: str | None = None
+    name: str | None = None
+    tolerance_mm: float = 0.1
+    deviation_mm: float = 0.0
+    heights_mm: tuple[float, ...] | None = None
+    thickness_mm: float | None = None
+    as_is: bool = False
+    least_probability: float = 0.01
+
+
+@dataclass(frozen=True)
+class ImportedObject:
+    """An object as it stands in an objects file, and what people are told about it."""
+
+    text: ObjectText
+    told: ImportedObjectOut
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Every part of a file."""
+
+    objects: tuple[ImportedObject, ...]
+    warnings: tuple[str, ...]
+
+
+def import_file(path: Path, wanted: Wanted, tell: Tell = lambda _: None) -> Imported:
+    """Read a file and make an object of each of its parts; `tell` hears what is being done.
+
+    Raises InputError for a file that is no sound part, and for sections that the tolerance does not allow.
+    """
+    tell(f"reading {path.name}")
+    if is_drawing(path):
+        return _drawings(path, wanted)
+    if wanted.thickness_mm is not None:
+        raise InputError(f"--thickness is for drawings; {path} holds solids, which have heights of their own")
+    curve = _CURVE_SHARE * wanted.tolerance_mm
+    solids = confined(path, simpler(path), read_solids, path, wanted.units, curve)
+    objects, warnings = [], []
+    for solid, name in zip(solids, _names([solid.name for solid in solids], wanted), strict=True):
+        stood = standing(solid, _shares(solid, wanted), partial(_told_of, tell, name))
+        objects.append(_solid_object(solid, name, stood, wanted))
+        warnings += [f'object "{name}": {text}' for text in stood.warnings]
+    return Imported(tuple(objects), tuple(warnings))
+
+
+def _told_of(tell: Tell, name: str, what: str) -> None:
+    tell(f"{name}: {what}")
+
+
+def _shares(solid: Solid, wanted: Wanted) -> Shares:
+    merged = 0.0 if wanted.as_is else _MERGED_SHARE * (wanted.tolerance_mm - solid.off_mm)
+    return Shares(
+        wanted.tolerance_mm - merged, merged, wanted.heights_mm, wanted.least_probability, as_is=wanted.as_is
+    )
+
+
+def _names(found: Sequence[str], wanted: Wanted) -> list[str]:
+    """A name for each part, all different: those in the file, or the one asked for with numbers."""
+    if wanted.name is not None:
+        found = [wanted.name] if len(found) == 1 else [f"{wanted.name}-{k + 1}" for k in range(len(found))]
+    names: list[str] = []
+    for name in found:
+        plain, number, taken = _printable(name), 1, name in names
+        while taken or plain in names:
+            number, taken = number + 1, False
+            plain = f"{_printable(name)}-{number}"
+        names.append(plain)
+    return names
+
+
+def _printable(name: str) -> str:
+    kept = "".join(letter if letter.isprintable() else " " for letter in name)
+    return " ".join(kept.split())[:90] or "part"
+
+
+def _solid_object(solid: Solid, name: str, stood: Stood, wanted: Wanted) -> ImportedObject:
+    tolerance = bound_mm([max(item.off_mm for item in stood.states), wanted.deviation_mm])
+    out = ImportedObjectOut(
+        name=name,
+        replaced=False,
+        size=tuple(np.ptp(solid.vertices_mm, axis=0).tolist()),
+        volume=volume_mm3(solid),
+        facets=len(solid.faces),
+        tolerance=tolerance,
+        curve_tolerance=bound_mm([solid.off_mm]),
+        deviation=wanted.deviation_mm,
+        states=tuple(item.told for item in stood.states),
+        left_out=stood.left_out,
+    )
+    states = [item.text for item in stood.states]
+    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=states), out)
+
+
+def _drawings(path: Path, wanted: Wanted) -> Imported:
+    thickness = wanted.thickness_mm
+    if thickness is None:
+        raise InputError(
+            f"{path} is a drawing, which says nothing of heights: add --thickness with the part's"
+        )
+    drawings = confined(path, simpler(path), read_drawings, path, wanted.units, wanted.tolerance_mm)
+    names = _names([drawing.name for drawing in drawings], wanted)
+    pairs = zip(drawings, names, strict=True)
+    return Imported(tuple(_flat_object(drawing, name, thickness, wanted) for drawing, name in pairs), ())
+
+
+def _flat_object(drawing: Drawing, name: str, thickness_mm: float, wanted: Wanted) -> ImportedObject:
+    """A drawing is an object with one state, its centre of area above the origin, to a micrometre."""
+    area = shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in drawing.regions])
+    x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
+    height = rounded(thickness_mm)
+    section = SectionText(z=(0.0, height), polygons=polygons_text(drawing.regions, (x, y)))
+    told = ImportedStateOut(
+        name=FLAT,
+        probability=None,
+        tipping_angle=None,
+        height=height,
+        heights=None,
+        sections=1,
+        edges=(edges_of(section),) * 2,
+        merged=1,
+        section_tolerance=0.0,
+        merged_tolerance=0.0,
+        frame=frame_out(np.eye(3), np.array([-x, -y, 0.0])),
+    )
+    tolerance = bound_mm([drawing.off_mm, wanted.deviation_mm])
+    west, south, east, north = area.bounds
+    out = ImportedObjectOut(
+        name=name,
+        replaced=False,
+        size=(east - west, north - south),
+        volume=None,
+        facets=None,
+        tolerance=tolerance,
+        curve_tolerance=bound_mm([drawing.off_mm]),
+        deviation=wanted.deviation_mm,
+        states=(told,),
+        left_out=(),
+    )
+    state = StateText(name=FLAT, height=height, sections=[section])
+    return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=[state]), out)

@@ -1,0 +1,84 @@
+"""What of a rig decides which parts it can tell apart: heights, tips, and how far off contacts may be.
+
+From the rig file to `objects_twins`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.config import AnyFinger, RigFile
+from palpate.drivers.finger import Line
+from palpate.errors import InputError
+from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
+from palpate.rig.stage import planned_turn
+
+__all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_in_words", "rig_fingers"]
+
+
+@dataclass(frozen=True)
+class AtHeight:
+    """The fingers at one height over the support plane; `tip_radius_mm` is that of the slimmest."""
+
+    height_mm: float
+    tip_radius_mm: float
+    fingers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class RigFingers:
+    """Fingers by height, ascending. `bound_mm`: a contact is nowhere further off than this."""
+
+    rig_name: str
+    at: tuple[AtHeight, ...]
+    bound_mm: float
+
+    @property
+    def slimmest_mm(self) -> float:
+        """Radius of the slimmest tip of the rig."""
+        return min(item.tip_radius_mm for item in self.at)
+
+
+def rig_fingers(rig: RigFile) -> RigFingers:
+    """The rig's fingers, with the largest bound of a contact that the rig makes about its middle.
+
+    Raises InputError if no finger gets to the middle: there is no such bound then.
+    """
+    bound_mm = contact_bound_mm(rig)
+    if bound_mm is None:
+        raise InputError(
+            f"rig {rig.name}: no finger gets to the middle of the table (0, 0), so how far off contacts may "
+            "be is not known; check base_mm and the fingers' ranges"
+        )
+    return RigFingers(rig.name, at_heights(rig), bound_mm)
+
+
+def contact_bound_mm(rig: RigFile) -> float | None:
+    """Largest bound of a contact about the middle of the table; None if no finger gets there."""
+    bounds = [_bound_mm(finger, rig) for finger in rig.fingers]
+    return max((bound for bound in bounds if math.isfinite(bound)), default=None)
+
+
+def at_heights(rig: RigFile) -> tuple[AtHeight, ...]:
+    """The rig's fingers by height, ascending."""
+    at = []
+    for height in sorted({finger.height_mm for finger in rig.fingers}):
+        here = [finger for finger in rig.fingers if finger.height_mm == height]
+        slimmest = min(finger.tip.radius_mm for finger in here)
+        at.append(AtHeight(height, slimmest, tuple(finger.name for finger in here)))
+    return tuple(at)
+
+
+def heights_in_words(at: Sequence[AtHeight]) -> str:
+    """Such as "10 mm (f1, f2) and 25 mm (f3)"."""
+    words = [f"{item.height_mm:g} mm ({', '.join(item.fingers)})" for item in at]
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def _bound_mm(finger: AnyFinger, rig: RigFile) -> float:
+    """Bound of a contact in the middle of the table, of all that adds to it; infinite out of reach."""
+    kinematics = kinematics_of(finger)
+    x, y = finger.base_mm
+    servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
+    own = kinematics.position_bound_mm(servos) + planned_turn(rig.stage, 0.0).position_bound_mm((0.0, 0.0))
+    return own + dent_allowance_mm(finger, rig.closing) + tip_bound_mm(finger)

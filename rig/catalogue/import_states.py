@@ -1,0 +1,218 @@
+"""How a solid rests and what fingers meet then: an import's geometry, state by state.
+
+Between `cad` and `importing`. Stable states that are the same but for a turn about the vertical become one.
+"""
+
+import os
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from multiprocessing import active_children
+
+import shapely
+
+from palpate.cad.as_drawn import as_drawn
+from palpate.cad.merging import MergedState, merged
+from palpate.cad.resting_surface import Surface, surface_of
+from palpate.cad.sections import sections_of
+from palpate.cad.slicing import regions_of, sliced
+from palpate.cad.stable import LeftOut, stable_states
+from palpate.cad.values import CrossSection, Floats, Solid, StableState
+from palpate.config.import_result import ImportedStateOut, LeftOutOut
+from palpate.config.objects_tables import StateText
+from palpate.errors import InputError
+from palpate.rig.catalogue.objects_text import (
+    NEGLIGIBLE_MM,
+    bound_mm,
+    edges_of,
+    frame_out,
+    ranges_known,
+    ranges_near,
+    rounded,
+    sections_text,
+    share,
+)
+
+__all__ = ["Shares", "Standing", "Stood", "standing"]
+
+Tell = Callable[[str], None]
+
+_MOST_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes half as many at 0.1 mm
+
+
+@dataclass(frozen=True)
+class Shares:
+    """What an import may lose: to curves and few sections together, and to states that are made one.
+
+    The rest as `importing.Wanted` has it.
+    """
+
+    sections_mm: float
+    merged_mm: float
+    heights_mm: tuple[float, ...] | None
+    least_probability: float
+    as_is: bool
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A state as it stands in an objects file, and what people are told about it.
+
+    `off_mm`: how far true sections may be from those written, what the surface itself is off included.
+    """
+
+    text: StateText
+    told: ImportedStateOut
+    off_mm: float
+
+
+@dataclass(frozen=True)
+class Stood:
+    """Every state of a solid that is written, and what is left out."""
+
+    states: tuple[Standing, ...]
+    left_out: tuple[LeftOutOut, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def standing(solid: Solid, shares: Shares, tell: Tell) -> Stood:
+    """The states of a solid with their sections; `tell` hears what is being done.
+
+    Raises InputError for sections that the tolerance does not allow.
+    """
+    if shares.as_is:
+        return _as_it_lies(solid, shares, tell)
+    tell("stable states")
+    stable, unstable = stable_states(solid)
+    kept, out = merged(solid, stable, _Slices(solid).of, shares.merged_mm, shares.least_probability)
+    if not kept:
+        raise InputError(
+            f"{solid.name}: no stable state is as probable as {shares.least_probability:g}: "
+            "give a smaller --least-probability, or --states as-is"
+        )
+    tell(f"sections of {len(kept)} states")
+    states = _all_sectioned(solid, kept, shares, tell)
+    return Stood(tuple(states), _left_out([*unstable, *out]))
+
+
+def _all_sectioned(solid: Solid, kept: Sequence[MergedState], shares: Shares, tell: Tell) -> list[Standing]:
+    """All states, several at once; whoever interrupts this need not wait for those that have been begun."""
+    others = set(active_children())
+    with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1), initializer=_leave_signals) as pool:
+        try:
+            work = [pool.submit(_sectioned, solid, item, shares) for item in kept]
+            for done, _ in enumerate(as_completed(work), start=1):
+                tell(f"sections of {len(kept)} states, {done} done")
+            return [future.result() for future in work]
+        except BaseException:
+            for child in set(active_children()) - others:
+                child.terminate()
+            raise
+
+
+def _leave_signals() -> None:
+    """Interruptions are for the process that was started; it ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> Standing:
+    """One state, in a process of its own: large parts take seconds for each."""
+    return _standing(item.state, _sections(solid, item.state, shares), solid, item)
+
+
+def _as_it_lies(solid: Solid, shares: Shares, tell: Tell) -> Stood:
+    """The only state of a solid that is not dropped."""
+    state = as_drawn(solid)
+    warnings = (
+        () if state.tipping_angle_rad > 0 else ("would topple as it lies in the file, if nothing held it",)
+    )
+    tell("sections")
+    return Stood((_standing(state, _sections(solid, state, shares), solid),), (), warnings)
+
+
+class _Slices:
+    """Exact sections of a solid's states, for those who compare them."""
+
+    def __init__(self, solid: Solid) -> None:
+        self._solid = solid
+        self._last: tuple[StableState, Surface] | None = None  # one: hundreds of large surfaces are too many
+
+    def of(self, state: StableState, heights_mm: Floats) -> list[shapely.Geometry]:
+        """What is solid at each of the heights; empty above the part."""
+        if self._last is None or self._last[0] is not state:
+            self._last = state, surface_of(self._solid, state)
+        surface = self._last[1]
+        return [_region(surface, float(height)) for height in heights_mm]
+
+
+def _region(surface: Surface, height_mm: float) -> shapely.Geometry:
+    regions = regions_of([ring.points for ring in sliced(surface, height_mm)])
+    return shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in regions])
+
+
+def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
+    """Those that are written: of all heights, or near those that were asked for."""
+    near = shares.heights_mm
+    ranges = None if near is None else ranges_near(near, _top_mm(solid, state))
+    return sections_of(solid, state, shares.sections_mm, ranges, _MOST_SECTIONS)
+
+
+def _top_mm(solid: Solid, state: StableState) -> float:
+    return float((solid.vertices_mm @ state.rotation[2]).max() + state.offset_mm[2])
+
+
+def _standing(
+    state: StableState,
+    sections: Sequence[CrossSection],
+    solid: Solid,
+    found: MergedState | None = None,
+) -> Standing:
+    """A state in the words of the file and of the result; `found`: None for one that nobody dropped."""
+    probability = None if found is None else share(state.probability)
+    apart_mm = 0.0 if found is None else found.apart_mm
+    some = sections_text([section for section in sections if section.regions])
+    top = rounded(_top_mm(solid, state))
+    known = ranges_known(sections)
+    everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - NEGLIGIBLE_MM
+    heights = None if everywhere else known
+    # Faces that are level but for rounding end where their sections do.
+    height = some[-1].z[1] if everywhere else max(top, *(section.z[1] for section in some))
+    tipping = rounded(state.tipping_angle_rad) or None
+    counts = [edges_of(section) for section in some]
+    text = StateText(
+        name=state.name,
+        probability=probability,
+        tipping_angle=tipping,
+        height=height,
+        heights=heights,
+        sections=some,
+    )
+    off = max(section.off_mm for section in sections)
+    told = ImportedStateOut(
+        name=state.name,
+        probability=probability,
+        tipping_angle=tipping,
+        height=height,
+        heights=None if heights is None else tuple(heights),
+        sections=len(some),
+        edges=(min(counts), max(counts)),
+        merged=1 if found is None else found.count,
+        section_tolerance=bound_mm([off - solid.off_mm]),
+        merged_tolerance=bound_mm([apart_mm]),
+        frame=frame_out(state.rotation, state.offset_mm),
+    )
+    return Standing(text, told, off + apart_mm)
+
+
+def _left_out(items: Sequence[LeftOut]) -> tuple[LeftOutOut, ...]:
+    """Those of one reason together, the most frequent first."""
+    groups: dict[str, list[LeftOut]] = {}
+    for item in items:
+        groups.setdefault(item.reason.partition(":")[0], []).append(item)
+    told = [
+        LeftOutOut(reason=reason, states=len(some), probability=sum(item.probability for item in some))
+        for reason, some in groups.items()
+    ]
+    return tuple(sorted(told, key=lambda item: -item.probability))

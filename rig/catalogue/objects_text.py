@@ -1,0 +1,124 @@
+"""From cross sections to what stands in an objects file. Between `cad` and the writer of `config`.
+
+Coordinates are rounded to six decimals. Nothing else is done to them: whoever writes the file checks it.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from palpate.cad.values import CrossSection, Floats, Region
+from palpate.config.import_result import FrameOut
+from palpate.config.objects_tables import PolygonText, SectionText
+from palpate.config.outlines import MIN_EDGE_MM
+from palpate.config.results import DECIMALS
+
+__all__ = [
+    "NEGLIGIBLE_MM",
+    "bound_mm",
+    "edges_of",
+    "frame_out",
+    "polygons_text",
+    "ranges_known",
+    "ranges_near",
+    "rounded",
+    "sections_text",
+]
+
+NEGLIGIBLE_MM = 1e-5
+"""What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
+
+_NEAR_MM = 0.5
+_SUMMING = 1e-9  # a sixth, six times added, is less than 1
+_BOUND_STEPS = 10_000  # to a millimetre
+
+
+def ranges_near(heights_mm: Iterable[float], top_mm: float) -> list[tuple[float, float]]:
+    """Ranges of height, ascending and apart, within 0.5 mm of the given ones and on the part.
+
+    A part that is lower than all of them gets its uppermost millimetre: a state has some section.
+    """
+    ranges: list[tuple[float, float]] = []
+    for height in sorted(heights_mm):
+        low, high = max(height - _NEAR_MM, 0.0), min(height + _NEAR_MM, top_mm)
+        if low >= high:
+            continue
+        if ranges and low <= ranges[-1][1]:
+            ranges[-1] = ranges[-1][0], high
+        else:
+            ranges.append((low, high))
+    return ranges or [(max(top_mm - 2 * _NEAR_MM, 0.0), top_mm)]
+
+
+def ranges_known(sections: Sequence[CrossSection]) -> list[tuple[float, float]]:
+    """Ranges of height (mm) that sections cover, ascending and apart, as the file has them."""
+    ranges: list[tuple[float, float]] = []
+    for section in sections:
+        low, high = (rounded(end) for end in section.z_mm)
+        if ranges and low <= ranges[-1][1]:
+            ranges[-1] = ranges[-1][0], high
+        else:
+            ranges.append((low, high))
+    return ranges
+
+
+def sections_text(sections: Sequence[CrossSection]) -> list[SectionText]:
+    """Cross sections as they stand in a file, from the table up."""
+    return [
+        SectionText(
+            z=(rounded(section.z_mm[0]), rounded(section.z_mm[1])), polygons=polygons_text(section.regions)
+        )
+        for section in sorted(sections, key=lambda item: item.z_mm)
+    ]
+
+
+def polygons_text(
+    regions: Sequence[Region], origin_mm: tuple[float, float] = (0.0, 0.0)
+) -> list[PolygonText]:
+    """Regions as they stand in a file, seen from another origin."""
+    origin = np.array(origin_mm)
+    return [_polygon_text(region, origin) for region in regions]
+
+
+def edges_of(section: SectionText) -> int:
+    """How many edges a section has, those of holes included."""
+    return sum(len(ring) for polygon in section.polygons for ring in (polygon.outer, *polygon.holes))
+
+
+def frame_out(rotation: Floats, offset_mm: Floats) -> FrameOut:
+    """How a state lies to its file: `rotation` (3, 3), `offset_mm` (3,)."""
+    rows = [(float(a), float(b), float(c)) for a, b, c in rotation]
+    x, y, z = (float(value) for value in offset_mm)
+    return FrameOut(rotation=tuple(rows), offset=(x, y, z))
+
+
+def rounded(value: float) -> float:
+    """A number of the file."""
+    return round(float(value), DECIMALS) + 0.0
+
+
+def share(value: float) -> float:
+    """A probability, downward: all states' together must not come to more than 1."""
+    scale: int = 10**DECIMALS
+    return math.floor((value + _SUMMING) * scale) / scale
+
+
+def bound_mm(parts_mm: Iterable[float]) -> float:
+    """The sum of bounds, upward to a tenth of a micrometre, but for what is nothing but rounding."""
+    beyond = max(math.fsum(parts_mm) - NEGLIGIBLE_MM, 0.0)
+    return math.ceil(beyond * _BOUND_STEPS) / _BOUND_STEPS
+
+
+def _polygon_text(region: Region, origin: Floats) -> PolygonText:
+    outer = _ring_text(region.outer - origin)
+    if not region.holes:
+        return PolygonText(outer=outer)
+    return PolygonText(outer=outer, holes=[_ring_text(hole - origin) for hole in region.holes])
+
+
+def _ring_text(ring: Floats) -> list[tuple[float, float]]:
+    points = np.round(ring, DECIMALS) + 0.0
+    # Where rounding makes two points one, one is left.
+    apart = np.hypot(*(points - np.roll(points, 1, axis=0)).T) > 1.5 * MIN_EDGE_MM
+    return [(x, y) for x, y in points[apart].tolist()]

@@ -1,0 +1,176 @@
+"""Which states a rig's fingers can never tell apart, and which they may not. Between states and results.
+
+Two states feel the same where one rigid motion in the plane brings what tips can reach of the one onto that
+of the other, at every height that fingers are at. How far off it leaves them is a Hausdorff distance, and the
+least over all such motions decides. Fingers are taken to be able to touch everywhere at their height, so a
+pair that is called the same stays the same for a rig that reaches less.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from palpate.cad.congruence_search import Motion, apart_mm
+from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
+from palpate.rig.catalogue.reached_regions import Reached
+from palpate.rig.catalogue.region_measures import Floats, measures, within_reach
+from palpate.rig.catalogue.section_stack import Resting
+from palpate.rig.catalogue.tip_reach import filled
+
+__all__ = ["Felt", "FindMotions", "Likeness", "Pair", "alike"]
+
+FindMotions = Callable[[Sequence[shapely.Geometry], Sequence[shapely.Geometry], float], Sequence[Motion]]
+"""`palpate.cad.congruence_search.motions`, or another that finds all motions within a distance."""
+
+_ROUNDING_MM = 1e-6
+_TURNS_TRIED = 8
+
+
+class Likeness(StrEnum):
+    """How alike two states feel; those that are told apart are not listed.
+
+    The same within their tolerances; within what contacts may hide as well; or not known, because one of them
+    is not at the height of some finger, and the others do not tell them apart.
+    """
+
+    SAME = "same"
+    DOUBTFUL = "doubtful"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """A state as a rig's fingers feel it: at `known`, those of the rig's heights at which it is known."""
+
+    state: Resting
+    fingers: RigFingers
+
+    @cached_property
+    def known(self) -> tuple[AtHeight, ...]:
+        """Fingers at heights at which the state is known."""
+        return tuple(at for at in self.fingers.at if self.state.state.known_at(at.height_mm))
+
+    @cached_property
+    def region(self) -> dict[AtHeight, shapely.Geometry]:
+        """What the fingers reach of the state at each of those heights."""
+        return {at: filled(self.state.region_at(at.height_mm), at.tip_radius_mm) for at in self.known}
+
+    def reached_at(self, height_mm: float) -> Reached:
+        """What the rig's slimmest tips would reach at another height."""
+        levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_at(height_mm))
+        if levels not in self._reached:
+            region = self.state.region_at(height_mm)
+            self._reached[levels] = Reached(filled(region, self.fingers.slimmest_mm))
+        return self._reached[levels]
+
+    @cached_property
+    def _reached(self) -> dict[tuple[int, ...], Reached]:
+        """By the levels that are found at a height: so often is it computed, not once for every pair."""
+        return {}
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two states that are not sure to be told apart.
+
+    `apart_mm`: how far the sections that fingers meet are apart in the best fit; None if no finger meets
+    either, or nothing is known. `tolerance_mm`: of both together; `within_mm`: that and what contacts may
+    hide. `compared`: at which heights; `motions`: all fits, or some that show that there is one.
+    """
+
+    first: Felt
+    second: Felt
+    likeness: Likeness
+    apart_mm: float | None
+    tolerance_mm: float
+    within_mm: float
+    compared: tuple[AtHeight, ...]
+    motions: tuple[Motion, ...]
+
+    @property
+    def touched(self) -> tuple[tuple[shapely.Geometry, ...], tuple[shapely.Geometry, ...]]:
+        """What fingers reach of both, height by height, where they meet anything."""
+        return _stacks(self.first, self.second, self.compared)
+
+
+def alike(states: Sequence[Resting], fingers: RigFingers, find: FindMotions) -> tuple[Pair, ...]:
+    """Every pair of states that the rig's fingers cannot, or may not, tell apart, in the states' order."""
+    felt = [Felt(state, fingers) for state in states]
+    pairs = (_pair(felt[i], felt[k], find) for i, k in _candidates(felt, fingers))
+    return tuple(pair for pair in pairs if pair is not None)
+
+
+def _candidates(felt: Sequence[Felt], fingers: RigFingers) -> Iterator[tuple[int, int]]:
+    """Pairs that measures do not tell apart."""
+    tolerance = np.array([item.state.tolerance_mm for item in felt])
+    within = tolerance[:, None] + tolerance + 2 * fingers.bound_mm + _ROUNDING_MM
+    possible = np.triu(np.ones(within.shape, dtype=bool), 1)
+    for at in fingers.at:
+        known = np.array([at in item.region for item in felt])
+        found: Floats = measures([item.region.get(at, shapely.Polygon()) for item in felt])
+        possible &= within_reach(found[:, None], found[None], within) | ~(known[:, None] & known)
+    yield from map(tuple, np.argwhere(possible).tolist())
+
+
+def _pair(first: Felt, second: Felt, find: FindMotions) -> Pair | None:
+    """The two compared; None if they are told apart."""
+    tolerance = first.state.tolerance_mm + second.state.tolerance_mm
+    within = tolerance + 2 * first.fingers.bound_mm
+    compared = tuple(at for at in first.known if at in second.region)
+    one, other = _stacks(first, second, compared)
+
+    # Nothing is empty on one side alone: that would have been told apart by its measures.
+    def pair(likeness: Likeness, apart_mm: float | None, motions: Sequence[Motion] = ()) -> Pair:
+        return Pair(first, second, likeness, apart_mm, tolerance, within, compared, tuple(motions))
+
+    all_known = Likeness.SAME if compared == first.fingers.at else Likeness.UNKNOWN
+    if not one:
+        return pair(all_known, None)
+    motions = find(one, other, within)
+    if not motions:
+        return None
+    apart = min(motion.apart_mm for motion in motions)
+    if motions[0].any_turn:  # it stands for all turns, of which it need not be the best
+        apart = min(apart, _round_apart_mm(one, other))
+    if apart > tolerance + _ROUNDING_MM:
+        return pair(Likeness.DOUBTFUL, apart, motions)
+    return pair(all_known, apart, motions)
+
+
+def _round_apart_mm(one: Sequence[shapely.Geometry], other: Sequence[shapely.Geometry]) -> float:
+    """How far off round figures are at the best of some turns that bring a corner onto a corner.
+
+    Chords fall on chords at one of them if the figures are copies of each other.
+    """
+    first, second = one[0], other[0]
+    centres = [np.array(shapely.get_coordinates(shapely.centroid(item))[0]) for item in (first, second)]
+    corners = [shapely.get_coordinates(item) - at for item, at in zip((first, second), centres, strict=True)]
+    radius = [np.hypot(*points.T) for points in corners]
+    furthest = corners[0][int(radius[0].argmax())]
+    nearest = np.argsort(np.abs(radius[1] - radius[0].max()), kind="stable")[:_TURNS_TRIED]
+    turns = np.arctan2(*corners[1][nearest].T[::-1]) - math.atan2(furthest[1], furthest[0])
+    return min(_apart_about(one, other, turn, centres) for turn in turns.tolist())
+
+
+def _apart_about(
+    one: Sequence[shapely.Geometry],
+    other: Sequence[shapely.Geometry],
+    turn_rad: float,
+    centres_mm: Sequence[Floats],
+) -> float:
+    """How far off the turn leaves the two with one's centre on the other's."""
+    c, s = math.cos(turn_rad), math.sin(turn_rad)
+    return apart_mm(one, other, turn_rad, centres_mm[1] - np.array([[c, -s], [s, c]]) @ centres_mm[0])
+
+
+def _stacks(
+    first: Felt, second: Felt, compared: Sequence[AtHeight]
+) -> tuple[tuple[shapely.Geometry, ...], tuple[shapely.Geometry, ...]]:
+    """What fingers reach of both at the same heights; without those at which there is nothing of either."""
+    met = [at for at in compared if not (first.region[at].is_empty and second.region[at].is_empty)]
+    return tuple(first.region[at] for at in met), tuple(second.region[at] for at in met)

@@ -1,0 +1,1 @@
+"""Setting up and calibrating a rig: motors, calibration runs, the quick re-touch."""

@@ -1,0 +1,343 @@
+"""A calibration from the first step to the file: `palpate calibrate`'s work, on real and emulated rigs alike.
+
+Runs the steps of `calibration` one after the other, each with a hand of its own that knows what the earlier
+ones found, and keeps what is done in a run record, from which it can be resumed.
+"""
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+from typing import Protocol
+
+import numpy as np
+
+from palpate.calibration.actuator_step import measure_actuators
+from palpate.calibration.finger_fit import FingerModel, Placing
+from palpate.calibration.finger_model import finger_model, touching_of
+from palpate.calibration.finger_step import fitted, held_out, touch_placing
+from palpate.calibration.frame_alignment import (
+    aim_of,
+    bounds_of,
+    headings_of,
+    in_hand,
+    place_of,
+    residuals_of,
+)
+from palpate.calibration.prober import Prober
+from palpate.calibration.reference import Disc, Plate
+from palpate.calibration.references import placings_for
+from palpate.calibration.run_record import RunRecord
+from palpate.calibration.tactile_step import measure_tactile
+from palpate.config import CalibrationDevice, CalibrationFile, Finger, RigFile, calibrated, geometry_sha256
+from palpate.config.calibration_file import CalibrationReference
+from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFinger, TactileCalibration
+from palpate.config.references_file import ReferencesFile, references_sha256
+from palpate.drivers.tactile.messages import Description
+from palpate.errors import InputError
+from palpate.rig.background import BackgroundCall
+from palpate.rig.commissioning.rig_prober import approaches_of
+
+__all__ = [
+    "STEPS",
+    "CalibrationJob",
+    "Connect",
+    "Connected",
+    "Keeper",
+    "calibrate",
+    "references_of",
+    "slides_of",
+]
+
+STEPS = ("actuators", "tactile", "fingers")
+"""Steps in the order in which they build on one another."""
+
+
+@dataclass(frozen=True, eq=False)
+class Connected:
+    """A rig that is connected: what can be measured with it, its arrays' descriptions, its devices.
+
+    `prober` may only be used if the rig was made ready to move.
+    """
+
+    prober: Prober
+    arrays: Sequence[Description]
+    devices: list[CalibrationDevice]
+    emulated: bool
+
+
+class Connect(Protocol):
+    """Connects a rig for as long as the context lasts; torque is off afterwards, whatever happens."""
+
+    def __call__(self, rig: RigFile, *, moving: bool) -> AbstractContextManager[Connected]:
+        """`rig`: as far as it is known by then. `moving`: make it ready to move."""
+        ...
+
+
+class Keeper(Protocol):
+    """Keeps the run record between runs."""
+
+    def load(self) -> RunRecord | None:
+        """What an earlier run has left, None if nothing."""
+        ...
+
+    def save(self, record: RunRecord) -> None:
+        """Keep this in its place."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationJob:
+    """What to calibrate: the rig as its file describes it, the references, the steps, and what was known.
+
+    `rig_sha256`: of the rig file's bytes. `before`: the rig's calibration so far, None if it has none.
+    """
+
+    rig: RigFile
+    rig_sha256: str
+    references: ReferencesFile
+    steps: Sequence[str]
+    coverage: float
+    made: datetime
+    before: CalibrationFile | None
+
+
+def calibrate(
+    job: CalibrationJob, connect: Connect, keeper: Keeper, tell: Callable[[str], None]
+) -> CalibrationFile:
+    """Carry out the steps that are not done yet, and put together the file.
+
+    The record is kept, and `tell` called, beside the thread that moves the rig. Raises InputError for
+    references that are not what they should be, DeviceError and SafetyStop for devices, OutputError for a
+    record that cannot be kept.
+    """
+    slides_of(job.rig)
+    with BackgroundCall("the run record", keeper.save) as save, BackgroundCall("the display", tell) as shown:
+        run = _Run(job, connect, save, shown)
+        run.begin(keeper.load())
+        for step in STEPS:
+            if step in job.steps:
+                run.carry_out(step)
+        return run.file()
+
+
+def references_of(file: ReferencesFile) -> tuple[Disc, Plate]:
+    """The disc and the plate; InputError for a plate that is not convex."""
+    try:
+        plate = Plate("plate", np.array(file.plate.outline_mm), file.plate.tolerance_mm)
+    except ValueError as error:
+        raise InputError(f"references: plate.outline_mm {error}") from None
+    return Disc("disc", file.disc.diameter_mm / 2, file.disc.tolerance_mm), plate
+
+
+def slides_of(rig: RigFile) -> list[Finger]:
+    """All fingers of a rig of slides; InputError for one that is not a slide."""
+    slides = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    if len(slides) < len(rig.fingers):
+        arm = next(finger for finger in rig.fingers if not isinstance(finger, Finger))
+        raise InputError(
+            f'finger {arm.name} is of type "two-link"; only rigs whose fingers are all of type "slide" can '
+            "be calibrated so far"
+        )
+    return slides
+
+
+class _Run:
+    """The steps of one calibration and what they have found so far."""
+
+    def __init__(
+        self,
+        job: CalibrationJob,
+        connect: Connect,
+        save: BackgroundCall,
+        tell: Callable[[str], None],
+    ) -> None:
+        self._job, self._connect, self._save, self._tell = job, connect, save, tell
+        self._disc, self._plate = references_of(job.references)
+        self._emulated = False
+
+    def begin(self, kept: RunRecord | None) -> None:
+        """Connect once, see which devices these are, and take up a record of them if there is one."""
+        with self._connect(self._job.rig, moving=False) as there:
+            devices = there.devices
+            self._emulated = there.emulated
+        self._record = self._fresh(devices)
+        if kept is not None and kept.is_for(self._record):
+            self._record = kept
+            self._tell(f"resuming: {_done(kept)}")
+        elif kept is not None:
+            raise InputError(
+                f"a calibration was begun before ({', '.join(kept.steps)}; {_done(kept)}) with other "
+                "steps, references or devices, or before the rig file was changed: finish that one, or add "
+                "--restart to forget it"
+            )
+
+    def carry_out(self, step: str) -> None:
+        """Do one step, unless it is done."""
+        if getattr(self._record, step, None) is not None:
+            self._tell(f"{step}: done already")
+            return
+        rig = self._rig_so_far()
+        specs = slides_of(rig)
+        self._tell(f"{step}:")
+        with self._connect(rig, moving=True) as there:
+            prober = there.prober
+            if step == "actuators":
+                found = measure_actuators(
+                    prober,
+                    specs,
+                    self._disc,
+                    touch_speed_mm_s=rig.closing.touch_speed_mm_s,
+                    approach_speed_mm_s=rig.closing.approach_speed_mm_s,
+                    coverage=self._job.coverage,
+                    tell=self._tell,
+                )
+                self._keep(actuators=found)
+            elif step == "tactile":
+                self._keep(
+                    tactile=measure_tactile(
+                        prober, specs, there.arrays, self._disc, self._plate, tell=self._tell
+                    )
+                )
+            else:
+                self._touch(prober, specs)
+            prober.clear()
+
+    def file(self) -> CalibrationFile:
+        """The calibration file of what is known now; what this run did not do is as it was before."""
+        file = self._file_of_devices()
+        if self._record.touched:
+            return self._with_places(file)
+        if self._job.before is None:
+            return file
+        before = {item.name: item for item in self._job.before.fingers}
+        fingers = [
+            item.model_copy(update={"place": before[item.name].place, "bounds": before[item.name].bounds})
+            for item in file.fingers
+        ]
+        return file.model_copy(update={"fingers": fingers, "residuals": self._job.before.residuals})
+
+    def _file_of_devices(self) -> CalibrationFile:
+        """The file without places: what is known of actuators and arrays."""
+        job, record = self._job, self._record
+        return CalibrationFile(
+            rig=job.rig.name,
+            rig_sha256=job.rig_sha256,
+            geometry_sha256=record.geometry_sha256,
+            made=job.made,
+            palpate=version("palpate"),
+            emulated=self._emulated,
+            coverage=job.coverage,
+            references=[
+                CalibrationReference(name=item.name, sha256=record.references_sha256)
+                for item in (self._disc, self._plate)
+            ],
+            devices=record.devices,
+            fingers=[
+                CalibratedFinger(
+                    name=spec.name, actuators=self._actuators(index), tactile=self._tactile(index)
+                )
+                for index, spec in enumerate(job.rig.fingers)
+            ],
+        )
+
+    def _touch(self, prober: Prober, specs: Sequence[Finger]) -> None:
+        """Touch the references at every placing that is not done."""
+        placings = self._placings()
+        models = self._models(specs)
+        for number in range(len(self._record.touched), len(placings)):
+            x, y = placings[number].about_mm
+            name = placings[number].reference.name
+            self._tell(f"placing {number + 1} of {len(placings)}: {name} near ({x:.0f}, {y:.0f}) mm")
+            known = [item for touches in self._record.touched for item in touches]
+            touched = touch_placing(prober, specs, models, placings[: number + 1], known, tell=self._tell)
+            self._keep(touched=[*self._record.touched, touched])
+
+    def _with_places(self, file: CalibrationFile) -> CalibrationFile:
+        """The file with fingers' places and bounds."""
+        specs = slides_of(self._rig_so_far())
+        models = self._models(specs)
+        touched = [item for touches in self._record.touched for item in touches]
+        touches, fit, without = fitted(specs, models, self._placings(), touched)
+        hand = in_hand(slides_of(self._job.rig), fit)
+        out = held_out(len(touched))
+        residuals = residuals_of(touches, fit, without, out, [spec.name for spec in specs], hand.frame)
+        headings = headings_of(touched, touches, models, fit)
+        closing = self._job.rig.closing
+        approaches = approaches_of(self._job.rig)
+        fingers = []
+        for index, (item, model) in enumerate(zip(file.fingers, models, strict=True)):
+            assert item.actuators is not None
+            assert item.tactile is not None
+            bounds = bounds_of(
+                model,
+                hand,
+                index,
+                approaches,
+                residuals,
+                item.actuators,
+                item.tactile,
+                headings[index],
+                closing.touch_speed_mm_s,
+                max(self._disc.tolerance_mm, self._plate.tolerance_mm),
+                self._job.coverage,
+            )
+            place = place_of(model, hand, index, headings[index])
+            seen = item.actuators.model_copy(update={"aim": aim_of(item.actuators.aim, hand, index)})
+            fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
+        return file.model_copy(update={"fingers": fingers, "residuals": residuals})
+
+    def _placings(self) -> list[Placing]:
+        return placings_for(self._disc, self._plate, self._job.rig.workspace.radius_mm)
+
+    def _rig_so_far(self) -> RigFile:
+        """The rig with what is known of its actuators and arrays; where fingers stand is as described."""
+        return calibrated(self._job.rig, self._file_of_devices())
+
+    def _actuators(self, index: int) -> ActuatorsCalibration | None:
+        """What is known of a finger's actuators: from this run, else from before."""
+        if self._record.actuators is not None:
+            return self._record.actuators[index]
+        return None if self._job.before is None else self._job.before.fingers[index].actuators
+
+    def _tactile(self, index: int) -> TactileCalibration | None:
+        """Likewise of its array."""
+        if self._record.tactile is not None:
+            return self._record.tactile[index]
+        return None if self._job.before is None else self._job.before.fingers[index].tactile
+
+    def _models(self, specs: Sequence[Finger]) -> list[FingerModel]:
+        """Priors of all fingers; InputError if actuators or arrays have not been measured."""
+        models = []
+        for index, spec in enumerate(specs):
+            found = self._actuators(index)
+            if found is None or self._tactile(index) is None:
+                raise InputError(
+                    "where fingers stand is measured with what is known of actuators and arrays: calibrate "
+                    "these first, or all at once with `palpate calibrate --rig FILE all`"
+                )
+            models.append(finger_model(spec, touching_of(found.slide)))
+        return models
+
+    def _keep(self, **found: object) -> None:
+        self._record = self._record.model_copy(update=found)
+        self._save(self._record)
+        self._save.check()
+
+    def _fresh(self, devices: list[CalibrationDevice]) -> RunRecord:
+        return RunRecord(
+            steps=list(self._job.steps),
+            geometry_sha256=geometry_sha256(self._job.rig),
+            references_sha256=references_sha256(self._job.references),
+            places=[(item.reference.name, *item.about_mm) for item in self._placings()],
+            devices=devices,
+        )
+
+
+def _done(record: RunRecord) -> str:
+    """What a record holds, in words."""
+    parts = [step for step in STEPS if getattr(record, step, None) is not None]
+    if record.touched:
+        parts.append(f"{len(record.touched)} placings")
+    return ", ".join(parts) + " done before" if parts else "nothing is done yet"

@@ -1,0 +1,161 @@
+"""A rig that calibration can measure: what `calibration.prober` asks for, done by a hand.
+
+Between calibration and the hand. Whoever puts references on the table is a `Table`: a person who is asked, or
+the emulated bench.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from palpate.calibration.measurements import Idle, Press, Stop, Touched
+from palpate.calibration.prober import Approach, Probe
+from palpate.calibration.reference import Reference
+from palpate.config import Finger, RigFile
+from palpate.drivers.slide_finger import SlideKinematics
+from palpate.rig.conversion import slide_kinematics
+from palpate.rig.motion.end_stops import slide_of, stall, swing
+from palpate.rig.motion.guarded_approach import Close, Stage, Touch, close_fingers
+from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.press import press, run_into
+from palpate.rig.motion.quasi_static_touch import measure_creeping
+from palpate.rig.reach.approaches import Reach, reach_of
+
+__all__ = ["HandProber", "Table", "approaches_of"]
+
+_AIMS = 81
+_SURE_MOVE_RAD = math.radians(1.0)  # of an aim's servo: less may not take up its play
+
+
+class Table(Protocol):
+    """Whoever puts things on the table."""
+
+    def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
+        """Put a reference near a place in W, alone, and see that it cannot move."""
+        ...
+
+    def clear(self) -> None:
+        """Take everything away."""
+        ...
+
+
+class HandProber:
+    """Does for calibration what a hand can do. The hand must be prepared; all its fingers must be slides."""
+
+    def __init__(self, hand: Hand, table: Table, tell: Callable[[Stage], None] = lambda _: None) -> None:
+        """Raises InputError for a finger that is not a slide or has no room."""
+        self._hand, self._table, self._tell = hand, table, tell
+        self._kinematics = [slide_of(finger) for finger in hand.fingers]
+        self._reach: Reach = reach_of(hand.rig, aims=_AIMS)
+        self._number = self._reach.of_stage(self._reach.middle_rad)
+        self.approaches: Sequence[Approach] = [
+            _approach(self._reach, index, self._kinematics) for index in self._number
+        ]
+        self._aims: dict[int, tuple[float, int]] = {}
+
+    def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
+        """Have a reference put near a place."""
+        self._table.put(reference, about_mm)
+
+    def clear(self) -> None:
+        """Have the table cleared."""
+        self._table.clear()
+
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+        """Close fingers on approaches, all at once."""
+        closes = [self._close(probe) for probe in grip]
+        ways = [self._way(self.approaches[probe.approach]) for probe in grip]
+        done = close_fingers(self._hand, closes, self._tell, measure_creeping)
+        touches = {touch.finger_index: touch for touch in done}
+        found = [touches[close.finger_index] for close in closes]
+        return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
+
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+        """Press with fingers on contacts, all at once."""
+        return press(
+            self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], placing
+        )
+
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+        """Run into contacts, all at once."""
+        return run_into(
+            self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], speed_mm_s
+        )
+
+    def swing(self) -> list[float]:
+        """Turn all aims a little either way and back."""
+        return swing(self._hand)
+
+    def idle(self, seconds: float) -> list[Idle]:
+        """Read all arrays for a time, fingers waiting."""
+        hand = self._hand
+        rate = hand.rig.closing.sample_rate_hz
+        for finger in hand.fingers:
+            finger.array.start(rate)
+        taken = hand.collect(hand.fingers, max(16, round(seconds * rate)))
+        hand.stop_arrays()
+        return [
+            Idle(
+                finger.name,
+                np.stack([frame.counts for frame in frames]),
+                np.array([frame.device_time_s for frame in frames]),
+            )
+            for finger, frames in zip(hand.fingers, taken, strict=True)
+        ]
+
+    def home(self, finger: int, stop_mm: float) -> float:
+        """Stall against a hard stop that the rig file tells."""
+        return stall(self._hand, self._hand.fingers[finger], stop_mm)
+
+    def _close(self, probe: Probe) -> Close:
+        return self._to_contact(probe.approach, probe.end_rad)[0]
+
+    def _to_contact(self, approach: int, slide_rad: float) -> tuple[Close, float]:
+        """The way of an approach up to `slide_rad` or its end, and how far that is."""
+        item = self.approaches[approach]
+        travel = (slide_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
+        return self._reach.close(self._number[approach], travel), travel
+
+    def _way(self, approach: Approach) -> int:
+        """From which side the aim will come to its angle, as far as that is sure; noted for the next."""
+        before, way = self._aims.get(approach.finger, (math.nan, 0))
+        moved = (approach.aim_rad - before) / self._kinematics[approach.finger].gear_ratio
+        sure = abs(approach.aim_rad - before) > _SURE_MOVE_RAD
+        if sure:
+            way = 1 if moved > 0 else -1
+        elif approach.aim_rad != before:
+            way = 0
+        self._aims[approach.finger] = (approach.aim_rad, way)
+        return way
+
+    def _touched(self, touch: Touch, placing: int, way: int) -> Touched | None:
+        patch = touch.patch
+        if patch is None:
+            return None
+        return Touched(
+            self._hand.fingers[touch.finger_index].name,
+            placing,
+            touch.servos,
+            way,
+            patch.angle_rad,
+            patch.angle_half_range_rad,
+            patch.force_n,
+            patch.force_bound_n,
+        )
+
+
+def approaches_of(rig: RigFile) -> list[Approach]:
+    """Every way that the slides of a rig can go; InputError for a finger that is not a slide."""
+    reach = reach_of(rig, aims=_AIMS)
+    kinematics = [slide_kinematics(finger) for finger in rig.fingers if isinstance(finger, Finger)]
+    return [_approach(reach, index, kinematics) for index in reach.of_stage(reach.middle_rad)]
+
+
+def _approach(reach: Reach, index: int, kinematics: Sequence[SlideKinematics]) -> Approach:
+    candidate = reach.candidates[index]
+    own, line = kinematics[candidate.finger_index], reach.close(index, math.inf).line
+    aim, start = own.servos_rad(line, 0.0)
+    end = own.servos_rad(line, candidate.approach.travel_mm)[1]
+    return Approach(candidate.finger_index, aim, start, end)

@@ -1,0 +1,1 @@
+"""Examining a rig without moving it: servos, arrays, adapters, calibration."""

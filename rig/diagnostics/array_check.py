@@ -1,0 +1,151 @@
+"""Looking at one tactile array of a rig: what it is, what it finds in itself, and how many frames arrive.
+
+Between the array's driver and `checking`. The array is left as after `connect`, and stopped.
+"""
+
+from collections.abc import Collection, Sequence
+
+from palpate.config import AnyFinger
+from palpate.config.check_result import ArrayCheckOut
+from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
+from palpate.drivers.tactile.messages import BadTaxel, Description, Report, SelfTestResult
+from palpate.drivers.transport.adapter import latency_timer_s
+from palpate.drivers.transport.clock import Clock
+from palpate.errors import DeviceError, counted
+from palpate.rig.arrays import array_of
+from palpate.rig.diagnostics.latency_timer import timer_warnings
+from palpate.rig.motion.hand import OpenPort
+
+__all__ = ["check_array"]
+
+_LISTEN_S = 1.0
+_POLL_S = 0.02
+_RATE_SHARE = 0.95  # of the wanted rate that must arrive
+_TAXELS_NAMED = 6
+
+
+def check_array(spec: AnyFinger, wanted_hz: float, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
+    """Let one array examine itself, if it can, and stream for a while; count what arrives."""
+    timer = latency_timer_s(spec.array.port)
+    blank = ArrayCheckOut(
+        finger=spec.name,
+        port=spec.array.port,
+        protocol=spec.array.protocol,
+        answers=False,
+        wanted_hz=wanted_hz,
+        latency_timer_ms=None if timer is None else timer * 1e3,
+        warnings=tuple(timer_warnings(spec.array.port, timer)),
+    )
+    try:
+        port = open_port(spec.array.port, spec.array.baudrate_bps)
+    except DeviceError as error:
+        return _wrong(blank, str(error))
+    array = array_of(spec, port, clock)
+    try:
+        found = _introduced(blank, array.connect())
+        found = _streamed(_examined(found, array, _left_out(spec)), array, clock)
+    except DeviceError as error:
+        return _wrong(blank, str(error))
+    finally:
+        port.close()
+    return found
+
+
+def _introduced(out: ArrayCheckOut, told: Description) -> ArrayCheckOut:
+    return out.model_copy(
+        update={
+            "answers": True,
+            "firmware": told.firmware,
+            "unique_id": told.unique_id.hex(),
+            "emulated": told.emulated,
+            "shape": told.shape.name.lower(),
+            "rows": told.rows,
+            "columns": told.cols,
+        }
+    )
+
+
+def _examined(out: ArrayCheckOut, array: ArrayDriver, known: Collection[tuple[int, int]]) -> ArrayCheckOut:
+    """With what the array finds in itself; as it was if it cannot examine anything.
+
+    `known`: taxels (row, column) that calibration has left out already.
+    """
+    if not isinstance(array, TactileArray):
+        return out
+    try:
+        report = array.self_test_if_known()
+    except DeviceError as error:
+        return _wrong(out, str(error))
+    if report is None:
+        return out
+    found = out.model_copy(update={"bad_taxels": report.bad_count})
+    if 0 < report.bad_count == len(report.bad) and all((bad.row, bad.col) in known for bad in report.bad):
+        taxels = counted(report.bad_count, "bad taxel", "bad taxels")
+        left_out = f"{taxels}, known to its calibration and left out"
+        found = found.model_copy(update={"warnings": (*found.warnings, left_out)})
+        return _wrong(found, *_complaints(report, taxels=False))
+    return _wrong(found, *_complaints(report, taxels=True))
+
+
+def _left_out(spec: AnyFinger) -> Collection[tuple[int, int]]:
+    """Taxels that the calibration has left out."""
+    return () if spec.array.taxels is None else spec.array.taxels.unusable
+
+
+def _complaints(report: Report, *, taxels: bool) -> list[str]:
+    """What a self-test found, in words; of its taxels only if asked."""
+    parts = [str(part.name).replace("_", " ").lower() for part in SelfTestResult if part in report.result]
+    parts = [part for part in parts if part != "taxels"]
+    if int(report.result) & ~sum(SelfTestResult):
+        parts.append(f"what its maker calls {int(report.result):#06x}")
+    said = []
+    if parts:
+        said.append(f"its self-test finds fault with its {' and '.join(parts)}; repair or replace it")
+    if report.bad_count and taxels:
+        named = ", ".join(map(_taxel, report.bad[:_TAXELS_NAMED]))
+        more = "" if report.bad_count <= _TAXELS_NAMED else ", …"
+        bad = counted(report.bad_count, "bad taxel", "bad taxels")
+        said.append(f"its self-test finds {bad} ({named}{more}); repair or replace it")
+    return said
+
+
+def _taxel(bad: BadTaxel) -> str:
+    return f"row {bad.row} column {bad.col} {bad.fault.name.replace('_', ' ').lower()}"
+
+
+def _streamed(out: ArrayCheckOut, array: ArrayDriver, clock: Clock) -> ArrayCheckOut:
+    """With the frames of a second."""
+    try:
+        array.start(out.wanted_hz)
+        frames = _listen(array, clock)
+    finally:
+        array.stop()
+    rate = _rate_hz(frames)
+    heard = out.model_copy(update={"rate_hz": rate, "lost": array.counters.lost})
+    if not frames:
+        return _wrong(heard, "it sends no frames; power it off and on, then check its firmware")
+    if rate >= _RATE_SHARE * out.wanted_hz:
+        return heard
+    slow = f"{rate:.0f} frames arrive in a second instead of {out.wanted_hz:g}; check its cable and port"
+    return heard.model_copy(update={"warnings": (*heard.warnings, slow)})
+
+
+def _wrong(out: ArrayCheckOut, *problems: str) -> ArrayCheckOut:
+    return out.model_copy(update={"problems": (*out.problems, *problems)})
+
+
+def _listen(array: ArrayDriver, clock: Clock) -> list[TactileFrame]:
+    frames: list[TactileFrame] = []
+    end = clock.now() + _LISTEN_S
+    while clock.now() < end:
+        clock.sleep(_POLL_S)
+        frames += array.frames()
+    return frames
+
+
+def _rate_hz(frames: Sequence[TactileFrame]) -> float:
+    if len(frames) < 2:
+        return 0.0
+    span_s = frames[-1].device_time_s - frames[0].device_time_s
+    return (len(frames) - 1) / span_s if span_s > 0 else 0.0

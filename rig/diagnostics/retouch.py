@@ -1,0 +1,167 @@
+"""A quick re-touch: does a disc, touched a few times by every finger, agree with the calibration?
+
+The work of `palpate check --touch`, on real and emulated rigs alike. Fingers stand where the calibration
+says; only the disc's place is fitted.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.calibration.agreement import Agreement, Promise, Surface, agreement_of, covariance_of
+from palpate.calibration.finger_fit import (
+    COLUMNS,
+    HEADING,
+    FingerModel,
+    Fit,
+    Placing,
+    Touches,
+    fit_fingers,
+    predicted,
+)
+from palpate.calibration.finger_model import Touching, finger_model, mm_per_rad_of
+from palpate.calibration.measurements import Touched
+from palpate.calibration.prober import Prober
+from palpate.calibration.reference import Reference
+from palpate.calibration.reference_search import Found, at_bearing, find, touches_of
+from palpate.config import Finger, RigFile
+from palpate.errors import InputError
+from palpate.rig.motion.contact_from_touch import dent_range_mm
+
+__all__ = ["FingerOff", "Retouch", "compared", "retouch"]
+
+_BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the touches that look for it
+_CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
+
+
+@dataclass(frozen=True)
+class FingerOff:
+    """How far a finger's touches were off, in the mean along the surface's normal; outward positive, mm.
+
+    One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
+    """
+
+    name: str
+    touches: int
+    offset_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Retouch:
+    """What came of a re-touch: how all touches agree with the calibration, and every finger's mean."""
+
+    agreement: Agreement
+    fingers: tuple[FingerOff, ...]
+
+
+def retouch(
+    rig: RigFile,
+    prober: Prober,
+    disc: Reference,
+    promises: Sequence[Promise],
+    tell: Callable[[str], None] = lambda _: None,
+) -> Retouch:
+    """Have a disc put in the middle, touch it with every finger from several sides, and compare.
+
+    `rig`: with its calibration, all its fingers slides; `promises`: of every finger. Raises InputError if the
+    disc is not found, or a finger never meets it.
+    """
+    specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    models = [_as_calibrated(spec) for spec in specs]
+    stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
+    placings = [Placing(disc, (0.0, 0.0))]
+    tell(f"putting the {disc.name}")
+    prober.put(disc, placings[0].about_mm)
+    tell("looking for it")
+    found = find(prober, models, placings, [], stiffness)
+    touched = [*found.touched, *_touched_round(found, prober, models, tell)]
+    prober.clear()
+    missing = [model.name for model in models if all(item.finger != model.name for item in touched)]
+    if missing:
+        raise InputError(
+            f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
+        )
+    return compared(rig, disc, promises, touched)
+
+
+def compared(
+    rig: RigFile, disc: Reference, promises: Sequence[Promise], touched: Sequence[Touched]
+) -> Retouch:
+    """Compare touches of a disc in the middle with what a calibration, which is laid over `rig`, promises.
+
+    Every finger must have touched it. Raises InputError if touches are too few to tell anything.
+    """
+    specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    models = [_as_calibrated(spec) for spec in specs]
+    placings = [Placing(disc, (0.0, 0.0))]
+    touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
+    fit = fit_fingers(models, placings, touches)
+    # Another size of the disc shifts all touches alike.
+    covariance = covariance_of(_surface(rig, specs, models, touched, touches, fit), promises)
+    covariance += disc.tolerance_mm**2 / 3
+    slopes = predicted(models, placings, touches, fit.values, fit.poses)[3]
+    first = len(models) * COLUMNS
+    agreement = agreement_of(fit.residual_mm, slopes[:, first : first + 2], covariance)
+    if agreement is None:
+        raise InputError(
+            f"the {disc.name} was touched {len(touched)} times only: put it nearer to the middle"
+        )
+    return Retouch(agreement, tuple(_off(model, k, touches, fit) for k, model in enumerate(models)))
+
+
+def _touched_round(
+    found: Found, prober: Prober, models: Sequence[FingerModel], tell: Callable[[str], None]
+) -> list[Touched]:
+    """Touches at several sides of what was found, each by all fingers."""
+    touched: list[Touched] = []
+    for number, bearing in enumerate(_BEARINGS_RAD, start=1):
+        tell(f"touch {number} of {len(_BEARINGS_RAD)}")
+        grip = []
+        for probe, _ in at_bearing(found, prober, models, bearing):
+            approach = prober.approaches[probe.approach]
+            grip.append(replace(probe, end_rad=approach.end_rad))
+        touched += [item for item in prober.touch(grip, 0) if item is not None]
+    return touched
+
+
+def _as_calibrated(spec: Finger) -> FingerModel:
+    """The finger of a calibrated rig, where it is and not elsewhere."""
+    per_rad = mm_per_rad_of(spec)
+    slide = Touching(spec.slide.zero_mm + math.pi * per_rad, per_rad, np.zeros((2, 2)))
+    return replace(finger_model(spec, slide), covariance=_CERTAIN**2 * np.eye(COLUMNS))
+
+
+def _surface(
+    rig: RigFile,
+    specs: Sequence[Finger],
+    models: Sequence[FingerModel],
+    touched: Sequence[Touched],
+    touches: Touches,
+    fit: Fit,
+) -> Surface:
+    """Where all touches, outliers of the fit among them, met the disc."""
+    fingers = touches.finger.tolist()
+    travel = np.array(
+        [
+            fit.values[k, HEADING] + (aim - models[k].aim_zero_rad) / models[k].gear_ratio
+            for k, aim in zip(fingers, touches.aim_rad.tolist(), strict=True)
+        ]
+    )
+    dents = [
+        dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, rig.closing.max_force_n)
+        for k, item in zip(fingers, touched, strict=True)
+    ]
+    return Surface(
+        finger=touches.finger,
+        normal=fit.normal,
+        travel=np.column_stack([np.cos(travel), np.sin(travel)]),
+        dent_mm=np.array([(most - least) / 2 for least, most in dents]),
+        tolerance_mm=0.0,
+    )
+
+
+def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerOff:
+    own = fit.residual_mm[touches.finger == index]
+    return FingerOff(model.name, len(own), float(own.mean()))

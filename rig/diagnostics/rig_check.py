@@ -1,0 +1,144 @@
+"""Looking at a whole rig without moving it. Between the drivers and `palpate check`.
+
+Each device is looked at by itself (`check_devices`, `check_array`), so that a silent one hides no other; then
+all servos are read over and over, as a run does.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+
+from palpate.config import RigFile
+from palpate.config.check_result import (
+    AdapterCheckOut,
+    BusCountsOut,
+    CheckOut,
+    LoopOut,
+    ServoCheckOut,
+)
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.state import ServoState
+from palpate.drivers.transport.adapter import latency_timer_s
+from palpate.errors import DeviceError, InputError, counted
+from palpate.rig.diagnostics.array_check import check_array
+from palpate.rig.diagnostics.bus_selection import BusPlace
+from palpate.rig.diagnostics.latency_timer import timer_warnings
+from palpate.rig.diagnostics.servo_check import check_loop, check_servo
+from palpate.rig.servo_settings import WantedFinger, WantedServo, wanted_fingers, wanted_servos
+from palpate.rig.wiring import start_problem
+
+__all__ = ["check_rig"]
+
+
+def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda _: None) -> CheckOut:
+    """Look at every device of a rig; `now` hears what is looked at.
+
+    Raises DeviceError if the bus's port is missing or fails; everything else is in the result.
+    """
+    port = place.open(rig.bus.baudrate_bps)
+    with closing(Bus(port, place.clock, rig.bus.baudrate_bps, latency_s=place.latency_s)) as bus:
+        servos, fingers = wanted_servos(rig, bus), wanted_fingers(rig, bus)
+        found: list[ServoCheckOut] = []
+        for item in servos:
+            now(f"servo {item.servo.dxl_id} ({item.owner})")
+            found.append(check_servo(bus, item))
+        now("reading all servos")
+        loop, states, problems = _loop(bus, place, rig, servos, found)
+        counts = BusCountsOut(**bus.counts.as_dict())
+    arrays = []
+    for spec in rig.fingers:
+        now(f"array of finger {spec.name}")
+        arrays.append(check_array(spec, rig.closing.sample_rate_hz, place.clock, place.open_other))
+    timer = latency_timer_s(rig.bus.port)
+    adapter = AdapterCheckOut(
+        port=rig.bus.port,
+        baudrate_bps=rig.bus.baudrate_bps,
+        latency_timer_ms=None if timer is None else timer * 1e3,
+    )
+    problems += [
+        *(_about(item, text) for item in found for text in item.problems),
+        *(f"array {item.finger}: {text}" for item in arrays for text in item.problems),
+    ]
+    warnings = [
+        *timer_warnings(rig.bus.port, timer),
+        *(_about(item, text) for item in found for text in item.warnings),
+        *(f"array {item.finger}: {text}" for item in arrays for text in item.warnings),
+        *_loop_warnings(loop, rig.closing.sample_rate_hz),
+        *_count_warnings(counts, found),
+        *_start_warnings(rig, fingers, states),
+    ]
+    return CheckOut(
+        rig=rig.name,
+        emulated=any(item.emulated for item in arrays) or rig.emulated,
+        well=not problems,
+        adapter=adapter,
+        servos=tuple(found),
+        arrays=tuple(arrays),
+        loop=loop,
+        bus=counts,
+        problems=tuple(problems),
+        warnings=tuple(warnings),
+    )
+
+
+def _loop(
+    bus: Bus, place: BusPlace, rig: RigFile, servos: Sequence[WantedServo], found: Sequence[ServoCheckOut]
+) -> tuple[LoopOut | None, Mapping[int, ServoState], list[str]]:
+    """The loop over all servos that can be read, where they stood, and why there is none."""
+    able = [out.answers and not out.hardware_error for out in found]
+    there = [item for item, is_able in zip(servos, able, strict=True) if is_able]
+    if not there:
+        return None, {}, []
+    delays = [(out.return_delay_us or 0) / 1e6 for out, is_able in zip(found, able, strict=True) if is_able]
+    try:
+        loop, states = check_loop(
+            bus, place.clock, [item.servo for item in there], rig.bus.baudrate_bps, delays
+        )
+    except (DeviceError, InputError) as error:
+        return None, {}, [f"the servos cannot be read together: {error}"]
+    return loop, states, []
+
+
+def _about(servo: ServoCheckOut, text: str) -> str:
+    """What is said of a servo, with its name unless that is in the text already."""
+    return (
+        f"{servo.owner}: {text}" if text.startswith("servo ") else f"servo {servo.id} ({servo.owner}): {text}"
+    )
+
+
+def _loop_warnings(loop: LoopOut | None, wanted_hz: float) -> list[str]:
+    if loop is None or loop.rate_hz >= wanted_hz:
+        return []
+    return [
+        f"all servos can be read {loop.rate_hz:.0f} times a second, sample_rate_hz is {wanted_hz:g}; "
+        "Return Delay Time 0, an adapter's latency timer of 1 ms and a higher baud rate help"
+    ]
+
+
+def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> list[str]:
+    if counts.stale:
+        came = counted(counts.stale, "answer", "answers")
+        return [
+            f"{came} of {counts.instructions} came late or twice; close what keeps the computer busy, or "
+            "shorten the adapter's latency timer"
+        ]
+    silent = counts.silent if all(item.answers for item in found) else 0
+    if not (counts.damaged or silent):
+        return []
+    answers = counted(counts.damaged + silent, "answer", "answers")
+    return [
+        f"{answers} of {counts.instructions} were damaged or lost; check cable, plugs, supply and termination"
+    ]
+
+
+def _start_warnings(
+    rig: RigFile, fingers: Sequence[WantedFinger], states: Mapping[int, ServoState]
+) -> list[str]:
+    """Why a run would refuse to start from where fingers stand."""
+    warnings = []
+    for finger in fingers:
+        near, far = (item.servo for item in finger.servos)
+        if near.dxl_id in states and far.dxl_id in states:
+            at = states[near.dxl_id].position_rad, states[far.dxl_id].position_rad
+            wrong = start_problem(finger.spec, rig, (near, far), at)
+            warnings += [] if wrong is None else [f"finger {finger.spec.name}: {wrong}"]
+    return warnings

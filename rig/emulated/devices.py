@@ -1,0 +1,229 @@
+"""The emulated rig: what a rig file's `[emulation]` table turns into. Called by the composition root only.
+
+Builds the emulated servos, arrays and mechanics with their hidden truth, and puts them on `mock://` wires in
+virtual time or hands them out to be served on real ports.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.config import AnyFinger, RigFile
+from palpate.config.rig_file import Emulation
+from palpate.drivers.dynamixel.manual import BAUD_RATES
+from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
+from palpate.drivers.emulators.booting import BootingBoard
+from palpate.drivers.emulators.chain import ServoChain
+from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
+from palpate.drivers.emulators.mechanics import EmulatedStage
+from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
+from palpate.drivers.tactile.messages import Description, Shape
+from palpate.drivers.tactile.weiss_messages import MatrixInfo
+from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.mock import MockHub
+from palpate.drivers.transport.wire import Device
+from palpate.errors import InputError
+from palpate.rig.conversion import mounting_of
+from palpate.rig.emulated.emulated_truth import dead_taxels, joint_truth, start_angles_rad, truth_of
+from palpate.rig.emulated.scene import Placement, outline_at
+
+__all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
+
+_ROWS, _COLUMNS = 8, 20
+_ROW_PITCH_MM = 2.0
+_BIT_DEPTH = 12
+_COUNTS_PER_N = 2000.0
+_DSA_MATRICES = 2
+_BOOT_TEXT = b"boot: palpate emulator\r\n"
+
+
+@dataclass(frozen=True, eq=False)
+class EmulatedRig:
+    """Emulated devices by the port that the rig file names, with each wire's baud rate."""
+
+    bench: Bench
+    devices: Mapping[str, tuple[Device, int]]
+
+
+@dataclass(frozen=True, eq=False)
+class MockRig:
+    """An emulated rig on mock wires. `urls` maps the rig file's ports to ports that can be opened.
+
+    The hub lives as long as this value does, and the ports with it.
+    """
+
+    rig: EmulatedRig
+    hub: MockHub
+    clock: VirtualClock
+    urls: Mapping[str, str]
+
+
+def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig:
+    """Build the emulated devices of `rig` round what lies on the table; same seed, same devices.
+
+    Raises InputError if the rig file has no `[emulation]` table.
+    """
+    if rig.emulation is None:
+        raise InputError(
+            f'rig "{rig.name}" describes real devices; '
+            "add an [emulation] table and mock:// ports to emulate it"
+        )
+    # The catalogue's draw and the devices' draws must not depend on each other's number.
+    rng = np.random.default_rng([seed, 1])
+    fingers: list[EmulatedFinger] = []
+    bench_of: list[Bench] = []
+
+    def advance(now: float) -> None:
+        bench_of[0].advance(now)
+
+    stage = _stage(rig, seed)
+    for index, finger in enumerate(rig.fingers):
+        newer = np.random.default_rng([seed, 4, index])
+        truth = truth_of(finger, rig.emulation, rng, newer)
+        description = _description(finger, seed)
+        starts = start_angles_rad(finger, rig)
+        near, far = (
+            _servo(rig, servo.dxl_id, servo.model, start)
+            for servo, start in zip(finger.servos.values(), starts, strict=True)
+        )
+        taxels = Taxels(
+            description,
+            seed=int(rng.integers(2**63)),
+            noise_counts=rig.emulation.noise_counts,
+            gain_spread=rig.emulation.gain_spread,
+            offset_counts=rig.emulation.offset_counts,
+            crosstalk=rig.emulation.crosstalk,
+            drift_counts_per_s=rig.emulation.drift_counts_per_s,
+            dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
+        )
+        array = _array(finger, taxels, advance)
+        outline = None if placement is None else outline_at(placement, finger.height_mm)
+        fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
+    bench = Bench(fingers, stage)
+    bench_of.append(bench)
+    servos = [servo for finger in fingers for servo in finger.servos]
+    servos += [] if stage is None else [stage.servo]
+    chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
+    devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
+    for finger, emulated in zip(rig.fingers, fingers, strict=True):
+        devices[finger.array.port] = (_board(emulated.array, rig.emulation), finger.array.baudrate_bps)
+    return EmulatedRig(bench, _on_bad_wires(devices, rig.emulation, seed))
+
+
+def _on_bad_wires(
+    devices: Mapping[str, tuple[Device, int]], emulation: Emulation, seed: int
+) -> Mapping[str, tuple[Device, int]]:
+    """The devices behind wires that flip bits and lose packets as often as the rig file says."""
+    rates = FaultRates(flipped=emulation.flipped_bytes, lost=emulation.lost_packets)
+    if rates == FaultRates():
+        return devices
+    found: dict[str, tuple[Device, int]] = {}
+    for number, (port, (device, baudrate)) in enumerate(devices.items()):
+        seeds = int(np.random.default_rng([seed, 3, number]).integers(2**32))
+        both = WireRates(rates, rates)
+        if isinstance(device, ServoChain):
+            found[port] = (RatedFaultyWire(device, seeds, both), baudrate)
+        else:
+            found[port] = (FaultyWire(device, seeds, both), baudrate)
+    return found
+
+
+def on_mock_wires(rig: EmulatedRig) -> MockRig:
+    """Put the devices on in-process wires in virtual time."""
+    clock = VirtualClock()
+    hub = MockHub(clock)
+    urls = {
+        port: hub.attach(port.partition("://")[2].replace("/", "-"), device, baudrate)
+        for port, (device, baudrate) in rig.devices.items()
+    }
+    return MockRig(rig, hub, clock, urls)
+
+
+def _stage(rig: RigFile, seed: int) -> EmulatedStage | None:
+    """The emulated stage, at angle 0 as far as people can tell; its draw leaves the fingers' as they are."""
+    if rig.stage is None or rig.emulation is None:
+        return None
+    spec, rng = rig.stage, np.random.default_rng([seed, 2])
+    joint = joint_truth(spec.gear_ratio, spec.zero_deg, rig.emulation.stage_backlash_deg, rng)
+    start = joint.zero_rad
+    off = math.radians(rig.emulation.stage_error_deg) * rng.uniform(-1, 1)
+    joint = replace(joint, zero_rad=joint.zero_rad - spec.gear_ratio * off)
+    return EmulatedStage(spec.centre_mm, joint, _servo(rig, spec.dxl_id, spec.model, start))
+
+
+def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedServo:
+    """A servo that is set to the bus's baud rate."""
+    code = BAUD_RATES.index(rig.bus.baudrate_bps)
+    return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
+
+
+def _array(finger: AnyFinger, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
+    """The array on a finger's tip, speaking what the rig file says."""
+    mounting, spec = mounting_of(finger), finger.array
+    if mounting is None:
+        return EmulatedArray(taxels, advance)
+    d = taxels.description
+    texel_mm = (_column_pitch_mm(finger), _ROW_PITCH_MM)
+    cells = (d.cols, d.rows)
+    if mounting.upright:
+        texel_mm, cells = texel_mm[::-1], cells[::-1]
+    matrix = MatrixInfo(*cells, *texel_mm, d.max_count)
+    if spec.protocol == "weiss-wts":
+        return EmulatedWts(taxels, matrix, advance, baudrate=spec.baudrate_bps, to_device=mounting.to_device)
+    count = max(_DSA_MATRICES, mounting.matrix + 1)
+    return EmulatedDsa(
+        taxels,
+        [matrix] * count,
+        advance,
+        touched=mounting.matrix,
+        baudrate=spec.baudrate_bps,
+        to_device=mounting.to_device,
+    )
+
+
+def _board(array: SampledArray, emulation: Emulation) -> Device:
+    """What the array's port leads to."""
+    if emulation.array_boot_s == 0:
+        return array
+    restart = array.restart if isinstance(array, EmulatedArray) else lambda _: None
+    return BootingBoard(array, emulation.array_boot_s, restart, _BOOT_TEXT)
+
+
+def _column_pitch_mm(finger: AnyFinger) -> float:
+    """Distance of columns round the tip; in whole 1/100 mm where the array can only tell these."""
+    pitch = math.radians(finger.array.coverage_deg) * finger.tip.radius_mm / _COLUMNS
+    return pitch if finger.array.protocol == "palpate" else round(pitch, 2)
+
+
+def _description(finger: AnyFinger, seed: int) -> Description:
+    """What the emulated array believes: 8 rows of 20 taxels over what it covers of the tip's circumference.
+
+    Another seed is another array, and its id tells.
+    """
+    mounting = mounting_of(finger)
+    per_n = _COUNTS_PER_N if mounting is None else mounting.counts_per_n
+    if mounting is not None and mounting.shape is Shape.FLAT:
+        raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
+    pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
+    name = finger.name.encode()
+    return Description(
+        unique_id=name[:8].ljust(8, b"\0") + hashlib.sha256(b"%d %s" % (seed, name)).digest()[:8],
+        firmware="palpate emulator 1",
+        emulated=True,
+        shape=Shape.CYLINDER,
+        rows=_ROWS,
+        cols=_COLUMNS,
+        bit_depth=_BIT_DEPTH,
+        max_rate_hz=1000.0,
+        full_scale_n=(2**_BIT_DEPTH - 1) / per_n,
+        counts_per_n=per_n,
+        tip_radius_mm=finger.tip.radius_mm,
+        columns=tuple((k - (_COLUMNS - 1) / 2) * pitch for k in range(_COLUMNS)),
+        row_heights_mm=tuple((k + 0.5) * _ROW_PITCH_MM for k in range(_ROWS)),
+    )

@@ -1,0 +1,145 @@
+"""What emulated mechanics really are: drawn within what a rig file's `[emulation]` allows."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.config import AnyFinger, ArmFinger, Emulation, Finger, JointServo, RigFile
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
+from palpate.drivers.tactile.messages import Description
+from palpate.errors import InputError
+from palpate.rig.conversion import arm_kinematics, slide_kinematics
+from palpate.rig.standby_geometry import on_circle, wait_radius_mm
+
+__all__ = ["dead_taxels", "joint_truth", "start_angles_rad", "truth_of"]
+
+_FELT_RAD = math.radians(60.0)
+
+
+def truth_of(
+    finger: AnyFinger, emulation: Emulation, rng: np.random.Generator, newer: np.random.Generator
+) -> FingerTruth | ArmTruth:
+    """How this finger really is built.
+
+    `newer` draws the errors of tips, arrays and slides: they came later, and a seed keeps what it has drawn
+    from `rng`.
+    """
+    built = _as_placed(finger, emulation, rng)
+    radius = finger.tip.radius_mm + emulation.tip_radius_error_mm * newer.uniform(-1, 1)
+    turned = math.radians(emulation.array_heading_error_deg) * newer.uniform(-1, 1)
+    built = replace(built, tip_radius_mm=radius, array_heading_rad=built.array_heading_rad + turned)
+    return built if isinstance(built, ArmTruth) else _with_slide_off(built, emulation, newer)
+
+
+def dead_taxels(
+    description: Description, count: int, rng: np.random.Generator
+) -> tuple[tuple[int, int], ...]:
+    """Rows and columns of `count` taxels that are dead, drawn where touches are felt: near the middle.
+
+    InputError if the array has not so many there.
+    """
+    columns = np.flatnonzero(np.abs(description.columns) <= _FELT_RAD)
+    felt = [(row, int(col)) for row in range(description.rows) for col in columns]
+    if count > len(felt):
+        raise InputError(
+            f"emulation.dead_taxels: is {count}; an emulated array has {len(felt)} taxels within 60° of its "
+            "middle; let fewer be dead"
+        )
+    return tuple(felt[k] for k in rng.choice(len(felt), count, replace=False))
+
+
+def _as_placed(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth | ArmTruth:
+    away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
+    turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
+    base = (
+        finger.base_mm[0] + away * math.cos(bearing),
+        finger.base_mm[1] + away * math.sin(bearing),
+    )
+    heading = math.radians(finger.heading_deg) + turn
+    if isinstance(finger, ArmFinger):
+        return _arm(finger, emulation, base, heading, rng)
+    return _slide(finger, emulation, base, heading, rng)
+
+
+def joint_truth(gear_ratio: float, zero_deg: float, play_deg: float, rng: np.random.Generator) -> JointTruth:
+    """A joint behind a gear; the file counts servo angles from Goal Position 0, emulated shafts from 2048."""
+    return JointTruth(
+        gear_ratio, math.radians(zero_deg) - math.pi, math.radians(play_deg) * rng.uniform(0.3, 1)
+    )
+
+
+def start_angles_rad(finger: AnyFinger, rig: RigFile) -> tuple[float, float]:
+    """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them.
+
+    They go by what the servos read, because that is how they are told to. The truth may be a little off.
+    """
+    if isinstance(finger, ArmFinger):
+        home = on_circle(
+            wait_radius_mm(finger, rig.clear_radius_mm),
+            math.atan2(finger.base_mm[1], finger.base_mm[0]),
+        )
+        return arm_kinematics(finger).servos_at(home)
+    nominal = slide_kinematics(finger)
+    return nominal.aim_servo_rad(0.0), nominal.slide_servo_rad(finger.slide.range_mm[0] + 1.0)
+
+
+def _with_slide_off(truth: FingerTruth, emulation: Emulation, rng: np.random.Generator) -> FingerTruth:
+    """With zero and travel per turn off; the file's zero holds half a turn before the shaft's."""
+    zero_off = emulation.zero_error_mm * rng.uniform(-1, 1)
+    mm_per_rad = truth.mm_per_rad * (1 + emulation.mm_per_turn_error * rng.uniform(-1, 1))
+    zero = truth.zero_mm + zero_off + (mm_per_rad - truth.mm_per_rad) * math.pi
+    return replace(truth, mm_per_rad=mm_per_rad, zero_mm=zero)
+
+
+def _slide(
+    finger: Finger,
+    emulation: Emulation,
+    base_mm: tuple[float, float],
+    heading_rad: float,
+    rng: np.random.Generator,
+) -> FingerTruth:
+    nominal = slide_kinematics(finger)
+    return FingerTruth(
+        base_mm=base_mm,
+        heading_rad=heading_rad,
+        height_mm=finger.height_mm,
+        gear_ratio=nominal.gear_ratio,
+        aim_zero_rad=nominal.aim_zero_rad,
+        aim_play_rad=math.radians(emulation.aim_backlash_deg) * rng.uniform(0.3, 1),
+        mm_per_rad=nominal.mm_per_rad,
+        zero_mm=nominal.zero_mm,
+        slide_play_mm=emulation.backlash_mm * rng.uniform(0.3, 1),
+        tip_radius_mm=finger.tip.radius_mm,
+        stiffness_n_per_mm=_stiffness(finger, emulation, rng),
+        array_heading_rad=math.radians(finger.array.heading_deg),
+        stops_mm=finger.slide.stops_mm,
+    )
+
+
+def _arm(
+    finger: ArmFinger,
+    emulation: Emulation,
+    base_mm: tuple[float, float],
+    heading_rad: float,
+    rng: np.random.Generator,
+) -> ArmTruth:
+    def joint(servo: JointServo) -> JointTruth:
+        return joint_truth(servo.gear_ratio, servo.zero_deg, emulation.joint_backlash_deg, rng)
+
+    return ArmTruth(
+        base_mm=base_mm,
+        heading_rad=heading_rad,
+        height_mm=finger.height_mm,
+        upper_mm=finger.links.upper_mm + emulation.link_error_mm * rng.uniform(-1, 1),
+        fore_mm=finger.links.fore_mm + emulation.link_error_mm * rng.uniform(-1, 1),
+        shoulder=joint(finger.shoulder),
+        elbow=joint(finger.elbow),
+        tip_radius_mm=finger.tip.radius_mm,
+        stiffness_n_per_mm=_stiffness(finger, emulation, rng),
+        array_heading_rad=math.radians(finger.array.heading_deg),
+    )
+
+
+def _stiffness(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> float:
+    return finger.tip.stiffness_n_per_mm * (1 + emulation.stiffness_spread * rng.uniform(-1, 1))

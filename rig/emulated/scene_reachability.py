@@ -1,0 +1,42 @@
+"""Scenes that fingers cannot feel: the part lies outside of the workspace, or lower than the fingers.
+
+From a placement to the commands that put it on an emulated table.
+Such scenes are allowed, to try what happens on a table that seems empty.
+"""
+
+import shapely
+from shapely import affinity
+
+from palpate.config import RigFile
+from palpate.rig.catalogue.finger_model import at_heights, heights_in_words
+from palpate.rig.catalogue.reachability_text import workspace_words
+from palpate.rig.catalogue.section_stack import region_at
+from palpate.rig.emulated.scene import Placement
+
+__all__ = ["scene_lines"]
+
+_TOLERANCE_MM = 0.01
+_EMPTY = "the table will seem empty"
+
+
+def scene_lines(rig: RigFile, placement: Placement) -> list[str]:
+    """A line if the part that a scene puts on an emulated table cannot be touched as it should; else none."""
+    name = f"scene: {placement.model.name}, {placement.state.name}"
+    heights = at_heights(rig)
+    met = shapely.union_all([_region(placement, at.height_mm) for at in heights])
+    if met.is_empty:
+        high = f"{placement.state.top_mm:.3g} mm high"
+        fingers = heights_in_words(heights)
+        return [f"{name} ({high}): nothing at the height of any finger, {fingers}; {_EMPTY}"]
+    origin, radius = shapely.Point(0, 0), rig.workspace.radius_mm
+    if shapely.distance(met, origin) >= radius:
+        return [f"{name}: lies outside of {workspace_words(rig)}; {_EMPTY}"]
+    beyond = float(shapely.hausdorff_distance(met, origin)) - radius
+    if beyond > _TOLERANCE_MM:
+        return [f"{name}: sticks out of {workspace_words(rig)}, by {beyond:.3g} mm; fingers may start on it"]
+    return []
+
+
+def _region(placement: Placement, z_mm: float) -> shapely.Geometry:
+    turned = affinity.rotate(region_at(placement.state, z_mm), placement.theta_rad, (0, 0), use_radians=True)
+    return affinity.translate(turned, placement.x_mm, placement.y_mm)

@@ -1,0 +1,49 @@
+"""The first grips, before there is anything to plan with: towards the table's middle, or what was felt."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.recognizer import Contact, used_by
+from palpate.recognizer.arrays import Floats
+from palpate.recognizer.rays import aside, lines_of
+from palpate.rig.reach.approaches import Reach
+
+__all__ = ["exploring_grip"]
+
+_APART_MM = 6.0  # approaches keep this far from earlier ones of the same finger
+_INWARD_MM = 6.0
+
+
+def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[tuple[int, float]]:
+    """For each finger the approach, by index, that passes nearest to the target, and its whole travel (mm).
+
+    None that passes too near to an earlier one of that finger is taken.
+    """
+    target = _target(contacts)
+    used = used_by(contacts, reach.candidates)
+    grip = []
+    for finger_index in sorted({item.finger_index for item in reach.candidates}):
+        own = reach.of_finger(finger_index, reach.middle_rad)
+        start, angle = lines_of([reach.candidates[k].approach for k in own])
+        offset = dict(zip(own, aside(start, angle, target).tolist(), strict=True))
+        taken = [offset[k] for k in own if used[k]]
+        free = [k for k in own if all(abs(offset[k] - other) >= _APART_MM for other in taken)]
+        if free:
+            _, best = min((abs(offset[k]), k) for k in free)
+            grip.append((best, reach.candidates[best].approach.travel_mm))
+    return grip
+
+
+def _target(contacts: Sequence[Contact]) -> Floats:
+    """A little inside of what was touched; the table's middle if nothing was."""
+    inward = []
+    for contact in contacts:
+        if contact.touched:
+            angle = contact.middle_normal_rad
+            inward.append(
+                np.array(contact.end_mm) - _INWARD_MM * np.array([math.cos(angle), math.sin(angle)])
+            )
+    result: Floats = np.mean(inward, axis=0) if inward else np.zeros(2)
+    return result

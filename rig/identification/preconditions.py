@@ -1,0 +1,30 @@
+"""Is enough known of a rig to tell parts apart with it? Between the rig file and `identify`."""
+
+import math
+
+from palpate.config import RigFile
+from palpate.drivers.finger import Line
+from palpate.errors import InputError
+from palpate.rig.conversion import kinematics_of, tip_bound_mm
+
+__all__ = ["check_known_well"]
+
+
+def check_known_well(rig: RigFile, name: str) -> None:
+    """Refuse a rig whose contacts may be further off than a tip's radius; `name`: of its file.
+
+    Nearly everything of a catalogue fits such contacts: the search would take minutes and find no answer.
+    Raises InputError that says what to do.
+    """
+    for finger in rig.fingers:
+        kinematics = kinematics_of(finger)
+        x, y = finger.base_mm
+        middle = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
+        off = kinematics.position_bound_mm(middle) + tip_bound_mm(finger)
+        if off > finger.tip.radius_mm:  # an arm that does not get to the middle has no bound there
+            raise InputError(
+                f"{name}: by its bounds, contacts of finger {finger.name} may be off by {off:.1f} mm, more "
+                f"than its tip's radius ({finger.tip.radius_mm:g} mm): too little is known of this rig to "
+                f"identify parts; measure it with `palpate calibrate --rig {name}`, or narrow its bounds "
+                "if they hold"
+            )

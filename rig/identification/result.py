@@ -1,0 +1,122 @@
+"""Result of an identification as `palpate/identification@1`."""
+
+import math
+from collections.abc import Sequence
+
+from palpate.config.identification_result import (
+    AlternativeOut,
+    CalibrationUsedOut,
+    IdentificationOut,
+    IdentificationVerdict,
+    Relation,
+    StrategyName,
+    TruthOut,
+)
+from palpate.config.results import BoundsOut, ConfigurationOut
+from palpate.recognizer import Hypothesis, Strategy
+from palpate.recognizer.hypotheses import Bounds, Configuration
+from palpate.rig.emulated.answer_error import Comparison, compare
+from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.loop import Identification
+
+__all__ = ["bounds_out", "configuration_out", "hypotheses_of", "identification_out"]
+
+
+def identification_out(
+    result: Identification,
+    placement: Placement | None,
+    *,
+    emulated: bool,
+    rig_seconds: float,
+    wall_seconds: float,
+    session: str | None,
+    strategy: Strategy = Strategy.PLANNED,
+    calibration: CalibrationUsedOut | None = None,
+) -> IdentificationOut:
+    """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
+    hypotheses = hypotheses_of(result)
+    first = hypotheses[0] if hypotheses else None
+    truth = None if placement is None else compare(placement, hypotheses)
+    return IdentificationOut(
+        verdict=IdentificationVerdict(result.outcome.value),
+        object=first and first.state.object_name,
+        state=first and first.state.state.name,
+        configuration=None if first is None else configuration_out(first.configuration),
+        bounds=None if first is None else bounds_out(first.bounds),
+        alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
+        symmetry_order=1 if first is None else first.state.symmetry_order,
+        strategy=StrategyName(strategy.value),
+        grips=len(result.grips),
+        touches=result.touches,
+        contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),
+        swept=result.swept,
+        foretold=result.foretold,
+        moved_before=result.moved_before,
+        unnoticed_shift=result.unnoticed_mm if math.isfinite(result.unnoticed_mm) else None,
+        emulated=emulated,
+        rig_seconds=rig_seconds,
+        wall_seconds=wall_seconds,
+        session=session,
+        calibration=calibration,
+        truth=None if placement is None or truth is None else _truth(placement, truth),
+    )
+
+
+def _alternative(item: Hypothesis, first: Hypothesis) -> AlternativeOut:
+    same = item.state_index == first.state_index
+    turned, moved = _displacement(first, item) if same else (None, None)
+    return AlternativeOut(
+        object=item.state.object_name,
+        state=item.state.state.name,
+        configuration=configuration_out(item.configuration),
+        bounds=bounds_out(item.bounds),
+        weight=item.weight,
+        relation=Relation.SYMMETRY if same else Relation.TWIN,
+        turned=turned,
+        moved=moved,
+    )
+
+
+def _displacement(first: Hypothesis, other: Hypothesis) -> tuple[float, float]:
+    """From one configuration of a state to another: turned (rad) and how far its centre of area is (mm).
+
+    Of the turns that the state's symmetry makes equal, the smallest.
+    """
+    turn = 2 * math.pi / first.state.symmetry_order
+    turned = other.configuration.theta_rad - first.configuration.theta_rad
+    turned -= turn * round(turned / turn)
+    return turned, math.dist(_centre(first), _centre(other))
+
+
+def _centre(item: Hypothesis) -> tuple[float, float]:
+    """Centre of area in W."""
+    at, (u, v) = item.configuration, item.state.origin_mm.tolist()
+    cos, sin = math.cos(at.theta_rad), math.sin(at.theta_rad)
+    return at.x_mm + cos * u - sin * v, at.y_mm + sin * u + cos * v
+
+
+def hypotheses_of(result: Identification) -> Sequence[Hypothesis]:
+    """Hypotheses of the last recognition, the heaviest first; none if nothing was touched."""
+    return () if result.recognition is None else result.recognition.hypotheses
+
+
+def _truth(placement: Placement, found: Comparison) -> TruthOut:
+    return TruthOut(
+        object=placement.model.name,
+        state=placement.state.name,
+        configuration=configuration_out(found.configuration),
+        named=found.hypothesis is not None,
+        inside_bounds=found.inside_bounds,
+        position_error_mm=found.position_error_mm,
+        orientation_error_rad=found.orientation_error_rad,
+    )
+
+
+def configuration_out(value: Configuration) -> ConfigurationOut:
+    """A configuration as a JSON value."""
+    return ConfigurationOut(x=value.x_mm, y=value.y_mm, theta=value.theta_rad)
+
+
+def bounds_out(value: Bounds) -> BoundsOut:
+    """Bounds as a JSON value."""
+    return BoundsOut(x=value.x_mm, y=value.y_mm, theta=value.theta_rad)

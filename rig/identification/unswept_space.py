@@ -1,0 +1,117 @@
+"""Unswept space of a table on which nothing was touched yet: where a part of the catalogue may still lie.
+
+From misses to the next exploring grip, and to giving up. A part that lies inside the workspace has room for a
+disc inside of its section, and where a tip has passed no such disc can be. So what is kept is where the
+disc's centre may be: the workspace, less all misses grown by tip and disc. Nothing left: no part there.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from palpate.recognizer import Approach, Catalogue, Contact, State, used_by
+from palpate.rig.reach.approaches import Reach
+
+__all__ = ["Disc", "discs_at", "is_swept", "places_left", "sweeping_grip"]
+
+_DISC_TOLERANCE_MM = 0.1
+_CHORDS = 32  # in a quarter
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A disc that fits inside the section, at one height, of each of these states (indices).
+
+    The radius is negative if a state is so thin that its tolerance leaves nothing for certain.
+    """
+
+    radius_mm: float
+    states: frozenset[int]
+
+
+def discs_at(catalogue: Catalogue, heights_mm: Iterable[float]) -> dict[float, Disc]:
+    """The largest such disc at each height; a height at which no state has a section is left out."""
+    found = {}
+    for height in set(heights_mm):
+        inscribed = [_inscribed_mm(item.state, height) for item in catalogue.states]
+        met = [index for index, radius in enumerate(inscribed) if radius > 0]
+        if met:
+            least = min(inscribed[index] - catalogue.states[index].tolerance_mm for index in met)
+            found[height] = Disc(least, frozenset(met))
+    return found
+
+
+def places_left(
+    contacts: Sequence[Contact], discs: Mapping[float, Disc], workspace_radius_mm: float
+) -> dict[float, shapely.Geometry]:
+    """Where in W the centre of each height's disc may be after misses; everything else is certainly free."""
+    around = 1 / math.cos(math.pi / (4 * _CHORDS))  # chords of the workspace's rim must not cut it short
+    left = {}
+    for height, disc in discs.items():
+        room = shapely.Point(0, 0).buffer(max(workspace_radius_mm - disc.radius_mm, 0.0) * around, _CHORDS)
+        swept = [_corridor(contact, disc) for contact in contacts if contact.finger.height_mm == height]
+        left[height] = room.difference(shapely.union_all(swept))
+    return left
+
+
+def is_swept(left: Mapping[float, shapely.Geometry], discs: Mapping[float, Disc]) -> bool:
+    """Whether no state that some finger can feel lies inside the workspace."""
+    felt = frozenset().union(*(disc.states for disc in discs.values()))
+    excluded = frozenset().union(*(discs[height].states for height, place in left.items() if place.is_empty))
+    return bool(felt) and felt == excluded
+
+
+def sweeping_grip(
+    reach: Reach,
+    contacts: Sequence[Contact],
+    left: Mapping[float, shapely.Geometry],
+    discs: Mapping[float, Disc],
+) -> list[tuple[int, float]]:
+    """For each finger the unused approach, by index, that would free most of the places, and its travel (mm).
+
+    Fingers that would free nothing stay where they wait.
+    """
+    remaining, grip = dict(left), []
+    used = used_by(contacts, reach.candidates)
+    for finger_index in sorted({item.finger_index for item in reach.candidates}):
+        own = [index for index in reach.of_finger(finger_index, reach.middle_rad) if not used[index]]
+        approaches = [reach.candidates[index].approach for index in own]
+        if not own or approaches[0].finger.height_mm not in discs:
+            continue
+        height = approaches[0].finger.height_mm
+        corridors = np.array([_planned_corridor(item, discs[height]) for item in approaches])
+        freed = shapely.area(shapely.intersection(remaining[height], corridors))
+        best = int(np.argmax(freed))
+        if freed[best] > 0:
+            remaining[height] = remaining[height].difference(corridors[best])
+            grip.append((own[best], approaches[best].travel_mm))
+    return grip
+
+
+def _corridor(contact: Contact, disc: Disc) -> shapely.Geometry:
+    """Where the disc's centre cannot be, because the tip passed."""
+    free_mm = contact.finger.tip_radius_mm - contact.free_path_bound_mm
+    if contact.touched or free_mm + disc.radius_mm <= 0:
+        return shapely.Polygon()
+    return shapely.LineString([contact.start_mm, contact.end_mm]).buffer(free_mm + disc.radius_mm, _CHORDS)
+
+
+def _planned_corridor(approach: Approach, disc: Disc) -> shapely.Geometry:
+    """What `_corridor` will be if the finger goes all the way and touches nothing."""
+    (x, y), angle = approach.start_mm, approach.direction_rad
+    end = (x + approach.travel_mm * math.cos(angle), y + approach.travel_mm * math.sin(angle))
+    miss = Contact("", approach.finger, False, approach.start_mm, end, approach.position_bound_mm)
+    return _corridor(miss, disc)
+
+
+def _inscribed_mm(state: State, height_mm: float) -> float:
+    """Radius of a disc that fits inside the section at a height; 0 if there is none."""
+    here = [item for item in state.sections if item.z_lo_mm <= height_mm <= item.z_hi_mm]
+    region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for item in here for p in item.polygons])
+    if region.is_empty:
+        return 0.0
+    # The circle that is found lies inside for certain, and is at most the tolerance smaller than the largest.
+    return float(shapely.length(shapely.maximum_inscribed_circle(region, _DISC_TOLERANCE_MM)))

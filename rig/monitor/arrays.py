@@ -1,0 +1,94 @@
+"""The arrays of a rig, opened to be watched. Between the rig file and the drivers.
+
+Nothing here knows the servos' bus: nothing can move. Arrays of a recorded session are in
+`watch_session`.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+
+from serial.serialutil import SerialBase
+
+from palpate.config import AnyFinger, RigFile
+from palpate.drivers.tactile.frames import ArrayDriver
+from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.drivers.transport.port import PortTaken, open_port
+from palpate.errors import DeviceError, InputError
+from palpate.rig.arrays import array_of, extractor_of
+from palpate.rig.bench import set_up
+from palpate.rig.monitor.finger_monitor import WatchedFinger
+
+__all__ = ["Place", "chosen", "place_of", "streaming", "watched_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where a rig's arrays are: the clock, and how to open a port. It keeps `devices` alive."""
+
+    clock: Clock
+    open_port: Callable[[str, int], SerialBase]
+    devices: object = None
+
+
+def place_of(rig: RigFile) -> Place:
+    """The ports of a rig; those of an emulated one are emulated from now on, with an empty table."""
+    if not rig.emulated:
+        return Place(MonotonicClock(), open_port)
+    bench = set_up(rig, None, 0)
+    return Place(bench.clock, lambda port, baudrate: open_port(bench.urls(port), baudrate), bench)
+
+
+def chosen(rig: RigFile, names: Sequence[str]) -> tuple[AnyFinger, ...]:
+    """The fingers of these names, all without any; InputError for a name that the rig does not have."""
+    there = [finger.name for finger in rig.fingers]
+    unknown = next((name for name in names if name not in there), None)
+    if unknown is not None:
+        names_there = ", ".join(there)
+        raise InputError(f'--finger {unknown}: rig "{rig.name}" has no such finger, but {names_there}')
+    return tuple(finger for finger in rig.fingers if not names or finger.name in names)
+
+
+@contextmanager
+def streaming(
+    rig: RigFile, specs: Sequence[AnyFinger], place: Place, clock: Clock, rate_hz: float
+) -> Iterator[tuple[WatchedFinger, ...]]:
+    """The arrays of some fingers, streaming until the block is left, by whatever way.
+
+    `clock` is the place's, perhaps paced. Raises PortTaken if another program uses a port, DeviceError
+    if one does not exist, or an array does not answer or refuses the rate.
+    """
+    with ExitStack() as ways_out:
+        fingers = []
+        for spec in specs:
+            port = _open(place, spec)
+            ways_out.callback(port.close)
+            array = array_of(spec, port, clock)
+            array.connect()
+            ways_out.callback(_stop, array)
+            fingers.append(watched_of(rig, spec, array, clock))
+        for finger in fingers:
+            finger.array.start(rate_hz)
+        yield tuple(fingers)
+
+
+def watched_of(rig: RigFile, spec: AnyFinger, array: ArrayDriver, clock: Clock) -> WatchedFinger:
+    """A finger's array, connected, with its extractor."""
+    extractor = extractor_of(rig, spec, array.description)
+    return WatchedFinger(spec.name, spec.array.port, array, extractor, clock)
+
+
+def _open(place: Place, spec: AnyFinger) -> SerialBase:
+    try:
+        return place.open_port(spec.array.port, spec.array.baudrate_bps)
+    except PortTaken as error:
+        raise PortTaken(
+            f"port {spec.array.port} of array {spec.name} is in use: another program has it, perhaps a "
+            "run, and a port serves one at a time; end that program, or watch the run afterwards with "
+            "--session"
+        ) from error
+
+
+def _stop(array: ArrayDriver) -> None:
+    with suppress(DeviceError):  # it is gone, or says so itself when it is opened next
+        array.stop()

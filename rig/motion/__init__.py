@@ -1,0 +1,1 @@
+"""Moving fingers: the hand, guarded moves and what a touch says."""

@@ -1,0 +1,103 @@
+"""One finger during a closing: where it is to go, and where it has been. Between closing and conclusions."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from palpate.config import ARM_MARGIN_MM
+from palpate.drivers.finger import Body, Line, Servos, Turn
+from palpate.rig.host_finger import HostFinger
+from palpate.rig.reach.approaches import Close
+
+__all__ = ["Run"]
+
+_MOVED_MM = 0.05
+
+
+@dataclass(eq=False)
+class Run:
+    """State of one finger's part of a grip; `line` and all places are in the frame that carries the finger.
+
+    `travel_mm` is how far along the line the tip is; `track` where it was seen, if it is steered along.
+    """
+
+    finger: HostFinger
+    close: Close
+    line: Line
+    started: Servos = (math.nan, math.nan)
+    servos: Servos = (math.nan, math.nan)
+    travel_mm: float = 0.0
+    touched: bool = False
+    moved_s: float = 0.0
+    track: list[tuple[float, float]] = field(default_factory=list)
+    _last_mm: float = 0.0
+
+    @classmethod
+    def of(cls, finger: HostFinger, close: Close, turn: Turn) -> Self:
+        """A finger's part of a grip, with the stage at the angle that it asks for."""
+        return cls(finger, close, turn.line_back(close.line))
+
+    @property
+    def centre_mm(self) -> tuple[float, float]:
+        """Where the tip's centre was seen last."""
+        return self.finger.kinematics.centre_mm(self.servos)
+
+    @property
+    def start_mm(self) -> tuple[float, float]:
+        """Where the way began that is known to be straight.
+
+        A tip that is steered along may stand a little beside its line until friction is overcome; it does so
+        outside of the workspace, where it waits.
+        """
+        for point in self.track:
+            if self.line.travel_mm(point) >= ARM_MARGIN_MM:
+                return point
+        return self.finger.kinematics.centre_mm(self.started)
+
+    def begin(self, servos: Servos) -> None:
+        """Note where the finger stands after aiming."""
+        self.started = self.servos = servos
+        self.travel_mm = self.line.travel_mm(self.centre_mm)
+
+    def seen(self, servos: Servos, now: float) -> None:
+        """Note where the servos are."""
+        self.servos = servos
+        centre = self.centre_mm
+        self.travel_mm = self.line.travel_mm(centre)
+        if abs(self.travel_mm - self._last_mm) > _MOVED_MM:
+            self._last_mm, self.moved_s = self.travel_mm, now
+        if self.finger.drive.streams:
+            self.track.append(centre)
+
+    @property
+    def off_mm(self) -> float:
+        """How far the tip is beside its line."""
+        return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
+
+    def body(self) -> Body:
+        """Room that the finger takes up now."""
+        return self.finger.kinematics.body(self.servos, self.finger.spec.tip.radius_mm)
+
+    def strayed_mm(self, far_mm: float) -> float:
+        """How far the tip was off the straight way from `start_mm` to where it is, up to `far_mm` of it.
+
+        That is what was seen; and between two looks, half the way between them.
+        """
+        if not self.track:
+            return 0.0
+        way = Line(self.start_mm, _direction(self.start_mm, self.centre_mm))
+        travels = np.array([way.travel_mm(point) for point in self.track])
+        counted = (travels >= 0) & (travels <= far_mm)
+        if not counted.any():
+            return 0.0
+        points = np.array(self.track)[counted]
+        on_way = np.array([way.point_mm(float(travel)) for travel in travels[counted]])
+        off = float(np.hypot(*(points - on_way).T).max())
+        gaps = np.diff(np.concatenate([[0.0], np.sort(travels[counted]), [far_mm]]))
+        return off + float(gaps.max()) / 2
+
+
+def _direction(start: tuple[float, float], end: tuple[float, float]) -> float:
+    return math.atan2(end[1] - start[1], end[0] - start[0])

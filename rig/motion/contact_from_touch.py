@@ -1,0 +1,104 @@
+"""What a finger's approach came to: from a run and its patch to the recogniser's contact, in W."""
+
+import math
+from dataclasses import dataclass
+
+from palpate.config import Closing, Tip
+from palpate.drivers.finger import Line, Servos, Turn
+from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
+from palpate.recognizer import Contact, NormalRange
+from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, unfelt_mm
+from palpate.rig.motion.approach_state import Run
+
+__all__ = ["Touch", "concluded", "dent_range_mm", "is_of_two_edges"]
+
+_TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
+
+
+@dataclass(frozen=True)
+class Touch:
+    """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
+
+    `servos`: angles (rad) at which the finger's servos stood then.
+    """
+
+    finger_index: int
+    contact: Contact
+    patch: ContactPatch | None
+    servos: Servos
+
+
+def concluded(run: Run, patch: ContactPatch | None, closing: Closing, turn: Turn) -> Touch:
+    """The contact, or the miss, with the stage where it stands."""
+    if patch is None:
+        return Touch(run.close.finger_index, _miss(run, closing, turn), None, run.servos)
+    return Touch(run.close.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
+
+
+def dent_range_mm(force_n: float, force_bound_n: float, tip: Tip, max_force_n: float) -> tuple[float, float]:
+    """Least and greatest dent (mm) of a tip that bears a force, which is known to within a bound."""
+    hardest, softest = min(force_n + force_bound_n, max_force_n), max(force_n - force_bound_n, 0.0)
+    return (
+        softest / (tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)),
+        hardest / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)),
+    )
+
+
+def is_of_two_edges(patch: ContactPatch) -> bool:
+    """Whether a tip may be dented along two normals, as in a notch."""
+    return bool(patch.flags & _TWO_EDGES)
+
+
+def _bound_mm(run: Run, turn: Turn) -> float:
+    """How far the tip's surface may be off anywhere on its way, by the mechanics and its radius alone."""
+    kinematics = run.finger.kinematics
+    centre = max(
+        kinematics.position_bound_mm(servos) + turn.position_bound_mm(kinematics.centre_mm(servos))
+        for servos in (run.started, run.servos)
+    )
+    return centre + tip_bound_mm(run.finger.spec)
+
+
+def _miss(run: Run, closing: Closing, turn: Turn) -> Contact:
+    """The way was free as far as the finger went; less a little where a touch could not be measured."""
+    start, centre = run.start_mm, run.centre_mm
+    gone = math.dist(start, centre)
+    far = max(gone - (2 * closing.back_off_mm if run.touched else 0.0), 0.0)
+    way = Line(start, math.atan2(centre[1] - start[1], centre[0] - start[0]))
+    bound = _bound_mm(run, turn)
+    return Contact(
+        name=run.finger.name,
+        finger=finger_of(run.finger.spec),
+        touched=False,
+        start_mm=turn.point_mm(start),
+        end_mm=turn.point_mm(way.point_mm(far)),
+        position_bound_mm=bound,
+        path_bound_mm=bound + run.strayed_mm(far) + unfelt_mm(run.finger.spec, closing),
+    )
+
+
+def _contact(run: Run, patch: ContactPatch, closing: Closing, turn: Turn) -> Contact:
+    """Where the tip's centre would be if it just touched: the dent is taken back along the normal."""
+    finger, tip = run.finger, run.finger.spec.tip
+    kinematics = finger.kinematics
+    facing = kinematics.facing_rad(run.servos) + turn.angle_rad
+    normal = facing + math.radians(finger.spec.array.heading_deg) + patch.angle_rad + math.pi
+    half = patch.angle_half_range_rad + kinematics.direction_bound_rad + turn.angle_bound_rad
+    half += array_bound_rad(finger.spec)
+    shallowest, deepest = dent_range_mm(patch.force_n, patch.force_bound_n, tip, closing.max_force_n)
+    dent = (deepest + shallowest) / 2
+    # In a notch the dent is along two normals and only one of them is known.
+    sideways = deepest if is_of_two_edges(patch) or half > math.pi / 2 else deepest * math.sin(half)
+    x, y = turn.point_mm(run.centre_mm)
+    bound = _bound_mm(run, turn) + (deepest - shallowest) / 2 + sideways
+    far = math.dist(run.start_mm, run.centre_mm)
+    return Contact(
+        name=finger.name,
+        finger=finger_of(finger.spec),
+        touched=True,
+        start_mm=turn.point_mm(run.start_mm),
+        end_mm=(x + dent * math.cos(normal), y + dent * math.sin(normal)),
+        position_bound_mm=bound,
+        path_bound_mm=bound + run.strayed_mm(far) + unfelt_mm(finger.spec, closing),
+        normal=NormalRange(normal - half, normal + half) if half < math.pi else None,
+    )

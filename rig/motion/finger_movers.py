@@ -1,0 +1,206 @@
+"""Fingers as movers of a guarded move: through free space, and along a line on which they may touch.
+
+A `FreeMover` must arrive; a `TipMover` ends at a contact, at its limit, or where another finger comes too
+near. What a finger must never do ends all motion: `judge` raises it, and so does the hand's `pause`.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+
+from palpate.drivers.dynamixel.guarded import End, Goals
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.dynamixel.state import ServoState
+from palpate.errors import SafetyStop
+from palpate.rig.host_finger import HostFinger
+from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.hand import Hand
+from palpate.rig.reach.swept_volume import gap_mm, pieces_of
+
+__all__ = ["ARRIVED_MM", "FreeMover", "TipMover"]
+
+ARRIVED_MM = 0.8
+"""How near to where it was sent a tip has arrived."""
+
+_STILL_RAD_S = 0.03
+_FREE_MOVED_RAD = 0.003
+_FREE_STALL_S = 1.0
+_LONGEST_S = 60.0  # no move takes so long: one that creeps on for ever is ended
+_STALL_S = 0.6
+_OFF_WAY_MM = 3.0
+
+
+class _FingerMover:
+    """What moves one finger by its drive."""
+
+    def __init__(self, finger: HostFinger, begin: Callable[[float], Goals]) -> None:
+        self.finger = finger
+        self.started_s = -math.inf
+        self._begin = begin
+
+    @property
+    def servos(self) -> Sequence[Servo]:
+        """Both servos."""
+        return self.finger.drive.servos
+
+    @property
+    def streams(self) -> bool:
+        """As the drive does."""
+        return self.finger.drive.streams
+
+    def start(self, now: float) -> Goals:
+        """Begin; the first goals."""
+        self.started_s = now
+        return self._begin(now)
+
+    def stream(self, now: float) -> Goals:
+        """What the drive writes now."""
+        return self.finger.drive.goals(now)
+
+    def is_late(self, now: float) -> bool:
+        """Whether the move has gone on for longer than any should."""
+        return now - self.started_s > _LONGEST_S
+
+
+def _note(run: Run, states: Mapping[int, ServoState], now: float) -> None:
+    """Note where a finger is."""
+    near, far = (states[servo.dxl_id].position_rad for servo in run.finger.drive.servos)
+    run.seen((near, far), now)
+
+
+def _check_cross_track(run: Run) -> None:
+    """Raise SafetyStop for a tip that is far beside its line."""
+    if run.off_mm > _OFF_WAY_MM:
+        raise SafetyStop(
+            f"finger {run.finger.name} is {run.off_mm:.1f} mm off its way; fingers were stopped; "
+            "check what pushes it aside, and if nothing does, raise max_force_n"
+        )
+
+
+class FreeMover(_FingerMover):
+    """A finger on its way through free space: it arrives when all its servos stand at their targets.
+
+    `tolerance_rad` of a servo; `begin` tells the drive where to go.
+    """
+
+    def __init__(
+        self,
+        finger: HostFinger,
+        begin: Callable[[float], Goals],
+        tolerance_rad: Callable[[Servo], float],
+        run: Run | None = None,
+    ) -> None:
+        super().__init__(finger, begin)
+        self._tolerance_rad = tolerance_rad
+        self._run = run
+        self._states: dict[Servo, ServoState] = {}
+        self._moved: dict[Servo, float] = {}
+        self._moved_s = -math.inf
+
+    @property
+    def driven(self) -> Sequence[Servo]:
+        """Servos that have a target."""
+        return tuple(self.finger.drive.targets())
+
+    def sense(self, _now: float) -> End | None:
+        """Nothing ends it but arrival."""
+        return None
+
+    def look(self, states: Mapping[int, ServoState], now: float) -> None:
+        """Note where the servos are, and whether one has moved."""
+        self._states = {servo: states[servo.dxl_id] for servo in self.servos}
+        if self._run is not None:
+            _note(self._run, states, now)
+        at = {servo: state.position_rad for servo, state in self._states.items()}
+        if any(abs(at[servo] - self._moved.get(servo, math.inf)) > _FREE_MOVED_RAD for servo in at):
+            self._moved, self._moved_s = at, now
+
+    def judge(self, now: float) -> End | None:
+        """Arrival; a stall once no servo of it has moved for a second."""
+        if self._run is not None:
+            _check_cross_track(self._run)
+        if self.finger.drive.under_way(now):
+            return None
+        targets = self.finger.drive.targets()
+        if all(self._is_at(servo, self._states[servo], goal) for servo, goal in targets.items()):
+            return End.REACHED
+        if now - self._moved_s > _FREE_STALL_S:
+            return End.STALL
+        return End.DEADLINE if self.is_late(now) else None
+
+    def _is_at(self, servo: Servo, state: ServoState, goal_rad: float) -> bool:
+        off = abs(state.position_rad - goal_rad)
+        return off <= self._tolerance_rad(servo) and abs(state.velocity_rad_s) <= _STILL_RAD_S
+
+
+class TipMover(_FingerMover):
+    """A finger on its way along its line to `limit_mm`, at `speed_mm_s`, until it feels `contact_n`.
+
+    `others`: fingers that it must not come near; it stops where it would. A finger that stands still short of
+    its limit, is pushed off its line or never arrives is a SafetyStop.
+    """
+
+    def __init__(
+        self,
+        hand: Hand,
+        run: Run,
+        limit_mm: float,
+        speed_mm_s: float,
+        contact_n: float,
+        others: Sequence[Run] = (),
+    ) -> None:
+        self.limit_mm, self._speed_mm_s = limit_mm, speed_mm_s
+        super().__init__(run.finger, self._go)
+        self.hand, self.run = hand, run
+        self._contact_n = contact_n
+        self._others = [other for other in others if other is not run]
+
+    @property
+    def driven(self) -> Sequence[Servo]:
+        """Servos that move along the line."""
+        return self.finger.drive.closing_servos
+
+    def start(self, now: float) -> Goals:
+        """Begin; from now on standing still counts."""
+        self.run.moved_s = now
+        return super().start(now)
+
+    def look(self, states: Mapping[int, ServoState], now: float) -> None:
+        """Note where the tip is."""
+        _note(self.run, states, now)
+
+    def sense(self, _now: float) -> End | None:
+        """A contact, if the newest frame shows one."""
+        felt = self.hand.felt(self.finger)
+        if felt.force_n <= self._contact_n:
+            return None
+        self.run.touched = True
+        return End.CONTACT
+
+    def judge(self, now: float) -> End | None:
+        """The limit, or a finger that is too near."""
+        run = self.run
+        _check_cross_track(run)
+        at_limit = abs(self.limit_mm - run.travel_mm) < ARRIVED_MM
+        if at_limit and not self.finger.drive.under_way(now):
+            return End.REACHED
+        if now - run.moved_s > _STALL_S or self.is_late(now):
+            return self.held(now)
+        return End.CLEARANCE if self.is_crowded() else None
+
+    def held(self, _now: float) -> End:
+        """What it means that the finger stands still on its way: here that all motion ends."""
+        raise SafetyStop(
+            f"finger {self.finger.name} is held after {self.run.travel_mm:.1f} mm of its way by something "
+            "that its array does not feel; fingers were stopped; clear its way"
+        )
+
+    def _go(self, now: float) -> Goals:
+        run = self.run
+        return self.finger.drive.go(run.line, run.travel_mm, self.limit_mm, self._speed_mm_s, now)
+
+    def is_crowded(self) -> bool:
+        """Whether another finger is nearer than the rig file's clearance_mm."""
+        own, clearance_mm = pieces_of([self.run.body()]), self.hand.rig.closing.clearance_mm
+        return any(
+            float(gap_mm(own, pieces_of([other.body()])).min()) < clearance_mm for other in self._others
+        )

@@ -1,0 +1,241 @@
+"""Guarded closing: fingers move along straight lines and stop at what they touch.
+
+From planned approaches to contacts. Each finger touches twice: quickly to find the object, then, after
+backing off a little, slowly to measure it. All chosen fingers move at once; the loop runs once per tactile
+sample, and every finger stops by itself. A finger that comes too close to another one stops where it is: its
+free way so far is still evidence.
+"""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from enum import Enum
+
+from palpate.drivers.dynamixel.failures import WatchdogTripped
+from palpate.drivers.dynamixel.guarded import End, Goals
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.finger import Line, Turn
+from palpate.drivers.tactile.contact import ContactPatch
+from palpate.rig.drives import AIM_TOLERANCE_RAD
+from palpate.rig.host_finger import HostFinger
+from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.contact_from_touch import Touch, concluded
+from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, TipMover
+from palpate.rig.motion.hand import SPEAK_S, Hand
+from palpate.rig.reach.approaches import Close
+from palpate.rig.stage import planned_turn
+
+__all__ = ["Close", "Measure", "Stage", "Touch", "aim", "close_fingers", "go_to", "look"]
+__all__ += ["measure_at_rest", "move_tips", "retract_all"]
+
+_STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
+_FREE_PERIOD_S = 0.02
+_SETTLE_S = 0.08
+_MEASURE_FRAMES = 8
+_MOST_BACKS = 3
+_FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
+
+
+Measure = Callable[[Hand, Sequence[Run]], list[tuple[Run, ContactPatch | None]]]
+"""How fingers that rest in contact, or have met nothing, are measured: their patches, in their order."""
+
+
+class Stage(Enum):
+    """What a finger is doing, for whoever shows progress."""
+
+    AIMING = "aiming"
+    CLOSING = "closing"
+    TOUCHING = "touching"
+    RETRACTING = "retracting"
+
+
+def close_fingers(
+    hand: Hand,
+    grip: Sequence[Close],
+    tell: Callable[[Stage], None],
+    measure: Measure | None = None,
+) -> list[Touch]:
+    """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
+
+    `measure`: how contacts are measured after the slow touch, None for where fingers rest. A grip in which a
+    servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that fails and SafetyStop
+    for a finger that is held by something it does not feel; the hand's `close` then ends all motion.
+    """
+    under_way: list[Run] = []
+    try:
+        return _carry_out(hand, grip, tell, measure or measure_at_rest, under_way)
+    except WatchdogTripped as tripped:
+        hand.notice(f"{tripped}; the grip is begun again")
+    hand.arm()
+    if under_way:
+        look(hand, under_way)
+        go_to(hand, dict.fromkeys(under_way, 0.0))
+    return _carry_out(hand, grip, tell, measure or measure_at_rest, [])
+
+
+def _carry_out(
+    hand: Hand,
+    grip: Sequence[Close],
+    tell: Callable[[Stage], None],
+    measure: Measure,
+    under_way: list[Run],
+) -> list[Touch]:
+    """Carry out a grip; `under_way` is filled with the fingers that have left where they wait."""
+    tell(Stage.AIMING)
+    hand.arm()
+    retract_all(hand)
+    turn = _turn(hand, {item.stage_rad for item in grip})
+    runs = [Run.of(hand.fingers[item.finger_index], item, turn) for item in grip]
+    aim(hand, runs)
+    under_way += runs
+    hand.tare()
+    tell(Stage.CLOSING)
+    _move_until_touched(hand, runs, hand.rig.closing.approach_speed_mm_s)
+    _settle(hand, runs)
+    found = [run for run in runs if run.touched]
+    patches: dict[str, ContactPatch | None] = {}
+    if found:
+        tell(Stage.TOUCHING)
+        patches = {run.finger.name: patch for run, patch in _measured(hand, found, measure)}
+    turned = hand.turn
+    touches = [concluded(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
+    tell(Stage.RETRACTING)
+    hand.stop_arrays()
+    go_to(hand, dict.fromkeys(runs, 0.0))
+    hand.disarm()
+    return touches
+
+
+def retract_all(hand: Hand) -> None:
+    """Let every finger go back to where it waits, also those that take no part."""
+
+    def begin(goals: Goals) -> Callable[[float], Goals]:
+        return lambda _: goals
+
+    ways = {finger: finger.drive.retract() for finger in hand.fingers}
+    _move_free(hand, [_free(finger, begin(goals)) for finger, goals in ways.items() if goals])
+
+
+def _turn(hand: Hand, wanted_rad: Collection[float]) -> Turn:
+    """Turn the stage to a grip's angle, which all its approaches share; every finger goes home first.
+
+    Returns the turn that was asked for: the lines of a grip are computed for it.
+    """
+    if len(set(wanted_rad)) > 1:
+        raise ValueError("approaches of one grip are for different stage angles")
+    angle = next(iter(wanted_rad), 0.0)
+    stage = hand.stage
+    if stage is None:
+        return Turn()
+    goal = {stage.servo: stage.goal_rad(angle)}
+    now_at = hand.states([stage.servo])[stage.servo.dxl_id].position_rad
+    if abs(now_at - goal[stage.servo]) > AIM_TOLERANCE_RAD:
+        _to_lines(hand, {finger: finger.home for finger in hand.fingers})
+        hand.move_servos(goal, lambda _: AIM_TOLERANCE_RAD)
+    return planned_turn(stage.spec, angle)
+
+
+def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
+    """Let fingers go to where lines start, outside of the workspace."""
+    present = hand.servos_of(list(lines))
+
+    def begin(finger: HostFinger) -> Callable[[float], Goals]:
+        return lambda now: finger.drive.aim(lines[finger], present[finger], now)
+
+    movers = [FreeMover(finger, begin(finger), lambda _: AIM_TOLERANCE_RAD) for finger in lines]
+    _move_free(hand, movers)
+
+
+def aim(hand: Hand, runs: Sequence[Run]) -> None:
+    """Turn fingers to where their lines start, outside of the workspace."""
+    _to_lines(hand, {run.finger: run.line for run in runs})
+    found = hand.servos_of([run.finger for run in runs])
+    for run in runs:
+        run.begin(found[run.finger])
+
+
+def go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
+    """Move along lines through space that is known to be free, and wait until fingers are there."""
+    speed = hand.rig.closing.approach_speed_mm_s
+
+    def begin(run: Run, to_mm: float) -> Callable[[float], Goals]:
+        return lambda now: run.finger.drive.go(run.line, run.travel_mm, to_mm, speed, now)
+
+    movers = [_free(run.finger, begin(run, to_mm), run) for run, to_mm in travels_mm.items()]
+    _move_free(hand, movers)
+
+
+def _free(finger: HostFinger, begin: Callable[[float], Goals], run: Run | None = None) -> FreeMover:
+    def tolerance_rad(servo: Servo) -> float:
+        return finger.drive.reached_rad(servo, ARRIVED_MM)
+
+    return FreeMover(finger, begin, tolerance_rad, run)
+
+
+def _move_free(hand: Hand, movers: Sequence[FreeMover]) -> None:
+    streaming = any(mover.streams for mover in movers)
+    hand.arrived(hand.guarded(movers, period_s=_period_s(hand) if streaming else _FREE_PERIOD_S))
+
+
+def _period_s(hand: Hand) -> float:
+    return 1 / hand.rig.closing.sample_rate_hz
+
+
+def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[Run, End]:
+    """A guarded move of tips along their lines; how each ended."""
+    period = _period_s(hand)
+    look_every = max(1, min(_STATE_EVERY, int(SPEAK_S / period)))
+    ends = hand.guarded(movers, period_s=period, read_every=look_every)
+    return {mover.run: end for mover, end in ends.items() if mover.run is not None}
+
+
+def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> None:
+    """Send every finger towards its limit and stop each at its own contact, limit or neighbour."""
+    contact_n = hand.rig.closing.contact_force_n
+    for run in runs:
+        run.touched = False
+    move_tips(hand, [TipMover(hand, r, r.close.travel_mm, speed_mm_s, contact_n, runs) for r in runs])
+
+
+def look(hand: Hand, runs: Sequence[Run]) -> None:
+    """Note where fingers are; raises if one of their servos has died or is off."""
+    found = hand.servos_of([run.finger for run in runs])
+    now = hand.clock.now()
+    for run in runs:
+        run.seen(found[run.finger], now)
+
+
+def _measured(hand: Hand, runs: Sequence[Run], measure: Measure) -> list[tuple[Run, ContactPatch | None]]:
+    """Back off, touch again slowly, let everything settle, and measure."""
+    _settle(hand, runs)
+    again, back = list(runs), hand.rig.closing.back_off_mm
+    for _ in range(_MOST_BACKS):
+        again = _touched_at_once(hand, again, back)
+        if not again:
+            break
+        back *= 2  # they had run further into it than they backed off
+    return measure(hand, runs)
+
+
+def measure_at_rest(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+    """What the arrays feel while fingers rest; None for those that do not touch."""
+    measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
+    return [
+        (run, run.finger.extractor.extract(frames) if run.touched else None)
+        for run, frames in zip(runs, measured, strict=True)
+    ]
+
+
+def _touched_at_once(hand: Hand, runs: Sequence[Run], back_mm: float) -> list[Run]:
+    """Back off and touch again slowly; the fingers that felt something before they had really moved.
+
+    They had not come free, so their play is not where a touch has it.
+    """
+    go_to(hand, {run: max(0.0, run.travel_mm - back_mm) for run in runs})
+    begun = {run: run.travel_mm for run in runs}
+    _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
+    _settle(hand, runs)
+    return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]
+
+
+def _settle(hand: Hand, runs: Sequence[Run]) -> None:
+    hand.pause(_SETTLE_S)
+    look(hand, runs)

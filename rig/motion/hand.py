@@ -1,0 +1,364 @@
+"""The hand: all fingers of a rig, connected, limited, and switched off again whatever happens.
+
+Joins servos, arrays, extractors and kinematics. Limits are written and read back before torque goes on; Bus
+Watchdog is armed while anything moves; leaving the `with` block, by whatever way, switches every motor's
+torque off, each by itself. Whatever time passes with torque on passes in `pause`, where arrays are guarded.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from types import TracebackType
+from typing import Self, TypeVar
+
+from serial.serialutil import SerialBase
+
+from palpate.config import AnyFinger, RigFile
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.guarded import End, Goals, Mover, ServoMover, guarded_loop
+from palpate.drivers.dynamixel.servo import Servo, torque_off_all
+from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.finger import Servos, Turn
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
+from palpate.drivers.transport.clock import Clock
+from palpate.errors import DeviceError, SafetyStop
+from palpate.rig.arrays import array_of, extractor_of
+from palpate.rig.conversion import kinematics_of
+from palpate.rig.drives import Drive
+from palpate.rig.host_finger import HostFinger
+from palpate.rig.motion.array_guard import ArrayWatch, Felt
+from palpate.rig.reach.standby_poses import home_line
+from palpate.rig.stage import HostStage
+from palpate.rig.wiring import drive_of, start_problem
+
+__all__ = ["SPEAK_S", "Hand", "OpenPort"]
+
+OpenPort = Callable[[str, int], SerialBase]
+"""Opens the port that a rig file names at a baud rate; raises DeviceError naming it."""
+
+WATCHDOG_S = 0.5
+SPEAK_S = WATCHDOG_S / 3
+"""How long servos may hear nothing while Bus Watchdog is armed, with room for a lost packet or two."""
+
+_TARE_FRAMES = 16
+_POLL_S = 0.02
+_FRAME_TIMEOUT_S = 1.0
+_REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
+_REPLUG_POLL_S = 0.25
+_OFF_TRIES = 3  # whatever interrupts switching off, it is done again
+
+_M = TypeVar("_M", bound=Mover)
+
+
+class Hand:
+    """All fingers, on their bus and their arrays' ports. Use as a context manager."""
+
+    def __init__(
+        self,
+        rig: RigFile,
+        clock: Clock,
+        open_port: OpenPort,
+        *,
+        latency_s: float,
+        notice: Callable[[str], None] = lambda _: None,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Open every port and ask every device who it is.
+
+        `latency_s`: what the bus's adapter may add to an answer. `notice` is told what the operator should
+        do, and must neither raise nor wait. `check` is called at every look of a move, and may raise to end
+        the run. Raises DeviceError naming the port or the servo that is missing; what was opened is closed
+        again, and torque is off on every servo that answers.
+        """
+        self.rig = rig
+        self.clock = clock
+        self._latency_s = latency_s
+        self.notice = notice
+        self._check = check
+        self._watch = ArrayWatch(clock, rig.closing)
+        self._ports: list[SerialBase] = []
+        self._arrays: list[ArrayDriver] = []
+        self._servos: list[Servo] = []
+        self.fingers: tuple[HostFinger, ...] = ()
+        self.stage: HostStage | None = None
+        self.emulated = False
+        self._driven = False
+        try:
+            self._connect(open_port)
+        except BaseException as error:
+            _warn(error, self.close())
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        failed = self.close()
+        if error is not None:
+            _warn(error, failed)
+            if not isinstance(error, Exception) and not failed:
+                error.add_note("torque is off")
+        elif failed:
+            _warn(failed[0], failed)
+            raise failed[0]
+
+    def close(self) -> list[DeviceError]:
+        """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
+        self._driven = False
+        try:
+            return self._surely_off()
+        finally:
+            for port in self._ports:
+                with suppress(Exception):  # torque is what matters, and the next port
+                    port.close()
+            if self._servos:
+                with suppress(Exception):
+                    self.bus.close()  # on a port of its own, if the adapter was plugged in again
+            self._servos, self._arrays, self._ports = [], [], []
+
+    def _surely_off(self) -> list[DeviceError]:
+        """Switch off; what interrupts it, such as a signal or lack of memory, is raised once it is done."""
+        interruption: BaseException | None = None
+        for _ in range(_OFF_TRIES):
+            try:
+                failed = self._switch_off()
+            except BaseException as error:
+                interruption = interruption or error
+                continue
+            if interruption is None:
+                return failed
+            _warn(interruption, failed)
+            break
+        else:
+            assert interruption is not None
+            interruption.add_note("warning: torque may be on; cut the power before you reach in")
+        raise interruption
+
+    def _switch_off(self) -> list[DeviceError]:
+        failed = torque_off_all(self.bus, self._servos) if self._servos else []
+        if any(isinstance(error, PortFailed) for error in failed):
+            failed = self._off_once_plugged_in(failed)
+        for array in self._arrays:
+            with suppress(Exception):
+                array.stop()  # an array that is gone moves nothing
+        return failed
+
+    def _off_once_plugged_in(self, failed: list[DeviceError]) -> list[DeviceError]:
+        """Wait for the bus's adapter and switch torque off then; returns what could not be switched off."""
+        self.notice(
+            f"{self.bus.port_name} is gone and torque may be on: plug it in again within {_REPLUG_S:g} s, "
+            "or cut the servos' power"
+        )
+        deadline = self.clock.now() + _REPLUG_S
+        while self.clock.now() < deadline:
+            self.clock.sleep(_REPLUG_POLL_S)
+            try:
+                self.bus.reconnect()
+            except DeviceError:
+                continue
+            failed = torque_off_all(self.bus, self._servos)
+            if not any(isinstance(error, PortFailed) for error in failed):
+                break
+        return failed
+
+    def prepare(self) -> None:
+        """Write and check limits, switch torque on where everything stands."""
+        self._driven = False
+        self.disarm()  # one that has tripped in an earlier run refuses goals
+        self._reader.arrange()
+        if self.stage is not None:
+            self.stage.prepare()
+            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
+            wrong = self.stage.start_problem(at)
+            if wrong is not None:
+                raise DeviceError(wrong)
+        for finger in self.fingers:
+            finger.drive.prepare()
+            self._check_start(finger)
+        for servo in self._servos:
+            servo.torque(on=True)
+        self._driven = True
+
+    @property
+    def turn(self) -> Turn:
+        """Where the turning stage stands now; raises DeviceError if it does not answer."""
+        if self.stage is None:
+            return Turn()
+        servo = self.stage.servo
+        return self.stage.turn(self.states([servo])[servo.dxl_id].position_rad)
+
+    def servos_of(self, fingers: Sequence[HostFinger]) -> dict[HostFinger, Servos]:
+        """Angles of some fingers' servos now."""
+        states = self.states([servo for finger in fingers for servo in finger.drive.servos])
+        return {
+            finger: (states[near.dxl_id].position_rad, states[far.dxl_id].position_rad)
+            for finger in fingers
+            for near, far in (finger.drive.servos,)
+        }
+
+    def arm(self) -> None:
+        """Arm Bus Watchdog on every servo: if the host falls silent, everything stops by itself."""
+        for servo in self._servos:
+            servo.disarm_watchdog()  # clears one that has tripped
+            servo.arm_watchdog(WATCHDOG_S)
+
+    def disarm(self) -> None:
+        """Let the host be silent while nothing moves."""
+        for servo in self._servos:
+            servo.disarm_watchdog()
+
+    def states(self, servos: Sequence[Servo]) -> dict[int, ServoState]:
+        """What the servos measure now, by id, read at one instant.
+
+        Raises NotAnswering for silent ones, HardwareAlert for one with a hardware error, Restarted for one
+        that has lost its power meanwhile, WatchdogTripped for one that heard nothing for too long.
+        """
+        states = self._reader.read(servos).all()
+        for dxl_id, state in states.items():
+            if state.watchdog_tripped:
+                raise WatchdogTripped(dxl_id, self.bus.port_name, WATCHDOG_S)
+            if self._driven and not state.torque_on:
+                raise SafetyStop(
+                    f"servo {dxl_id} on {self.bus.port_name} has its torque off, and this run did not switch "
+                    "it off: an emergency stop, or another program on the bus; fingers were stopped"
+                )
+        return states
+
+    def guarded(
+        self, movers: Sequence[_M], *, period_s: float = _POLL_S, read_every: int = 1
+    ) -> dict[_M, End]:
+        """Carry out a guarded move of these movers; returns how each ended. Raises as `guarded_loop` does."""
+        return guarded_loop(
+            self.bus,
+            self.states,
+            self.clock.now,
+            self.pause,
+            movers,
+            period_s=period_s,
+            read_every=read_every,
+        )
+
+    def move_servos(self, goals_rad: Goals, tolerance_rad: Callable[[Servo], float]) -> None:
+        """Send servos to goals through free space; DeviceError names one that does not arrive."""
+        self.arrived(self.guarded([ServoMover(s, goal, tolerance_rad(s)) for s, goal in goals_rad.items()]))
+
+    def arrived(self, ends: Mapping[_M, End]) -> None:
+        """Raise DeviceError naming a servo of the first mover that has not reached its goal."""
+        held = [mover for mover, end in ends.items() if end is not End.REACHED]
+        if held:
+            servo = held[0].driven[0]
+            at = self.states([servo])[servo.dxl_id].position_rad
+            raise DeviceError(
+                f"servo {servo.dxl_id} on {self.bus.port_name} did not reach its goal in free space: it has "
+                f"stopped at {at:.3f} rad; check what holds it; if nothing does, raise max_force_n"
+            )
+
+    def tare(self) -> None:
+        """Start every array and take its baseline; nothing may touch the tips."""
+        self.start_arrays()
+        for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
+            finger.extractor.tare(frames)
+
+    def start_arrays(self) -> None:
+        """Let every array stream; from now on silence counts."""
+        self._watch.start(self.fingers)
+
+    def stop_arrays(self) -> None:
+        """Let the arrays rest; what they sent and nobody looked at is dropped."""
+        self._watch.stop(self.fingers)
+
+    def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:
+        """The next `count` frames of each finger, taken in turns so that no port waits for the others.
+
+        Servos are looked at now and then: frames of slow arrays take longer than Bus Watchdog waits.
+        """
+        taken: list[list[TactileFrame]] = [[] for _ in fingers]
+        spoken_s = self.clock.now()
+        for _ in range(count):
+            if self.clock.now() - spoken_s > SPEAK_S:
+                self.states(self._servos)
+                spoken_s = self.clock.now()
+            for finger, frames in zip(fingers, taken, strict=True):
+                frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
+        self._watch.heard(fingers)
+        return taken
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass, and look at every array that streams, every 20 ms at least.
+
+        What they sent meanwhile is `felt` until the next pause. Raises SafetyStop for a force above
+        max_force_n, DeviceError for an array that has fallen silent, and what `check` raises.
+        """
+        looks = math.ceil(seconds / _POLL_S)
+        self._watch.forget()
+        for _ in range(looks):
+            self.clock.sleep(seconds / looks)
+            self._check()
+            self._watch.look()
+
+    def felt(self, finger: HostFinger) -> Felt:
+        """What an array that streams has sent in the last pause."""
+        return self._watch.felt(finger)
+
+    def take_felt(self, finger: HostFinger) -> Felt:
+        """Frames of an array that were not taken before, up to now: for what belongs to a read just made."""
+        return self._watch.take(finger)
+
+    def _connect(self, open_port: OpenPort) -> None:
+        rig = self.rig
+        port = open_port(rig.bus.port, rig.bus.baudrate_bps)
+        self._ports.append(port)
+        self.bus = Bus(
+            port,
+            self.clock,
+            rig.bus.baudrate_bps,
+            latency_s=self._latency_s,
+            reopen=lambda: open_port(rig.bus.port, rig.bus.baudrate_bps),
+        )
+        self.stage = HostStage.of(rig, self.bus)
+        if self.stage is not None:
+            self._servos.append(self.stage.servo)
+        drives = []
+        for spec in rig.fingers:
+            drive = drive_of(spec, rig, self.bus)
+            self._servos += drive.servos
+            drives.append(drive)
+        for servo in self._servos:
+            servo.check()
+        self._reader = StateReader(self.bus, self._servos)
+        # All ports first: boards that reset when their port opens then boot at the same time.
+        self._arrays = [self._array(spec, open_port) for spec in rig.fingers]
+        self.fingers = tuple(map(self._finger, rig.fingers, drives, self._arrays))
+        self.emulated = any(finger.array.description.emulated for finger in self.fingers)
+
+    def _array(self, spec: AnyFinger, open_port: OpenPort) -> ArrayDriver:
+        port = open_port(spec.array.port, spec.array.baudrate_bps)
+        self._ports.append(port)
+        return array_of(spec, port, self.clock)
+
+    def _finger(self, spec: AnyFinger, drive: Drive, array: ArrayDriver) -> HostFinger:
+        extractor = extractor_of(self.rig, spec, array.connect())
+        return HostFinger(
+            spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor
+        )
+
+    def _check_start(self, finger: HostFinger) -> None:
+        """Raise DeviceError if a finger stands where it must not start."""
+        states = self.states(finger.drive.servos)
+        near, far = (states[servo.dxl_id].position_rad for servo in finger.drive.servos)
+        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far))
+        if wrong is not None:
+            raise DeviceError(f"finger {finger.name}: {wrong}")
+
+
+def _warn(error: BaseException, failed: Sequence[DeviceError]) -> None:
+    """Add to what ends the run that some torque may still be on."""
+    if failed:
+        servos = "one servo" if len(failed) == 1 else f"{len(failed)} servos"
+        error.add_note(
+            f"warning: {servos} did not confirm that torque is off ({failed[0]}); "
+            "cut the power before you reach in"
+        )

@@ -1,0 +1,178 @@
+"""Slow presses and stops of fingers, for calibration. Between the hand and `rig_prober`.
+
+The ways to contacts must be known to be free: the fingers have touched there before. What servos and arrays
+say on the way in and out is kept sample by sample; what it means is calibration's business.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+from palpate.calibration.measurements import FREE, IN, OUT, Press, Stop
+from palpate.drivers.dynamixel.guarded import End, Goals
+from palpate.drivers.dynamixel.state import ServoState
+from palpate.errors import DeviceError, SafetyStop
+from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.finger_movers import TipMover
+from palpate.rig.motion.guarded_approach import aim, go_to, look, move_tips, retract_all
+from palpate.rig.motion.hand import Hand
+from palpate.rig.reach.approaches import Close
+from palpate.rig.stage import planned_turn
+
+__all__ = ["press", "run_into"]
+
+_SPEED_MM_S = 4.0
+_FORCE_N = 3.0
+_LEAD_MM = 2.0  # before a contact: gathering speed, then friction alone
+_DEPTH_MM = 4.0  # no press goes deeper
+_PERIOD_S = 0.01
+_STILL_MM = 0.03
+_STILL_S = 0.25
+_SETTLE_S = 0.15
+_GENTLE_MM_S2 = 20.0  # to reach a speed before a contact
+
+_K = TypeVar("_K")
+
+Contacts = Sequence[tuple[Close, float]]
+"""Ways, and after how many mm of each the finger touches."""
+
+
+def press(hand: Hand, contacts: Contacts, placing: int) -> list[Press]:
+    """Press where fingers touch, all at once, and go back. Ends retracted.
+
+    Raises SafetyStop above the rig file's max_force_n, and DeviceError for a device that fails.
+    """
+    runs = _made_ready(hand, [(close, max(contact - _LEAD_MM, 0.0)) for close, contact in contacts])
+    pressing = [
+        _PressMover(hand, run, contact, runs) for run, (_, contact) in zip(runs, contacts, strict=True)
+    ]
+    _none_crowded(hand.guarded(pressing, period_s=_PERIOD_S))
+    _end(hand, runs)
+    return [mover.press(placing) for mover in pressing]
+
+
+def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Stop]:
+    """Run into contacts at a speed, stop each finger when it feels something, see where it stood."""
+    lead = max(_LEAD_MM, speed_mm_s**2 / _GENTLE_MM_S2 / 2)
+    runs = _made_ready(hand, [(close, max(contact - lead, 0.0)) for close, contact in contacts])
+    contact_n = hand.rig.closing.contact_force_n
+    movers = [
+        TipMover(hand, run, contact + _DEPTH_MM, speed_mm_s, contact_n, runs)
+        for run, (_, contact) in zip(runs, contacts, strict=True)
+    ]
+    ends = move_tips(hand, movers)
+    _none_crowded(ends)
+    missing = [run for run, end in ends.items() if end is not End.CONTACT]
+    if missing:
+        raise DeviceError(
+            f"finger {missing[0].finger.name} felt nothing where it had touched the reference before; "
+            "if that was moved, begin again and see that it stands firmly"
+        )
+    felt_rad = {run: run.servos[1] for run in runs}
+    hand.pause(_SETTLE_S)
+    look(hand, runs)
+    stops = []
+    for run, (_, contact) in zip(runs, contacts, strict=True):
+        contact_rad = run.finger.kinematics.servos_rad(run.line, contact)[1]
+        period = 1 / hand.rig.closing.sample_rate_hz
+        stops.append(Stop(run.finger.name, speed_mm_s, felt_rad[run], run.servos[1], contact_rad, period))
+    _end(hand, runs)
+    return stops
+
+
+def _none_crowded(ends: Mapping[_K, End]) -> None:
+    """Raise SafetyStop if a finger was stopped because another one was too near."""
+    if End.CLEARANCE in ends.values():
+        raise SafetyStop(
+            "two fingers that press came nearer to each other than clearance_mm; fingers were stopped: "
+            "use a larger reference, or calibrate with fewer fingers at once"
+        )
+
+
+class _PressMover(TipMover):
+    """A press: in until the finger has pressed hard enough or stands still, and out again.
+
+    What servos and array say is kept at every look, in the order of time.
+    """
+
+    def __init__(self, hand: Hand, run: Run, contact_mm: float, others: Sequence[Run]) -> None:
+        super().__init__(hand, run, contact_mm + _DEPTH_MM, _SPEED_MM_S, math.inf, others)
+        self._back_mm = max(contact_mm - _LEAD_MM, 0.0)
+        self._leg, self._turns = IN, False
+        self._rows: list[tuple[float, float, int]] = []
+        self._counts: list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]] = []
+        self._force_n = 0.0
+        self._still_s, self._still_mm = math.inf, math.inf
+
+    def look(self, states: Mapping[int, ServoState], now: float) -> None:
+        """Sample servos and array at one instant."""
+        super().look(states, now)
+        if abs(self.run.travel_mm - self._still_mm) > _STILL_MM:
+            self._still_mm, self._still_s = self.run.travel_mm, now
+        felt = self.hand.take_felt(self.finger)
+        if not felt.frames:
+            return
+        self._force_n = felt.force_n
+        touching = felt.force_n > self.hand.rig.closing.contact_force_n
+        slide = states[self.servos[1].dxl_id]
+        leg = self._leg if touching or self._leg == OUT else FREE
+        self._rows.append((slide.position_rad, _outward(self.run) * slide.current_a, leg))
+        baseline = self.finger.extractor.baseline.mean
+        self._counts.append(np.mean([frame.counts for frame in felt.frames], axis=0) - baseline)
+
+    def judge(self, now: float) -> End | None:
+        """Turn where the way in ends; enough where the way out does."""
+        stands = now - self._still_s > _STILL_S
+        if self._leg == IN and (stands or self._force_n > _FORCE_N):
+            self._leg, self.limit_mm, self._turns = OUT, self._back_mm, True
+            self._still_s = now
+            return None
+        if self._leg == OUT and stands:
+            return End.ENOUGH
+        return End.CLEARANCE if self.is_crowded() else None
+
+    def stream(self, now: float) -> Goals:
+        """The way out, once."""
+        if not self._turns:
+            return {}
+        self._turns = False
+        return self.start(now)
+
+    def press(self, placing: int) -> Press:
+        """What was kept."""
+        rows = np.array(self._rows)
+        return Press(
+            self.finger.name,
+            placing,
+            self.run.servos[0],
+            rows[:, 0],
+            rows[:, 1],
+            rows[:, 2].astype(np.int64),
+            np.array(self._counts),
+        )
+
+
+def _outward(run: Run) -> float:
+    """+1 if growing angles of the slide's servo push the tip out, else -1."""
+    first, last = (run.finger.kinematics.servos_rad(run.line, travel)[1] for travel in (0.0, 1.0))
+    return math.copysign(1.0, last - first)
+
+
+def _made_ready(hand: Hand, ways: Contacts) -> list[Run]:
+    """Fingers that have aimed and tared and gone so far along their ways."""
+    hand.arm()
+    retract_all(hand)
+    turn = planned_turn(hand.rig.stage, 0.0)
+    runs = [Run.of(hand.fingers[close.finger_index], close, turn) for close, _ in ways]
+    aim(hand, runs)
+    hand.tare()
+    go_to(hand, {run: before for run, (_, before) in zip(runs, ways, strict=True)})
+    return runs
+
+
+def _end(hand: Hand, runs: Sequence[Run]) -> None:
+    hand.stop_arrays()
+    go_to(hand, dict.fromkeys(runs, 0.0))
+    hand.disarm()

@@ -1,0 +1,167 @@
+"""Straight ways that a finger's mechanics allow, and what it sweeps on each. Between rig file and reach."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.config import ArmFinger, Finger, RigFile
+from palpate.drivers.finger import Body, Line
+from palpate.drivers.slide_finger import SlideKinematics
+from palpate.recognizer.arrays import Floats
+from palpate.rig.conversion import arm_kinematics, array_bound_rad, slide_kinematics
+from palpate.rig.drives import AIM_SPEED_RAD_S, ARM_AIM_SPEED_MM_S
+from palpate.rig.reach.standby_poses import body_of
+from palpate.rig.reach.swept_volume import Pieces, Swept, pieces_of
+from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
+
+__all__ = ["Way", "joined", "ways_of"]
+
+_INNER_RAD = 1e-7
+_MARGIN_MM = 1.0
+_SAMPLE_MM = 8.0  # of an arm's way, between two postures
+_MOST_TURN_DEG = 42.0  # of an arm's way, from straight inward
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A finger's way along `line`, at most `travel_mm`; `aiming_s` is roughly how long it takes to get there.
+
+    `pieces` are what it sweeps, counted from travels `since` (s,) on; those that `grow` (s,) have ends that
+    move along the line.
+    """
+
+    finger_index: int
+    line: Line
+    travel_mm: float
+    aiming_s: float
+    pieces: Pieces
+    since: Floats
+    grows: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+    def up_to(self, travel_mm: float) -> "Way":
+        """The same way, not as far."""
+        return replace(self, travel_mm=travel_mm)
+
+
+def joined(ways: Sequence[Way]) -> Swept:
+    """What several ways sweep, numbered in their order."""
+    count = [len(way.since) for way in ways]
+    empty = np.empty((0, 2))
+    return Swept(
+        Pieces(
+            np.concatenate([empty, *(way.pieces.start for way in ways)]),
+            np.concatenate([empty, *(way.pieces.end for way in ways)]),
+            np.concatenate([empty[:, 0], *(way.pieces.half_width for way in ways)]),
+            np.repeat(np.arange(len(ways)), count),
+        ),
+        np.concatenate([empty[:, 0], *(way.since for way in ways)]),
+        np.concatenate([np.empty(0, bool), *(way.grows for way in ways)]),
+        np.array([_heading(way.line) for way in ways]).reshape(-1, 2),
+    )
+
+
+def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count: int) -> list[Way]:
+    """Ways of a finger from aims between two: `count` of a slide, about five times as many of an arm."""
+    spec = rig.fingers[finger_index]
+    radius = rig.clear_radius_mm
+    if isinstance(spec, ArmFinger):
+        aims = np.linspace(lo_rad, hi_rad, count // 3 + 1) if hi_rad > lo_rad else np.array([lo_rad])
+        turns = np.radians(np.linspace(-_MOST_TURN_DEG, _MOST_TURN_DEG, 2 * (count // 6) + 1))
+        ways = [_arm_way(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
+    else:
+        # An aim at the very end of its servo's range may be beyond it once it has been a line in between.
+        inner = min(_INNER_RAD, (hi_rad - lo_rad) / 2)
+        aims = np.unique(np.linspace(lo_rad + inner, hi_rad - inner, count))
+        wait = wait_distance_mm(spec, radius)
+        kinematics = slide_kinematics(spec)
+        ways = [_slide_way(spec, kinematics, finger_index, float(aim), wait, radius) for aim in aims]
+    return [way for way in ways if way is not None and way.travel_mm > _MARGIN_MM]
+
+
+def crossing_mm(line: Line, radius_mm: float) -> float:
+    """Travel at which a line leaves the circle round the origin; 0 if it misses it."""
+    middle = line.travel_mm((0.0, 0.0))
+    miss = math.hypot(*line.point_mm(middle))
+    return 0.0 if miss >= radius_mm else middle + math.sqrt(radius_mm**2 - miss**2)
+
+
+def _slide_way(
+    spec: Finger,
+    kinematics: SlideKinematics,
+    finger_index: int,
+    aim_rad: float,
+    wait_mm: float,
+    workspace_radius_mm: float,
+) -> Way:
+    """Until the tip has left the workspace on the far side, or the slide ends."""
+    line = kinematics.line(aim_rad, wait_mm)
+    room = spec.slide.range_mm[1] - _MARGIN_MM - wait_mm
+    travel = min(crossing_mm(line, workspace_radius_mm), room)
+    # What bounds the tip's place is largest at one of the ends.
+    far = body_of(kinematics, kinematics.servos_rad(line, max(travel, 0.0)), spec)
+    here = body_of(kinematics, kinematics.servos_rad(line, 0.0), spec)
+    one = np.zeros(1)
+    return Way(
+        finger_index,
+        line,
+        travel,
+        abs(kinematics.gear_ratio * aim_rad) / AIM_SPEED_RAD_S,
+        Pieces(here.start, here.end, np.maximum(here.half_width, far.half_width), np.zeros(1, np.int64)),
+        one - 1.0,
+        np.ones(1, bool),
+    )
+
+
+def _arm_way(
+    spec: ArmFinger, finger_index: int, aim_rad: float, turn_rad: float, workspace_radius_mm: float
+) -> Way | None:
+    """From a place on the circle, at a turn from straight inward: as far as joints and array allow.
+
+    None where not even the start is within reach. All of the way the arm is off its singular postures, and
+    the array sees everything that the tip may touch: a quarter turn either way of the direction of travel.
+    """
+    kinematics = arm_kinematics(spec)
+    start = on_circle(wait_radius_mm(spec, workspace_radius_mm), aim_rad)
+    line = Line(start, aim_rad + math.pi + turn_rad)
+    view = math.radians(spec.array.coverage_deg / 2) - math.pi / 2 - array_bound_rad(spec)
+    middle = math.radians(spec.array.heading_deg)
+
+    def good(travel_mm: float) -> bool:
+        if not is_steady(kinematics, line.point_mm(travel_mm)):
+            return False
+        seen = kinematics.facing_rad(kinematics.servos_rad(line, travel_mm)) + middle
+        return abs(math.remainder(line.direction_rad - seen, 2 * math.pi)) <= view
+
+    most = crossing_mm(line, workspace_radius_mm)
+    travels = np.append(np.arange(0.0, most, _SAMPLE_MM), most)
+    usable = [bool(good(float(travel))) for travel in travels]
+    if not all(usable):
+        travels = travels[: usable.index(False)]
+    if len(travels) < 2:
+        return None
+    bodies = [body_of(kinematics, kinematics.servos_rad(line, float(travel)), spec) for travel in travels]
+    links = [Body(body.start[:2], body.end[:2], body.half_width[:2]) for body in bodies]
+    swept = pieces_of(links, between=True)
+    tip = max(float(body.half_width[2]) for body in bodies)
+    since = np.concatenate([[-1.0], travels[:-1]])
+    home = math.atan2(spec.base_mm[1], spec.base_mm[0])
+    return Way(
+        finger_index,
+        line,
+        float(travels[-1]),
+        abs(math.remainder(aim_rad - home, 2 * math.pi)) * math.hypot(*start) / ARM_AIM_SPEED_MM_S,
+        Pieces(
+            np.vstack([swept.start, [start]]),
+            np.vstack([swept.end, [start]]),
+            np.append(swept.half_width, tip),
+            np.zeros(len(swept.owner) + 1, np.int64),
+        ),
+        np.append(np.repeat(since, 2), -1.0),
+        np.append(np.zeros(len(swept.owner), bool), True),
+    )
+
+
+def _heading(line: Line) -> tuple[float, float]:
+    return math.cos(line.direction_rad), math.sin(line.direction_rad)

@@ -1,0 +1,174 @@
+"""Ways of all fingers that are free, at every stage angle worth having. Between `ways` and `reach`.
+
+Everything is computed in the frame of the ring that carries the fingers; obstacles are turned back into it.
+The stage turns with all fingers at home and passes all angles in between, so only the connected range of
+angles round 0 counts at which every finger's home is clear.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.config import ArmFinger, RigFile
+from palpate.drivers.finger import Turn
+from palpate.errors import InputError
+from palpate.recognizer.arrays import Bools, Floats
+from palpate.rig.reach.approach_paths import Way, joined, ways_of
+from palpate.rig.reach.standby_poses import Waiting, clear_aims, free_ranges, waiting_of
+from palpate.rig.reach.swept_volume import Pieces, gap_mm, longest_way_mm, polygon_gap_mm
+from palpate.rig.stage import planned_turn
+
+__all__ = ["free_ways"]
+
+_MARGIN_MM = 1.0
+_MOST = 1500  # candidates in all
+_APART_MM = 5.0  # between the same way at two stage angles, where tips wait
+_STEP_MM = 1.0  # of a finger's furthest point, between two stage angles that are looked at
+
+
+def free_ways(rig: RigFile, aims: int) -> list[tuple[float, Way]]:
+    """All free ways, each with its stage angle; without a stage all at 0.
+
+    Raises InputError for a finger that has no room even where it starts.
+    """
+    waitings = [waiting_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
+    obstacles = [np.array(item.outline_mm) for item in rig.obstacles]
+    known: dict[tuple[int, float, float], list[Way]] = {}
+
+    def ways_at(angle: float) -> list[Way]:
+        return _ways_at(rig, waitings, _turned_back(rig, obstacles, angle), aims, known)
+
+    middle = ways_at(0.0)
+    if rig.stage is None:
+        return [(0.0, way) for way in middle]
+    return [
+        (angle, way)
+        for angle in _angles(rig, waitings, obstacles, len(middle))
+        for way in (middle if angle == 0.0 else ways_at(angle))
+    ][:_MOST]
+
+
+def _angles(rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floats], each: int) -> list[float]:
+    """Stage angles to offer ways at, with `each` ways at one of them: evenly spaced on both sides of 0."""
+    assert rig.stage is not None
+    lo, hi = _stage_range(rig, waitings, obstacles)
+    room = max(_MOST // max(each, 1), 1) - 1
+    wanted = math.ceil((hi - lo) * rig.clear_radius_mm / _APART_MM)
+    count = min(room, wanted)
+    before = round(count * -lo / (hi - lo)) if hi > lo else 0
+    low = np.linspace(lo, 0.0, before + 1)[:-1]
+    high = np.linspace(hi, 0.0, count - before + 1)[:-1][::-1]
+    return [*low.tolist(), 0.0, *high.tolist()]
+
+
+def _stage_range(
+    rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floats]
+) -> tuple[float, float]:
+    """The connected range of stage angles round 0 at which every finger's home is clear."""
+    assert rig.stage is not None
+    lo, hi = (math.radians(angle) for angle in rig.stage.range_deg)
+    step = _STEP_MM / _lever_mm(rig)
+    homes = [waiting.pieces.of(waiting.pieces.owner == waiting.home) for waiting in waitings]
+    least = rig.closing.clearance_mm + _unsure_mm(rig) + _STEP_MM
+
+    def clear(angle: float) -> bool:
+        there = _turned_back(rig, obstacles, angle)
+        return all(
+            bool((polygon_gap_mm(home, corners) >= least).all()) for home in homes for corners in there
+        )
+
+    def reached(end: float) -> float:
+        angles = np.linspace(0.0, end, math.ceil(abs(end) / step) + 1)[1:]
+        far = 0.0
+        for angle in angles.tolist():
+            if not clear(angle):
+                break
+            far = angle
+        return far
+
+    return reached(lo), reached(hi)
+
+
+def _turned_back(rig: RigFile, obstacles: Sequence[Floats], angle_rad: float) -> list[Floats]:
+    """Obstacles (c, 2) as they look from the ring at a stage angle."""
+    if rig.stage is None or angle_rad == 0.0:
+        return list(obstacles)
+    back = Turn(rig.stage.centre_mm, -angle_rad)
+    return [np.array([back.point_mm((float(x), float(y))) for x, y in corners]) for corners in obstacles]
+
+
+def _lever_mm(rig: RigFile) -> float:
+    """No part of a finger that can meet anything is further from the stage's centre."""
+    centre = rig.stage.centre_mm if rig.stage else (0.0, 0.0)
+    parts = [
+        math.dist(spec.base_mm, centre) + (spec.links.upper_mm if isinstance(spec, ArmFinger) else 0.0)
+        for spec in rig.fingers
+    ]
+    return max(*parts, rig.clear_radius_mm + math.hypot(*centre))
+
+
+def _unsure_mm(rig: RigFile) -> float:
+    """How far off a finger may be from an obstacle, because the stage's angle is."""
+    return planned_turn(rig.stage, 0.0).angle_bound_rad * _lever_mm(rig)
+
+
+def _ways_at(
+    rig: RigFile,
+    waitings: Sequence[Waiting],
+    obstacles: Sequence[Floats],
+    aims: int,
+    known: dict[tuple[int, float, float], list[Way]],
+) -> list[Way]:
+    """What all fingers can do, in the frame that carries them, among obstacles that stand there.
+
+    `known`: ways by finger and range of aims, without what stands in their way.
+    """
+    clearance = rig.closing.clearance_mm
+    wide = clearance + _unsure_mm(rig)
+    ranges = free_ranges(waitings, [clear_aims(w, obstacles, wide) for w in waitings], clearance)
+    result: list[Way] = []
+    for index, (waiting, found) in enumerate(zip(waitings, ranges, strict=True)):
+        if found is None:
+            raise InputError(
+                f'rig "{rig.name}": finger "{rig.fingers[index].name}" has no room where it waits: with its '
+                f"bounds it comes nearer than closing.clearance_mm = {clearance:g} to an obstacle or to "
+                "another finger"
+            )
+        key = (index, float(waiting.aims_rad[found[0]]), float(waiting.aims_rad[found[1]]))
+        if key not in known:
+            known[key] = ways_of(rig, *key, aims)
+        others = [
+            _range(other, pair)
+            for other, pair in zip(waitings, ranges, strict=True)
+            if other is not waiting and pair is not None
+        ]
+        result += _unblocked(rig, known[key], obstacles, others)
+    return result
+
+
+def _range(waiting: Waiting, found: tuple[int, int]) -> Pieces:
+    """All places of a finger's range."""
+    owner = waiting.pieces.owner
+    return waiting.pieces.of((owner >= found[0]) & (owner <= found[1]))
+
+
+def _unblocked(
+    rig: RigFile, ways: Sequence[Way], obstacles: Sequence[Floats], others: Sequence[Pieces]
+) -> list[Way]:
+    """The ways that are left, each as far as it is free."""
+    if not ways:
+        return []
+    clearance = rig.closing.clearance_mm
+    least = clearance + _unsure_mm(rig)
+
+    def free(pieces: Pieces) -> Bools:
+        result = np.ones(len(pieces.owner), dtype=bool)
+        for corners in obstacles:
+            result &= polygon_gap_mm(pieces, corners) >= least
+        for other in others:
+            result &= gap_mm(pieces, other) >= clearance
+        return result
+
+    travel = longest_way_mm(joined(ways), np.array([way.travel_mm for way in ways]), free)
+    return [way.up_to(float(far)) for way, far in zip(ways, travel, strict=True) if far > _MARGIN_MM]

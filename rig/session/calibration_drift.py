@@ -1,0 +1,148 @@
+"""Does what a session felt agree with the calibration? After an identification, beside the report.
+
+The object that was identified is a thing of known shape: at its best pose its contacts must not be further
+from its outline than the calibration explains (`calibration.agreement`).
+"""
+
+import math
+from collections.abc import Sequence
+from datetime import datetime
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from palpate.calibration.agreement import (
+    Agreement,
+    Promise,
+    Surface,
+    agreement_of,
+    covariance_of,
+    promises_of,
+)
+from palpate.config import CalibrationFile, RigFile
+from palpate.config.identification_result import CalibrationUsedOut
+from palpate.recognizer import Hypothesis, Verdict
+from palpate.recognizer.arrays import Floats
+from palpate.rig.identification.loop import Identification
+from palpate.rig.motion.contact_from_touch import dent_range_mm, is_of_two_edges
+from palpate.rig.motion.guarded_approach import Touch
+
+__all__ = ["calibration_used", "session_agreement"]
+
+_STEP = 1e-6
+_ARM_MM = 50.0  # a turn counts like a shift so far out: unknowns of one size
+
+
+def session_agreement(
+    result: Identification, rig: RigFile, calibration: CalibrationFile | None
+) -> Agreement | None:
+    """How the contacts of an identified object agree with the calibration that is laid over `rig`.
+
+    None if there is no calibration with bounds, more than one hypothesis is left, or contacts are too few.
+    """
+    recognition = result.recognition
+    promises = None if calibration is None else promises_of(calibration, at_rest=True)
+    if promises is None or recognition is None or recognition.verdict is not Verdict.UNIQUE:
+        return None
+    since = result.moved_before[-1] - 1 if result.moved_before else 0
+    touches = [touch for grip in result.grips[since:] for touch in grip if _is_clear(touch)]
+    found = recognition.hypotheses[0]
+    outlines = [_edges_at(found, touch.contact.finger.height_mm) for touch in touches]
+    if not touches or any(not len(outline) for outline in outlines):
+        return None
+    return _agreement(touches, outlines, found, rig, promises)
+
+
+def calibration_used(
+    result: Identification, rig: RigFile, calibration: CalibrationFile, started: datetime
+) -> CalibrationUsedOut:
+    """The calibration's part of a run's answer; `started`: when the run began."""
+    found = session_agreement(result, rig, calibration)
+    return CalibrationUsedOut(
+        made=calibration.made.isoformat().replace("+00:00", "Z"),
+        age_days=max((started - calibration.made).days, 0),
+        residual_rms_mm=found and found.rms_mm,
+        expected_rms_mm=found and found.expected_rms_mm,
+        drifted=found and found.drifted,
+    )
+
+
+def _is_clear(touch: Touch) -> bool:
+    """Whether it met one edge, so that it is known along which normal the tip was dented."""
+    return touch.patch is not None and not is_of_two_edges(touch.patch)
+
+
+def _agreement(
+    touches: Sequence[Touch],
+    outlines: Sequence[Floats],
+    found: Hypothesis,
+    rig: RigFile,
+    promises: Sequence[Promise],
+) -> Agreement | None:
+    centre = np.array([touch.contact.end_mm for touch in touches])
+    radius = np.array([touch.contact.finger.tip_radius_mm for touch in touches])
+    at = found.configuration
+    middle = np.array([at.x_mm, at.y_mm])
+    middle = middle + _turn(at.theta_rad) @ found.state.origin_mm
+
+    def gaps(pose: Floats) -> tuple[Floats, Floats]:
+        """Distances (n,) of centres from the outline less the radius, and outward normals (n, 2) in W."""
+        turn = _turn(at.theta_rad + pose[2] / _ARM_MM)
+        own = (centre - middle - pose[:2]) @ turn + found.state.origin_mm
+        nearest = np.array([_nearest(outline, p) for outline, p in zip(outlines, own, strict=True)])
+        away = own - nearest
+        far = np.hypot(away[:, 0], away[:, 1])
+        return far - radius, away @ turn.T / np.maximum(far, 1e-9)[:, None]
+
+    def off(pose: Floats) -> Floats:
+        return gaps(pose)[0]
+
+    pose = least_squares(off, np.zeros(3)).x
+    residual, normal = gaps(pose)
+    slopes = np.column_stack(
+        [(off(pose + step) - off(pose - step)) / (2 * _STEP) for step in _STEP * np.eye(3)]
+    )
+    travel = np.array([touch.contact.direction_rad for touch in touches])
+    surface = Surface(
+        finger=np.array([touch.finger_index for touch in touches], dtype=np.int64),
+        normal=normal,
+        travel=np.column_stack([np.cos(travel), np.sin(travel)]),
+        dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
+        tolerance_mm=found.state.tolerance_mm,
+    )
+    return agreement_of(residual, slopes, covariance_of(surface, promises))
+
+
+def _dent_mm(touch: Touch, rig: RigFile) -> float:
+    """By how much the dent may be other than the contact takes it to be."""
+    assert touch.patch is not None
+    patch, tip = touch.patch, rig.fingers[touch.finger_index].tip
+    least, most = dent_range_mm(patch.force_n, patch.force_bound_n, tip, rig.closing.max_force_n)
+    return (most - least) / 2
+
+
+def _edges_at(found: Hypothesis, height_mm: float) -> Floats:
+    """Edges (m, 2, 2) of the object at a height: start and end, in its own frame; none where nothing is."""
+    rings = [
+        ring
+        for section in found.state.state.sections
+        if section.z_lo_mm <= height_mm <= section.z_hi_mm
+        for polygon in section.polygons
+        for ring in (polygon.outer, *polygon.holes)
+    ]
+    edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
+    return np.concatenate(edges) if edges else np.empty((0, 2, 2))
+
+
+def _nearest(edges: Floats, point: Floats) -> Floats:
+    """The point (2,) of the edges (m, 2, 2) that is nearest to a point (2,)."""
+    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    share = ((point - start) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-12)
+    places = start + np.clip(share, 0.0, 1.0)[:, None] * along
+    result: Floats = places[np.hypot(*(places - point).T).argmin()]
+    return result
+
+
+def _turn(angle_rad: float) -> Floats:
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])

@@ -1,0 +1,174 @@
+"""The session log: everything that happened, in one append-only file that survives a crash.
+
+JSON Lines, one event a line, written every 0.05 s beside the thread that drives devices: whatever kills the
+process, every line but perhaps the last is whole, and no more than the last 0.1 s are missing. Raw bytes of
+every port stand beside the values that were made of them, on the rig's clock. So does all else that decides
+what the host does, call by call: `session_file` reads it, and `palpate replay` runs the session again.
+`docs/session-log.md` lists the events.
+"""
+
+import base64
+import fcntl
+import json
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.recording import Direction
+from palpate.errors import InputError, OutputError
+from palpate.rig.background import Background
+from palpate.rig.session.error_values import values_of
+from palpate.rig.session.events import SessionEvents, plain
+
+__all__ = ["LOG_NAME", "SessionLog", "check_sum", "session_folder"]
+
+LOG_NAME = "session.jsonl"
+_STALLED_S = 5.0
+
+
+def session_folder(root: Path, name: str) -> Path:
+    """Make the folder for a session; InputError if it cannot be made.
+
+    A folder of that name is used again: emulated sessions are named after everything that decides them, so
+    it holds the same session.
+    """
+    folder = root / name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"session folder {folder} cannot be made: {error.strerror}; choose --sessions"
+        ) from error
+    return folder
+
+
+def check_sum(line: str, before: int) -> int:
+    """CRC-32 of a line without its check sum, going on from the sum of the line before (0 at first)."""
+    return zlib.crc32(line.encode(), before)
+
+
+class SessionLog(SessionEvents):
+    """Writes one session's events: an observer of `identify`, and where a `Recorder` records to.
+
+    Use as a context manager. Lines are made and written beside the thread that drives devices: once the file
+    exists, nothing here waits or raises, but `check` and the end of the block.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        clock: Clock,
+        header: Mapping[str, object],
+        *,
+        stalled_s: float = _STALLED_S,
+    ) -> None:
+        """Start the log of a session in `folder` with a header line.
+
+        A disk that takes nothing for `stalled_s`, in real time, counts as gone. Raises InputError if it
+        cannot be written, or if another process is writing it now.
+        """
+        self.path = folder / LOG_NAME
+        self._clock = clock
+        self._calls: list[str] = []
+        self._sum = 0
+        self._said = False
+        self._stalled_s = stalled_s
+        try:
+            self._file = self.path.open("a", encoding="utf-8")
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._file.truncate(0)
+        except BlockingIOError as error:
+            raise InputError(f"{self.path} is being written by another palpate; choose --sessions") from error
+        except OSError as error:
+            raise InputError(f"{self.path} cannot be written: {error.strerror}; choose --sessions") from error
+        self._lines: Background[_Line] = Background(self._write, finish=self._file.close)
+        self.event("session", format="palpate/session@1", **header)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        how = "done" if error is None else type(error).__name__
+        self.event("end", how=how, message=None if error is None else str(error))
+        whole = self._lines.close(self._stalled_s)
+        if whole or self._said:
+            return
+        if error is None:
+            raise self._error()
+        error.add_note(str(self._error()))
+
+    def check(self) -> None:
+        """Raise OutputError, once, if the log cannot be written any more: the run should end in order."""
+        stalled = self._lines.busy_s > self._stalled_s
+        if (self._lines.failure is not None or self._lines.dropped or stalled) and not self._said:
+            self._said = True
+            raise self._error()
+
+    def event(self, kind: str, /, **values: object) -> None:
+        """Append one event at the rig's present time."""
+        t_s = self._clock.now()
+        self._put(lambda: _event(t_s, kind, values))
+
+    def call(self, text: str) -> None:
+        """Keep a call of the host for the next line: by itself it is not worth one."""
+        self._calls.append(text)
+
+    def opened(self, number: int, port: str, url: str | None) -> None:
+        """Log that a port was opened."""
+        self.event("opened", port=port, number=number, url=url)
+
+    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
+        """Log bytes."""
+        self._put(lambda: _bytes(direction, instant, port, data))
+
+    def raised(self, during: str | None, error: BaseException) -> None:
+        """Log that a call failed or the run was interrupted."""
+        self.event("raised", during=during, **values_of(error))
+
+    def _put(self, line: Callable[[], str]) -> None:
+        """Have a line written, with the calls before it."""
+        self._lines.put((line, "".join(self._calls)))
+        self._calls.clear()
+
+    def _write(self, lines: Sequence["_Line"]) -> None:
+        """Write lines with their calls and check sums, and hand them to the system. On the log's thread."""
+        for make, calls in lines:
+            line = make()
+            if calls:
+                line = f'{line[:-1]},"calls":"{calls}"}}'
+            self._sum = check_sum(line, self._sum)
+            self._file.write(f'{line[:-1]},"sum":"{self._sum:08x}"}}\n')
+        self._file.flush()
+
+    def _error(self) -> OutputError:
+        failure = self._lines.failure
+        if failure is None:
+            reason = f"the disk has not taken it for {self._stalled_s:g} s"
+        else:
+            reason = failure.strerror if isinstance(failure, OSError) and failure.strerror else repr(failure)
+        return OutputError(
+            f"session log {self.path} cannot be written: {reason}; the run was ended, torque off; "
+            "make room, or choose another disk with --sessions"
+        )
+
+
+_Line = tuple[Callable[[], str], str]
+"""What makes a line, and the calls before it."""
+
+
+def _event(t_s: float, kind: str, values: Mapping[str, object]) -> str:
+    line = {"t_s": round(t_s, 9), "event": kind} | {key: plain(value) for key, value in values.items()}
+    return json.dumps(line, separators=(",", ":"), allow_nan=False)
+
+
+def _bytes(direction: Direction, instant: float, port: str, data: bytes) -> str:
+    text = base64.b64encode(data).decode()
+    return (
+        f'{{"t_s":{instant:.9f},"event":"bytes","port":{json.dumps(port)},'
+        f'"direction":"{direction.value}","base64":"{text}"}}'
+    )

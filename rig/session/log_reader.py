@@ -1,0 +1,215 @@
+"""Reading a session log back: from lines of text to the entries that a replay goes through.
+
+Every line is checked before anything is replayed. A mistake is one `InputError` line that names the file, the
+line, and what is allowed. A log that was cut off by a kill is read up to its last whole line.
+"""
+
+import base64
+import binascii
+import io
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from palpate.config.problems import shown
+from palpate.drivers.transport.calls import CALLS
+from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
+from palpate.errors import InputError
+from palpate.files import read_bytes
+from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES, LOG_LINES, VALUES
+from palpate.files.opening import size_in_words
+from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
+from palpate.rig.session.log import LOG_NAME, check_sum
+
+__all__ = ["FORMAT", "SessionFile", "read_session"]
+
+FORMAT = "palpate/session@1"
+_ADVICE = "record shorter runs"
+_SUM = re.compile(r',"sum":"([0-9a-f]{8})"\}$')
+_COMMON = ("t_s", "event", "calls", "sum")
+
+
+@dataclass(frozen=True)
+class SessionFile:
+    """A session log: `header` is its first line, `entries` the lines after it, up to `end`.
+
+    `end` is the last line's values, None if the log was cut off. `changed_line` is the first line that is not
+    as it was written, by its check sum.
+    """
+
+    path: Path
+    header: Mapping[str, Any]
+    entries: tuple[Entry, ...]
+    end: Mapping[str, Any] | None
+    changed_line: int | None
+
+    def told(self, kind: str) -> list[Mapping[str, Any]]:
+        """Values of all events of a kind, in order."""
+        kinds = (entry.what for entry in self.entries)
+        return [what.values for what in kinds if isinstance(what, Told) and what.kind == kind]
+
+
+def read_session(folder: Path) -> SessionFile:
+    """Read the log in a session's folder; InputError if there is none, or a line of it cannot be read."""
+    path = folder / LOG_NAME
+    try:
+        raw = read_bytes(path, LOG_BYTES, _ADVICE)
+    except InputError as error:
+        raise InputError(f"{folder} is not a session: {error}") from None
+    _check_counts(path, raw)
+    entries = []
+    checked, changed = 0, None
+    for number, line in enumerate(io.BytesIO(raw), start=1):
+        if not line.endswith(b"\n"):
+            break  # it was cut off while it was written
+        if len(line) > LOG_LINE_BYTES:
+            most = size_in_words(LOG_LINE_BYTES)
+            raise InputError(
+                f"{path}: line {number}: has {size_in_words(len(line))}; at most {most} are read"
+            )
+        text = _Line(path, number, {}).decoded(line[:-1])
+        match = _SUM.search(text)
+        bare = text if match is None else text[: match.start()] + "}"
+        checked = check_sum(bare, checked)
+        if changed is None and (match is None or int(match[1], 16) != checked):
+            changed = number
+        entries.append(_Line.of(path, number, text).entry())
+    header = _header(path, entries[0])
+    ends = [k for k, entry in enumerate(entries) if isinstance(entry.what, Told) and entry.what.kind == "end"]
+    if ends and ends[0] != len(entries) - 1:
+        raise InputError(f'{path}: line {ends[0] + 2}: comes after "end"; nothing is allowed there')
+    last = entries[-1].what
+    end = last.values if isinstance(last, Told) and last.kind == "end" else None
+    return SessionFile(path, header, tuple(entries[1:]), end, changed)
+
+
+def _check_counts(path: Path, raw: bytes) -> None:
+    lines, values = raw.count(b"\n"), sum(raw.count(mark) for mark in (b",", b"[", b"{"))
+    if not lines:
+        raise InputError(f'{path}: has no whole line; the first must say format "{FORMAT}"')
+    for count, most, what in ((lines, LOG_LINES, "lines"), (values, VALUES, "values")):
+        if count > most:
+            raise InputError(f"{path}: holds {count} {what}; at most {most} are read: {_ADVICE}")
+
+
+def _header(path: Path, entry: Entry) -> Mapping[str, Any]:
+    what = entry.what
+    values = what.values if isinstance(what, Told) and what.kind == "session" else {}
+    if values.get("format") != FORMAT:
+        raise InputError(f'{path}: line 1: must be the event "session" with format "{FORMAT}"')
+    return values
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One line and where it stands; its methods raise InputError for what is wrong with it."""
+
+    path: Path
+    number: int
+    values: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, path: Path, number: int, text: str) -> "_Line":
+        try:
+            values = json.loads(text, parse_constant=_no_constant)
+        except RecursionError:
+            cls(path, number, {}).refuse("brackets are nested too deeply")
+        except ValueError:
+            cls(path, number, {}).refuse("is not JSON; every line must be one object")
+        if not isinstance(values, dict):
+            cls(path, number, {}).refuse(f"holds {shown(values)}; every line must be one object")
+        return cls(path, number, values)
+
+    def refuse(self, problem: str) -> NoReturn:
+        raise InputError(f"{self.path}: line {self.number}: {problem}")
+
+    def decoded(self, raw: bytes) -> str:
+        try:
+            return raw.decode("utf-8")
+        except UnicodeDecodeError as error:
+            self.refuse(f"holds byte 0x{raw[error.start]:02x}, which is not UTF-8")
+
+    def entry(self) -> Entry:
+        instant = self.values.get("t_s")
+        if not isinstance(instant, int | float) or isinstance(instant, bool) or not _finite(instant):
+            self.refuse(f'"t_s" is {shown(instant)}; it must be a time in s')
+        calls = self.values.get("calls", "")
+        if not isinstance(calls, str) or CALLS.fullmatch(calls) is None:
+            self.refuse('"calls" is not a row of calls; docs/session-log.md says how they are written')
+        return Entry(self.number, float(instant), calls, self._what(self.text("event")))
+
+    def _what(self, kind: str) -> What:
+        match kind:
+            case "bytes":
+                return Passed(self._direction(), self.text("port"), self._data())
+            case "opened":
+                url = None if self.values.get("url") is None else self.text("url")
+                return Opened(self._number(), self.text("port"), url)
+            case "raised":
+                during = None if self.values.get("during") is None else self.text("during")
+                return Raised(during, self._error())
+            case "end":
+                return Told(kind, self._rest(), self._interrupt())
+        return Told(kind, self._rest())
+
+    def _rest(self) -> dict[str, Any]:
+        return {key: value for key, value in self.values.items() if key not in _COMMON}
+
+    def text(self, key: str) -> str:
+        value = self.values.get(key)
+        if not isinstance(value, str):
+            self.refuse(f'"{key}" is {shown(value)}; it must be a text')
+        return value
+
+    def _number(self) -> int:
+        value = self.values.get("number")
+        if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+            self.refuse(f'"number" is {shown(value)}; it must be a whole number from 0')
+        return value
+
+    def _direction(self) -> Direction:
+        text = self.text("direction")
+        if text not in {item.value for item in Direction}:
+            self.refuse(f'"direction" is {shown(text)}; allowed: "sent", "received"')
+        return Direction(text)
+
+    def _data(self) -> bytes:
+        try:
+            data = base64.b64decode(self.text("base64"), validate=True)
+        except (binascii.Error, ValueError):
+            self.refuse('"base64" is not base64')
+        if not data:
+            self.refuse('"base64" is empty; a line of bytes must hold some')
+        return data
+
+    def _error(self) -> BaseException:
+        kind, args = self.text("kind"), self.values.get("args")
+        if not isinstance(args, list) or not all(isinstance(item, str | int) for item in args):
+            self.refuse(f'"args" is {shown(args)}; it must be a list of texts and whole numbers')
+        error = error_of(kind, args)
+        if error is None:
+            self.refuse(f"the error {shown(kind)} cannot be raised again; allowed: {', '.join(KINDS)}")
+        return error
+
+    def _interrupt(self) -> BaseException | None:
+        """What interrupted the run, if its end says that something did."""
+        how = self.text("how")
+        message = self.values.get("message")
+        if message is not None:
+            self.text("message")
+        return error_of(how, [message] if message else []) if how in INTERRUPTS else None
+
+
+def _finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number beyond all doubles
+        return False
+
+
+def _no_constant(name: str) -> NoReturn:
+    raise ValueError(name)

@@ -1,0 +1,134 @@
+"""A recorded session run again: the same code against what was recorded. Between `session_file` and the
+command.
+
+A replay ends in one of three ways: as recorded, at the first difference, or where a log was cut off.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from palpate.drivers.dynamixel.packet import Instruction
+from palpate.drivers.transport.replay import RecordEnded, Replayer
+from palpate.errors import PalpateError
+from palpate.rig.session.environment import Outside
+from palpate.rig.session.events import SessionEvents, plain
+from palpate.rig.session.log_reader import SessionFile
+from palpate.rig.session.run import Job, WholeRun, carry_out
+
+__all__ = ["Replayed", "first_difference", "replay", "replay_with"]
+
+_HEADER = b"\xff\xff\xfd\x00"
+_CLOSE = 2e-6  # results are rounded to 1e-6, and another machine may round the last digit the other way
+_NOT_COMPARED = ("wall_seconds", "session")
+
+
+@dataclass(frozen=True, eq=False)
+class Replayed:
+    """How a replay went. `difference` is None if all was as recorded; `run` is None if it gave no answer."""
+
+    lines: int
+    sent_bytes: int
+    received_bytes: int
+    difference: str | None
+    complete: bool
+    run: WholeRun | None
+
+
+def replay(file: SessionFile, job: Job, latency_s: float) -> Replayed:
+    """Run an `identify` again; `latency_s` is what the bus's adapter was allowed then.
+
+    Raises only what comes from outside of the recording: a new interrupt.
+    """
+
+    def again(replayer: Replayer, events: SessionEvents) -> WholeRun:
+        run = carry_out(job, Outside(replayer.clock, replayer.open, latency_s), events)
+        out = run.out(wall_seconds=0.0, session=None)
+        events.event("result", result=out.model_dump(mode="json"))
+        return run
+
+    return replay_with(file, job.rig.bus.port, again)
+
+
+def replay_with(
+    file: SessionFile, bus: str, again: Callable[[Replayer, SessionEvents], WholeRun | None]
+) -> Replayed:
+    """Run `again` against a recording and compare how it ends; `bus` is the port that speaks Dynamixel."""
+    replayer = Replayer(file.entries, lambda port, data: _packet_in_words(data) if port == bus else "")
+    run, how, message = None, "done", None
+    try:
+        run = again(replayer, _Compared(replayer))
+    except BaseException as error:
+        if not isinstance(error, Exception) and error is not replayer.interrupt:
+            raise  # somebody wants this replay to end
+        how, message = type(error).__name__, str(error)
+    if replayer.failure is None:
+        _compare_ends(replayer, how, message)
+    failure = replayer.failure
+    differs = failure is not None and not isinstance(failure, RecordEnded)
+    return Replayed(
+        lines=replayer.lines,
+        sent_bytes=replayer.sent_bytes,
+        received_bytes=replayer.received_bytes,
+        difference=str(failure) if differs else None,
+        complete=failure is None,
+        run=run,
+    )
+
+
+class _Compared(SessionEvents):
+    """Compares events of the run with those of the recording."""
+
+    def __init__(self, replayer: Replayer) -> None:
+        self._replayer = replayer
+
+    def event(self, kind: str, /, **values: object) -> None:
+        """Raise ReplayDiffers if the recording has another event now, or other values in it."""
+        recorded = self._replayer.told(kind)
+        found = first_difference(plain(values), recorded, "")
+        if found is not None:
+            self._replayer.differ(f'"{kind}" differs: {found}')
+
+
+def _compare_ends(replayer: Replayer, how: str, message: str | None) -> None:
+    try:
+        recorded = replayer.ends()
+        if (how, message) != (recorded["how"], recorded.get("message")):
+            replayer.differ(
+                f"the run ends {_end_in_words(how, message)}; "
+                f"recorded: {_end_in_words(recorded['how'], recorded.get('message'))}"
+            )
+    except PalpateError:
+        return  # the replayer keeps it
+
+
+def _end_in_words(how: str, message: str | None) -> str:
+    return f"as {how}" + (f" ({message})" if message else "")
+
+
+def first_difference(found: Any, recorded: Any, place: str) -> str | None:
+    """Where two JSON values first differ, in words; numbers may differ by 2e-6, absolutely or relatively."""
+    if isinstance(found, dict) and isinstance(recorded, Mapping):
+        keys = [key for key in (*found, *(set(recorded) - set(found))) if key not in _NOT_COMPARED]
+        pairs = [(found.get(key), recorded.get(key), f"{place}.{key}" if place else key) for key in keys]
+        return next((told for pair in pairs if (told := first_difference(*pair))), None)
+    if isinstance(found, list) and isinstance(recorded, list):
+        if len(found) != len(recorded):
+            return f"{place} has {len(found)} values, recorded {len(recorded)}"
+        rows = enumerate(zip(found, recorded, strict=True))
+        return next((told for k, (a, b) in rows if (told := first_difference(a, b, f"{place}[{k}]"))), None)
+    numbers = [isinstance(item, int | float) and not isinstance(item, bool) for item in (found, recorded)]
+    if all(numbers) and isinstance(found, float) | isinstance(recorded, float):
+        same = math.isclose(found, recorded, rel_tol=_CLOSE, abs_tol=_CLOSE)
+    else:
+        same = type(found) is type(recorded) and bool(found == recorded)
+    return None if same else f"{place} is {found!r:.60}, recorded {recorded!r:.60}"
+
+
+def _packet_in_words(data: bytes) -> str:
+    """Instruction and id of a Dynamixel packet, also of a damaged one; "" if it is none."""
+    if len(data) < 8 or not data.startswith(_HEADER):
+        return ""
+    names = {int(item): item.name.replace("_", " ").lower() for item in Instruction}
+    return f"{names.get(data[7], f'instruction 0x{data[7]:02x}')} to id {data[4]}"

@@ -1,0 +1,89 @@
+"""A run from the first port to the answer: what `identify` does on devices and `replay` on a recording."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from palpate.config import CalibrationFile, RigFile
+from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
+from palpate.recognizer import Catalogue, Strategy
+from palpate.rig.background import BackgroundCall
+from palpate.rig.emulated.scene import Placement
+from palpate.rig.identification.loop import Identification, Observer, identify
+from palpate.rig.identification.result import identification_out
+from palpate.rig.motion.calibrated_devices import check_devices
+from palpate.rig.session.calibration_drift import calibration_used
+from palpate.rig.session.environment import Outside
+
+__all__ = ["Job", "WholeRun", "carry_out"]
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """What a run starts from; `placement`, in the answer's frame, is only compared with it.
+
+    `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
+    `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
+    the calibration.
+    """
+
+    rig: RigFile
+    catalogue: Catalogue
+    placement: Placement | None
+    strategy: Strategy
+    seed: int
+    calibration: CalibrationFile | None = None
+    started: datetime | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class WholeRun:
+    """What came of a run, and the rig's own time (s) at its end."""
+
+    job: Job
+    result: Identification
+    emulated: bool
+    rig_seconds: float
+
+    def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
+        """The answer as `palpate/identification@1`."""
+        return identification_out(
+            self.result,
+            self.job.placement,
+            emulated=self.emulated,
+            rig_seconds=self.rig_seconds,
+            wall_seconds=wall_seconds,
+            session=session,
+            strategy=self.job.strategy,
+            calibration=self._calibration(),
+        )
+
+    def _calibration(self) -> CalibrationUsedOut | None:
+        """What there is to say of the calibration."""
+        job = self.job
+        if job.calibration is None or job.started is None:
+            return None
+        return calibration_used(self.result, job.rig, job.calibration, job.started)
+
+
+def carry_out(
+    job: Job,
+    outside: Outside,
+    record: Observer | None = None,
+    observers: Sequence[Observer] = (),
+    notice: Callable[[str], None] = lambda _: None,
+) -> WholeRun:
+    """Connect, identify, disconnect. `notice` is told what the operator should do now.
+
+    `record` is told on this thread, in step with ports and clock; `observers` and `notice` beside it. Raises
+    what `identify` raises; torque is off then, too.
+    """
+    with (
+        BackgroundCall("the display", notice) as notice_beside,
+        outside.hand(job.rig, notice_beside) as hand,
+    ):
+        check_devices(job.calibration, hand)
+        hand.prepare()
+        result = identify(hand, job.catalogue, observers, record=record, strategy=job.strategy, seed=job.seed)
+        emulated = hand.emulated
+    return WholeRun(job, result, emulated, outside.clock.now())

@@ -1,0 +1,59 @@
+"""Text from devices and files cannot act on the terminal that it is shown on."""
+
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.table import Table
+from rich.text import Text
+
+from palpate.cli.diagnostics.find_port import tell_found
+from palpate.cli.identify import Progress
+from palpate.cli.terminal import Doing, Terminal
+from palpate.errors import printable
+
+EVIL = "v1\x1b[2J\x1b]0;title\x07\u202e\x9b31m\r"
+
+
+def shown(what: object, *, terminal: bool = False) -> str:
+    """What reaches the terminal."""
+    file = io.StringIO()
+    Terminal(file=file, force_terminal=terminal, width=80).print(what)
+    return file.getvalue()
+
+
+def table() -> Table:
+    out = Table()
+    out.add_column(EVIL)
+    out.add_row(EVIL)
+    return out
+
+
+@pytest.mark.parametrize("what", [EVIL, Text(EVIL), Text.assemble((EVIL, "bold")), table()])
+def test_a_terminal_shows_what_does_not_print_escaped(what: object) -> None:
+    out = shown(what)
+    assert r"v1\x1b[2J\x1b]0;" in out
+    assert not set("\x1b\x07\u202e\x9b") & set(out)
+
+
+def test_its_own_colours_and_lines_stay() -> None:
+    assert shown("[red]wrong[/]\n\nnext", terminal=True) == "\x1b[31mwrong\x1b[0m\n\nnext\n"
+
+
+@given(st.text())
+def test_printable_text_prints_and_says_the_same(text: str) -> None:
+    safe = printable(text)
+    assert safe.isprintable()
+    assert printable(safe) == safe
+    assert safe == text or not text.isprintable()
+
+
+def test_markup_in_names_is_shown_as_it_is() -> None:
+    file = io.StringIO()
+    with Progress(Terminal(file=file, markup=False, highlight=False)) as progress:
+        progress.notice("finger [red]f1[/] waits")
+    with Doing(Terminal(file=file), "reading [bold]plate[/bold].stl") as doing:
+        doing.now("[/]")
+    assert "finger [red]f1[/] waits" in file.getvalue()
+    tell_found([], Terminal(file=file))

@@ -1,0 +1,173 @@
+"""What `palpate identify` says in the end, and what its result says of alternatives."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import Ended, run_here
+from json_schema import violations
+
+from palpate.config.identification_result import (
+    AlternativeOut,
+    IdentificationOut,
+    IdentificationVerdict,
+    Relation,
+    StrategyName,
+)
+from palpate.config.results import BoundsOut, ConfigurationOut
+from palpate.config.schema import schema_text
+from palpate.errors import counted
+from palpate.views.answer import answer_lines
+
+AT = ConfigurationOut(x=1.0, y=2.0, theta=0.5)
+BOUNDS = BoundsOut(x=(0.5, 1.5), y=(1.5, 2.5), theta=(0.4, 0.6))
+TWIN = AlternativeOut(
+    object="other",
+    state="flat",
+    configuration=AT,
+    bounds=BOUNDS,
+    relation=Relation.TWIN,
+    turned=None,
+    moved=None,
+)
+TURNED = TWIN.model_copy(
+    update={"object": "plate", "relation": Relation.SYMMETRY, "turned": math.radians(179.8), "moved": 0.42}
+)
+
+
+def ended(verdict: IdentificationVerdict, **values: Any) -> IdentificationOut:
+    known: dict[str, Any] = {"object": "plate", "state": "flat", "configuration": AT, "bounds": BOUNDS}
+    rest: dict[str, Any] = {
+        "alternatives": (),
+        "symmetry_order": 1,
+        "strategy": StrategyName.PLANNED,
+        "grips": 2,
+        "touches": 5,
+        "foretold": 0,
+        "moved_before": (),
+        "unnoticed_shift": None,
+        "emulated": True,
+        "rig_seconds": 1.0,
+        "wall_seconds": 1.0,
+        "session": None,
+    }
+    return IdentificationOut(verdict=verdict, **(known | rest | values))
+
+
+NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None, "bounds": None}
+
+
+@pytest.mark.parametrize(
+    ("out", "first", "line"),
+    [
+        (
+            ended(IdentificationVerdict.IDENTIFIED, foretold=3),
+            "identified: plate, flat",
+            "  3 touches came out as foretold",
+        ),
+        (
+            ended(IdentificationVerdict.IDENTIFIED, foretold=3, unnoticed_shift=6.25),
+            "identified: plate, flat",
+            "  a shift by more than 6.2 mm before the last grip would have been noticed",
+        ),
+        (
+            ended(IdentificationVerdict.IDENTIFIED, moved_before=(2,)),
+            "identified: plate, flat",
+            "  moved before grip 2; touches since then count",
+        ),
+        (
+            ended(IdentificationVerdict.INDISTINGUISHABLE, alternatives=(TWIN,)),
+            "indistinguishable: plate, flat, or something that no touch within reach tells from it",
+            "  or other, flat at x 1.00 mm, y 2.00 mm, θ 28.65°",
+        ),
+        (
+            ended(IdentificationVerdict.INDISTINGUISHABLE, alternatives=(TURNED,)),
+            "indistinguishable: plate, flat, or something that no touch within reach tells from it",
+            "  or turned by 179.8° and moved by 0.4 mm: x 1.00 mm, y 2.00 mm, θ 28.65°",
+        ),
+        (
+            ended(IdentificationVerdict.UNRESOLVED, alternatives=(TWIN,) * 20),
+            "unresolved: plate, flat is still possible",
+            "  or one of 8 more; --json lists them all",
+        ),
+        (
+            ended(IdentificationVerdict.UNKNOWN, moved_before=(3,), **NOTHING),
+            "unknown: no object of the catalogue agrees with what was felt",
+            "  or it was moved again: it seems to have been moved before grip 3",
+        ),
+    ],
+)
+def test_words(out: IdentificationOut, first: str, line: str) -> None:
+    said = answer_lines(out)
+    assert said[0] == first
+    assert line in said
+
+
+def test_nothing_is_said_that_is_not_so() -> None:
+    said = "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, **NOTHING)))
+    assert "moved" not in said
+    said = "\n".join(answer_lines(ended(IdentificationVerdict.UNRESOLVED)))
+    assert "is all that agrees" in said
+    assert "foretold" not in said
+    advice = ["is a part on the table?"]
+    for values, words in (
+        ({"contacts": 0}, "nothing was touched in 2 grips"),
+        ({"contacts": 0, "swept": True}, "no part of the catalogue has room"),
+        ({"contacts": 1}, "1 contact is too few"),
+    ):
+        told = answer_lines(ended(IdentificationVerdict.UNRESOLVED, **NOTHING, **values), advice)
+        assert words in told[0]
+        assert told[1] == "  is a part on the table?"
+    assert advice[0] not in "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, **NOTHING), advice))
+    assert [counted(n, "grip", "grips") for n in (0, 1, 2)] == ["0 grips", "1 grip", "2 grips"]
+
+
+def identified(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    outlines: dict[str, list[list[float]]],
+    *options: object,
+) -> Ended:
+    """Run the emulated bench with a catalogue of these outlines."""
+    objects = folder / "objects.json"
+    entries = [{"name": name, "height": 20.0, "outline": ring} for name, ring in outlines.items()]
+    objects.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": entries}))
+    args = ["identify", "--objects", objects, "--sessions", folder / "sessions", *options]
+    return run_here(args, monkeypatch, capsys)
+
+
+def test_an_all_but_symmetric_part_is_turned_not_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A plate that half a turn changes by 0.06 mm: less than the bench can feel."""
+    almost = {"almost": [[0.0, 0.0], [70.0, 0.0], [70.0, 30.0], [35.0, 30.06], [0.0, 30.0]]}
+    told = identified(tmp_path, monkeypatch, capsys, almost, "--json").json
+    assert violations(told, json.loads(schema_text("identification"))) == []
+    assert told["verdict"] == "indistinguishable"
+    (other,) = told["alternatives"]
+    assert other["relation"] == "symmetry"
+    assert abs(abs(other["turned"]) - math.pi) < 0.02
+    # The plate turns about its middle, which stays where it is, far from the origin of its file.
+    assert 0 <= other["moved"] < 1.0
+    apart = [other["configuration"][key] - told["configuration"][key] for key in ("x", "y")]
+    assert math.hypot(*apart) > 50
+
+
+def test_twins_when_grips_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wedge = [[0.0, 0.0], [60.0, 0.0], [70.0, 40.0], [5.0, 30.0]]
+    twins = {"wedge": wedge, "wedge-2": wedge}
+    told = identified(tmp_path, monkeypatch, capsys, twins, "--json", "--strategy", "random").json
+    assert violations(told, json.loads(schema_text("identification"))) == []
+    # This strategy does not look for touches that confirm an answer: grips may run out before there is one.
+    assert told["verdict"] in {"indistinguishable", "unresolved"}
+    assert told["strategy"] == "random"
+    (other,) = told["alternatives"]
+    assert {told["object"], other["object"]} == set(twins)
+    assert (other["relation"], other["turned"], other["moved"]) == ("twin", None, None)
+    assert told["moved_before"] == []
+    assert 0 < told["foretold"] <= told["touches"]

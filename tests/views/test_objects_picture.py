@@ -1,0 +1,236 @@
+"""The picture of objects: well-formed, nothing clipped or covered, bounded, and drawn as it is."""
+
+import json
+import xml.etree.ElementTree as ET
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stacked_parts import L_SHAPE, fingers_at, moved, objects, part, polygon, rectangle, section
+
+from palpate.config import load_objects, shipped_objects
+from palpate.rig.catalogue.finger_model import RigFingers
+from palpate.rig.catalogue.section_stack import Resting, resting
+from palpate.rig.catalogue.symmetry import symmetry_of_region, symmetry_of_state
+from palpate.views.catalogue.card import Told, Twins, ranges_words
+from palpate.views.catalogue.height_ladder import shade
+from palpate.views.catalogue.layout import MOST_CARDS, MOST_CONTOURS, cards_of
+from palpate.views.catalogue.picture import draw_objects
+from palpate.views.catalogue.style import CONCAVE, HEIGHT, UNREACHED, WIDTH
+from palpate.views.label_placement import Box
+from palpate.views.scene.style import CARD, FOUND, TIP
+from palpate.views.svg import shorten_middle, text_width
+
+NS = "{http://www.w3.org/2000/svg}"
+FINGERS = fingers_at(5, 6, 60)
+U_SHAPE = [[0, 0], [60, 0], [60, 50], [48, 50], [48, 14], [12, 14], [12, 50], [0, 50]]
+
+
+@pytest.fixture
+def states(tmp_path: Path) -> Any:
+    """Parts as states, by way of a file."""
+
+    def of(*parts: Any) -> tuple[Resting, ...]:
+        file = tmp_path / "parts.json"
+        file.write_text(json.dumps(objects(*parts)))
+        return resting(load_objects(file))
+
+    return of
+
+
+LONG = "bracket-with-a-name-as-from-a-drawing-office, state-1"
+TWINS = (
+    Twins("feels like", tuple(f"state-{k}" for k in range(2, 9))),
+    Twins("may feel like", (LONG, "that")),
+    Twins("as far as known like", (LONG,)),
+)
+
+
+def drawn(found: tuple[Resting, ...], fingers: RigFingers = FINGERS) -> ET.Element:
+    """The picture, parsed; every state feels like some, of which one has a long name."""
+    told = {state: Told(symmetry_of_state(state).order, TWINS) for state in found}
+    return ET.fromstring(draw_objects("parts.json", found, told, fingers)[0])
+
+
+def odd_parts() -> list[dict[str, Any]]:
+    cone = [section(k / 4, (k + 1) / 4, polygon(48, 40 - k / 6)) for k in range(200)]
+    twisted = [section(k, k + 1, moved(U_SHAPE, k / 90, 0, 0)) for k in range(70)]
+    known = {"heights": [[4.5, 5.5], [9.5, 10.5]], "height": 40.0}
+    gaps = {"heights": [[100.11 * k, 100.11 * k + 100.07] for k in range(9)], "height": 1000.0}
+    grid = [section(low, high, U_SHAPE) for low, high in gaps["heights"]]
+    return [
+        part("cone", *cone, probability=0.123456, tipping_angle=0.4321, tolerance=0.05),
+        part("twisted-U", *twisted),
+        part("long " + 'ÄÖ<&>"部品' * 10, section(0, 900, rectangle(800, 35)), probability=1.0),
+        part("tiny", section(0, 1.25, polygon(5, 0.6))),
+        part("manifold", section(0, 12, rectangle(120, 60), holes=[moved(polygon(24, 8), 0, 40, 30)])),
+        part("storeys", section(0, 5, L_SHAPE), section(5, 9, rectangle(9, 9)), section(9, 70, L_SHAPE)),
+        part("known", section(4.5, 5.5, L_SHAPE), section(9.5, 10.5, rectangle(9, 9)), **known),
+        part("posts", section(0, 30, rectangle(12, 30), rectangle(12, 30, 58))),
+        part("gaps", *grid, **gaps),
+    ]
+
+
+def texts(picture: ET.Element) -> list[tuple[Box, str]]:
+    """Every text outside of the legend, with the box that it takes at most."""
+    found = []
+    for item in picture.findall(f"{NS}text"):
+        size, words = float(item.attrib["font-size"]), item.text or ""
+        width = text_width(words, size, bold="font-weight" in item.attrib)
+        left = float(item.attrib["x"]) - {"end": width, "middle": width / 2}.get(
+            item.get("text-anchor", ""), 0
+        )
+        found.append((Box(left + width / 2, float(item.attrib["y"]) - 0.35 * size, width, 0.7 * size), words))
+    return found
+
+
+def cards(picture: ET.Element) -> list[Box]:
+    boxes = []
+    for item in picture.findall(f"{NS}rect"):
+        if item.get("fill") == CARD:
+            x, y = float(item.attrib["x"]), float(item.attrib["y"])
+            boxes.append(Box(x + WIDTH / 2, y + HEIGHT / 2, WIDTH, HEIGHT))
+    return boxes
+
+
+def test_texts_cover_no_other_and_stay_inside_of_their_cards(states: Any) -> None:
+    picture = drawn(states(*odd_parts()))
+    words = texts(picture)
+    said = [line for _, line in words]
+    assert said.count("feels like state-2, state-3 and 5 more") == 11
+    assert any(line.startswith("may feel like bracket") and line.endswith("1 and 1 more") for line in said)
+    assert "not known at 9 ranges of height" in said
+    for (first, one), (second, other) in combinations(words, 2):
+        assert not first.overlaps(second), f"{one!r} and {other!r}"
+    frames = cards(picture)
+    assert len(frames) == 11
+    top = min(frame.top for frame in frames)
+    for box, said in words:
+        if box.y > top:
+            inside = [
+                frame
+                for frame in frames
+                if abs(box.x - frame.x) <= (frame.width - box.width) / 2
+                and abs(box.y - frame.y) <= (frame.height - box.height) / 2
+            ]
+            assert len(inside) == 1, f"{said!r} sticks out of its card"
+
+
+def test_sections_stay_inside_of_their_cards_and_leave_the_texts_free(states: Any) -> None:
+    picture = drawn(states(*odd_parts()))
+    frames, words = cards(picture), texts(picture)
+    outlines = [item for item in picture.findall(f"{NS}path") if item.get("stroke-linejoin") == "round"]
+    assert len(outlines) > 20
+    for item in outlines:
+        points = [pair.split(",") for ring in item.attrib["d"].split("Z") for pair in ring.strip("M").split()]
+        xs, ys = [float(x) for x, _ in points], [float(y) for _, y in points]
+        box = Box((min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2, max(xs) - min(xs), max(ys) - min(ys))
+        (frame,) = [item for item in frames if item.overlaps(box)]
+        assert abs(box.x - frame.x) <= (frame.width - box.width) / 2
+        assert not [said for at, said in words if at.overlaps(box)]
+
+
+def test_the_picture_is_the_same_each_time_and_tells_itself_in_words(states: Any) -> None:
+    found = states(*odd_parts())
+    told = {state: Told(1, ()) for state in found}
+    first, second = (draw_objects("a.json", found, told, FINGERS)[0] for _ in range(2))
+    assert first == second
+    description = ET.fromstring(first).findtext(f"{NS}desc")
+    assert description is not None
+    assert description.count("up to") == len(found)
+
+
+def test_pockets_are_shaded_where_they_are(states: Any) -> None:
+    def fills(*rings: Any, holes: Any = ()) -> tuple[int, int]:
+        picture = drawn(states(part("a", section(0, 20, *rings, holes=holes))))
+        shown = [item.get("fill") for item in picture.findall(f"{NS}path")]
+        return shown.count(CONCAVE), shown.count(UNREACHED)
+
+    hole = moved(polygon(30, 8), 0, 30, 20)
+    assert fills(rectangle(60, 40)) == (0, 0)
+    assert fills(U_SHAPE) == (1, 1)
+    assert fills(rectangle(60, 40), holes=[hole]) == (1, 1)
+    assert fills(rectangle(60, 40), rectangle(60, 40, 75)) == (1, 0)
+    assert fills(rectangle(60, 40), rectangle(60, 40, 69)) == (1, 1)
+
+
+@pytest.mark.parametrize(("corners", "rays", "circles"), [(3, 3, 1), (4, 4, 1), (12, 12, 1), (64, 0, 2)])
+def test_symmetry_is_drawn_as_rays_or_as_a_circle(states: Any, corners: int, rays: int, circles: int) -> None:
+    (state,) = states(part("a", section(0, 20, moved(polygon(corners, 30), 0.2, 40, 50))))
+    found = symmetry_of_region(state.levels[0].region)
+    assert found.order == corners
+    assert found.centre_mm == pytest.approx([40, 50])
+    picture = drawn((state,))
+    dashed = [item for item in picture.findall(f"{NS}line") if "stroke-dasharray" in item.attrib]
+    assert len(dashed) == rays
+    assert len(picture.findall(f"{NS}circle")) == circles
+    assert any(f"{corners}-fold symmetric" in said for _, said in texts(picture))
+
+
+def test_a_part_without_symmetry_has_no_marks_of_it(states: Any) -> None:
+    picture = drawn(states(part("a", section(0, 20, L_SHAPE))))
+    assert not picture.findall(f"{NS}circle")
+    assert any("not symmetric" in said for _, said in texts(picture))
+
+
+def test_the_same_section_at_several_heights_is_one_card(states: Any) -> None:
+    (state,) = states(odd_parts()[5])
+    found, left_out = cards_of([state], FINGERS)
+    assert not left_out
+    assert [card.ranges_mm for card in found] == [((0, 5), (9, 70)), ((5, 9),)]
+    assert ranges_words(found[0].ranges_mm) == "0–5 and 9–70"
+    assert ranges_words([(0, 1), (2, 3), (4, 5), (6, 7), (8, 9)]) == "0–1, 2–3, 4–5 and 2 more"
+
+
+def test_of_many_sections_some_are_drawn_with_those_that_fingers_meet(states: Any) -> None:
+    found = states(odd_parts()[0])
+    (card,), _ = cards_of(found, FINGERS)
+    shown = [level.z_mm for level in card.shown]
+    assert len(shown) <= MOST_CONTOURS
+    assert (0, 0.25) in shown
+    assert (49.75, 50) in shown
+    assert (5, 5.25) in shown
+    picture = drawn(found)
+    outlines = [item.get("stroke") for item in picture.findall(f"{NS}path") if item.get("fill") == "none"]
+    assert outlines.count(TIP) == sum(low <= z <= high for low, high in shown for z in (5, 6))
+    assert FOUND not in outlines
+    assert any(said.startswith(f"{len(shown)} of 200 sections up to 50 mm") for _, said in texts(picture))
+
+
+def test_a_large_file_makes_a_bounded_picture_that_says_what_is_left_out(states: Any) -> None:
+    tall = [part(f"p{k}", *(section(z, z + 1, polygon(60, 30 - z)) for z in range(5))) for k in range(250)]
+    found = states(*tall)
+    told = {state: Told(1, ()) for state in found}
+    text, left_out = draw_objects("many.json", found, told, FINGERS)
+    assert [state.object_name for state in left_out] == [f"p{k}" for k in range(MOST_CARDS, 250)]
+    assert len(text) < 4e6
+    said = " ".join(words for _, words in texts(ET.fromstring(text)))
+    assert "Not drawn, for want of room: 10 states: p240, s; " in said
+    assert "and 4 more" in said
+    few = states(*(part(f"p{k}", section(0, 1, L_SHAPE), section(1, 2, rectangle(5, 5))) for k in range(130)))
+    assert {len(card.shown) for card in cards_of(few, FINGERS)[0]} == {2}
+    assert {len(card.shown) for card in cards_of(few[:100], FINGERS)[0]} == {1}
+
+
+def test_shipped_objects_have_a_card_each() -> None:
+    found = resting(load_objects(shipped_objects()))
+    picture = drawn(found)
+    assert len(cards(picture)) == len(found) == 6
+
+
+def test_names_keep_their_ends_where_they_are_too_long() -> None:
+    assert shorten_middle("plate", 12, 100) == "plate"
+    short = shorten_middle("bracket-with-a-long-name-rev-C", 12, 120)
+    assert short.startswith("bracket")
+    assert short.endswith("rev-C")
+    assert "…" in short
+    assert text_width(short, 12) <= 120
+    assert shorten_middle("部" * 50, 12, 5) == "…"
+
+
+def test_higher_is_darker() -> None:
+    colours = [shade(z, 40) for z in (0, 10, 20, 30, 40)]
+    light = [sum(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in colours]
+    assert light == sorted(light, reverse=True)
+    assert len(set(light)) == 5

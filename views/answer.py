@@ -1,0 +1,129 @@
+"""The end of `palpate identify` in words: the answer, what else it may be, or why there is none."""
+
+import math
+from collections.abc import Sequence
+
+from palpate.config.identification_result import (
+    AlternativeOut,
+    CalibrationUsedOut,
+    IdentificationOut,
+    IdentificationVerdict,
+)
+from palpate.errors import counted
+
+__all__ = ["answer_lines"]
+
+_ALTERNATIVES_SHOWN = 12
+_RETOUCH = "`palpate check --touch` tells"
+
+
+def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str]:
+    """The answer for a person, and how it compares with the truth if that is known.
+
+    `advice`: what to look at if the table was all but untouched (`untouched_lines`).
+    """
+    lines = [*_verdict_lines(out), *_place_lines(out)]
+    if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
+        lines += [f"  {line}" for line in advice]
+    lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_ALTERNATIVES_SHOWN]]
+    if len(out.alternatives) > _ALTERNATIVES_SHOWN:
+        lines.append(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
+    if out.verdict == IdentificationVerdict.IDENTIFIED and out.foretold:
+        lines.append(f"  {counted(out.foretold, 'touch', 'touches')} came out as foretold")
+        if out.unnoticed_shift is not None:
+            shift = f"{out.unnoticed_shift:.1f} mm"
+            lines.append(f"  a shift by more than {shift} before the last grip would have been noticed")
+    if out.calibration is not None and out.calibration.drifted:
+        lines.append(_drift_line(out.calibration))
+    if out.truth is not None:
+        lines.append(_truth_line(out))
+    return lines
+
+
+def _place_lines(out: IdentificationOut) -> list[str]:
+    if out.configuration is None or out.bounds is None:
+        return []
+    at, bounds = out.configuration, out.bounds
+    lo, hi = (math.degrees(value) for value in bounds.theta)
+    lines = [
+        f"  x  {at.x:9.3f} mm   in [{bounds.x[0]:.3f}, {bounds.x[1]:.3f}]",
+        f"  y  {at.y:9.3f} mm   in [{bounds.y[0]:.3f}, {bounds.y[1]:.3f}]",
+        f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]",
+    ]
+    if out.symmetry_order > 1:
+        lines.append(f"  ({out.symmetry_order}-fold symmetric: θ modulo {360 / out.symmetry_order:g}°)")
+    return lines
+
+
+def _verdict_lines(out: IdentificationOut) -> list[str]:
+    """What it is, or why that is not said."""
+    if out.object is None and out.verdict == IdentificationVerdict.UNKNOWN:
+        lines = [f"{out.verdict}: no object of the catalogue agrees with what was felt"]
+        if out.moved_before:
+            lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
+        if out.calibration is not None:
+            made = out.calibration.made[:10]
+            lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH}")
+        return lines
+    if out.object is None:
+        return [f"{out.verdict}: {_untouched_words(out)}"]
+    name = f"{out.object}, {out.state}"
+    if out.verdict == IdentificationVerdict.UNRESOLVED:
+        left = "is all that agrees with what was felt" if not out.alternatives else "is still possible"
+        lines = [f"{out.verdict}: {name} {left}"]
+    elif out.verdict == IdentificationVerdict.INDISTINGUISHABLE:
+        lines = [f"{out.verdict}: {name}, or something that no touch within reach tells from it"]
+    else:
+        lines = [f"{out.verdict}: {name}"]
+    if out.moved_before:
+        lines.append(f"  moved before grip {_last(out)}; touches since then count")
+    return lines
+
+
+def _untouched_words(out: IdentificationOut) -> str:
+    """Why there is not even a hypothesis."""
+    if out.swept:
+        since = f" since grip {_last(out)}" if out.moved_before else ""
+        return (
+            f"nothing was touched{since}, and no part of the catalogue has room in the rest of the workspace"
+        )
+    if not out.contacts:
+        return f"nothing was touched in {counted(out.grips, 'grip', 'grips')}"
+    return f"{counted(out.contacts, 'contact is', 'contacts are')} too few to tell anything"
+
+
+def _drift_line(found: CalibrationUsedOut) -> str:
+    """That touches do not agree with the calibration."""
+    return (
+        f"  touches differ by {found.residual_rms_mm:.3f} mm, the calibration of {found.made[:10]} lets "
+        f"expect {found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH}"
+    )
+
+
+def _last(out: IdentificationOut) -> int:
+    return out.moved_before[-1]
+
+
+def _alternative_line(other: AlternativeOut) -> str:
+    at = other.configuration
+    where = f"x {at.x:.2f} mm, y {at.y:.2f} mm, θ {math.degrees(at.theta):.2f}°"
+    if other.turned is None or other.moved is None:
+        return f"or {other.object}, {other.state} at {where}"
+    return f"or turned by {math.degrees(other.turned):.1f}° and moved by {other.moved:.1f} mm: {where}"
+
+
+def _truth_line(out: IdentificationOut) -> str:
+    truth = out.truth
+    assert truth is not None, "only called with a truth"
+    where = truth.configuration
+    line = (
+        f"emulator's truth: {truth.object}, {truth.state} at x {where.x:.3f} mm, y {where.y:.3f} mm, "
+        f"θ {math.degrees(where.theta):.3f}°"
+    )
+    if not truth.named or truth.position_error_mm is None or truth.orientation_error_rad is None:
+        return f"{line}; not among the answers"
+    turned = math.degrees(truth.orientation_error_rad)
+    return (
+        f"{line}; off by {truth.position_error_mm:.3f} mm and {turned:.3f}°, "
+        f"{'inside' if truth.inside_bounds else 'OUTSIDE'} the bounds"
+    )

@@ -1,0 +1,276 @@
+"""One card of the picture of objects: names on top, the section with its pockets, numbers beneath. To SVG.
+
+Between `objects_picture_plan` and `objects_picture`; the heights beside the drawing are in
+`objects_picture_ladder`.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from palpate.errors import counted
+from palpate.rig.catalogue.finger_model import RigFingers
+from palpate.rig.catalogue.section_stack import Level, Range
+from palpate.rig.catalogue.symmetry import Symmetry, symmetry_of_region
+from palpate.rig.catalogue.tip_reach import unreached
+from palpate.views.catalogue.height_ladder import draw_ladder, shade
+from palpate.views.catalogue.known_heights import known_words
+from palpate.views.catalogue.layout import Card
+from palpate.views.catalogue.style import (
+    BAR_WIDTH,
+    BOTTOM,
+    CONCAVE,
+    HEIGHT,
+    LINES,
+    MARGIN,
+    ROOM,
+    UNREACHED,
+    UNREACHED_LINE,
+    WIDTH,
+)
+from palpate.views.scene.frame import nice_step
+from palpate.views.scene.style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
+from palpate.views.svg import Floats, element, path_data, shorten, shorten_middle, text, text_width
+
+__all__ = ["Told", "Twins", "draw_card", "ranges_words"]
+
+_FINE = 0.15  # SVG units that a drawn line may be off
+_MOST_RAYS = 12
+_MOST_RANGES = 4
+_RAY = 0.6  # of the way to the furthest corner
+
+
+@dataclass(frozen=True)
+class Twins:
+    """`names` of other states, and in `words` how they are like a card's: "feels like"."""
+
+    words: str
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is known of a card's state besides: `twins` are other states that feel like it, or may."""
+
+    symmetry_order: int
+    twins: tuple[Twins, ...]
+
+
+def draw_card(card: Card, told: Told, fingers: RigFingers, corner: tuple[float, float], scale: float) -> str:
+    """The card with its upper left corner at `corner`; `scale`: SVG units per mm."""
+    left, top = corner
+    middle = np.array([left + MARGIN + ROOM / 2, top + LINES + ROOM / 2])
+    page = _Page(card, middle, scale)
+    frame = element(
+        "rect", x=left, y=top, width=WIDTH, height=HEIGHT, rx=4.0, fill=CARD, stroke=RULE, stroke_width=THIN
+    )
+    if card.is_stack:
+        drawing, beneath = _stack(card, page, fingers), _stack_words(card, told)
+    else:
+        symmetry = symmetry_of_region(card.shown[0].region)
+        tip_mm = min(_radii(card.ranges_mm, fingers), default=fingers.slimmest_mm)
+        drawing = _section(card.shown[0], page, tip_mm, symmetry)
+        beneath = _section_words(card, told, symmetry)
+    ladder = draw_ladder(card, fingers, left + WIDTH - MARGIN - BAR_WIDTH, top + LINES)
+    return (
+        frame
+        + _heading(card, left, top)
+        + drawing
+        + _scale_bar(left + MARGIN, top + HEIGHT - BOTTOM + 12, scale)
+        + ladder
+        + _beneath(beneath, told, left, top)
+    )
+
+
+def ranges_words(ranges_mm: Sequence[Range], most: int = 3) -> str:
+    """Such as "0–8 and 20–25"."""
+    words = [f"{low:.4g}–{high:.4g}" for low, high in ranges_mm[:most]]
+    if len(ranges_mm) > most:
+        words.append(f"{len(ranges_mm) - most} more")
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+class _Page:
+    """From mm in the object's frame to SVG units: the card's sections in the middle of their room."""
+
+    def __init__(self, card: Card, middle: Floats, scale: float) -> None:
+        bounds = shapely.total_bounds(np.array([level.region for level in card.shown], dtype=object))
+        self._centre = (bounds[:2] + bounds[2:]) / 2
+        self._middle, self._scale = middle, scale
+
+    def shape(self, region: shapely.Geometry) -> shapely.Geometry:
+        """A region on the page, without points that nobody would see."""
+        scale, (x, y) = self._scale, self._middle
+        move = (scale, 0, 0, -scale, x - scale * self._centre[0], y + scale * self._centre[1])
+        return affinity.affine_transform(region, move).simplify(_FINE)
+
+    def point(self, at_mm: Floats) -> Floats:
+        """A point on the page."""
+        moved: Floats = (at_mm - self._centre) * (self._scale, -self._scale) + self._middle
+        return moved
+
+
+def _path(
+    shape: shapely.Geometry, fill: str, stroke: str | None, width: float = THIN, dash: str | None = None
+) -> str:
+    """A region of the page as one path; nothing for an empty one."""
+    polygons = [
+        part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty
+    ]
+    rings = [np.array(ring.coords)[:-1] for part in polygons for ring in (part.exterior, *part.interiors)]
+    if not rings:
+        return ""
+    return element(
+        "path",
+        d=path_data(rings),
+        fill=fill,
+        fill_rule="evenodd",
+        stroke=stroke,
+        stroke_width=None if stroke is None else width,
+        stroke_dasharray=dash,
+        stroke_linejoin="round",
+    )
+
+
+def _section(level: Level, page: _Page, tip_mm: float, symmetry: Symmetry) -> str:
+    return (
+        _pockets(level, page, tip_mm)
+        + _path(page.shape(level.region), FOUND_FILL, FOUND, 1.6)
+        + _symmetry_marks(level.region, page, symmetry)
+    )
+
+
+def _stack(card: Card, page: _Page, fingers: RigFingers) -> str:
+    """All sections over each other; those that fingers meet in the fingers' colour, with their pockets."""
+    top = card.state.state.top_mm
+    met = [(item, _radii([item.z_mm], fingers)) for item in card.shown]
+    drawn = [_path(page.shape(shapely.union_all([item.region for item in card.shown])), FOUND_FILL, None)]
+    drawn += [_pockets(item, page, min(radii)) for item, radii in met if radii]
+    drawn += [
+        _path(page.shape(item.region), "none", shade(item.z_mm[0], top), 1.3)
+        for item, radii in met
+        if not radii
+    ]
+    drawn += [_path(page.shape(item.region), "none", TIP, 2.0) for item, radii in met if radii]
+    return "".join(drawn)
+
+
+def _pockets(level: Level, page: _Page, tip_mm: float) -> str:
+    """What lies within the section's hull and outside of the section, and what of it no tip reaches."""
+    region, hull = page.shape(level.region), page.shape(shapely.convex_hull(level.region))
+    outside = _path(hull.difference(region), CONCAVE, None)
+    return outside + _path(page.shape(unreached(level.region, tip_mm)), UNREACHED, UNREACHED_LINE, 0.8, "3 2")
+
+
+def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: Symmetry) -> str:
+    """The centre, and a ray towards the furthest corner with its images; a circle where there are many."""
+    if symmetry.order == 1:
+        return ""
+    corners = shapely.get_coordinates(region) - symmetry.centre_mm
+    furthest = corners[int(np.hypot(*corners.T).argmax())]
+    centre = page.point(symmetry.centre_mm)
+    tip = _RAY * (page.point(symmetry.centre_mm + furthest) - centre)
+    marks = [element("circle", cx=centre[0], cy=centre[1], r=2.4, fill=INK)]
+    look: dict[str, str | float] = {"stroke": INK, "stroke_width": 0.9, "stroke_dasharray": "5 3"}
+    if symmetry.order > _MOST_RAYS:
+        radius = float(np.hypot(*tip))
+        marks.append(element("circle", cx=centre[0], cy=centre[1], r=radius, fill="none", **look))
+        return "".join(marks)
+    for k in range(symmetry.order):
+        c, s = math.cos(2 * math.pi * k / symmetry.order), math.sin(2 * math.pi * k / symmetry.order)
+        x, y = centre + np.array([[c, -s], [s, c]]) @ tip
+        marks.append(element("line", x1=centre[0], y1=centre[1], x2=x, y2=y, **look))
+    return "".join(marks)
+
+
+def _radii(ranges_mm: Sequence[Range], fingers: RigFingers) -> list[float]:
+    """Radii of the tips that are at heights within the ranges."""
+    return [at.tip_radius_mm for at in fingers.at for low, high in ranges_mm if low <= at.height_mm <= high]
+
+
+def _heading(card: Card, left: float, top: float) -> str:
+    room, x = WIDTH - 2 * MARGIN, left + MARGIN
+    state = card.state.state
+    if card.is_stack:
+        drawn = f"{len(card.shown)} of " if len(card.shown) < len(card.state.levels) else ""
+        what = f"{drawn}{len(card.state.levels)} sections up to {state.top_mm:.4g} mm"
+    else:
+        which = "one section" if card.different == 1 else f"section {card.number} of {card.different}"
+        what = f"{which}, at {ranges_words(card.ranges_mm)} mm"
+    rests = []
+    if state.probability is not None:
+        rests.append(f"comes to rest so {100 * state.probability:.3g} %")
+    if state.tipping_angle_rad is not None:
+        rests.append(f"tips at {math.degrees(state.tipping_angle_rad):.3g}°")
+    known = "" if state.heights_mm is None else _known(state.heights_mm, state.top_mm, room)
+    lines = [
+        (state.name, 12.5, INK),
+        *((line, 11.5, MUTED) for line in (what, ", ".join(rests), known) if line),
+    ]
+    name = shorten_middle(card.state.object_name, 14, room, bold=True)
+    shown = [text(name, x, top + 22, size=14, weight="bold")]
+    for number, (line, size, fill) in enumerate(lines):
+        y = top + 40 + 16 * number
+        shown.append(text(shorten_middle(line, size, room), x, y, size=size, fill=fill))
+    return "".join(shown)
+
+
+def _section_words(card: Card, told: Told, symmetry: Symmetry) -> str:
+    words = f"{counted(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
+    if told.symmetry_order != symmetry.order:
+        words += ", state not" if told.symmetry_order == 1 else f", state {told.symmetry_order}-fold"
+    return words
+
+
+def _stack_words(card: Card, told: Told) -> str:
+    edges = [level.edges for level in card.state.levels]
+    low, high = min(edges), max(edges)
+    return f"{low if low == high else f'{low}–{high}'} edges, {_fold(told.symmetry_order)}"
+
+
+def _fold(order: int) -> str:
+    return "not symmetric" if order == 1 else f"{order}-fold symmetric"
+
+
+def _beneath(words: str, told: Told, left: float, top: float) -> str:
+    room, x, y = WIDTH - 2 * MARGIN, left + MARGIN, top + HEIGHT - BOTTOM + 42
+    shown = [text(shorten(words, 11.5, room), x, y, size=11.5, fill=MUTED)]
+    for number, twins in enumerate(told.twins, 1):
+        shown.append(text(_twins_words(twins, room), x, y + 16 * number, size=11.5, fill=TRUTH))
+    return "".join(shown)
+
+
+def _twins_words(twins: Twins, room: float) -> str:
+    """As many names as fit, and how many more there are; of a name that is too long, beginning and end."""
+    for count in range(len(twins.names), 1, -1):
+        words = f"{twins.words} {', '.join(twins.names[:count])}{_more(twins, count)}"
+        if text_width(words, 11.5) <= room:
+            return words
+    before, more = f"{twins.words} ", _more(twins, 1)
+    left = room - text_width(before + more, 11.5)
+    return f"{before}{shorten_middle(twins.names[0], 11.5, left)}{more}"
+
+
+def _more(twins: Twins, shown: int) -> str:
+    return f" and {len(twins.names) - shown} more" if len(twins.names) > shown else ""
+
+
+def _known(known_mm: Sequence[Range], top_mm: float, room: float) -> str:
+    """At which heights it is known, with as many of the ranges as there is room for."""
+    for most in range(_MOST_RANGES, 0, -1):
+        words = known_words(known_mm, top_mm, most)
+        if text_width(words, 11.5) <= room:
+            return words
+    return known_words(known_mm, top_mm, 0)
+
+
+def _scale_bar(x: float, y: float, scale: float) -> str:
+    step = nice_step(ROOM / scale, 5)
+    length = step * scale
+    line = f"M{x:.2f},{y - 4:.2f}v8M{x:.2f},{y:.2f}h{length:.2f}M{x + length:.2f},{y - 4:.2f}v8"
+    bar = element("path", d=line, fill="none", stroke=INK, stroke_width=THIN)
+    return bar + text(f"{step:g} mm", x + length + 6, y + 4, size=11, fill=INK)

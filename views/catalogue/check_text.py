@@ -1,0 +1,123 @@
+"""What `palpate objects check` found, in words for a terminal of 80 columns."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from palpate.config.objects_result import ObjectsCheckOut, PairOut, RigHeightsOut, SeparatingOut
+from palpate.errors import counted
+
+__all__ = ["check_lines", "fit_words", "rig_words"]
+
+_SHOWN = 40  # pairs of a kind
+_RANGES_SHOWN = 4
+_NOTHING_MM = 0.005
+
+
+def check_lines(out: ObjectsCheckOut) -> list[str]:
+    """Counts first, then every pair of each kind, then what is not known."""
+    never, maybe, unknown = (
+        [pair for pair in out.pairs if pair.likeness == kind] for kind in ("same", "doubtful", "unknown")
+    )
+    lines = [
+        *rig_words(out.rig),
+        "",
+        f"{counted(out.states, 'state', 'states')}, {counted(out.pairs_compared, 'pair', 'pairs')}:",
+        f"  {out.told_apart:5d} told apart",
+        f"  {len(never):5d} never told apart",
+        f"  {len(maybe):5d} may or may not be told apart",
+    ]
+    if unknown:
+        lines.append(f"  {len(unknown):5d} not told apart as far as their sections are known")
+    lines += _kind("never told apart", "=", never)
+    lines += _kind("may or may not be told apart", "≈", maybe)
+    lines += _kind("not told apart as far as known", "?", unknown)
+    if out.not_known:
+        lines += ["", "not known at the height of a finger; import them again with --heights"]
+        lines += [
+            f"  {item.state.object}, {item.state.state}: {_heights(item.heights_mm)}"
+            for item in out.not_known[:_SHOWN]
+        ]
+        lines += _more(len(out.not_known))
+    return lines
+
+
+def rig_words(rig: RigHeightsOut) -> list[str]:
+    """Where the rig's fingers are."""
+    shipped = ", the shipped one" if rig.shipped else ""
+    heights = [
+        f"  at {item.height_mm:g} mm: {', '.join(item.fingers)}, "
+        f"{'tip' if len(item.fingers) == 1 else 'tips'} of radius {item.tip_radius_mm:g} mm"
+        for item in rig.heights
+    ]
+    off = f"  contacts may be off by up to {rig.contact_bound_mm:.2f} mm about the middle of the table"
+    return [f"fingers of rig {rig.name}{shipped}", *heights, off]
+
+
+def fit_words(*pairs: PairOut) -> str:
+    """How well two agree at the fingers' heights; or each two of several pairs that are alike in all else."""
+    pair = pairs[0]
+    at = _heights(pair.compared_mm)
+    if not pair.compared_mm:
+        return "at no finger's height are both known"
+    found = [item.apart_mm for item in pairs if item.apart_mm is not None]
+    if not found:
+        return f"at {at} there is nothing of either: no finger touches them"
+    least, most = f"{min(found):.2f}", f"{max(found):.2f}"
+    apart = f"{least if least == most else f'{least}–{most}'} mm apart at {at}"
+    if pair.likeness == "doubtful":
+        return f"{apart}; {pair.within_mm:.2f} mm are told apart for certain"
+    if max(found) < _NOTHING_MM:
+        return f"the same at {at}"
+    allowed = f", within their tolerances ({pair.tolerance_mm:.2f} mm)" if pair.tolerance_mm else ""
+    return f"{apart}{allowed}"
+
+
+def _kind(title: str, sign: str, pairs: Sequence[SeparatingOut]) -> list[str]:
+    if not pairs:
+        return []
+    lines = ["", title]
+    for pair in pairs[:_SHOWN]:
+        lines += _pair_lines(pair, sign)
+    return lines + _more(len(pairs))
+
+
+def _pair_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
+    first, second = (f"{item.object}, {item.state}" for item in (pair.first, pair.second))
+    if len(first) + len(second) <= 72:
+        yield f"  {first}  {sign}  {second}"
+    else:
+        yield f"  {first}"
+        yield f"  {sign} {second}"
+    yield f"      {fit_words(pair)}"
+    yield f"      {_help_words(pair)}"
+    if pair.tried < pair.ranges:
+        yield f"      ({pair.tried} of {pair.ranges} ranges of height were looked at)"
+
+
+def _help_words(pair: SeparatingOut) -> str:
+    """Which heights would tell the two apart."""
+    if pair.separating_mm:
+        shown = [_inside(found) for found in pair.separating_mm[:_RANGES_SHOWN]]
+        more = len(pair.separating_mm) - len(shown)
+        rest = f" and {counted(more, 'more range', 'more ranges')}" if more else ""
+        return f"a finger at {' or '.join(shown)} mm{rest} would tell them apart"
+    if not pair.known:
+        return "no one height at which both are known would tell them apart"
+    return "no one height would tell them apart for certain"
+
+
+def _inside(range_mm: tuple[float, float]) -> str:
+    """A range to hundredths of a mm, rounded inward: all of what is said holds."""
+    low, high = math.ceil(100 * range_mm[0] - 1e-3) / 100, math.floor(100 * range_mm[1] + 1e-3) / 100
+    return f"{low:g}–{high:g}" if low < high else f"{range_mm[0]:.6g}–{range_mm[1]:.6g}"
+
+
+def _heights(heights_mm: Sequence[float]) -> str:
+    words = [f"{height:g}" for height in heights_mm]
+    return (
+        f"{words[0] if len(words) == 1 else ', '.join(words[:-1]) + ' and ' + words[-1]} mm" if words else ""
+    )
+
+
+def _more(count: int) -> list[str]:
+    return [f"  and {count - _SHOWN} more; --json lists them all"] if count > _SHOWN else []

@@ -1,0 +1,76 @@
+"""What of a file goes into its picture: which sections share a drawing, and what is left out of a large file.
+
+From states to cards, for `objects_picture`. A state with a few different sections gets a card for each, one
+with many gets one card with some of them over each other; so do all in a file that would need too many.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from palpate.rig.catalogue.finger_model import RigFingers
+from palpate.rig.catalogue.section_stack import Level, Range, Resting
+
+__all__ = ["MOST_CARDS", "MOST_CONTOURS", "Card", "cards_of"]
+
+MOST_CARDS = 240
+MOST_CONTOURS = 12
+"""Sections drawn over each other in one card."""
+_FEW = 3
+"""Different sections of a state that get cards of their own."""
+_GRID_MM = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """A drawing: one section, at one or several ranges of height, or several sections from the bottom up.
+
+    `number` of `different`: which of the state's different sections it is, from 1.
+    """
+
+    state: Resting
+    shown: tuple[Level, ...]
+    different: int
+    number: int = 1
+    ranges_mm: tuple[Range, ...] = ()
+
+    @property
+    def is_stack(self) -> bool:
+        """Whether different sections are drawn over each other."""
+        return not self.ranges_mm
+
+
+def cards_of(states: Sequence[Resting], fingers: RigFingers) -> tuple[tuple[Card, ...], tuple[Resting, ...]]:
+    """The cards in the states' order, and the states for which there is no room."""
+    sections = [_different(state) for state in states]
+    single = sum(len(found) if len(found) <= _FEW else 1 for found in sections) > MOST_CARDS
+    cards: list[Card] = []
+    for state, found in zip(states[:MOST_CARDS], sections[:MOST_CARDS], strict=True):
+        if len(found) == 1 or (len(found) <= _FEW and not single):
+            cards += [
+                Card(state, levels[:1], len(found), number, tuple(level.z_mm for level in levels))
+                for number, levels in enumerate(found, 1)
+            ]
+        else:
+            cards.append(Card(state, _chosen(state.levels, fingers), len(found)))
+    return tuple(cards), tuple(states[MOST_CARDS:])
+
+
+def _different(state: Resting) -> list[tuple[Level, ...]]:
+    """The state's different sections from the bottom up, each with all levels at which it is found."""
+    found: dict[bytes, list[Level]] = {}
+    for level in state.levels:
+        rounded = shapely.set_precision(level.region, _GRID_MM, mode="pointwise")
+        found.setdefault(shapely.to_wkb(shapely.normalize(rounded)), []).append(level)
+    return [tuple(levels) for levels in found.values()]
+
+
+def _chosen(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:
+    """The lowest, the highest, those that fingers meet, and some evenly between."""
+    heights = [at.height_mm for at in fingers.at]
+    met = [k for k, level in enumerate(levels) if any(level.is_at(z) for z in heights)]
+    met = met[: MOST_CONTOURS - 2]
+    even = np.linspace(0, len(levels) - 1, min(len(levels), MOST_CONTOURS - len(met))).round().astype(int)
+    return tuple(levels[k] for k in sorted({*even.tolist(), *met}))

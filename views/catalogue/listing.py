@@ -1,0 +1,158 @@
+"""The listing of `palpate objects show`: a table of states, then twins. From the result to a terminal.
+
+What goes on a screen is what a person reads there; `--all` lists every state and every pair.
+"""
+
+import math
+import textwrap
+from collections.abc import Iterable, Iterator
+from itertools import groupby
+
+from rich.cells import cell_len, set_cell_size
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.config.objects_result import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
+from palpate.errors import counted
+from palpate.views.catalogue.check_text import fit_words, rig_words
+from palpate.views.catalogue.equivalent_pairs import Alike, put_together
+from palpate.views.catalogue.known_heights import known_words
+
+__all__ = ["print_listing"]
+
+_SHOWN = 20  # twins, and states of an object
+_RANGES = 3
+_NAME = 26  # columns for a name
+_SIGNS = {"same": "=", "doubtful": "≈", "unknown": "?"}
+
+
+def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = False) -> None:
+    """Print the states object by object, what feels alike, and where the picture is.
+
+    `every`: all states, and each pair that feels alike for itself.
+    """
+    objects = len({item.object for item in out.states})
+    console.print(
+        f"{out.objects}: {counted(objects, 'object', 'objects')}, "
+        f"{counted(len(out.states), 'state', 'states')}\n"
+    )
+    console.print(_table(out, every=every))
+    console.print()
+    for line in rig_words(out.rig):
+        console.print(line)
+    console.print()
+    for line in _known_lines(out, console.width, every=every):
+        console.print(line)
+    for line in _twin_lines(out, console.width, every=every):
+        console.print(line)
+    console.print(f"picture {out.picture}")
+    if out.left_out:
+        console.print(f"not in it, for want of room: {counted(len(out.left_out), 'state', 'states')}")
+
+
+def _table(out: ObjectsListingOut, *, every: bool) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("object", width=_NAME, no_wrap=True, overflow="ellipsis")
+    for title in ("sections", "edges", "top mm", "symmetry", "prob.", "tips"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for name, states in groupby(out.states, key=lambda item: item.object):
+        listed = list(states)
+        first = listed[0]
+        tolerance = f" ±{_up(first.tolerance_mm):g} mm" if first.tolerance_mm else ""
+        table.add_row(Text(f"{_cut(name, _NAME - len(tolerance))}{tolerance}", style="bold"))
+        shown = len(listed) if every or len(listed) <= _SHOWN + 1 else _SHOWN
+        for state in listed[:shown]:
+            table.add_row(*_cells(state))
+        if shown < len(listed):
+            table.add_row(f"  and {len(listed) - shown} more; --all")
+    return table
+
+
+def _cells(state: StateListedOut) -> list[str]:
+    low, high = state.edges
+    tips = state.tipping_angle_rad
+    return [
+        f"  {_cut(state.state, _NAME - 2)}",
+        str(state.sections),
+        str(low) if low == high else f"{low}–{high}",
+        f"{state.top_mm:.4g}" + ("" if state.heights_mm is None else "*"),
+        "–" if state.symmetry_order == 1 else f"{state.symmetry_order}-fold",
+        "–" if state.probability is None else f"{100 * state.probability:.3g} %",
+        "–" if tips is None else f"{math.degrees(tips):.3g}°",
+    ]
+
+
+def _up(tolerance_mm: float) -> float:
+    """Rounded up to thousandths."""
+    return math.ceil(1000 * tolerance_mm - 1e-6) / 1000
+
+
+def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
+    """Which states are not known at all heights, a line for those of an object that are known alike."""
+    alike: dict[tuple[str, str], list[StateNameOut]] = {}
+    for item in out.states:
+        if item.heights_mm is not None:
+            words = known_words(item.heights_mm, item.top_mm, len(item.heights_mm) + 1 if every else _RANGES)
+            name = StateNameOut(object=item.object, state=item.state)
+            alike.setdefault((item.object, words), []).append(name)
+    shown = len(alike) if every or len(alike) <= _SHOWN + 1 else _SHOWN
+    for (_, words), states in list(alike.items())[:shown]:
+        yield from _wrapped(f"{_names(states)} {'is' if len(states) == 1 else 'are'} {words}", "* ", width)
+    left = sum(len(states) for states in list(alike.values())[shown:])
+    if left:
+        yield f"* and {counted(left, 'more state is', 'more states are')} not known at all heights; --all"
+
+
+def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]:
+    if not out.twins:
+        return ["these fingers tell all states apart"]
+    lines = ["not told apart by these fingers: = never, ≈ perhaps not, ? as far as known"]
+    if every:
+        for pair in out.twins:
+            lines += _pair_lines(pair)
+    else:
+        groups = put_together(out.twins)
+        for group in groups[:_SHOWN]:
+            lines += _pair_lines(*group.pairs) if len(group.pairs) == 1 else _group_lines(group, width)
+        if len(groups) > _SHOWN:
+            pairs = sum(len(group.pairs) for group in groups[_SHOWN:])
+            lines.append(f"  and {counted(pairs, 'more pair', 'more pairs')}; --all lists them")
+    return [*lines, "`palpate objects check` says which heights would tell them apart", ""]
+
+
+def _group_lines(group: Alike, width: int) -> Iterator[str]:
+    """States of which each is like each, or each of some like each of others."""
+    sign = _SIGNS[group.pairs[0].likeness]
+    if group.second:
+        yield from _wrapped(f"each of {_names(group.first)}", f"  {sign} ", width)
+        yield from _wrapped(f"and each of {_names(group.second)}", "    ", width)
+    else:
+        yield from _wrapped(f"each two of {_names(group.first)}", f"  {sign} ", width)
+    yield f"      {fit_words(*group.pairs)}"
+
+
+def _names(states: Iterable[StateNameOut]) -> str:
+    """Such as "angle: state-1, state-2; block: state-1"."""
+    return "; ".join(
+        f"{name}: {', '.join(item.state for item in found)}"
+        for name, found in groupby(states, key=lambda item: item.object)
+    )
+
+
+def _wrapped(words: str, begin: str, width: int) -> list[str]:
+    return textwrap.wrap(
+        words, width, initial_indent=begin, subsequent_indent=" " * (len(begin) + 2), break_long_words=False
+    )
+
+
+def _pair_lines(pair: PairOut) -> list[str]:
+    first, second = (f"{item.object}, {item.state}" for item in (pair.first, pair.second))
+    sign = _SIGNS[pair.likeness]
+    short = len(first) + len(second) <= 72
+    names = [f"  {first}  {sign}  {second}"] if short else [f"  {first}", f"  {sign} {second}"]
+    return [*names, f"      {fit_words(pair)}"]
+
+
+def _cut(name: str, room: int) -> str:
+    return name if cell_len(name) <= room else f"{set_cell_size(name, room - 1).rstrip()}…"

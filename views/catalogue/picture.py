@@ -1,0 +1,163 @@
+"""The picture of a file's objects: a card for every state and section, in rows. States to one SVG document.
+
+The end of the way of `palpate objects show`. Pure and deterministic: equal values give equal text.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import shapely
+
+from palpate.errors import counted
+from palpate.rig.catalogue.finger_model import RigFingers, heights_in_words
+from palpate.rig.catalogue.section_stack import Resting
+from palpate.views.catalogue.card import Told, draw_card
+from palpate.views.catalogue.height_ladder import shade
+from palpate.views.catalogue.layout import Card, cards_of
+from palpate.views.catalogue.style import (
+    CONCAVE,
+    GAP,
+    HEIGHT,
+    ROOM,
+    UNREACHED,
+    UNREACHED_LINE,
+    WIDTH,
+)
+from palpate.views.scene.style import INK, MUTED, PAPER, TIP
+from palpate.views.svg import element, escape, number, text, text_width, wrap
+
+__all__ = ["draw_objects"]
+
+_EDGE = 28.0
+_COLUMNS = 4
+_NAMES_LEFT_OUT = 6
+
+
+def draw_objects(
+    title: str, states: Sequence[Resting], told: Mapping[Resting, Told], fingers: RigFingers
+) -> tuple[str, tuple[Resting, ...]]:
+    """The picture as an SVG document, and the states that it has no room for. `title`: the file's name."""
+    cards, left_out = cards_of(states, fingers)
+    columns = min(_COLUMNS, max(len(cards), 2))
+    width = 2 * _EDGE + columns * WIDTH + (columns - 1) * GAP
+    head, y = _head(title, states, cards, fingers, width - 2 * _EDGE)
+    scales = _scales(cards)
+    drawn = []
+    for index, card in enumerate(cards):
+        row, column = divmod(index, columns)
+        corner = (_EDGE + column * (WIDTH + GAP), y + row * (HEIGHT + GAP))
+        drawn.append(draw_card(card, told[card.state], fingers, corner, scales[card.state.object_name]))
+    y += -(-len(cards) // columns) * (HEIGHT + GAP)
+    for line in _left_out_lines(left_out, width - 2 * _EDGE):
+        y += 20
+        drawn.append(text(line, _EDGE, y, size=13, fill=INK))
+    height = y + _EDGE
+    picture = element(
+        "svg",
+        element("title", escape(title)),
+        element("desc", escape(_description(states, told))),
+        element("rect", width=width, height=height, fill=PAPER),
+        *head,
+        *drawn,
+        xmlns="http://www.w3.org/2000/svg",
+        viewBox=f"0 0 {number(width)} {number(height)}",
+        width=width,
+        height=height,
+        role="img",
+        font_family="sans-serif",
+    )
+    return picture + "\n", left_out
+
+
+def _head(
+    title: str, states: Sequence[Resting], cards: Sequence[Card], fingers: RigFingers, room: float
+) -> tuple[list[str], float]:
+    """Title, what it is of, and the meaning of the colours; where they end."""
+    objects = len({state.object_name for state in states})
+    where = (
+        f"{counted(len(states), 'state', 'states')} of {counted(objects, 'object', 'objects')}; "
+        f"fingers of rig {fingers.rig_name} at {heights_in_words(fingers.at)}"
+    )
+    y = _EDGE - 8
+    head = []
+    for line in wrap(title, 22, room, most_lines=2, bold=True):
+        y += 28
+        head.append(text(line, _EDGE, y, size=22, fill=INK, weight="bold"))
+    for line in wrap(where, 13.5, room, most_lines=2):
+        y += 21
+        head.append(text(line, _EDGE, y, size=13.5, fill=MUTED))
+    stacks = any(card.is_stack for card in cards)
+    legend, y = _legend(fingers, y + 26, _EDGE + room, stacks=stacks)
+    return [*head, *legend], y + 22
+
+
+def _legend(fingers: RigFingers, y: float, right: float, *, stacks: bool) -> tuple[list[str], float]:
+    """What the colours and marks mean, in as many lines as it takes; y of the last.
+
+    `stacks`: sections are drawn over each other.
+    """
+    swatch = {"width": 20.0, "height": 12.0, "y": -10.0}
+    centre = element("circle", cx=2.0, cy=-4.0, r=2.4, fill=INK)
+    ray = element("path", d="M2,-4H22", stroke=INK, stroke_width=0.9, stroke_dasharray="5 3")
+    entries = [
+        (element("rect", **swatch, fill=CONCAVE), "pocket: reached from some directions only"),
+        (
+            element("rect", **swatch, fill=UNREACHED, stroke=UNREACHED_LINE, stroke_dasharray="3 2"),
+            f"no tip of radius {fingers.slimmest_mm:g} mm gets there",
+        ),
+        (centre + ray, "turns after which it looks the same"),
+        (element("path", d="M8,-4L15,-8V0Z", fill=TIP), "heights of fingers, mm"),
+    ]
+    if stacks:
+        lines = [
+            element("path", d=f"M0,{y}H20", stroke=stroke, stroke_width=1.6)
+            for y, stroke in ((-9, shade(0.0, 1.0)), (-4, shade(0.5, 1.0)), (1, shade(1.0, 1.0)))
+        ]
+        entries.append(("".join(lines), "sections, the higher the darker"))
+        line = element("path", d="M0,-4H20", stroke=TIP, stroke_width=2.0)
+        entries.append((line, "sections at heights of fingers"))
+    x = _EDGE
+    drawn = []
+    for mark, words in entries:
+        wide = 30 + text_width(words, 12) + 12
+        if x > _EDGE and x + wide > right:
+            x, y = _EDGE, y + 21
+        drawn.append(element("g", mark, transform=f"translate({number(x)} {number(y)})"))
+        drawn.append(text(words, x + 28, y, size=12, fill=INK))
+        x += wide
+    return drawn, y
+
+
+def _scales(cards: Sequence[Card]) -> dict[str, float]:
+    """SVG units per mm of each object: all of its cards have one scale, and its largest section fits."""
+    largest: dict[str, float] = {}
+    for card in cards:
+        x1, y1, x2, y2 = shapely.union_all([level.region for level in card.shown]).bounds
+        name = card.state.object_name
+        largest[name] = max(largest.get(name, 0.0), x2 - x1, y2 - y1)
+    return {name: (ROOM - 8) / size for name, size in largest.items()}
+
+
+def _left_out_lines(left_out: Sequence[Resting], room: float) -> list[str]:
+    if not left_out:
+        return []
+    names = "; ".join(state.name for state in left_out[:_NAMES_LEFT_OUT])
+    more = f"; and {len(left_out) - _NAMES_LEFT_OUT} more" if len(left_out) > _NAMES_LEFT_OUT else ""
+    return wrap(
+        f"Not drawn, for want of room: {counted(len(left_out), 'state', 'states')}: {names}{more}.",
+        13,
+        room,
+        most_lines=4,
+    )
+
+
+def _description(states: Sequence[Resting], told: Mapping[Resting, Told]) -> str:
+    """The picture in words, for those who do not see it."""
+    words = []
+    for state in states:
+        twins = told[state].twins
+        like = "".join(f"; {item.words} {', '.join(item.names)}" for item in twins)
+        words.append(
+            f"{state.name}: {counted(len(state.levels), 'section', 'sections')} up to "
+            f"{state.state.top_mm:.4g} mm{like}."
+        )
+    return " ".join(words)

@@ -1,0 +1,68 @@
+"""Pairs and separating heights as they are printed and written as JSON. Between twins and results."""
+
+from collections.abc import Sequence
+
+from palpate.config.objects_result import (
+    PairOut,
+    RigHeightOut,
+    RigHeightsOut,
+    SeparatingOut,
+    StateNameOut,
+    UnknownHeightOut,
+)
+from palpate.rig.catalogue.finger_model import RigFingers
+from palpate.rig.catalogue.section_stack import Resting
+from palpate.rig.catalogue.separating_heights import Separating
+from palpate.rig.catalogue.twins import Pair
+
+__all__ = ["name_out", "not_known_out", "pair_out", "rig_out", "separating_out"]
+
+
+def rig_out(fingers: RigFingers, *, shipped: bool) -> RigHeightsOut:
+    """The rig's heights."""
+    heights = tuple(
+        RigHeightOut(height_mm=at.height_mm, tip_radius_mm=at.tip_radius_mm, fingers=at.fingers)
+        for at in fingers.at
+    )
+    return RigHeightsOut(
+        name=fingers.rig_name, shipped=shipped, heights=heights, contact_bound_mm=fingers.bound_mm
+    )
+
+
+def name_out(state: Resting) -> StateNameOut:
+    """A state by its names."""
+    return StateNameOut(object=state.object_name, state=state.state.name)
+
+
+def pair_out(pair: Pair) -> PairOut:
+    """A pair without its heights."""
+    return PairOut(
+        first=name_out(pair.first.state),
+        second=name_out(pair.second.state),
+        likeness=pair.likeness.value,
+        apart_mm=pair.apart_mm,
+        tolerance_mm=pair.tolerance_mm,
+        within_mm=pair.within_mm,
+        compared_mm=tuple(at.height_mm for at in pair.compared),
+    )
+
+
+def separating_out(pair: Pair, found: Separating) -> SeparatingOut:
+    """A pair with the heights that would tell its states apart."""
+    return SeparatingOut(
+        **pair_out(pair).model_dump(),
+        separating_mm=found.heights_mm,
+        tried=found.tried,
+        ranges=found.ranges,
+        known=found.known,
+    )
+
+
+def not_known_out(states: Sequence[Resting], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:
+    """States that are not known at the height of some finger."""
+    found = []
+    for state in states:
+        heights = tuple(at.height_mm for at in fingers.at if not state.state.known_at(at.height_mm))
+        if heights:
+            found.append(UnknownHeightOut(state=name_out(state), heights_mm=heights))
+    return tuple(found)

@@ -1,0 +1,74 @@
+"""A plan as JSON values and as a picture. The end of the data's way, beside `report`."""
+
+import math
+
+from palpate.config.grip_result import ApproachOut, AssumptionsOut, GripOut, PossibleOut, PredictionOut
+from palpate.config.identification_result import StrategyName
+from palpate.config.recognition_result import RecognitionVerdict
+from palpate.recognizer import Grip, Hypothesis, Prediction, Strategy
+from palpate.rig.identification.next_grip import Planned
+from palpate.rig.identification.result import bounds_out, configuration_out
+
+__all__ = ["grip_out", "outward_normals"]
+
+
+def grip_out(planned: Planned) -> GripOut:
+    """The plan as `palpate/grip@1`."""
+    grip, recognition = planned.grip, planned.recognition
+    foresees = planned.strategy is Strategy.PLANNED
+    return GripOut(
+        strategy=StrategyName(planned.strategy.value),
+        verdict=RecognitionVerdict(recognition.verdict.value),
+        fine=planned.fine,
+        hypotheses=tuple(_possible(item) for item in recognition.hypotheses),
+        approaches=() if grip is None else tuple(_approach(planned, grip, row) for row in planned.rows),
+        decisive=grip and grip.decisive,
+        remaining=grip.remaining if grip is not None and foresees else None,
+        seconds=grip and grip.seconds,
+        assumes=AssumptionsOut(normal_half_range=planned.resolution.normal_half_rad),
+        indistinguishable=planned.alike,
+    )
+
+
+def outward_normals(prediction: Prediction) -> tuple[float, float] | None:
+    """The interval of normals (rad, W) with its middle from −π to π; None if nothing is met."""
+    if prediction.normal_rad is None:
+        return None
+    lo, hi = prediction.normal_rad
+    shift = 2 * math.pi * round((lo + hi) / 2 / (2 * math.pi))
+    return lo - shift, hi - shift
+
+
+def _possible(item: Hypothesis) -> PossibleOut:
+    return PossibleOut(
+        object=item.state.object_name,
+        state=item.state.state.name,
+        configuration=configuration_out(item.configuration),
+        bounds=bounds_out(item.bounds),
+        weight=item.weight,
+        symmetry_order=item.state.symmetry_order,
+    )
+
+
+def _approach(planned: Planned, grip: Grip, row: int) -> ApproachOut:
+    candidate = grip.candidates[row]
+    return ApproachOut(
+        finger=planned.rig.fingers[candidate.finger_index].name,
+        start=candidate.approach.start_mm,
+        direction=candidate.approach.direction_rad,
+        travel=grip.travels_mm[row],
+        position_bound=candidate.approach.position_bound_mm,
+        predictions=tuple(
+            _prediction(index, item) for index, item in enumerate(grip.predictions.of_approach(row))
+        ),
+    )
+
+
+def _prediction(index: int, item: Prediction) -> PredictionOut:
+    met = math.isfinite(item.earliest_mm)
+    return PredictionOut(
+        hypothesis=index,
+        stop=(item.earliest_mm, item.furthest_mm) if met else None,
+        may_miss=not math.isfinite(item.latest_mm),
+        normal=outward_normals(item) if met else None,
+    )

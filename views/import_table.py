@@ -1,0 +1,108 @@
+"""What an import made, for a terminal of 80 columns. From an `ImportOut` to rich."""
+
+import math
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from palpate.config.import_result import ImportedObjectOut, ImportedStateOut, ImportOut
+from palpate.config.objects_checks import heights_in_words
+from palpate.errors import counted
+
+__all__ = ["show"]
+
+_UNKNOWN = "–"
+_MOST_STATES = 24
+_MOST_KNOWN = 6
+
+
+def show(out: ImportOut, console: Console) -> None:
+    """Every object with its states and what was left out, then where they are and what to do next."""
+    for item in out.objects:
+        _show_object(item, console)
+    for warning in out.warnings:
+        console.print(f"[yellow]![/] {escape(warning)}")
+    count = counted(len(out.objects), "object", "objects")
+    console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({_size(out.bytes)}), {out.seconds:.1f} s")
+    console.print(f"see them: palpate objects show {escape(_quoted(out.objects_file))}", soft_wrap=True)
+
+
+def _show_object(item: ImportedObjectOut, console: Console) -> None:
+    console.print(f"[bold]{escape(item.name)}[/]{', replaced' if item.replaced else ''}: {_body(item)}")
+    console.print(_states(item))
+    for left in item.left_out:
+        count = counted(left.states, "state", "states")
+        console.print(f"left out: {count}, {_percent(left.probability)} together: {escape(left.reason)}")
+    for line in (*_known(item), *_tolerance(item)):
+        console.print(line)
+    console.print()
+
+
+def _body(item: ImportedObjectOut) -> str:
+    size = " × ".join(f"{side:.4g}" for side in item.size)
+    if item.volume is None:
+        return f"drawing, {size} mm"
+    return f"{size} mm, {item.volume / 1000:.4g} cm³, {item.facets} facets, closed"
+
+
+def _states(item: ImportedObjectOut) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("state", overflow="fold")
+    for name in ("how often", "tips at", "height", "sections", "edges", "off"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for state in item.states:
+        tips = state.tipping_angle
+        table.add_row(
+            escape(state.name),
+            _UNKNOWN if state.probability is None else _percent(state.probability),
+            _UNKNOWN if tips is None else f"{math.degrees(tips):.1f}°",
+            f"{state.height:.2f} mm",
+            str(state.sections),
+            _edges(state),
+            f"{state.section_tolerance + state.merged_tolerance:.4f} mm",
+        )
+    return table
+
+
+def _edges(state: ImportedStateOut) -> str:
+    least, most = state.edges
+    return str(least) if least == most else f"{least}–{most}"
+
+
+def _tolerance(item: ImportedObjectOut) -> list[str]:
+    """The tolerance and its parts, those that are none left out."""
+    worst = max(item.states, key=lambda state: state.section_tolerance + state.merged_tolerance)
+    parts = [
+        (item.curve_tolerance, "curves"),
+        (worst.section_tolerance, "sections"),
+        (worst.merged_tolerance, "merged states"),
+        (item.deviation, "deviation of the made part"),
+    ]
+    some = [f"{value:.4f} {what}" for value, what in parts if value > 0]
+    total = f"tolerance {item.tolerance:.4f} mm" if item.tolerance else "tolerance 0: exact"
+    return [f"{total} = {' + '.join(some)}" if some else total]
+
+
+def _known(item: ImportedObjectOut) -> list[str]:
+    """Which states are not known at all heights, a line each as long as these are few."""
+    some = [state for state in item.states if state.heights is not None]
+    lines = [
+        f"{state.name} is known at {heights_in_words(state.heights or ())} only"
+        for state in some[:_MOST_KNOWN]
+    ]
+    if len(some) > _MOST_KNOWN:
+        lines.append(f"and so are {len(some) - _MOST_KNOWN} further states")
+    return [*lines, "a rig with a finger elsewhere is refused"] if some else []
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e6:.1f} MB" if count >= 1e6 else f"{max(count / 1e3, 0.1):.1f} kB"
+
+
+def _quoted(path: str) -> str:
+    return f'"{path}"' if " " in path else path

@@ -1,0 +1,1 @@
+"""Tactile arrays on a terminal: taxel maps, lines and the screen of `palpate watch`."""

@@ -1,0 +1,135 @@
+"""A plan on the terminal: the approaches, and beneath them what each hypothesis foretells of each."""
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from palpate.recognizer import Grip, Hypothesis, Prediction
+from palpate.rig.identification.next_grip import Planned
+from palpate.views.plan_text import (
+    SHOWN,
+    certainty,
+    direction,
+    left_over,
+    letter,
+    may_miss,
+    named,
+    normal_words,
+    stop_words,
+)
+
+__all__ = ["print_plan"]
+
+_NAME = 22  # columns for a hypothesis
+_BEFORE = _NAME + 5  # and its letter, with the gaps between
+_LONG, _SHORT = 50, 18  # columns for an outcome that names what it gives, or that leaves it to the heading
+_SETS_SHOWN = 6
+
+
+def print_plan(planned: Planned, console: Console) -> None:
+    """Print the plan; its recognition has at least one hypothesis."""
+    recognition, grip = planned.recognition, planned.grip
+    count = len(recognition.hypotheses)
+    touched = sum(contact.touched for contact in recognition.contacts)
+    console.print(
+        f"{recognition.verdict.value}: {_counted(count, 'hypothesis', 'hypotheses')} after "
+        f"{_counted(touched, 'contact', 'contacts')} and "
+        f"{_counted(len(recognition.contacts) - touched, 'miss', 'misses')}"
+    )
+    if grip is None:
+        console.print()
+        console.print(_outcomes(planned, None, (), 0))
+    else:
+        console.print(f"next grip ({planned.strategy.value}), about {grip.seconds:.0f} s:\n")
+        console.print(_approaches(planned, grip))
+        for block in _blocks(planned.rows, console.width):
+            console.print()
+            console.print(_outcomes(planned, grip, block, console.width))
+    if count > SHOWN:
+        console.print(f"and {count - SHOWN} more hypotheses; --json lists them all", style="dim")
+    console.print()
+    for line in certainty(planned):
+        console.print(line)
+    share = left_over(planned)
+    if share is not None:
+        console.print(f"expected to stay confused: {share} of what needs telling apart")
+    for group in planned.alike[:_SETS_SHOWN]:
+        console.print(f"indistinguishable within reach: {named(group)}")
+    if len(planned.alike) > _SETS_SHOWN:
+        console.print(f"and {len(planned.alike) - _SETS_SHOWN} more such sets")
+
+
+def _approaches(planned: Planned, grip: Grip) -> Table:
+    table = _table()
+    table.add_column("finger", no_wrap=True, max_width=_NAME)
+    for title in ("from x, y", "direction", "at most"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for row in planned.rows:
+        candidate, travel = grip.candidates[row], grip.travels_mm[row]
+        x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.approach.start_mm)
+        table.add_row(
+            Text(planned.rig.fingers[candidate.finger_index].name, style="bold"),
+            f"{x}, {y} mm",
+            direction(candidate.approach.direction_rad),
+            f"{travel:.1f} mm",
+        )
+    return table
+
+
+def _outcomes(planned: Planned, grip: Grip | None, rows: Sequence[int], width: int) -> Table:
+    """A row for each hypothesis shown, a column for each of some fingers."""
+    table = _table()
+    table.add_column("", no_wrap=True)
+    table.add_column("hypothesis", no_wrap=True, width=_NAME)
+    long = _BEFORE + _LONG * len(rows) <= width
+    for row in rows:
+        assert grip is not None, "no approaches without a grip"
+        name = planned.rig.fingers[grip.candidates[row].finger_index].name
+        table.add_column(name if long else f"{name} stops at\nwith normal", no_wrap=True)
+    for index, item in enumerate(planned.recognition.hypotheses[:SHOWN]):
+        outcomes = [] if grip is None else [grip.predictions.of(row, index) for row in rows]
+        cells = [_long(outcome) if long else _short(outcome) for outcome in outcomes]
+        table.add_row(Text(letter(index), style="bold"), _hypothesis(item), *cells)
+    return table
+
+
+def _hypothesis(item: Hypothesis) -> Text:
+    name = f"{item.state.object_name}, {item.state.state.name}"
+    share = f"{100 * item.weight:.0f} %"
+    name = name if len(name) <= _NAME - 6 else f"{name[: _NAME - 7]}…"
+    at = item.configuration
+    place = f"{at.x_mm:.1f}, {at.y_mm:.1f} mm, {math.degrees(at.theta_rad):.0f}°".replace("-", "−")
+    return Text.assemble(f"{name:<{_NAME - 6}}{share:>6}", "\n", (place, "dim"))
+
+
+def _long(item: Prediction) -> str:
+    """An outcome in one line."""
+    stop, normal = stop_words(item), normal_words(item)
+    if stop is None:
+        return "misses"
+    return f"stops at {stop} mm{' or misses' * may_miss(item)}\nwith normal {normal}"
+
+
+def _short(item: Prediction) -> str:
+    """An outcome in lines no longer than a column is wide."""
+    stop, normal = stop_words(item), normal_words(item)
+    if stop is None:
+        return "misses"
+    return f"{stop} mm\n{normal}" + "\nor misses" * may_miss(item)
+
+
+def _blocks(rows: Sequence[int], width: int) -> list[Sequence[int]]:
+    """Approaches whose columns fit beside each other."""
+    size = max(1, (width - _BEFORE + 2) // _SHORT)
+    return [rows[first : first + size] for first in range(0, len(rows), size)]
+
+
+def _table() -> Table:
+    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+
+
+def _counted(count: int, one: str, many: str) -> str:
+    return f"{count} {one if count == 1 else many}"

@@ -1,0 +1,178 @@
+"""A recognition as JSON values, as a picture, and its contacts as a file. The end of the data's way."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from palpate.config.recognition_result import (
+    HypothesisOut,
+    InterpretationOut,
+    LevelOut,
+    MemoOut,
+    RecognitionOut,
+    RecognitionVerdict,
+    SlideOut,
+    StatisticsOut,
+)
+from palpate.recognizer import Contact, Hypothesis, Recognition, State
+from palpate.recognizer.arrays import Floats
+from palpate.recognizer.statistics import MemoCounts
+from palpate.rig.identification.result import bounds_out, configuration_out
+from palpate.views.scene import picture
+
+__all__ = [
+    "contacts_json",
+    "hypothesis_out",
+    "pose_of",
+    "recognition_out",
+    "recognition_picture",
+    "rings_at",
+    "still_possible",
+    "touch_of",
+]
+
+
+def recognition_out(
+    recognition: Recognition, seconds: float, memo: MemoCounts | None = None
+) -> RecognitionOut:
+    """The recognition as `palpate/recognition@1`; `seconds` is what it took."""
+    return RecognitionOut(
+        verdict=RecognitionVerdict(recognition.verdict.value),
+        hypotheses=tuple(hypothesis_out(item) for item in recognition.hypotheses),
+        statistics=StatisticsOut(
+            levels=tuple(
+                LevelOut(
+                    level=level.level,
+                    candidates=level.candidates,
+                    after_distance=level.after_distance,
+                    after_angle=level.after_angle,
+                )
+                for level in recognition.levels
+            ),
+            model_tests=sum(level.after_distance for level in recognition.levels[1:]),
+            seconds=seconds,
+            memo=memo and MemoOut(distance_first=memo.distance_first, angle_first=memo.angle_first),
+        ),
+    )
+
+
+def contacts_json(grips: Sequence[Sequence[Contact]]) -> dict[str, object]:
+    """Contacts as `palpate/contacts@1`, for `palpate recognize`."""
+    return {
+        "format": "palpate/contacts@1",
+        "units": "mm, rad",
+        "grips": [{"contacts": [_contact(contact) for contact in grip]} for grip in grips],
+    }
+
+
+def recognition_picture(recognition: Recognition, title: str) -> str:
+    """SVG of a recognition without a rig."""
+    hypotheses = recognition.hypotheses
+    return picture.draw(
+        picture.Picture(
+            title=title,
+            subtitle=(_verdict_line(recognition),),
+            found=rings_at(hypotheses[0]) if hypotheses else (),
+            pose=pose_of(hypotheses[0]) if hypotheses else None,
+            others=tuple(still_possible(item) for item in hypotheses[1:]),
+            touches=tuple(touch_of(1, contact) for contact in recognition.contacts),
+        )
+    )
+
+
+def hypothesis_out(item: Hypothesis) -> HypothesisOut:
+    """One hypothesis as a JSON value."""
+    return HypothesisOut(
+        object=item.state.object_name,
+        state=item.state.state.name,
+        configuration=configuration_out(item.configuration),
+        bounds=bounds_out(item.bounds),
+        weight=item.weight,
+        verified=item.verified,
+        symmetry_order=item.state.symmetry_order,
+        interpretations=tuple(
+            InterpretationOut(
+                edges=tuple(None if k is None else _edge(k) for k in row),
+                features=tuple(None if k is None else _feature(k) for k in row),
+            )
+            for row in item.features
+        ),
+        spurious=item.spurious,
+        slide=item.slide and SlideOut(direction=item.slide.direction_rad, extent=item.slide.extent_mm),
+    )
+
+
+def _edge(feature: int) -> int:
+    """The edge that a feature belongs to; an arc about a vertex, to the edge that begins there."""
+    return feature if feature >= 0 else -1 - feature
+
+
+def _feature(feature: int) -> str:
+    return f"edge {feature}" if feature >= 0 else f"vertex {_edge(feature)}"
+
+
+def _contact(contact: Contact) -> dict[str, object]:
+    approach: dict[str, object] = {"direction": contact.direction_rad, "start": list(contact.start_mm)}
+    entry: dict[str, object] = {
+        "finger": contact.name,
+        "touched": contact.touched,
+        "height": contact.finger.height_mm,
+        "tip_radius": contact.finger.tip_radius_mm,
+        "position_bound": contact.position_bound_mm,
+    }
+    if contact.path_bound_mm is not None:
+        entry["path_bound"] = contact.path_bound_mm
+    if contact.touched:
+        entry["centre"] = list(contact.end_mm)
+        if contact.normal is not None:
+            entry["normal"] = [contact.normal.lo_rad, contact.normal.hi_rad]
+    else:
+        approach["end"] = list(contact.end_mm)
+    return entry | {"approach": approach}
+
+
+def _verdict_line(recognition: Recognition) -> str:
+    touched = sum(contact.touched for contact in recognition.contacts)
+    return f"{recognition.verdict.value}: {len(recognition.hypotheses)} hypotheses after {touched} contacts"
+
+
+def pose_of(item: Hypothesis) -> picture.Pose:
+    """A hypothesis's configuration with its bounds, for a picture."""
+    at, bounds = item.configuration, item.bounds
+    return picture.Pose((at.x_mm, *bounds.x_mm), (at.y_mm, *bounds.y_mm), (at.theta_rad, *bounds.theta_rad))
+
+
+def still_possible(item: Hypothesis) -> picture.OtherHypothesis:
+    """A hypothesis beside the first one, for a picture."""
+    return picture.OtherHypothesis(
+        item.state.object_name, f"still possible, {100 * item.weight:.0f} %", rings_at(item)
+    )
+
+
+def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
+    """Outlines of the lowest section, in W, at the hypothesis's configuration."""
+    at = item.configuration
+    turn = np.array(
+        [[math.cos(at.theta_rad), -math.sin(at.theta_rad)], [math.sin(at.theta_rad), math.cos(at.theta_rad)]]
+    )
+    return tuple(ring @ turn.T + [at.x_mm, at.y_mm] for ring in _lowest_rings(item.state.state))
+
+
+def _lowest_rings(state: State) -> list[Floats]:
+    section = min(state.sections, key=lambda part: part.z_lo_mm)
+    return [ring for polygon in section.polygons for ring in (polygon.outer, *polygon.holes)]
+
+
+def touch_of(grip: int, contact: Contact) -> picture.Touch:
+    """A contact or a miss of a grip, counted from 1, for a picture."""
+    normal = contact.normal
+    return picture.Touch(
+        contact.name,
+        grip,
+        contact.start_mm,
+        contact.end_mm,
+        contact.finger.tip_radius_mm,
+        contact.touched,
+        None if normal is None else (normal.lo_rad, normal.hi_rad),
+    )

@@ -1,0 +1,296 @@
+"""The drawing itself, left of the panel: outlines, approaches and contacts in W, y upwards, in one scale.
+
+Called by `picture.draw`. Things are drawn first and labelled last, where the labels cover nothing.
+"""
+
+import math
+
+import numpy as np
+
+from palpate.views.label_placement import LabelPlacer, enclosed
+from palpate.views.scene.approaches import approach_labels, draw_approach
+from palpate.views.scene.frame import View, grid, scale_bar, ticks
+from palpate.views.scene.marks import badge, draw_base, last_shown, leader, sector
+from palpate.views.scene.style import (
+    AXIS,
+    CARD,
+    DASHES,
+    FOUND,
+    FOUND_FILL,
+    LABEL,
+    LINE,
+    MISS,
+    MOST_OTHERS,
+    PAPER,
+    RULE,
+    THICK,
+    THIN,
+    TIP,
+    TIP_FILL,
+    TRUTH,
+)
+from palpate.views.scene.values import Picture, Pose, Touch
+from palpate.views.svg import Floats, element, escape, number, path_data, shorten, text, text_width
+
+__all__ = ["draw_view"]
+
+_WEDGE = 30.0
+_AXIS = 44.0
+_SAME_MM = 0.3
+_FEW = 4  # hypotheses whose outlines are filled
+_INSIDE = 0.12  # weight of the found object's inside: a label may lie there, but rather not
+
+
+def draw_view(picture: Picture, view: View, clip: str) -> str:
+    """The drawing with its frame, ticks and scale bar. `clip`: an id of its own for the clipping path."""
+    placer = LabelPlacer(view.frame)
+    frame = {"x": view.left, "y": view.top, "width": view.width, "height": view.height}
+    drawn = [
+        grid(view),
+        _workspace(picture, view),
+        _others(picture, view, placer),
+        _found(picture, view, placer),
+        _axes(view, placer),
+        *(_approach(touch, view, placer) for touch in picture.touches),
+        *(_tip(touch, view, placer) for touch in picture.touches),
+        *(draw_approach(picture, item, view, placer) for item in picture.approaches),
+    ]
+    labels = [_other_badges(picture, view, placer), _axis_letters(view, placer)]
+    labels += [approach_labels(picture, item, view, placer) for item in picture.approaches]
+    labels += [_touch_label(touch, view, placer) for touch in picture.touches]
+    bases = [draw_base(base, view, placer) for base in picture.bases]
+    return "".join(
+        [
+            element("clipPath", element("rect", **frame), id=clip),
+            element("rect", **frame, fill=CARD),
+            element("g", *drawn, clip_path=f"url(#{clip})", stroke_linejoin="round"),
+            element("rect", **frame, fill="none", stroke=RULE, stroke_width=THIN),
+            *bases,
+            *labels,
+            ticks(view),
+            scale_bar(view),
+        ]
+    )
+
+
+def _workspace(picture: Picture, view: View) -> str:
+    if picture.workspace_radius_mm is None:
+        return ""
+    x, y = view.at((0.0, 0.0))
+    radius = picture.workspace_radius_mm * view.scale
+    return element(
+        "circle",
+        cx=x,
+        cy=y,
+        r=radius,
+        fill="none",
+        stroke=RULE,
+        stroke_width=LINE,
+        stroke_dasharray="1 4",
+        stroke_linecap="round",
+    )
+
+
+def _others(picture: Picture, view: View, placer: LabelPlacer) -> str:
+    shown = []
+    few = bool(picture.approaches) and len(picture.others) <= _FEW
+    for index, other in enumerate(picture.others[:MOST_OTHERS]):
+        rings = [view.to_page(ring) for ring in other.rings]
+        for ring in rings:
+            placer.add_ring(ring, 0.7)
+        shown.append(
+            element(
+                "path",
+                element("title", escape(f"{other.label}: {other.reason}")),
+                d=path_data(rings),
+                fill=picture.colour(index) if few else "none",
+                fill_opacity=0.04 if few else None,
+                fill_rule="evenodd" if few else None,
+                stroke=picture.colour(index),
+                stroke_width=LINE if picture.approaches else THIN,
+                stroke_opacity=(0.75 if few else 0.45) if picture.approaches else None,
+                stroke_dasharray=_dash(picture, index),
+            )
+        )
+    return "".join(shown)
+
+
+def _dash(picture: Picture, index: int) -> str | None:
+    """Of a plan's hypotheses only those are dashed that lie on another one, so that both show."""
+    if not picture.approaches:
+        return DASHES[index % len(DASHES)]
+    own = np.vstack(picture.others[index].rings)
+    for other in picture.others[:index]:
+        rings = np.vstack(other.rings)
+        if rings.shape == own.shape and np.abs(rings - own).max() < _SAME_MM:
+            return "8 8"
+    return None
+
+
+def _found(picture: Picture, view: View, placer: LabelPlacer) -> str:
+    shown = []
+    if picture.found:
+        rings = [view.to_page(ring) for ring in picture.found]
+        for ring in rings:
+            placer.add_ring(ring, 3.0)
+        placer.add_inside(rings, _INSIDE)
+        shown.append(
+            element(
+                "path",
+                d=path_data(rings),
+                fill=FOUND_FILL,
+                fill_opacity=0.85,
+                fill_rule="evenodd",
+                stroke=FOUND,
+                stroke_width=THICK,
+            )
+        )
+    if picture.truth:
+        rings = [view.to_page(ring) for ring in picture.truth]
+        for ring in rings:
+            placer.add_ring(ring, 3.0)
+        shown.append(element("path", d=path_data(rings), fill="none", stroke=TRUTH, stroke_width=LINE))
+    if picture.pose is not None:
+        shown.append(_pose_mark(picture.pose, view, placer))
+    return "".join(shown)
+
+
+def _pose_mark(pose: Pose, view: View, placer: LabelPlacer) -> str:
+    """The origin of the object's frame with its own x axis."""
+    at = view.at((pose.x_mm[0], pose.y_mm[0]))
+    tip = at + 22 * np.array([math.cos(pose.theta_rad[0]), -math.sin(pose.theta_rad[0])])
+    placer.add_line(np.array([at, tip]), 2.0)
+    placer.add_disc(at, 4.0, 2.0)
+    line = element("line", x1=at[0], y1=at[1], x2=tip[0], y2=tip[1], stroke=FOUND, stroke_width=THICK)
+    dot = element("circle", cx=at[0], cy=at[1], r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+    return line + dot
+
+
+def _axes(view: View, placer: LabelPlacer) -> str:
+    if not view.holds((0.0, 0.0)):
+        return ""
+    x, y = view.at((0.0, 0.0)).tolist()
+    placer.add_line(np.array([[x, y - _AXIS], [x, y], [x + _AXIS, y]]), 1.5)
+    lines = f"M{number(x)},{number(y - _AXIS)}V{number(y)}H{number(x + _AXIS)}"
+    heads = f"M{number(x - 3.5)},{number(y - _AXIS + 7)}l3.5,-7l3.5,7"
+    heads += f"M{number(x + _AXIS - 7)},{number(y - 3.5)}l7,3.5l-7,3.5"
+    return element("path", d=lines + heads, stroke=AXIS, stroke_width=LINE, fill="none")
+
+
+def _axis_letters(view: View, placer: LabelPlacer) -> str:
+    if not view.holds((0.0, 0.0)):
+        return ""
+    origin = view.at((0.0, 0.0))
+    shown = []
+    for letter, offset, towards in (("x", (_AXIS, 0.0), 0.0), ("y", (0.0, -_AXIS), math.pi / 2)):
+        box = placer.place(origin + np.array(offset), 9.0, 12.0, clear=3.0, towards=towards)
+        shown.append(text(letter, box.x, box.y + 4, fill=AXIS, anchor="middle", weight="bold", size=12))
+    return "".join(shown)
+
+
+def _approach(touch: Touch, view: View, placer: LabelPlacer) -> str:
+    """The way of the tip's centre; what a miss has swept is shaded."""
+    start, end = view.at(touch.start_mm), view.at(touch.end_mm)
+    placer.add_line(np.array([start, end]), 1.0)
+    ends = {"x1": start[0], "y1": start[1], "x2": end[0], "y2": end[1]}
+    begin = element("circle", cx=start[0], cy=start[1], r=2.2, fill=TIP if touch.touched else MISS)
+    if touch.touched:
+        return element("line", **ends, stroke=TIP, stroke_width=LINE) + begin
+    swept = element(
+        "line",
+        **ends,
+        stroke=MISS,
+        stroke_opacity=0.12,
+        stroke_width=2 * touch.tip_radius_mm * view.scale,
+        stroke_linecap="round",
+    )
+    return swept + element("line", **ends, stroke=MISS, stroke_width=LINE, stroke_dasharray="6 4") + begin
+
+
+def _tip(touch: Touch, view: View, placer: LabelPlacer) -> str:
+    centre, radius = view.at(touch.end_mm), touch.tip_radius_mm * view.scale
+    x, y = centre.tolist()
+    placer.add_disc(centre, max(radius, 4.0) + 2, 2.0)
+    if not touch.touched:
+        cross = f"M{number(x - 4)},{number(y - 4)}l8,8m0,-8l-8,8"
+        return element(
+            "circle",
+            cx=x,
+            cy=y,
+            r=radius,
+            fill="none",
+            stroke=MISS,
+            stroke_width=LINE,
+            stroke_dasharray="3 3",
+        ) + element("path", d=cross, stroke=MISS, stroke_width=LINE, fill="none")
+    shown = [element("circle", cx=x, cy=y, r=radius, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
+    if touch.normal_rad is not None:
+        lo, hi = touch.normal_rad
+        reach = max(_WEDGE, radius + 20)
+        wedge = sector(centre, reach, lo, hi)
+        shown.append(
+            element(
+                "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
+            )
+        )
+        for angle in np.linspace(lo, hi, 5):
+            placer.add_line(
+                np.array([centre, centre + reach * np.array([math.cos(angle), -math.sin(angle)])]), 2.0
+            )
+    shown.append(element("circle", cx=x, cy=y, r=2.6, fill=TIP))
+    return "".join(shown)
+
+
+def _touch_label(touch: Touch, view: View, placer: LabelPlacer) -> str:
+    content = f"{shorten(touch.finger, LABEL, 90, bold=True)} · {touch.grip}"
+    width = text_width(content, LABEL, bold=True)
+    end, start = view.at(touch.end_mm), view.at(touch.start_mm)
+    back = math.atan2(end[1] - start[1], start[0] - end[0])
+    shown = last_shown(start, end, view)
+    if shown is None:
+        return ""
+    end = shown
+    clear = max(touch.tip_radius_mm * view.scale, 5.0) + 4
+    box = placer.place(end, width + 4, 15.0, clear=clear, towards=back + math.pi / 2)
+    verb = "touched" if touch.touched else "missed"
+    colour = TIP if touch.touched else MISS
+    return element(
+        "g",
+        element("title", escape(f"finger {touch.finger}, grip {touch.grip}: {verb}")),
+        leader(end, box, clear, colour),
+        text(content, box.x, box.y + 4, size=LABEL, fill=colour, anchor="middle", weight="bold"),
+    )
+
+
+def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
+    """A badge beside every dashed outline, where it is farthest from all that is drawn."""
+    shown = []
+    frame = view.frame
+    middle = np.array([frame.x, frame.y])
+    rivals = [view.to_page(ring) for ring in (*picture.found, *picture.truth)]
+    drawn = [
+        np.vstack([view.to_page(ring) for ring in other.rings]) for other in picture.others[:MOST_OTHERS]
+    ]
+    for index, own in enumerate(drawn):
+        inside = np.all(np.abs(own - middle) < np.array([frame.width, frame.height]) / 2 - 12, axis=1)
+        points = own[inside] if inside.any() else own
+        if picture.found:
+            open_points = points[~enclosed(points, rivals[: len(picture.found)])]
+            points = open_points if len(open_points) else points
+        points = _thinned(points, 200)
+        crowd = _thinned(np.vstack([*rivals, *drawn[:index], *drawn[index + 1 :], middle[None]]), 3000)
+        apart = np.hypot(*(points[:, None] - crowd).transpose(2, 0, 1)).min(axis=1)
+        anchor = points[int(np.argmax(apart))]
+        outward = math.atan2(middle[1] - anchor[1], anchor[0] - middle[0])
+        box = placer.place(anchor, 17.0, 17.0, clear=1.0, towards=outward)
+        shown.append(
+            leader(anchor, box, 4.0, picture.colour(index))
+            + badge(index, picture.colour(index), box.x, box.y)
+        )
+    return "".join(shown)
+
+
+def _thinned(points: Floats, most: int) -> Floats:
+    """At most `most` of the points (n, 2), evenly picked."""
+    result: Floats = points[:: -(-len(points) // most)]
+    return result

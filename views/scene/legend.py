@@ -1,0 +1,180 @@
+"""The legend: what the marks of the picture mean. Part of the panel."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from palpate.views.scene.frame import View
+from palpate.views.scene.marks import arrow_head, end_cross, heading, sector, shows_base
+from palpate.views.scene.style import (
+    AXIS,
+    FOUND,
+    FOUND_FILL,
+    HUES,
+    INK,
+    LINE,
+    MISS,
+    MUTED,
+    PAPER,
+    THICK,
+    THIN,
+    TIP,
+    TIP_FILL,
+    TRUTH,
+    Column,
+)
+from palpate.views.scene.values import Picture
+from palpate.views.svg import element, number, path_data, shorten, text, text_width
+
+__all__ = ["legend"]
+
+_ROW = 20.0
+
+
+def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
+    """What the marks in the drawing mean; only those that are there."""
+    planned = bool(picture.approaches)
+    foretold = [item for approach in picture.approaches for item in approach.foretold]
+    other = "other " if picture.found else ""
+    touched = [touch for touch in picture.touches if touch.touched]
+    entries: list[tuple[bool, Callable[[float, float], str], str]] = [
+        (bool(picture.found), _found_key, "object found"),
+        (picture.pose is not None, _pose_key, "its frame: origin and x axis"),
+        (bool(picture.truth), _truth_key, "where it really is (emulated)"),
+        (bool(picture.others) and not planned, _other_key, f"{other}hypothesis, by letter"),
+        (planned, _hypothesis_key, "hypothesis, by letter and colour"),
+        (planned, _approach_key, "approach of the next grip"),
+        (any(item.stop_mm for item in foretold), _stop_key, "where a hypothesis foretells the stop"),
+        (any(item.may_miss for item in foretold), _end_key, "where it ends if nothing stops it"),
+        (bool(touched), _touch_key, "approach, and the tip in contact"),
+        (any(t.normal_rad for t in touched), _normal_key, "range of the outward normal"),
+        (len(touched) < len(picture.touches), _miss_key, "approach that touched nothing"),
+        (any(not shows_base(b, view) for b in picture.bases), _beyond_key, "finger's base, beyond the frame"),
+        (any(shows_base(b, view) for b in picture.bases), _base_key, "finger's base"),
+        (picture.workspace_radius_mm is not None, _workspace_key, "workspace"),
+    ]
+    shown = [heading("Legend", column, y + 12)]
+    y += 24
+    for wanted, key, meaning in entries:
+        if wanted:
+            y += _ROW
+            shown.append(key(column.left + 20, y - 4.5) + text(meaning, column.left + 50, y, size=12.5))
+    if picture.touches:
+        y += _ROW
+        first = picture.touches[0]
+        sample = f"{shorten(first.finger, 12, 70, bold=True)} · {first.grip}"
+        width = text_width(sample, 12, bold=True)
+        shown.append(
+            text(sample, column.left, y, size=12, fill=TIP if first.touched else MISS, weight="bold")
+        )
+        shown.append(text("finger and number of the grip", column.left + max(50.0, width + 10), y, size=12.5))
+    return "".join(shown), y + 6
+
+
+def _line_key(x: float, y: float, colour: str, width: float, dash: str | None = None) -> str:
+    return element(
+        "line", x1=x - 16, y1=y, x2=x + 16, y2=y, stroke=colour, stroke_width=width, stroke_dasharray=dash
+    )
+
+
+def _found_key(x: float, y: float) -> str:
+    return element(
+        "rect", x=x - 16, y=y - 6, width=32.0, height=12.0, fill=FOUND_FILL, stroke=FOUND, stroke_width=THICK
+    )
+
+
+def _pose_key(x: float, y: float) -> str:
+    line = element("line", x1=x - 8, y1=y, x2=x + 14, y2=y, stroke=FOUND, stroke_width=THICK)
+    return line + element("circle", cx=x - 8, cy=y, r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+
+
+def _truth_key(x: float, y: float) -> str:
+    return _line_key(x, y, TRUTH, LINE)
+
+
+def _other_key(x: float, y: float) -> str:
+    return _line_key(x, y, MUTED, THIN, "5 3")
+
+
+def _hypothesis_key(x: float, y: float) -> str:
+    lines = [
+        element("line", x1=x - 16, y1=at, x2=x + 16, y2=at, stroke=hue, stroke_width=LINE, stroke_opacity=0.7)
+        for at, hue in ((y - 4, HUES[0]), (y, HUES[1]), (y + 4, HUES[2]))
+    ]
+    return "".join(lines)
+
+
+def _approach_key(x: float, y: float) -> str:
+    return _line_key(x, y, INK, LINE) + arrow_head(np.array([x + 8, y]), np.array([1.0, 0.0]))
+
+
+def _stop_key(x: float, y: float) -> str:
+    ends = [
+        element("circle", cx=at, cy=y, r=7.0, fill="none", stroke=HUES[0], stroke_width=THIN)
+        for at in (x - 8, x + 8)
+    ]
+    return "".join(ends) + element("line", x1=x - 8, y1=y, x2=x + 8, y2=y, stroke=HUES[0], stroke_width=4.5)
+
+
+def _end_key(x: float, y: float) -> str:
+    return _line_key(x - 6, y, INK, LINE, "2 4") + end_cross(np.array([x + 10, y]))
+
+
+def _touch_key(x: float, y: float) -> str:
+    line = element("line", x1=x - 16, y1=y, x2=x + 8, y2=y, stroke=TIP, stroke_width=LINE)
+    tip = element("circle", cx=x + 9, cy=y, r=7.0, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)
+    start = element("circle", cx=x - 16, cy=y, r=2.2, fill=TIP)
+    return line + start + tip + element("circle", cx=x + 9, cy=y, r=2.6, fill=TIP)
+
+
+def _normal_key(x: float, y: float) -> str:
+    wedge = sector(np.array([x + 14, y]), 28.0, math.pi - 0.25, math.pi + 0.25)
+    return element(
+        "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
+    )
+
+
+def _miss_key(x: float, y: float) -> str:
+    swept = element(
+        "line",
+        x1=x - 10,
+        y1=y,
+        x2=x + 10,
+        y2=y,
+        stroke=MISS,
+        stroke_opacity=0.12,
+        stroke_width=13.0,
+        stroke_linecap="round",
+    )
+    cross = element(
+        "path",
+        d=f"M{number(x + 6)},{number(y - 4)}l8,8m0,-8l-8,8",
+        stroke=MISS,
+        stroke_width=LINE,
+        fill="none",
+    )
+    return swept + _line_key(x, y, MISS, LINE, "6 4") + cross
+
+
+def _beyond_key(x: float, y: float) -> str:
+    head = np.array([[x + 8, y], [x - 8, y - 6], [x - 4, y], [x - 8, y + 6]])
+    return element("path", d=path_data([head]), fill=INK)
+
+
+def _base_key(x: float, y: float) -> str:
+    return element("rect", x=x - 5, y=y - 5, width=10.0, height=10.0, fill=INK)
+
+
+def _workspace_key(x: float, y: float) -> str:
+    return element(
+        "line",
+        x1=x - 16,
+        y1=y,
+        x2=x + 16,
+        y2=y,
+        stroke=AXIS,
+        stroke_width=LINE,
+        stroke_dasharray="1 4",
+        stroke_linecap="round",
+    )

@@ -1,0 +1,122 @@
+"""What a picture of a recognition shows, as plain values in W; mm and rad.
+
+From a session's end to `picture.draw`. Nothing here knows of fingers, files or the recogniser, so that a
+picture can be drawn from a live session, from a log and from a recognition without a rig alike.
+"""
+
+import math
+from dataclasses import dataclass
+
+from palpate.views.scene.style import BADGES, HUES
+from palpate.views.svg import Floats
+
+__all__ = ["FingerBase", "Foretold", "OtherHypothesis", "Picture", "PlannedApproach", "Pose", "Touch"]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A configuration with its certified bounds, each as (value, lo, hi)."""
+
+    x_mm: tuple[float, float, float]
+    y_mm: tuple[float, float, float]
+    theta_rad: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class OtherHypothesis:
+    """A hypothesis that is not the answer: `rings`, each (n, 2) mm in W, and why it is not or not yet.
+
+    `reason` is a few words, such as "ruled out by grip 2" or "still possible, 12 %".
+    """
+
+    label: str
+    reason: str
+    rings: tuple[Floats, ...]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One approach of one finger: the tip's centre went from `start_mm` to `end_mm`, touching or missing.
+
+    `normal_rad`: the object's outward normals that the contact allows, counter-clockwise from lo to hi.
+    """
+
+    finger: str
+    grip: int
+    start_mm: tuple[float, float]
+    end_mm: tuple[float, float]
+    tip_radius_mm: float
+    touched: bool
+    normal_rad: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class FingerBase:
+    """Where a finger stands."""
+
+    name: str
+    at_mm: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Foretold:
+    """What an approach meets if a hypothesis is true: a stop after a travel of `stop_mm` (lo, hi), or a miss.
+
+    `stop_mm` is None if nothing can stop it. `words` say the same, a line each.
+    """
+
+    stop_mm: tuple[float, float] | None
+    may_miss: bool
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class PlannedApproach:
+    """A path that a tip's centre is to take, and what each of the picture's `others` foretells of it."""
+
+    finger: str
+    start_mm: tuple[float, float]
+    direction_rad: float
+    travel_mm: float
+    tip_radius_mm: float
+    words: tuple[str, ...]
+    foretold: tuple[Foretold, ...]
+
+    def at(self, travel_mm: float) -> tuple[float, float]:
+        """Where the tip's centre is after a travel, W."""
+        x, y = self.start_mm
+        return (
+            x + travel_mm * math.cos(self.direction_rad),
+            y + travel_mm * math.sin(self.direction_rad),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Everything that is drawn; whatever is empty or None is left out, legend entry included.
+
+    `found`, `truth`: rings (n, 2) mm in W, holes among them, in either direction. `workspace_radius_mm`:
+    circle about W's origin. `facts`: rows of name and value for the panel, such as ("touches", "5").
+    `approaches`: the next grip; then `others` are the hypotheses that it is to tell apart.
+    """
+
+    title: str
+    subtitle: tuple[str, ...] = ()
+    found: tuple[Floats, ...] = ()
+    pose: Pose | None = None
+    truth: tuple[Floats, ...] = ()
+    others: tuple[OtherHypothesis, ...] = ()
+    touches: tuple[Touch, ...] = ()
+    bases: tuple[FingerBase, ...] = ()
+    workspace_radius_mm: float | None = None
+    facts: tuple[tuple[str, str], ...] = ()
+    approaches: tuple[PlannedApproach, ...] = ()
+
+    @property
+    def colours(self) -> tuple[str, ...]:
+        """Colours of the other hypotheses, in turn: one for each where their predictions are drawn too."""
+        return HUES if self.approaches else BADGES
+
+    def colour(self, index: int) -> str:
+        """Colour of one of `others`."""
+        return self.colours[index % len(self.colours)]
