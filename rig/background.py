@@ -13,12 +13,12 @@ from typing import Generic, Self, TypeVar
 
 from palpate.errors import OutputError, PalpateError
 
-__all__ = ["Background", "BackgroundCall", "failed"]
+__all__ = ["CAPACITY", "Background", "BackgroundCall", "failed"]
 
 _T = TypeVar("_T")
 
 _EVERY_S = 0.05  # between two looks at the queue: a kill loses no more
-_CAPACITY = 50_000  # items: half a minute of a rig's traffic, some 20 MB
+CAPACITY = 50_000  # items: half a minute of a rig's traffic, some 20 MB
 _CALLS = 1_000
 _PATIENCE_S = 2.0
 
@@ -26,13 +26,14 @@ _PATIENCE_S = 2.0
 class Background(Generic[_T]):
     """Hands what `put` is given to `consume`, in order and in batches, on a thread of its own.
 
-    After the first failure of `consume`, or while `capacity` items wait, items are dropped and counted.
+    What reaches `consume` is a whole beginning: after its first failure, or once `capacity` items waited,
+    all further items are dropped and counted.
     """
 
     def __init__(
         self,
         consume: Callable[[Sequence[_T]], None],
-        capacity: int = _CAPACITY,
+        capacity: int = CAPACITY,
         finish: Callable[[], None] = lambda: None,
     ) -> None:
         """The thread begins with the first item; it does not keep the process alive. `finish` ends it."""
@@ -46,7 +47,7 @@ class Background(Generic[_T]):
 
     def put(self, item: _T) -> None:
         """Give it something to do; neither waits nor raises."""
-        if self.failure is not None or self._queue.qsize() >= self._capacity:
+        if self.failure is not None or self.dropped or self._queue.qsize() >= self._capacity:
             self.dropped += 1
             return
         try:
@@ -64,12 +65,13 @@ class Background(Generic[_T]):
         return 0.0 if since is None else time.monotonic() - since
 
     def close(self, patience_s: float) -> bool:
-        """Wait until everything is done, or for `patience_s`; whether everything was."""
+        """Wait until everything is done, or for `patience_s`; whether every item was consumed."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join(patience_s)
-            return not self._thread.is_alive() and self.failure is None
-        return self.failure is None
+            if self._thread.is_alive():
+                return False
+        return self.failure is None and not self.dropped
 
     def _run(self) -> None:
         try:

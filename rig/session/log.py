@@ -19,7 +19,7 @@ from typing import Self
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.recording import Direction
 from palpate.errors import InputError, OutputError
-from palpate.rig.background import Background
+from palpate.rig.background import CAPACITY, Background
 from palpate.rig.session.error_values import values_of
 from palpate.rig.session.events import SessionEvents, plain
 
@@ -27,6 +27,7 @@ __all__ = ["LOG_NAME", "SessionLog", "check_sum", "session_folder"]
 
 LOG_NAME = "session.jsonl"
 _STALLED_S = 5.0
+_ENDED = "the run was ended, torque off"
 
 
 def session_folder(root: Path, name: str) -> Path:
@@ -64,18 +65,19 @@ class SessionLog(SessionEvents):
         header: Mapping[str, object],
         *,
         stalled_s: float = _STALLED_S,
+        capacity: int = CAPACITY,
     ) -> None:
         """Start the log of a session in `folder` with a header line.
 
-        A disk that takes nothing for `stalled_s`, in real time, counts as gone. Raises InputError if it
-        cannot be written, or if another process is writing it now.
+        A disk that takes nothing for `stalled_s`, in real time, or lets more than `capacity` lines wait,
+        counts as gone. Raises InputError if the log cannot be written, or another process is writing it now.
         """
         self.path = folder / LOG_NAME
         self._clock = clock
         self._calls: list[str] = []
         self._sum = 0
         self._said = False
-        self._stalled_s = stalled_s
+        self._stalled_s, self._capacity = stalled_s, capacity
         try:
             self._file = self.path.open("a", encoding="utf-8")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -84,7 +86,7 @@ class SessionLog(SessionEvents):
             raise InputError(f"{self.path} is being written by another palpate; choose --sessions") from error
         except OSError as error:
             raise InputError(f"{self.path} cannot be written: {error.strerror}; choose --sessions") from error
-        self._lines: Background[_Line] = Background(self._write, finish=self._file.close)
+        self._lines: Background[_Line] = Background(self._write, capacity, self._file.close)
         self.event("session", format="palpate/session@1", **header)
 
     def __enter__(self) -> Self:
@@ -99,15 +101,15 @@ class SessionLog(SessionEvents):
         if whole or self._said:
             return
         if error is None:
-            raise self._error()
-        error.add_note(str(self._error()))
+            raise self._error("the run was complete")
+        error.add_note(str(self._error(_ENDED)))
 
     def check(self) -> None:
         """Raise OutputError, once, if the log cannot be written any more: the run should end in order."""
         stalled = self._lines.busy_s > self._stalled_s
         if (self._lines.failure is not None or self._lines.dropped or stalled) and not self._said:
             self._said = True
-            raise self._error()
+            raise self._error(_ENDED)
 
     def event(self, kind: str, /, **values: object) -> None:
         """Append one event at the rig's present time."""
@@ -145,14 +147,17 @@ class SessionLog(SessionEvents):
             self._file.write(f'{line[:-1]},"sum":"{self._sum:08x}"}}\n')
         self._file.flush()
 
-    def _error(self) -> OutputError:
+    def _error(self, run: str) -> OutputError:
+        """What is wrong with the log; `run`: what became of the run."""
         failure = self._lines.failure
-        if failure is None:
-            reason = f"the disk has not taken it for {self._stalled_s:g} s"
-        else:
+        if failure is not None:
             reason = failure.strerror if isinstance(failure, OSError) and failure.strerror else repr(failure)
+        elif self._lines.dropped:
+            reason = f"its queue of {self._capacity} lines was full: they came faster than they were written"
+        else:
+            reason = f"the disk has not taken it for {self._stalled_s:g} s"
         return OutputError(
-            f"session log {self.path} cannot be written: {reason}; the run was ended, torque off; "
+            f"session log {self.path} cannot be written: {reason}; {run}; "
             "make room, or choose another disk with --sessions"
         )
 

@@ -42,7 +42,30 @@ def test_a_consumer_that_hangs_delays_nobody_and_what_is_too_much_is_counted() -
     assert background.dropped == 90
     assert not background.close(0.01)
     goes_on.set()
-    assert background.close(10.0)
+    assert not background.close(10.0)
+
+
+def test_nothing_is_consumed_after_the_first_item_that_was_dropped() -> None:
+    goes_on = threading.Event()
+    found: list[int] = []
+
+    def consume(batch: Sequence[int]) -> None:
+        goes_on.wait(30.0)
+        found.extend(batch)
+
+    background: Background[int] = Background(consume, 10)
+    background.put(0)
+    while background.busy_s == 0.0:
+        time.sleep(0.001)
+    for item in range(1, 13):
+        background.put(item)
+    goes_on.set()
+    while len(found) < 11:
+        time.sleep(0.001)
+    background.put(13)
+    assert not background.close(10.0)
+    assert found == list(range(11))
+    assert background.dropped == 3
 
 
 def test_the_first_failure_is_kept_and_nothing_is_told_after_it() -> None:
@@ -152,6 +175,29 @@ def test_a_disk_that_takes_nothing_counts_as_gone(tmp_path: Path) -> None:
     os.close(reader)
     with log:
         pass
+
+
+def test_a_log_whose_queue_was_full_says_so_and_is_a_whole_beginning(tmp_path: Path) -> None:
+    log = SessionLog(tmp_path, VirtualClock(), {"palpate": "0"}, capacity=3)
+    for number in range(100):
+        log.event("stage", grip=number, stage="aiming")
+    time.sleep(0.2)
+    with pytest.raises(OutputError, match=r"queue of 3 lines was full.*the run was ended"):
+        log.check()
+    with log:
+        log.event("stage", grip=100, stage="aiming")
+    events = log_events(tmp_path / "session.jsonl")
+    assert [event.get("grip") for event in events] == [None, *range(len(events) - 1)]
+    assert len(events) < 100
+
+
+def test_lines_dropped_after_the_last_look_are_reported_at_the_end(tmp_path: Path) -> None:
+    log = SessionLog(tmp_path, VirtualClock(), {"palpate": "0"}, capacity=3)
+    for number in range(100):
+        log.event("stage", grip=number, stage="aiming")
+    with pytest.raises(OutputError, match=r"queue of 3 lines was full.*the run was complete"), log:
+        pass
+    assert read_session(tmp_path).end is None
 
 
 def test_lines_are_on_the_disk_a_tenth_of_a_second_later(tmp_path: Path) -> None:
