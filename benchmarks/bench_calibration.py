@@ -30,7 +30,7 @@ import numpy as np
 from scipy.stats import chi2, kstest
 
 from palpate.calibration.agreement import promises_of
-from palpate.calibration.gauge import Place, hand_frame
+from palpate.calibration.gauge import BasePose, hand_frame
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, calibrated, load_objects, load_rig, shipped_objects
 from palpate.config.references_file import load_references
@@ -40,7 +40,7 @@ from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of
 from palpate.rig.commissioning.calibration_hand import connecting
-from palpate.rig.commissioning.run_record_file import FileKeeper
+from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.rig.conversion import models_of
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.answer_error import in_hand_frame
@@ -77,7 +77,7 @@ def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | No
     begin = time.perf_counter()
     world = SimulatedRig(rig, seed)
     connect = world.connect if simulated else connecting(outside(bench), table, print)
-    keeper = Nothing() if records is None else FileKeeper(records / f"{seed}.json")
+    keeper = Nothing() if records is None else RunRecordFile(records / f"{seed}.json")
     try:
         file = calibrate(job, connect, keeper, lambda _: None)
     except PalpateError as error:
@@ -153,8 +153,8 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
     """What was found of each finger less the truth, with what it says of its own errors."""
     assert bench.mock is not None
     fingers = bench.mock.rig.bench.fingers
-    drawn = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in bench.rig.fingers]
-    frame = hand_frame(drawn, [Place(item.truth.base_mm, item.truth.heading_rad) for item in fingers])
+    drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in bench.rig.fingers]
+    frame = hand_frame(drawn, [BasePose(item.truth.base_mm, item.truth.heading_rad) for item in fingers])
     rows = []
     for item, found in zip(fingers, file.fingers, strict=True):
         truth, place, tactile = item.truth, found.place, found.tactile
@@ -162,7 +162,7 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
         assert tactile is not None
         assert found.actuators is not None
         assert found.bounds is not None
-        there = frame.place(Place(truth.base_mm, truth.heading_rad))
+        there = frame.place(BasePose(truth.base_mm, truth.heading_rad))
         off = np.array(
             [
                 place.base_mm[0] - there.base_mm[0],

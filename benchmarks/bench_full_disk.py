@@ -40,7 +40,7 @@ from palpate.errors import OutputError
 from palpate.rig.bench import outside
 from palpate.rig.commissioning.calibration import CalibrationJob, calibrate
 from palpate.rig.commissioning.calibration_hand import connecting
-from palpate.rig.commissioning.run_record_file import FileKeeper
+from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.rig.emulated.reference_table import EmulatedTable
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -134,7 +134,7 @@ def calibrated_here(seed: int, disk: Path) -> bool:
     connect = connecting(outside(session.bench_rig), table, lambda _: None)
     said = "nothing"
     try:
-        calibrate(job, connect, FileKeeper(disk / "record.json"), lambda _: None)
+        calibrate(job, connect, RunRecordFile(disk / "record.json"), lambda _: None)
     except OutputError as error:
         said = str(error)
     on = session.torque()

@@ -9,18 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.finger_fit import FingerModel, Placing
+from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
 from palpate.calibration.finger_model import Homed, finger_model, mm_per_rad_of, touching, zero_in_file_mm
 from palpate.calibration.friction import friction_of
-from palpate.calibration.homing import Described, homed
-from palpate.calibration.measurements import Press, Stop
-from palpate.calibration.play import Play, backlash_of, combined
+from palpate.calibration.homing import SlideDescription, homed
+from palpate.calibration.measurements import PressMeasurement, StopMeasurement
+from palpate.calibration.play import Backlash, backlash_of, combined
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import Found, at_bearing, find
-from palpate.calibration.stopping import Overshoot as OvershootFit
-from palpate.calibration.stopping import overshoot_of
-from palpate.config import Finger
+from palpate.calibration.reference_search import LocatedReference, at_bearing, find
+from palpate.calibration.stopping import StopLatency, overshoot_of
+from palpate.config import SlideFingerConfig
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
     AimCalibration,
@@ -50,7 +49,7 @@ class _Stalls:
 
 def measure_actuators(
     prober: Prober,
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     disc: Reference,
     *,
     touch_speed_mm_s: float,
@@ -67,7 +66,11 @@ def measure_actuators(
     prober.put(disc, (0.0, 0.0))
     models = [finger_model(spec, touching(spec, None, None)) for spec in specs]
     found = find(
-        prober, models, [Placing(disc, (0.0, 0.0))], [], [spec.tip.stiffness_n_per_mm for spec in specs]
+        prober,
+        models,
+        [ReferencePlacement(disc, (0.0, 0.0))],
+        [],
+        [spec.tip.stiffness_n_per_mm for spec in specs],
     )
     presses = _presses(prober, models, found, tell)
     stops = _stops(prober, models, found, touch_speed_mm_s, approach_speed_mm_s, tell)
@@ -90,7 +93,7 @@ def measure_actuators(
     ]
 
 
-def _homed(spec: Finger, stalls: _Stalls | None, play: Play) -> Homed | None:
+def _homed(spec: SlideFingerConfig, stalls: _Stalls | None, play: Backlash) -> Homed | None:
     """What stalls say of a slide, for the prior of its place."""
     if stalls is None or spec.slide.stops_mm is None:
         return None
@@ -100,7 +103,9 @@ def _homed(spec: Finger, stalls: _Stalls | None, play: Play) -> Homed | None:
     return Homed(float(back.mean()), float(front.mean()), sigma, spec.slide.stops_mm, play)
 
 
-def _stalled(prober: Prober, index: int, spec: Finger, tell: Callable[[str], None]) -> _Stalls | None:
+def _stalled(
+    prober: Prober, index: int, spec: SlideFingerConfig, tell: Callable[[str], None]
+) -> _Stalls | None:
     stops = spec.slide.stops_mm
     if stops is None:
         tell(f"{spec.name}: no slide.stops_mm in the rig file, so travel and zero are taken as described")
@@ -112,9 +117,9 @@ def _stalled(prober: Prober, index: int, spec: Finger, tell: Callable[[str], Non
 
 
 def _presses(
-    prober: Prober, models: Sequence[FingerModel], found: Found, tell: Callable[[str], None]
-) -> list[Press]:
-    presses: list[Press] = []
+    prober: Prober, models: Sequence[FingerModel], found: LocatedReference, tell: Callable[[str], None]
+) -> list[PressMeasurement]:
+    presses: list[PressMeasurement] = []
     for number, bearing in enumerate(_BEARINGS_DEG):
         tell(f"press {number + 1} of {len(_BEARINGS_DEG)}")
         contacts = [probe for probe, _ in at_bearing(found, prober, models, math.radians(bearing))]
@@ -125,15 +130,15 @@ def _presses(
 def _stops(
     prober: Prober,
     models: Sequence[FingerModel],
-    found: Found,
+    found: LocatedReference,
     touch_mm_s: float,
     approach_mm_s: float,
     tell: Callable[[str], None],
-) -> list[Stop]:
+) -> list[StopMeasurement]:
     """Stops at three speeds up to the fastest approach, head-on."""
     contacts = [probe for probe, _ in at_bearing(found, prober, models, 0.0)]
     slow = min(2 * touch_mm_s, approach_mm_s)
-    stops: list[Stop] = []
+    stops: list[StopMeasurement] = []
     for speed in dict.fromkeys((slow, (slow + approach_mm_s) / 2, approach_mm_s)):
         tell(f"stopping from {speed:g} mm/s")
         for _ in range(_REPEATS):
@@ -141,7 +146,7 @@ def _stops(
     return stops
 
 
-def _settle_s(stops: Sequence[Stop], mm_per_rad: float) -> float:
+def _settle_s(stops: Sequence[StopMeasurement], mm_per_rad: float) -> float:
     """The longest time from a stop that was sent to standing still, from the slowest speed, with some room.
 
     It is for touches, which are slower still; from higher speeds a slide takes longer to brake.
@@ -155,7 +160,7 @@ def _settle_s(stops: Sequence[Stop], mm_per_rad: float) -> float:
     return _WORST * max(ran_on, default=0.0)
 
 
-def _aim_turns(spec: Finger, found: Found) -> bool:
+def _aim_turns(spec: SlideFingerConfig, found: LocatedReference) -> bool:
     """Whether contacts wander round the tip the way they must if the aim turns as described."""
     own = [k for k, item in enumerate(found.touched) if item.finger == spec.name]
     fit = found.fit
@@ -167,10 +172,10 @@ def _aim_turns(spec: Finger, found: Found) -> bool:
 
 
 def _result(
-    spec: Finger,
+    spec: SlideFingerConfig,
     stalls: _Stalls | None,
-    presses: Sequence[Press],
-    overshoot: OvershootFit,
+    presses: Sequence[PressMeasurement],
+    overshoot: StopLatency,
     *,
     settle_s: float,
     aim_turns: bool,
@@ -188,7 +193,7 @@ def _result(
     zero, zero_sigma = spec.slide.zero_mm + per_rad * math.pi, spec.slide.zero_bound_mm / math.sqrt(3)
     if stalls is not None and spec.slide.stops_mm is not None:
         name = f"finger {spec.name}, slide (ID {spec.slide.dxl_id})"
-        described = Described(name, per_rad, spec.slide.mm_per_turn_spread, spec.slide.stops_mm)
+        described = SlideDescription(name, per_rad, spec.slide.mm_per_turn_spread, spec.slide.stops_mm)
         home = homed(described, np.array(stalls.back_rad), np.array(stalls.front_rad), play)
         scale, scale_sigma, zero, zero_sigma = (
             home.mm_per_rad, home.mm_per_rad_sigma, home.zero_mm, home.zero_sigma_mm,

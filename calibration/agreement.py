@@ -14,10 +14,18 @@ from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
 from palpate.config import CalibrationFile
-from palpate.config.calibration_finger import CalibratedFinger
+from palpate.config.calibration_finger import FingerCalibration
 from palpate.drivers.finger import TICK_RAD
 
-__all__ = ["FALSE_ALARMS", "Agreement", "Promise", "Surface", "agreement_of", "covariance_of", "promises_of"]
+__all__ = [
+    "FALSE_ALARMS",
+    "Agreement",
+    "ContactUncertainty",
+    "SurfaceContacts",
+    "agreement_of",
+    "covariance_of",
+    "promises_of",
+]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,7 +38,7 @@ _LEAST_MM = 1e-4  # nothing agrees better
 
 
 @dataclass(frozen=True)
-class Promise:
+class ContactUncertainty:
     """What a finger's contacts are off by, as standard deviations in mm.
 
     `scatter_mm`: each touch by itself, along the surface's normal. `fit_mm`: all touches alike, in an unknown
@@ -46,7 +54,7 @@ class Promise:
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class SurfaceContacts:
     """Where n touches met a surface: finger (n,), the surface's outward normal and the travel (n, 2), in W.
 
     `dent_mm` (n,): by how much the tip's dent may be other than it is taken to be. `tolerance_mm`: how far
@@ -81,7 +89,7 @@ class Agreement:
         return self.chi_square > float(chdtri(self.freedom, FALSE_ALARMS))
 
 
-def promises_of(calibration: CalibrationFile, *, at_rest: bool) -> list[Promise] | None:
+def promises_of(calibration: CalibrationFile, *, at_rest: bool) -> list[ContactUncertainty] | None:
     """What a calibration promises of every finger; None if it does not bound the contacts of all.
 
     `at_rest`: touches were measured with slides at rest, anywhere in an encoder step; else on the move, as
@@ -97,8 +105,8 @@ def promises_of(calibration: CalibrationFile, *, at_rest: bool) -> list[Promise]
 
 
 def _promise(
-    finger: CalibratedFinger, scatter_mm: float, coverage: float, *, at_rest: bool
-) -> Promise | None:
+    finger: FingerCalibration, scatter_mm: float, coverage: float, *, at_rest: bool
+) -> ContactUncertainty | None:
     # The way back from bounds to deviations that `placed.bounds_of` went. Overshoot is left out: that of slow
     # touches is in what they differ by. Slides rest at the same end of a step time and again, so half a step
     # is not divided by anything. Play may be taken up anywhere.
@@ -108,7 +116,7 @@ def _promise(
     along_mm = abs(finger.place.mm_per_turn) * TICK_RAD / (4 * math.pi)
     aim_mm = math.sqrt(max(parts.quantisation**2 - along_mm**2, 0.0))
     play_mm = parts.play / math.sqrt(3)
-    return Promise(
+    return ContactUncertainty(
         scatter_mm=max(scatter_mm, _LEAST_MM),
         fit_mm=parts.fit / math.sqrt(float(chdtri(2, 1 - coverage))),
         along_mm=along_mm if at_rest else 0.0,
@@ -117,7 +125,7 @@ def _promise(
     )
 
 
-def covariance_of(surface: Surface, promises: Sequence[Promise]) -> Floats:
+def covariance_of(surface: SurfaceContacts, promises: Sequence[ContactUncertainty]) -> Floats:
     """Covariance (n, n) of the distances of touches from the surface, mm²; `promises`: of every finger."""
     scatter, fit, along, across, sigmas = np.array(
         [(item.scatter_mm, item.fit_mm, item.along_mm, item.across_mm, item.sigmas) for item in promises]

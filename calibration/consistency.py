@@ -17,13 +17,13 @@ from palpate.calibration.finger_fit import (
     ZERO,
     FingerModel,
     Fit,
-    Placing,
+    ReferencePlacement,
     Touches,
     predicted,
 )
-from palpate.calibration.gauge import Place, hand_frame
-from palpate.calibration.measurements import Touched
-from palpate.config import Finger
+from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.measurements import TouchMeasurement
+from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
@@ -40,7 +40,10 @@ _SURE = 4.5  # standard deviations of a reference's size
 
 
 def check_still(
-    first: Sequence[Touched], again: Sequence[Touched], models: Sequence[FingerModel], placing: Placing
+    first: Sequence[TouchMeasurement],
+    again: Sequence[TouchMeasurement],
+    models: Sequence[FingerModel],
+    placing: ReferencePlacement,
 ) -> None:
     """Compare touches with the same ones made later; InputError if the reference has moved between them."""
     model = {item.name: item for item in models}
@@ -64,7 +67,7 @@ def check_still(
             )
 
 
-def _sideways_mm(model: FingerModel, item: Touched, other: Touched) -> float:
+def _sideways_mm(model: FingerModel, item: TouchMeasurement, other: TouchMeasurement) -> float:
     """How much further an oblique touch may be if the aim has come to it from the other side.
 
     It stands a few encoder steps elsewhere then, which is seen, and on the other flank of its play.
@@ -76,9 +79,9 @@ def _sideways_mm(model: FingerModel, item: Touched, other: Touched) -> float:
 
 
 def check_fit(
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
+    placings: Sequence[ReferencePlacement],
     touches: Touches,
     fit: Fit,
 ) -> None:
@@ -108,7 +111,11 @@ def check_fit(
 
 
 def growth_mm(
-    models: Sequence[FingerModel], placings: Sequence[Placing], touches: Touches, fit: Fit, which: Bools
+    models: Sequence[FingerModel],
+    placings: Sequence[ReferencePlacement],
+    touches: Touches,
+    fit: Fit,
+    which: Bools,
 ) -> tuple[float, float]:
     """How much larger all round the references of some placings (n,) look than given, and its deviation; mm.
 
@@ -129,7 +136,7 @@ def growth_mm(
 
 
 def _check_sizes(
-    models: Sequence[FingerModel], placings: Sequence[Placing], touches: Touches, fit: Fit
+    models: Sequence[FingerModel], placings: Sequence[ReferencePlacement], touches: Touches, fit: Fit
 ) -> None:
     names = list(dict.fromkeys(placing.reference.name for placing in placings))
     if len(names) < 2:
@@ -148,11 +155,11 @@ def _check_sizes(
             )
 
 
-def _check_bounds(specs: Sequence[Finger], models: Sequence[FingerModel], fit: Fit) -> None:
+def _check_bounds(specs: Sequence[SlideFingerConfig], models: Sequence[FingerModel], fit: Fit) -> None:
     """Refuse values that the rig file rules out: they would come from references of a wrong size."""
     sigma = np.sqrt(np.diag(fit.covariance))
-    nominal = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
-    found = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
+    nominal = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
+    found = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
     frame = hand_frame(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
         radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
@@ -182,6 +189,6 @@ def _sized(growth: float) -> str:
     return "large" if growth > 0 else "small"
 
 
-def _named(placing: Placing) -> str:
+def _named(placing: ReferencePlacement) -> str:
     x, y = placing.about_mm
     return f"{placing.reference.name} near ({x:.0f}, {y:.0f}) mm"

@@ -17,13 +17,13 @@ from palpate.calibration.finger_fit import (
     HEADING,
     FingerModel,
     Fit,
-    Placing,
+    ReferencePlacement,
     Touches,
     predicted,
 )
-from palpate.calibration.prober import Approach, Probe
+from palpate.calibration.prober import Probe, SlideApproach
 
-__all__ = ["Foreseen", "choose", "foresee", "towards"]
+__all__ = ["PredictedTouches", "choose", "foresee", "towards"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,7 +39,7 @@ _HALVINGS = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Foreseen:
+class PredictedTouches:
     """Where each approach should meet a reference: `slide_rad` (m,) of its slide, nan where it does not.
 
     `oblique_rad` (m,): from head-on, positive counter-clockwise; `room_mm` (m,): to the end of the face;
@@ -64,11 +64,11 @@ class Foreseen:
 
 def foresee(
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
+    placings: Sequence[ReferencePlacement],
     fit: Fit,
     number: int,
-    approaches: Sequence[Approach],
-) -> Foreseen:
+    approaches: Sequence[SlideApproach],
+) -> PredictedTouches:
     """Where approaches meet the reference of placing `number`, as far as a fit can tell."""
     finger = np.array([item.finger for item in approaches])
     lo = np.array([item.start_rad for item in approaches])
@@ -108,12 +108,12 @@ def foresee(
     )
     # The outward normal of what is met head-on points back along the way.
     oblique = np.angle(-(normal[:, 0] + 1j * normal[:, 1]) * np.exp(-1j * angle))
-    return Foreseen(np.where(meets, near, np.nan), oblique, room, rows)
+    return PredictedTouches(np.where(meets, near, np.nan), oblique, room, rows)
 
 
 def choose(
-    foreseen: Foreseen,
-    approaches: Sequence[Approach],
+    foreseen: PredictedTouches,
+    approaches: Sequence[SlideApproach],
     models: Sequence[FingerModel],
     covariance: Floats,
     sigma_mm: float,
@@ -146,7 +146,7 @@ def choose(
 def towards(
     point_mm: tuple[float, float],
     aside_mm: float,
-    approaches: Sequence[Approach],
+    approaches: Sequence[SlideApproach],
     models: Sequence[FingerModel],
     values: Floats,
 ) -> list[Probe]:
@@ -165,7 +165,7 @@ def towards(
     return found
 
 
-def _probe(number: int, approach: Approach, slide_rad: float, model: FingerModel) -> Probe:
+def _probe(number: int, approach: SlideApproach, slide_rad: float, model: FingerModel) -> Probe:
     further = slide_rad + _BEYOND_MM / model.mm_per_rad
     way = math.copysign(1.0, approach.end_rad - approach.start_rad)
     return Probe(number, min(further * way, approach.end_rad * way) * way)

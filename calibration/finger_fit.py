@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from palpate.calibration.reference import Reference
 
 __all__ = ["AIM_PLAY", "BASE", "COLUMNS", "HEADING", "RADIUS", "SCALE", "ZERO"]
-__all__ += ["FingerModel", "Fit", "Placing", "Touches", "fit_fingers", "predicted"]
+__all__ += ["FingerModel", "Fit", "ReferencePlacement", "Touches", "fit_fingers", "predicted"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,7 +49,7 @@ class FingerModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Placing:
+class ReferencePlacement:
     """A reference as it lay: about where, in W."""
 
     reference: Reference
@@ -102,7 +102,7 @@ class Fit:
 
 def fit_fingers(
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
+    placings: Sequence[ReferencePlacement],
     touches: Touches,
     start: tuple[Floats, Floats] | None = None,
 ) -> Fit:
@@ -130,7 +130,7 @@ def fit_fingers(
 
 def predicted(
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
+    placings: Sequence[ReferencePlacement],
     touches: Touches,
     values: Floats,
     poses: Floats,
@@ -143,7 +143,9 @@ def predicted(
 class _Problem:
     """Residuals of touches and priors, and their derivatives, for one vector of all unknowns."""
 
-    def __init__(self, models: Sequence[FingerModel], placings: Sequence[Placing], touches: Touches) -> None:
+    def __init__(
+        self, models: Sequence[FingerModel], placings: Sequence[ReferencePlacement], touches: Touches
+    ) -> None:
         self.placings, self.touches = placings, touches
         self._count = len(models)
         self._gear = np.array([model.gear_ratio for model in models])

@@ -11,12 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import COLUMNS, FingerModel
-from palpate.calibration.play import Play
-from palpate.config import Finger
+from palpate.calibration.play import Backlash
+from palpate.config import SlideFingerConfig
 from palpate.config.calibration_finger import SlideCalibration
 from palpate.drivers.finger import TICK_RAD
 
-__all__ = ["Homed", "Touching", "finger_model", "mm_per_rad_of", "touching", "touching_of", "zero_in_file_mm"]
+__all__ = [
+    "Homed",
+    "SlideInContact",
+    "finger_model",
+    "mm_per_rad_of",
+    "touching",
+    "touching_of",
+    "zero_in_file_mm",
+]
 
 Floats = NDArray[np.float64]
 
@@ -35,11 +43,11 @@ class Homed:
     front_rad: float
     sigma_rad: float
     stops_mm: tuple[float, float]
-    play: Play
+    play: Backlash
 
 
 @dataclass(frozen=True, eq=False)
-class Touching:
+class SlideInContact:
     """A slide as touches see it, its play taken up: distance = zero + mm_per_rad · servo.
 
     `covariance` (2, 2): of the zero (mm) and of the error of mm_per_rad, as a share.
@@ -50,7 +58,7 @@ class Touching:
     covariance: Floats
 
 
-def touching(spec: Finger, play: Play | None, homed: Homed | None) -> Touching:
+def touching(spec: SlideFingerConfig, play: Backlash | None, homed: Homed | None) -> SlideInContact:
     """What is known of a slide by the rig file, its play and its stops, as far as they were measured."""
     if homed is not None:
         return _from_stops(homed)
@@ -60,16 +68,16 @@ def touching(spec: Finger, play: Play | None, homed: Homed | None) -> Touching:
     share, away = spec.slide.mm_per_turn_spread**2 / 3, per_rad * math.pi
     zero = sigma**2 + spec.slide.zero_bound_mm**2 / 3 + away**2 * share
     covariance = np.array([[zero, away * share], [away * share, share]])
-    return Touching(spec.slide.zero_mm + away - half, per_rad, covariance)
+    return SlideInContact(spec.slide.zero_mm + away - half, per_rad, covariance)
 
 
-def touching_of(found: SlideCalibration) -> Touching:
+def touching_of(found: SlideCalibration) -> SlideInContact:
     """What a calibration says of a slide."""
     per_rad = found.mm_per_turn / (2 * math.pi)
-    return Touching(found.touch_zero_mm, per_rad, np.array(found.touch_covariance))
+    return SlideInContact(found.touch_zero_mm, per_rad, np.array(found.touch_covariance))
 
 
-def finger_model(spec: Finger, slide: Touching) -> FingerModel:
+def finger_model(spec: SlideFingerConfig, slide: SlideInContact) -> FingerModel:
     """The prior of a finger: the rig file's numbers and bounds, and what is known of its slide."""
     aim_play = math.radians(spec.aim.backlash_deg)
     prior = np.array(
@@ -99,7 +107,7 @@ def finger_model(spec: Finger, slide: Touching) -> FingerModel:
     )
 
 
-def mm_per_rad_of(spec: Finger) -> float:
+def mm_per_rad_of(spec: SlideFingerConfig) -> float:
     """The slide's travel per rad of its servo, as described."""
     return spec.slide.mm_per_turn / (2 * math.pi)
 
@@ -109,14 +117,14 @@ def zero_in_file_mm(zero_mm: float, mm_per_rad: float) -> float:
     return zero_mm - mm_per_rad * math.pi
 
 
-def _half_mm(spec: Finger, play: Play | None) -> tuple[float, float]:
+def _half_mm(spec: SlideFingerConfig, play: Backlash | None) -> tuple[float, float]:
     """Half play and its standard deviation: measured, or anything that the rig file allows."""
     if play is not None:
         return play.half_mm, play.sigma_mm
     return spec.slide.backlash_mm / 2, spec.slide.backlash_mm / math.sqrt(12)
 
 
-def _from_stops(homed: Homed) -> Touching:
+def _from_stops(homed: Homed) -> SlideInContact:
     """The touching side by the stops.
 
     At the front stop the carriage is pushed back, as in a touch; at the back stop it is on the other flank,
@@ -129,4 +137,4 @@ def _from_stops(homed: Homed) -> Touching:
     errors = np.diag([step**2 + 4 * homed.play.sigma_mm**2, step**2])
     covariance = inverse @ errors @ inverse.T
     scale = np.array([1.0, 1 / per_rad])
-    return Touching(float(zero), float(per_rad), covariance * np.outer(scale, scale))
+    return SlideInContact(float(zero), float(per_rad), covariance * np.outer(scale, scale))

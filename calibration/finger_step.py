@@ -18,15 +18,15 @@ from palpate.calibration.finger_fit import (
     RADIUS,
     FingerModel,
     Fit,
-    Placing,
+    ReferencePlacement,
     Touches,
     fit_fingers,
 )
 from palpate.calibration.idle import COVERAGE_SIGMAS
-from palpate.calibration.measurements import Touched
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.reference_search import find, touches_of
-from palpate.config import Finger
+from palpate.config import SlideFingerConfig
 
 __all__ = ["fitted", "held_out", "touch_placing"]
 
@@ -43,13 +43,13 @@ _COUNT = 6
 
 def touch_placing(
     prober: Prober,
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
-    known: Sequence[Touched],
+    placings: Sequence[ReferencePlacement],
+    known: Sequence[TouchMeasurement],
     *,
     tell: Callable[[str], None],
-) -> list[Touched]:
+) -> list[TouchMeasurement]:
     """Have the last of `placings` put, and touch it; `known`: touches of the earlier ones.
 
     Raises InputError for a reference that moves, is not found or is not what it is said to be.
@@ -65,10 +65,10 @@ def touch_placing(
     touched = list(found.touched)
     grips = choose(found.foreseen, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT)
 
-    def carried_out(grip: Sequence[Probe]) -> list[Touched]:
+    def carried_out(grip: Sequence[Probe]) -> list[TouchMeasurement]:
         return [item for item in prober.touch(grip, number) if item is not None]
 
-    first: list[Touched] = []
+    first: list[TouchMeasurement] = []
     for k, grip in enumerate(grips):
         tell(f"touch {k + 1} of {len(grips)}")
         got = carried_out(grip)
@@ -91,10 +91,10 @@ def touch_placing(
 
 
 def fitted(
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
-    touched: Sequence[Touched],
+    placings: Sequence[ReferencePlacement],
+    touched: Sequence[TouchMeasurement],
 ) -> tuple[Touches, Fit, Fit]:
     """Touches, their fit, and the fit without those that are held out. Raises what `check_fit` raises.
 
@@ -114,7 +114,7 @@ def fitted(
     return touches, fit, without
 
 
-def _with_dents_alike(specs: Sequence[Finger], touches: Touches, fit: Fit) -> Fit:
+def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit: Fit) -> Fit:
     """A fit whose radii are as uncertain as what all dents of a finger may be off by alike.
 
     Touches know a radius less a dent only, and one dent is nearly as deep as the other: what is wrong with

@@ -25,15 +25,15 @@ from palpate.calibration.finger_fit import (
     Touches,
 )
 from palpate.calibration.finger_model import zero_in_file_mm
-from palpate.calibration.gauge import Place, Rigid, hand_frame
-from palpate.calibration.measurements import Touched
-from palpate.calibration.prober import Approach
-from palpate.config import Finger
-from palpate.config.calibration_file import Residuals, TouchSeen
+from palpate.calibration.gauge import BasePose, RigidMotion, hand_frame
+from palpate.calibration.measurements import TouchMeasurement
+from palpate.calibration.prober import SlideApproach
+from palpate.config import SlideFingerConfig
+from palpate.config.calibration_file import Residuals, TouchResidual
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
     AimCalibration,
-    CalibratedBounds,
+    ContactBounds,
     DirectionParts,
     PlaceCalibration,
     PositionParts,
@@ -41,7 +41,7 @@ from palpate.config.calibration_finger import (
 )
 from palpate.drivers.finger import TICK_RAD
 
-__all__ = ["InHand", "aim_of", "bounds_of", "headings_of", "in_hand", "place_of", "residuals_of"]
+__all__ = ["AlignedFit", "aim_of", "bounds_of", "headings_of", "in_hand", "place_of", "residuals_of"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -53,12 +53,12 @@ _PLACE = [0, 1, HEADING, RADIUS, ZERO]
 
 
 @dataclass(frozen=True, eq=False)
-class InHand:
+class AlignedFit:
     """Fingers' values (fingers, 7) in the hand frame with their covariance; the way there from the fit's."""
 
     values: Floats
     covariance: Floats
-    frame: Rigid
+    frame: RigidMotion
 
     def of(self, finger: int) -> Floats:
         """Covariance (7, 7) of one finger's values."""
@@ -66,12 +66,12 @@ class InHand:
         return self.covariance[at, at]
 
 
-def in_hand(specs: Sequence[Finger], fit: Fit) -> InHand:
+def in_hand(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
     """Move a fit's fingers into the hand frame.
 
     Where the rig stands, which cannot be known, goes out of the covariance.
     """
-    nominal = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
+    nominal = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
     flat = fit.values.ravel()
     slopes = np.empty((len(flat), len(flat)))
     for k in range(len(flat)):
@@ -80,12 +80,12 @@ def in_hand(specs: Sequence[Finger], fit: Fit) -> InHand:
         slopes[:, k] = (_moved(nominal, flat + step)[0] - _moved(nominal, flat - step)[0]) / (2 * _STEP)
     values, frame = _moved(nominal, flat)
     own = fit.covariance[: len(flat), : len(flat)]
-    return InHand(values.reshape(fit.values.shape), slopes @ own @ slopes.T, frame)
+    return AlignedFit(values.reshape(fit.values.shape), slopes @ own @ slopes.T, frame)
 
 
-def _moved(nominal: Sequence[Place], flat: Floats) -> tuple[Floats, Rigid]:
+def _moved(nominal: Sequence[BasePose], flat: Floats) -> tuple[Floats, RigidMotion]:
     values = flat.reshape(-1, COLUMNS).copy()
-    places = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
+    places = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
     frame = hand_frame(nominal, places)
     for row, place in zip(values, places, strict=True):
         there = frame.place(place)
@@ -94,7 +94,7 @@ def _moved(nominal: Sequence[Place], flat: Floats) -> tuple[Floats, Rigid]:
 
 
 def headings_of(
-    touched: Sequence[Touched], touches: Touches, models: Sequence[FingerModel], fit: Fit
+    touched: Sequence[TouchMeasurement], touches: Touches, models: Sequence[FingerModel], fit: Fit
 ) -> list[tuple[float, float]]:
     """Where each finger's array looks from the direction of travel, by normals of touches."""
     found = []
@@ -111,7 +111,9 @@ def headings_of(
     return found
 
 
-def place_of(model: FingerModel, hand: InHand, index: int, heading: tuple[float, float]) -> PlaceCalibration:
+def place_of(
+    model: FingerModel, hand: AlignedFit, index: int, heading: tuple[float, float]
+) -> PlaceCalibration:
     """A finger's place; `heading`: of its array, with its deviation (rad)."""
     values, covariance = hand.values[index], hand.of(index)
     sigma = np.sqrt(np.diag(covariance))
@@ -131,7 +133,7 @@ def place_of(model: FingerModel, hand: InHand, index: int, heading: tuple[float,
     )
 
 
-def aim_of(before: AimCalibration, hand: InHand, index: int) -> AimCalibration:
+def aim_of(before: AimCalibration, hand: AlignedFit, index: int) -> AimCalibration:
     """What touches from both sides have shown of an aim's play."""
     play, sigma = hand.values[index, AIM_PLAY], math.sqrt(hand.of(index)[AIM_PLAY, AIM_PLAY])
     return AimCalibration(
@@ -144,9 +146,9 @@ def aim_of(before: AimCalibration, hand: InHand, index: int) -> AimCalibration:
 
 def bounds_of(
     model: FingerModel,
-    hand: InHand,
+    hand: AlignedFit,
     index: int,
-    approaches: Sequence[Approach],
+    approaches: Sequence[SlideApproach],
     residuals: Residuals,
     actuators: ActuatorsCalibration,
     tactile: TactileCalibration,
@@ -154,7 +156,7 @@ def bounds_of(
     touch_speed_mm_s: float,
     tolerance_mm: float,
     coverage: float,
-) -> CalibratedBounds:
+) -> ContactBounds:
     """How far off this finger's contacts may be, with probability `coverage`; parts are added up.
 
     `tolerance_mm`: how far references may be from what is said of them, which no fit makes smaller.
@@ -182,7 +184,7 @@ def bounds_of(
         quantisation=math.degrees(aim_step),
         play=math.degrees(aim_play),
     )
-    return CalibratedBounds(
+    return ContactBounds(
         position_mm=_sum(position.model_dump()),
         direction_deg=_sum(direction.model_dump()),
         parts_mm=position,
@@ -195,7 +197,7 @@ def _sum(parts: dict[str, float]) -> float:
 
 
 def _fit_mm(
-    model: FingerModel, values: Floats, covariance: Floats, approaches: Sequence[Approach]
+    model: FingerModel, values: Floats, covariance: Floats, approaches: Sequence[SlideApproach]
 ) -> tuple[float, float]:
     """Largest distance from the base (mm), and the largest deviation of a contact that the fit leaves.
 
@@ -221,7 +223,7 @@ def _fit_mm(
 
 
 def residuals_of(
-    touches: Touches, fit: Fit, without: Fit, held_out: Bools, names: list[str], frame: Rigid
+    touches: Touches, fit: Fit, without: Fit, held_out: Bools, names: list[str], frame: RigidMotion
 ) -> Residuals:
     """How well touches agree; `without`: the fit that does not know those `held_out` (n,)."""
     used = ~fit.outlier
@@ -232,7 +234,7 @@ def residuals_of(
         x, y = frame.point_mm((float(fit.centre_mm[k, 0]), float(fit.centre_mm[k, 1])))
         normal = math.atan2(fit.normal[k, 1], fit.normal[k, 0]) + frame.angle_rad
         seen.append(
-            TouchSeen(
+            TouchResidual(
                 finger=names[int(touches.finger[k])],
                 placing=int(touches.placing[k]),
                 x_mm=x,

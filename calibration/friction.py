@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measurements import FREE, Press
+from palpate.calibration.measurements import FREE, PressMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
@@ -37,7 +37,7 @@ class Friction:
     way: int
 
 
-def friction_of(presses: Sequence[Press], mm_per_rad: float) -> Friction:
+def friction_of(presses: Sequence[PressMeasurement], mm_per_rad: float) -> Friction:
     """Friction from the free legs of a finger's presses, by samples in which the slide moves out.
 
     Median, and the deviation that a normal distribution with their quartiles would have: what it takes to
@@ -58,7 +58,7 @@ def friction_of(presses: Sequence[Press], mm_per_rad: float) -> Friction:
     return Friction(middle, sigma, len(current), int(np.sign(middle)) if sure else 0)
 
 
-def _moves_out(press: Press, mm_per_rad: float) -> NDArray[np.bool_]:
+def _moves_out(press: PressMeasurement, mm_per_rad: float) -> NDArray[np.bool_]:
     """Samples (n,) of the free leg before and after which the slide moves outwards."""
     free = np.flatnonzero(press.leg == FREE)
     result = np.zeros(len(press.leg), dtype=bool)

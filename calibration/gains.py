@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit
 from palpate.calibration.measurements import IN
 from palpate.calibration.pattern import approach
-from palpate.calibration.press_model import Known, Solution, solve
-from palpate.calibration.ramps import PressedAt, Ramps, ramps_of, telling
+from palpate.calibration.press_model import FixedParameters, PressFit, solve
+from palpate.calibration.ramps import PressAtBearing, Ramps, ramps_of, telling
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 
-__all__ = ["Expected", "GainFit", "PressedAt", "gains_of"]
+__all__ = ["GainFit", "GainPriors", "PressAtBearing", "gains_of"]
 
 _ROW_SHARE = 0.003  # rows do not share a load more evenly
 _SILENT = 0.15  # of what its column's taxels read
@@ -33,7 +33,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Expected:
+class GainPriors:
     """What is known of a finger before its presses are looked at.
 
     `heading_rad` ± `heading_bound_rad`: where the array's middle looks, from the direction of travel.
@@ -79,7 +79,7 @@ class GainFit:
 
 
 def gains_of(
-    presses: Sequence[PressedAt], description: Description, idle: IdleFit, expected: Expected
+    presses: Sequence[PressAtBearing], description: Description, idle: IdleFit, expected: GainPriors
 ) -> GainFit:
     """What the presses of one finger, at several bearings, say of its array.
 
@@ -126,9 +126,11 @@ def gains_of(
     )
 
 
-def _known(description: Description, idle: IdleFit, expected: Expected, rows_used: Floats) -> Known:
+def _known(
+    description: Description, idle: IdleFit, expected: GainPriors, rows_used: Floats
+) -> FixedParameters:
     columns = np.asarray(description.columns, dtype=np.float64)
-    return Known(
+    return FixedParameters(
         columns_rad=columns,
         pitch_rad=float(columns[1] - columns[0]),
         rows=description.rows,
@@ -173,12 +175,12 @@ def _rows(
 
 
 def _saturates_n(
-    presses: Sequence[PressedAt],
+    presses: Sequence[PressAtBearing],
     ramps: Ramps,
-    found: Solution,
+    found: PressFit,
     live: Mask,
     full: Floats,
-    expected: Expected,
+    expected: GainPriors,
 ) -> float | None:
     """Least force on the tip with a live taxel at its largest count, by the dent on the way in."""
     least = math.inf

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["HEADING_ARM_MM", "Place", "Rigid", "hand_frame"]
+__all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "hand_frame"]
 
 HEADING_ARM_MM = 100.0
 """A heading counts like a point so far from its base; with several fingers it hardly matters."""
 
 
 @dataclass(frozen=True)
-class Place:
+class BasePose:
     """Where a finger stands: its base (mm) and its heading (rad)."""
 
     base_mm: tuple[float, float]
@@ -26,7 +26,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Rigid:
+class RigidMotion:
     """A turn about the origin, then a shift: point ↦ R(angle) · point + shift."""
 
     angle_rad: float
@@ -38,12 +38,12 @@ class Rigid:
         x, y = point
         return (c * x - s * y + self.shift_mm[0], s * x + c * y + self.shift_mm[1])
 
-    def place(self, place: Place) -> Place:
+    def place(self, place: BasePose) -> BasePose:
         """A finger's place in the other frame."""
-        return Place(self.point_mm(place.base_mm), place.heading_rad + self.angle_rad)
+        return BasePose(self.point_mm(place.base_mm), place.heading_rad + self.angle_rad)
 
 
-def hand_frame(nominal: Sequence[Place], found: Sequence[Place]) -> Rigid:
+def hand_frame(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> RigidMotion:
     """The motion that brings `found` places nearest to `nominal` ones: from any frame to the hand frame.
 
     Least squares over bases and, as points `HEADING_ARM_MM` away, headings (Horn's closed form in the plane;
@@ -57,4 +57,4 @@ def hand_frame(nominal: Sequence[Place], found: Sequence[Place]) -> Rigid:
     centred = (given - given.mean()).conj() * (wanted - wanted.mean())
     angle = float(np.angle(centred.sum() + HEADING_ARM_MM**2 * np.exp(1j * turns).sum()))
     shift = wanted.mean() - np.exp(1j * angle) * given.mean()
-    return Rigid(angle, (float(shift.real), float(shift.imag)))
+    return RigidMotion(angle, (float(shift.real), float(shift.imag)))

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.play import Play
+from palpate.calibration.play import Backlash
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["Described", "Homing", "homed"]
+__all__ = ["Homing", "SlideDescription", "homed"]
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _SURE = 5.0  # standard deviations
 
 
 @dataclass(frozen=True)
-class Described:
+class SlideDescription:
     """What the rig file says of a slide: mm_per_rad (signed), off by the share `spread` at most; its stops.
 
     `servo`: how messages call it, such as "finger f1, slide (ID 12)". `stops_mm`: distances from the base to
@@ -53,7 +53,7 @@ class Homing:
     repeatability_mm: float
 
 
-def homed(described: Described, back_rad: Floats, front_rad: Floats, play: Play) -> Homing:
+def homed(described: SlideDescription, back_rad: Floats, front_rad: Floats, play: Backlash) -> Homing:
     """Scale and zero from stalls (n,) at the back and (m,) at the front stop, in rad.
 
     The drive that presses the carriage against the back stop has gone past it by the half play, towards the
@@ -97,7 +97,7 @@ def _mean_sigma_rad(spread_rad: float, count: int) -> float:
 
 
 def _uncertainty(
-    described: Described, servo: Floats, scale: float, mean_sigma_rad: list[float], play: Play
+    described: SlideDescription, servo: Floats, scale: float, mean_sigma_rad: list[float], play: Backlash
 ) -> tuple[float, float, float]:
     """Standard deviations of scale and zero and their covariance.
 
@@ -112,7 +112,7 @@ def _uncertainty(
     return math.sqrt(covariance[1, 1]), math.sqrt(covariance[0, 0]), float(covariance[0, 1])
 
 
-def _check_scale(described: Described, scale: float, sigma: float) -> None:
+def _check_scale(described: SlideDescription, scale: float, sigma: float) -> None:
     off = abs(scale / described.mm_per_rad - 1)
     if off > described.spread + _SURE * sigma / abs(described.mm_per_rad):
         raise InputError(

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measurements import Idle
+from palpate.calibration.measurements import IdleMeasurement
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.errors import InputError
 
@@ -78,7 +78,7 @@ class _Window:
     spread: Floats
 
 
-def idle_of(idles: Sequence[Idle], max_count: int) -> IdleFit:
+def idle_of(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
     """What idle recordings of one finger say, in any order but by one clock; `max_count`: the array's.
 
     Noise is the median of the live taxels' standard deviations about straight lines of ten seconds, and
@@ -114,7 +114,7 @@ def least_contact_force_n(idle: IdleFit, counts_per_n: float) -> float:
     return SIGMAS * idle.noise_counts * math.sqrt(taxels) / counts_per_n
 
 
-def _windows(idle: Idle) -> list[_Window]:
+def _windows(idle: IdleMeasurement) -> list[_Window]:
     """Cut a recording into stretches of at most `_WINDOW_S`, each long enough to be judged."""
     length = float(idle.time_s[-1] - idle.time_s[0])
     pieces = min(max(math.ceil(length / _WINDOW_S), 1), len(idle.counts) // LEAST_FRAMES)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FREE", "IN", "OUT", "Idle", "Press", "Stop", "Touched"]
+__all__ = ["FREE", "IN", "OUT", "IdleMeasurement", "PressMeasurement", "StopMeasurement", "TouchMeasurement"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -19,7 +19,7 @@ FREE, IN, OUT = 0, 1, 2
 
 
 @dataclass(frozen=True)
-class Touched:
+class TouchMeasurement:
     """A finger that stands in contact with a reference, after a slow touch.
 
     `placing`: number of the placing of a reference that was touched. `servos_rad`: aim and slide. `aim_way`:
@@ -39,7 +39,7 @@ class Touched:
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
+class PressMeasurement:
     """A slow press at one aim and back, n samples in the order of time.
 
     `aim_rad`: servo angle of the aim. `slide_rad` (n,): servo angle of the slide; `current_a` (n,): its
@@ -57,7 +57,7 @@ class Press:
 
 
 @dataclass(frozen=True, eq=False)
-class Idle:
+class IdleMeasurement:
     """An untouched array: counts (n, rows, cols) as read, at `time_s` (n,)."""
 
     finger: str
@@ -66,7 +66,7 @@ class Idle:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopMeasurement:
     """A slide that was stopped by a contact at a speed.
 
     `felt_rad`: slide's servo angle when the contact had been felt and the stop was sent; `stood_rad`: where

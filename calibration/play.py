@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measurements import FREE, IN, OUT, Press
+from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["Play", "backlash_of", "combined"]
+__all__ = ["Backlash", "backlash_of", "combined"]
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,14 +30,16 @@ _DEGREE = 3  # of the curve from force to place
 
 
 @dataclass(frozen=True)
-class Play:
+class Backlash:
     """Play of a slide, either way (half of what lies between its flanks), ± a standard deviation; mm."""
 
     half_mm: float
     sigma_mm: float
 
 
-def backlash_of(press: Press, force: Floats, mm_per_rad: float, lag_samples: float = 0.0) -> Play:
+def backlash_of(
+    press: PressMeasurement, force: Floats, mm_per_rad: float, lag_samples: float = 0.0
+) -> Backlash:
     """The half play that one press shows; `force` (n,): any measure of the load that grows with it.
 
     `lag_samples`: by how many samples the force is older than the angle beside it, 0.5 where it is the mean
@@ -67,10 +69,10 @@ def backlash_of(press: Press, force: Floats, mm_per_rad: float, lag_samples: flo
     steps = len(np.unique(np.round(press.slide_rad[chosen] / TICK_RAD)))
     step_mm = abs(mm_per_rad) * TICK_RAD / math.sqrt(12 * steps)
     scatter = math.sqrt(float((by_slice**2).sum()) / (len(by_slice) - 1))
-    return Play(max(0.0, float(found[0])), math.hypot(scatter, step_mm))
+    return Backlash(max(0.0, float(found[0])), math.hypot(scatter, step_mm))
 
 
-def combined(plays: Sequence[Play]) -> Play:
+def combined(plays: Sequence[Backlash]) -> Backlash:
     """The play of a slide from several presses: their median, and how far one more may be off it.
 
     The deviation is that of the presses among one another, because play differs from place to place, and
@@ -82,10 +84,10 @@ def combined(plays: Sequence[Play]) -> Play:
     middle = float(np.median(half))
     spread = 1.4826 * float(np.median(np.abs(half - middle)))
     own = float(np.median([play.sigma_mm for play in plays]))
-    return Play(middle, math.hypot(spread, own / math.sqrt(len(plays))))
+    return Backlash(middle, math.hypot(spread, own / math.sqrt(len(plays))))
 
 
-def _usable(press: Press, force: Floats) -> tuple[Bools, Ints, Ints]:
+def _usable(press: PressMeasurement, force: Floats) -> tuple[Bools, Ints, Ints]:
     """Which samples (n,) say something; of those the leg (0 in, 1 out) and the slice of force."""
     noise = float(np.std(force[press.leg == FREE])) if (press.leg == FREE).sum() > 1 else 0.0
     legs = [force[press.leg == leg] for leg in (IN, OUT)]
@@ -112,7 +114,7 @@ def _unit(values: Floats) -> Floats:
     return result
 
 
-def _too_little(press: Press) -> InputError:
+def _too_little(press: PressMeasurement) -> InputError:
     return InputError(
         f"finger {press.finger}, placing {press.placing}: going in and going back, its press felt too few of "
         "the same forces to show the slide's play; press harder or more slowly"

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.calibration.pattern import approach, pattern
-from palpate.calibration.ramps import LEVELS, PressedAt, Ramps
+from palpate.calibration.ramps import LEVELS, PressAtBearing, Ramps
 
-__all__ = ["Known", "Solution", "solve"]
+__all__ = ["FixedParameters", "PressFit", "solve"]
 
 _MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
 _WEAK = 0.2  # of a press's strongest level: levels below count as that one
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class FixedParameters:
     """What a fit is told of the finger.
 
     `columns_rad` (cols,), `pitch_rad` and `rows`: the array's. `counts_per_n`: nominal, of a taxel.
@@ -57,7 +57,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class PressFit:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
     `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from
@@ -80,7 +80,9 @@ class Solution:
     off: Floats
 
 
-def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, known: Known) -> Solution:
+def solve(
+    presses: Sequence[PressAtBearing], ramps: Ramps, column_counts: Floats, known: FixedParameters
+) -> PressFit:
     """Least squares over all levels; `column_counts` (m, cols): mean over the rows that are used.
 
     Sigmas are those of the levels' stated errors, or as much larger as the residuals are.
@@ -92,7 +94,7 @@ def solve(presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, kno
     sigma = np.sqrt(misfit * np.diag(np.linalg.inv(square)))
     gains, touch, bearing, friction = model.parts(x)
     counts = model.counts(x)
-    return Solution(
+    return PressFit(
         gain=np.exp(gains),
         gain_log_sigma=sigma[_SHARED : _SHARED + len(gains)],
         phase_rad=float(x[_PHASE]),
@@ -142,7 +144,7 @@ class _Model:
     """
 
     def __init__(
-        self, presses: Sequence[PressedAt], ramps: Ramps, column_counts: Floats, known: Known
+        self, presses: Sequence[PressAtBearing], ramps: Ramps, column_counts: Floats, known: FixedParameters
     ) -> None:
         self._known = known
         self._ramps = ramps

@@ -6,14 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from palpate.calibration.measurements import Idle, Press, Stop, Touched
+from palpate.calibration.measurements import (
+    IdleMeasurement,
+    PressMeasurement,
+    StopMeasurement,
+    TouchMeasurement,
+)
 from palpate.calibration.reference import Reference
 
-__all__ = ["Approach", "Probe", "Prober"]
+__all__ = ["Probe", "Prober", "SlideApproach"]
 
 
 @dataclass(frozen=True)
-class Approach:
+class SlideApproach:
     """A straight way of a slide: its finger, the servo angle of its aim, and its slide's first and last."""
 
     finger: int
@@ -34,7 +39,7 @@ class Prober(Protocol):
     """A rig that can be measured. Every method raises DeviceError or SafetyStop when a device fails."""
 
     @property
-    def approaches(self) -> Sequence[Approach]:
+    def approaches(self) -> Sequence[SlideApproach]:
         """Every way that is free."""
         ...
 
@@ -46,18 +51,18 @@ class Prober(Protocol):
         """Have the table cleared."""
         ...
 
-    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         """Touch with several fingers at once, each once at most; None for what met nothing."""
         ...
 
-    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         """Press slowly on contacts that are known, with several fingers at once, and go back.
 
         `end_rad` of each is where its slide's servo stood when it touched there.
         """
         ...
 
-    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         """Run into contacts that are known, at a speed, and stop."""
         ...
 
@@ -65,7 +70,7 @@ class Prober(Protocol):
         """Current (A) that each finger's aim needs to turn freely, in the mean of both ways."""
         ...
 
-    def idle(self, seconds: float) -> list[Idle]:
+    def idle(self, seconds: float) -> list[IdleMeasurement]:
         """What every array says when nothing touches it."""
         ...
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measurements import FREE, IN, Press
+from palpate.calibration.measurements import FREE, IN, PressMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["LEVELS", "PressedAt", "Ramps", "ramps_of", "telling"]
+__all__ = ["LEVELS", "PressAtBearing", "Ramps", "ramps_of", "telling"]
 
 LEVELS = 16
 
@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class PressedAt:
+class PressAtBearing:
     """A press, and what is known of where it went.
 
     `bearing_rad` ± `bearing_sigma_rad`: direction from the tip's axis to the contact, counter-clockwise
@@ -37,7 +37,7 @@ class PressedAt:
     gives.
     """
 
-    press: Press
+    press: PressMeasurement
     bearing_rad: float
     bearing_sigma_rad: float
     curvature_per_mm: float
@@ -65,7 +65,7 @@ class Ramps:
 
 
 def ramps_of(
-    presses: Sequence[PressedAt], live: Mask, full: Floats, noise: float, mm_per_rad: float
+    presses: Sequence[PressAtBearing], live: Mask, full: Floats, noise: float, mm_per_rad: float
 ) -> Ramps:
     """Cut each press's way in into `LEVELS` levels of equal travel.
 
@@ -86,8 +86,8 @@ def ramps_of(
 
 
 def telling(
-    presses: Sequence[PressedAt], live: Mask, full: Floats, noise: float, mm_per_rad: float
-) -> list[PressedAt]:
+    presses: Sequence[PressAtBearing], live: Mask, full: Floats, noise: float, mm_per_rad: float
+) -> list[PressAtBearing]:
     """Presses that moved and felt enough, or all if these are fewer than half.
 
     A reference whose place is known by a few touches is met a little elsewhere than foreseen now and then.
@@ -96,7 +96,9 @@ def telling(
     return found if 2 * len(found) >= len(presses) else list(presses)
 
 
-def _parts(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> tuple[Mask, Mask]:
+def _parts(
+    press: PressMeasurement, live: Mask, full: Floats, noise: float, mm_per_rad: float
+) -> tuple[Mask, Mask]:
     """Samples (n,) of a slide that moves: those of its free way, and those that count as pressing."""
     total = press.counts[:, live].sum(axis=1)
     felt = total > _FELT_SIGMAS * noise * np.sqrt(live.sum())
@@ -108,7 +110,7 @@ def _enough(free: Mask, chosen: Mask) -> bool:
     return bool(free.sum() >= _FEWEST and chosen.sum() >= _FEWEST)
 
 
-def _ramp(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
+def _ramp(press: PressMeasurement, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
     place = mm_per_rad * press.slide_rad
     free, chosen = _parts(press, live, full, noise, mm_per_rad)
     if not _enough(free, chosen):
@@ -142,7 +144,7 @@ def _ramp(press: Press, live: Mask, full: Floats, noise: float, mm_per_rad: floa
     )
 
 
-def _moving(press: Press, leg: int, mm_per_rad: float) -> Mask:
+def _moving(press: PressMeasurement, leg: int, mm_per_rad: float) -> Mask:
     """Samples (n,) of a leg in which the slide moves outwards, by the steps round each of them."""
     there = np.flatnonzero(press.leg == leg)
     result = np.zeros(len(press.leg), dtype=bool)

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Disc", "Plate", "Reference"]
+__all__ = ["Reference", "ReferenceDisc", "ReferencePlate"]
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class Reference(Protocol):
 
 
 @dataclass(frozen=True)
-class Disc:
+class ReferenceDisc:
     """A round reference."""
 
     name: str
@@ -78,7 +78,7 @@ class Disc:
         return away - self.radius_mm, normal, np.full(len(points_mm), np.inf)
 
 
-class Plate:
+class ReferencePlate:
     """A convex polygon, its corners counter-clockwise; `repeats`: its rotational symmetry.
 
     ValueError if it is not convex.

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.experiment_design import Foreseen, foresee, towards
-from palpate.calibration.finger_fit import FingerModel, Fit, Placing, Touches, fit_fingers
-from palpate.calibration.measurements import Touched
+from palpate.calibration.experiment_design import PredictedTouches, foresee, towards
+from palpate.calibration.finger_fit import FingerModel, Fit, ReferencePlacement, Touches, fit_fingers
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["Found", "at_bearing", "find", "touches_of"]
+__all__ = ["LocatedReference", "at_bearing", "find", "touches_of"]
 
 _ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
 _STEP_LEFT = 0.1  # of a slide's encoder step: it is measured on the move, over several of them
@@ -24,29 +24,29 @@ _OTHER_MM = 0.006  # what is left: force, tares
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class LocatedReference:
     """A reference that was found: the touches that did it, a fit, and what approaches would meet."""
 
-    touched: tuple[Touched, ...]
+    touched: tuple[TouchMeasurement, ...]
     fit: Fit
-    foreseen: Foreseen
+    foreseen: PredictedTouches
 
 
 def find(
     prober: Prober,
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
-    known: Sequence[Touched],
+    placings: Sequence[ReferencePlacement],
+    known: Sequence[TouchMeasurement],
     stiffness_n_per_mm: Sequence[float],
     start: Fit | None = None,
-) -> Found:
+) -> LocatedReference:
     """Touch the last of `placings`, which has been put, from all sides.
 
     `known`, `start`: touches of the earlier ones, and their fit.
     Raises InputError if fingers meet nothing where it should be.
     """
     number = len(placings) - 1
-    touched: list[Touched] = []
+    touched: list[TouchMeasurement] = []
     values = np.array([model.prior for model in models]) if start is None else start.values
     about = placings[number].about_mm
     fit = start
@@ -66,11 +66,11 @@ def find(
             f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches "
             "that looked for it met something; put it there and begin this step again"
         )
-    return Found(tuple(touched), fit, foresee(models, placings, fit, number, prober.approaches))
+    return LocatedReference(tuple(touched), fit, foresee(models, placings, fit, number, prober.approaches))
 
 
 def at_bearing(
-    found: Found, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
+    found: LocatedReference, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
 ) -> list[tuple[Probe, float]]:
     """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
 
@@ -89,9 +89,9 @@ def at_bearing(
 
 
 def touches_of(
-    touched: Sequence[Touched],
+    touched: Sequence[TouchMeasurement],
     models: Sequence[FingerModel],
-    placings: Sequence[Placing],
+    placings: Sequence[ReferencePlacement],
     stiffness_n_per_mm: Sequence[float],
 ) -> Touches:
     """Touches as arrays for the fit, with what each is expected to be off by."""

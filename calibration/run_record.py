@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from palpate.calibration.measurements import Touched
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.config.calibration_file import CalibrationDevice
 from palpate.config.calibration_finger import ActuatorsCalibration, TactileCalibration
 from palpate.config.fields import FileModel, Items
@@ -27,7 +27,9 @@ class RunRecord(FileModel):
     devices: Items[CalibrationDevice] = Field(description="Every device that takes part.")
     actuators: Items[ActuatorsCalibration] | None = Field(default=None, description="By finger.")
     tactile: Items[TactileCalibration] | None = Field(default=None, description="By finger.")
-    touched: Items[Items[Touched]] = Field(default=[], description="Touches of every placing that is done.")
+    touched: Items[Items[TouchMeasurement]] = Field(
+        default=[], description="Touches of every placing that is done."
+    )
 
     def is_for(self, other: "RunRecord") -> bool:
         """Whether this is about the same rig, references, devices and steps as another one."""

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from palpate.calibration.measurements import Stop
+from palpate.calibration.measurements import StopMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["AtSpeed", "Overshoot", "overshoot_of"]
+__all__ = ["AtSpeed", "StopLatency", "overshoot_of"]
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class AtSpeed:
 
 
 @dataclass(frozen=True)
-class Overshoot:
+class StopLatency:
     """Overshoot of a slide: speed × latency. `latency_s` is the mean, `latency_bound_s` bounds single stops.
 
     The table goes by growing speed. It speaks of the speeds that were tried: faster, braking adds to it.
@@ -47,8 +47,8 @@ class Overshoot:
 
 
 def overshoot_of(
-    stops: Sequence[Stop], mm_per_rad: float, touch_speed_mm_s: float, coverage: float
-) -> Overshoot:
+    stops: Sequence[StopMeasurement], mm_per_rad: float, touch_speed_mm_s: float, coverage: float
+) -> StopLatency:
     """Fit one latency to the stops of a finger; `touch_speed_mm_s`: that of the touches at `contact_rad`.
 
     A slow touch runs on as well, and dents what it touches, so a stop is further than it by (speed − touch
@@ -71,7 +71,7 @@ def overshoot_of(
     each = further / (speed - touch_speed_mm_s)
     latency = max(0.0, float(np.average(each, weights=known**-2.0)))
     bound = _bound_s(each, latency, known, float(wait.max()), coverage)
-    return Overshoot(latency, bound, _table(speed, further + touch_speed_mm_s * latency, bound, step_mm))
+    return StopLatency(latency, bound, _table(speed, further + touch_speed_mm_s * latency, bound, step_mm))
 
 
 def _known_deviation_s(speed: Floats, touch_speed: float, wait: Floats, step_mm: float) -> Floats:

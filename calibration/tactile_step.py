@@ -7,14 +7,14 @@ needs besides friction.
 import math
 from collections.abc import Callable, Sequence
 
-from palpate.calibration.finger_fit import FingerModel, Placing
+from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
 from palpate.calibration.finger_model import finger_model, mm_per_rad_of, touching
-from palpate.calibration.gains import Expected, GainFit, PressedAt, gains_of
+from palpate.calibration.gains import GainFit, GainPriors, PressAtBearing, gains_of
 from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import at_bearing, find
-from palpate.config import Finger
+from palpate.config import SlideFingerConfig
 from palpate.config.calibration_finger import TactileCalibration, UnusableTaxel
 from palpate.drivers.dynamixel.models import model_named
 from palpate.drivers.tactile.messages import Description
@@ -49,7 +49,7 @@ _HEADING_BOUND_RAD = math.radians(5.0)
 
 def measure_tactile(
     prober: Prober,
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     arrays: Sequence[Description],
     disc: Reference,
     plate: Reference,
@@ -61,7 +61,7 @@ def measure_tactile(
     tell(f"arrays untouched for {_IDLE_S:g} s")
     idles = prober.idle(_IDLE_S)
     models = [finger_model(spec, touching(spec, None, None)) for spec in specs]
-    presses: dict[str, list[PressedAt]] = {spec.name: [] for spec in specs}
+    presses: dict[str, list[PressAtBearing]] = {spec.name: [] for spec in specs}
     for placing, (reference, bearings) in enumerate(((disc, _DISC_DEG), (plate, _PLATE_DEG))):
         tell(f"{reference.name} in the middle: {len(bearings)} presses of each finger")
         prober.put(reference, (0.0, 0.0))
@@ -83,16 +83,16 @@ def measure_tactile(
 
 def _pressed(
     prober: Prober,
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     models: Sequence[FingerModel],
     reference: Reference,
     bearings_deg: Sequence[float],
     placing: int,
     tell: Callable[[str], None],
-) -> list[PressedAt]:
+) -> list[PressAtBearing]:
     """Presses of all fingers at each bearing that they can reach."""
     stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
-    found = find(prober, models, [Placing(reference, (0.0, 0.0))], [], stiffness)
+    found = find(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], stiffness)
     by_name = {spec.name: spec for spec in specs}
     result = []
     taken: set[int] = set()
@@ -105,17 +105,17 @@ def _pressed(
         for press in prober.press([probe for probe, _ in contacts], placing) if contacts else []:
             per_a = _newton_per_a(by_name[press.finger])
             curvature = reference.curvature_per_mm()
-            result.append(PressedAt(press, bearing[press.finger], _BEARING_SIGMA_RAD, curvature, per_a))
+            result.append(PressAtBearing(press, bearing[press.finger], _BEARING_SIGMA_RAD, curvature, per_a))
     return result
 
 
-def _newton_per_a(spec: Finger) -> float:
+def _newton_per_a(spec: SlideFingerConfig) -> float:
     """Force at the tip for a current of the slide's servo, as the maker states its torque."""
     return model_named(spec.slide.model).known_torque.nm_per_a / (abs(mm_per_rad_of(spec)) / 1000)
 
 
-def _expected(spec: Finger) -> Expected:
-    return Expected(
+def _expected(spec: SlideFingerConfig) -> GainPriors:
+    return GainPriors(
         tip_radius_mm=spec.tip.radius_mm,
         mm_per_rad=mm_per_rad_of(spec),
         heading_rad=math.radians(spec.array.heading_deg),
@@ -127,7 +127,7 @@ def _expected(spec: Finger) -> Expected:
 
 
 def _table(
-    idle: IdleFit, fit: GainFit, array: Description, presses: Sequence[PressedAt]
+    idle: IdleFit, fit: GainFit, array: Description, presses: Sequence[PressAtBearing]
 ) -> TactileCalibration:
     faults = ((idle.dead, "dead"), (idle.hot, "hot"), (fit.unresponsive, "unresponsive"))
     return TactileCalibration(

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from palpate.config.calibration_finger import CalibratedFinger
+from palpate.config.calibration_finger import FingerCalibration
 from palpate.config.calibration_numbers import Hash, Measured, MeasuredLength, UtcTime
 from palpate.config.fields import Count, FileModel, Flag, Items, Name, Text
 from palpate.config.loading import Source, load_toml
@@ -20,7 +20,7 @@ __all__ = [
     "CalibrationFile",
     "CalibrationReference",
     "Residuals",
-    "TouchSeen",
+    "TouchResidual",
     "calibration_path",
     "load_calibration",
 ]
@@ -43,7 +43,7 @@ class CalibrationDevice(FileModel):
     firmware: Text = Field(description="Version of its firmware.")
 
 
-class TouchSeen(FileModel):
+class TouchResidual(FileModel):
     """A touch, where the fit says that it was."""
 
     finger: Name = Field(description="Which finger touched.")
@@ -68,7 +68,7 @@ class Residuals(FileModel):
     held_out: Count = Field(description="Touches that were only foretold.")
     held_out_rms_mm: MeasuredLength = Field(description="Root mean square of their residuals; 0 for none.")
     held_out_largest_mm: MeasuredLength = Field(description="The largest of them; 0 for none.")
-    touches_seen: Items[TouchSeen] = Field(default=[], description="Every touch.")
+    touches_seen: Items[TouchResidual] = Field(default=[], description="Every touch.")
 
 
 class CalibrationFile(FileModel):
@@ -88,7 +88,7 @@ class CalibrationFile(FileModel):
     )
     references: Items[CalibrationReference] = Field(default=[], description="What was touched.")
     devices: Items[CalibrationDevice] = Field(description="Every device that took part.")
-    fingers: Items[CalibratedFinger] = Field(
+    fingers: Items[FingerCalibration] = Field(
         min_length=1, description="The rig's fingers, in the rig file's order."
     )
     residuals: Residuals | None = Field(

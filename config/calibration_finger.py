@@ -25,9 +25,9 @@ from palpate.config.problems import problem
 __all__ = [
     "ActuatorsCalibration",
     "AimCalibration",
-    "CalibratedBounds",
-    "CalibratedFinger",
+    "ContactBounds",
     "DirectionParts",
+    "FingerCalibration",
     "Overshoot",
     "PlaceCalibration",
     "PositionParts",
@@ -211,7 +211,7 @@ class DirectionParts(FileModel):
     play: UpLength = Field(description="Play of the aim.")
 
 
-class CalibratedBounds(FileModel):
+class ContactBounds(FileModel):
     """How far off a contact of this finger may be, at the file's coverage."""
 
     position_mm: UpPositive = Field(description="Bound on the tip centre's place anywhere in the workspace.")
@@ -222,14 +222,14 @@ class CalibratedBounds(FileModel):
     normal_parts_deg: DirectionParts = Field(description="What direction_deg is made of.")
 
 
-class CalibratedFinger(FileModel):
+class FingerCalibration(FileModel):
     """One finger; what was not calibrated is left out."""
 
     name: Name = Field(description="The rig file's name of the finger.")
     tactile: TactileCalibration | None = Field(default=None, description="Its array and skin.")
     actuators: ActuatorsCalibration | None = Field(default=None, description="Its servos.")
     place: PlaceCalibration | None = Field(default=None, description="Where it stands.")
-    bounds: CalibratedBounds | None = Field(default=None, description="How far off its contacts may be.")
+    bounds: ContactBounds | None = Field(default=None, description="How far off its contacts may be.")
 
 
 def _check_travel(mm_per_turn: float) -> None:

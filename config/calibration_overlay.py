@@ -12,14 +12,14 @@ from typing import Any, TypeVar
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
-    CalibratedBounds,
-    CalibratedFinger,
+    ContactBounds,
+    FingerCalibration,
     PlaceCalibration,
     TactileCalibration,
 )
 from palpate.config.fields import FileModel
-from palpate.config.rig_file import AnyFinger, Finger, RigFile
-from palpate.config.rig_fingers import Taxels
+from palpate.config.rig_file import FingerConfig, RigFile, SlideFingerConfig
+from palpate.config.rig_fingers import TaxelsConfig
 from palpate.errors import InputError
 
 __all__ = ["calibrated", "check_calibration", "geometry_sha256"]
@@ -70,7 +70,9 @@ def check_calibration(file: CalibrationFile, rig: RigFile, name: str, rig_name: 
             f"{name}: was made for fingers {', '.join(theirs)}; {rig_name} has {', '.join(ours)}: {remedy}"
         )
     for finger, found in zip(rig.fingers, file.fingers, strict=True):
-        if not isinstance(finger, Finger) and (found.actuators is not None or found.place is not None):
+        if not isinstance(finger, SlideFingerConfig) and (
+            found.actuators is not None or found.place is not None
+        ):
             raise InputError(
                 f'{name}: finger "{finger.name}" is an arm, which has no aim and no slide: {remedy}'
             )
@@ -92,10 +94,10 @@ def calibrated(rig: RigFile, file: CalibrationFile) -> RigFile:
     return rig.model_copy(update={"fingers": fingers})
 
 
-def _calibrated(finger: AnyFinger, found: CalibratedFinger) -> AnyFinger:
+def _calibrated(finger: FingerConfig, found: FingerCalibration) -> FingerConfig:
     if found.tactile is not None:
         finger = _with_tactile(finger, found.tactile)
-    if isinstance(finger, Finger):
+    if isinstance(finger, SlideFingerConfig):
         if found.actuators is not None:
             finger = _with_actuators(finger, found.actuators)
         if found.place is not None:
@@ -105,8 +107,8 @@ def _calibrated(finger: AnyFinger, found: CalibratedFinger) -> AnyFinger:
     return finger
 
 
-def _with_tactile(finger: AnyFinger, found: TactileCalibration) -> AnyFinger:
-    taxels = Taxels(
+def _with_tactile(finger: FingerConfig, found: TactileCalibration) -> FingerConfig:
+    taxels = TaxelsConfig(
         gain=found.gain,
         gain_bound=found.gain_bound,
         unusable=[(taxel.row, taxel.col) for taxel in found.unusable],
@@ -119,7 +121,7 @@ def _with_tactile(finger: AnyFinger, found: TactileCalibration) -> AnyFinger:
     return _changed(finger, array=array, tip=tip)
 
 
-def _with_actuators(finger: Finger, found: ActuatorsCalibration) -> Finger:
+def _with_actuators(finger: SlideFingerConfig, found: ActuatorsCalibration) -> SlideFingerConfig:
     slide, aim = found.slide, found.aim
     changes: dict[str, float] = {"backlash_mm": slide.backlash_mm + _SIGMAS * slide.backlash_sigma_mm}
     if slide.homed:
@@ -133,7 +135,7 @@ def _with_actuators(finger: Finger, found: ActuatorsCalibration) -> Finger:
     return _changed(finger, slide=changes, aim=play)
 
 
-def _placed(finger: Finger, found: PlaceCalibration) -> Finger:
+def _placed(finger: SlideFingerConfig, found: PlaceCalibration) -> SlideFingerConfig:
     zero_sigma_mm = max(found.covariance[4][4], 0.0) ** 0.5
     placed = finger.model_copy(update={"base_mm": found.base_mm, "heading_deg": found.heading_deg})
     return _changed(
@@ -151,9 +153,9 @@ def _placed(finger: Finger, found: PlaceCalibration) -> Finger:
     )
 
 
-def _bounded(finger: AnyFinger, found: CalibratedBounds) -> AnyFinger:
+def _bounded(finger: FingerConfig, found: ContactBounds) -> FingerConfig:
     """With bounds on contacts, in which those of radius, zero, travel and array's heading are contained."""
-    if isinstance(finger, Finger):
+    if isinstance(finger, SlideFingerConfig):
         finger = _changed(finger, slide={"zero_bound_mm": 0.0, "mm_per_turn_spread": 0.0})
     return _changed(
         finger,

@@ -12,10 +12,10 @@ from pydantic import Field
 from palpate.config.fields import FileModel, Items, Length, Point, Positive
 from palpate.config.loading import Source, load_toml
 
-__all__ = ["DiscReference", "PlateReference", "ReferencesFile", "load_references", "references_sha256"]
+__all__ = ["DiscConfig", "PlateConfig", "ReferencesFile", "load_references", "references_sha256"]
 
 
-class DiscReference(FileModel):
+class DiscConfig(FileModel):
     """A round reference."""
 
     diameter_mm: Positive = Field(description="Diameter.")
@@ -23,7 +23,7 @@ class DiscReference(FileModel):
     tolerance_mm: Length = Field(default=0.0, description="Its rim is off by at most this.")
 
 
-class PlateReference(FileModel):
+class PlateConfig(FileModel):
     """A convex reference with straight faces, such as a square plate."""
 
     outline_mm: Items[Point] = Field(min_length=3, description="Corners [x, y] in order round it.")
@@ -35,8 +35,8 @@ class ReferencesFile(FileModel):
     """The things that fingers touch to be calibrated, `palpate/references@1`."""
 
     format: Literal["palpate/references@1"]
-    disc: DiscReference = Field(description="A disc.")
-    plate: PlateReference = Field(description="A plate.")
+    disc: DiscConfig = Field(description="A disc.")
+    plate: PlateConfig = Field(description="A plate.")
 
 
 def references_sha256(file: ReferencesFile) -> str:

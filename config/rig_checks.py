@@ -14,8 +14,8 @@ import shapely
 from palpate.config.problems import Place, problem
 
 if TYPE_CHECKING:
-    from palpate.config.rig_file import Emulation, RigFile, Stage
-    from palpate.config.rig_fingers import AnyFinger, ArmFinger, Finger
+    from palpate.config.rig_file import EmulationConfig, RigFile, StageConfig
+    from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
 
 __all__ = ["ARM_MARGIN_MM", "MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
 
@@ -143,7 +143,7 @@ def check_emulation(rig: RigFile) -> None:
                 )
 
 
-def _check_stage(stage: Stage | None, drawn: Emulation) -> None:
+def _check_stage(stage: StageConfig | None, drawn: EmulationConfig) -> None:
     """Refuse emulated errors of the stage beyond its bounds."""
     if stage is None:
         return
@@ -158,7 +158,7 @@ def _check_stage(stage: Stage | None, drawn: Emulation) -> None:
             )
 
 
-def _any(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:
+def _any(finger: FingerConfig, drawn: EmulationConfig) -> list[tuple[str, float, str, float]]:
     """What the emulation draws of fingers of any type: its key, how much, and the declared bound's key."""
     tip, array, bounds = finger.tip, finger.array, finger.bounds
     turned, drift = drawn.array_heading_error_deg, drawn.drift_counts_per_s
@@ -173,7 +173,7 @@ def _any(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, flo
     ]
 
 
-def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, str, float]]:
+def _mechanical(finger: FingerConfig, drawn: EmulationConfig) -> list[tuple[str, float, str, float]]:
     """What the emulation draws of a finger's mechanics; likewise."""
     if finger.type == "two-link":
         play, length = drawn.joint_backlash_deg, drawn.link_error_mm
@@ -191,7 +191,7 @@ def _mechanical(finger: AnyFinger, drawn: Emulation) -> list[tuple[str, float, s
     ]
 
 
-def _check_arm(finger: ArmFinger, radius_mm: float, index: int) -> None:
+def _check_arm(finger: ArmFingerConfig, radius_mm: float, index: int) -> None:
     """Refuse an arm with its base in the workspace, or that cannot wait between its base and that."""
     away = math.hypot(*finger.base_mm)
     if away <= radius_mm + finger.tip.radius_mm:
@@ -225,7 +225,7 @@ def _check_arm(finger: ArmFinger, radius_mm: float, index: int) -> None:
             )
 
 
-def _tip(finger: AnyFinger, radius_mm: float) -> tuple[float, float]:
+def _tip(finger: FingerConfig, radius_mm: float) -> tuple[float, float]:
     """Tip centre where a finger must start: a slide retracted at aim 0, an arm beside the workspace."""
     if finger.type == "two-link":
         x, y = finger.base_mm
@@ -239,7 +239,7 @@ def _tip(finger: AnyFinger, radius_mm: float) -> tuple[float, float]:
     )
 
 
-def _nearest_to_origin(finger: Finger, extent_mm: float) -> float:
+def _nearest_to_origin(finger: SlideFingerConfig, extent_mm: float) -> float:
     """Least distance of the tip centre from W's origin over the aim range, slid out to `extent_mm`."""
     x, y = finger.base_mm
     to_origin = math.hypot(x, y)

@@ -17,44 +17,44 @@ from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_checks import check_emulation, check_identities, check_obstacles, check_places
 from palpate.config.rig_fingers import (
-    AimServo,
+    AimConfig,
     AngleRange,
-    AnyFinger,
-    ArmFinger,
-    Array,
-    Bounds,
+    ArmFingerConfig,
+    ArrayConfig,
+    BoundsConfig,
     DxlId,
-    Finger,
-    JointServo,
-    Links,
+    FingerConfig,
+    JointConfig,
+    LinksConfig,
     Ratio,
     ServoModel,
     Share,
-    SlideServo,
-    Tip,
+    SlideConfig,
+    SlideFingerConfig,
+    TipConfig,
 )
 from palpate.config.servo_turns import check_one_turn
 
 __all__ = [
     "BUS_BAUDRATES",
-    "AimServo",
-    "AnyFinger",
-    "ArmFinger",
-    "Array",
-    "Bounds",
-    "Bus",
-    "Closing",
-    "Emulation",
-    "Finger",
-    "JointServo",
-    "Links",
-    "Obstacle",
+    "AimConfig",
+    "ArmFingerConfig",
+    "ArrayConfig",
+    "BoundsConfig",
+    "BusConfig",
+    "ClosingConfig",
+    "EmulationConfig",
+    "FingerConfig",
+    "JointConfig",
+    "LinksConfig",
+    "ObstacleConfig",
     "RigFile",
-    "Search",
-    "SlideServo",
-    "Stage",
-    "Tip",
-    "Workspace",
+    "SearchConfig",
+    "SlideConfig",
+    "SlideFingerConfig",
+    "StageConfig",
+    "TipConfig",
+    "WorkspaceConfig",
     "load_rig",
 ]
 
@@ -62,7 +62,7 @@ BUS_BAUDRATES = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
 """Rates that all supported servos know (e-Manual, Baud Rate (8))."""
 
 
-class Bus(FileModel):
+class BusConfig(FileModel):
     """The bus that all servos share."""
 
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated bus.")
@@ -83,7 +83,7 @@ class Bus(FileModel):
         return self
 
 
-class Workspace(FileModel):
+class WorkspaceConfig(FileModel):
     """Where parts may lie."""
 
     radius_mm: Positive = Field(
@@ -91,7 +91,7 @@ class Workspace(FileModel):
     )
 
 
-class Closing(FileModel):
+class ClosingConfig(FileModel):
     """How fingers close on a part."""
 
     approach_speed_mm_s: Annotated[Positive, Field(le=1000)] = Field(description="Speed through free space.")
@@ -121,7 +121,7 @@ class Closing(FileModel):
         return self
 
 
-class Search(FileModel):
+class SearchConfig(FileModel):
     """When to stop asking."""
 
     max_grips: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
@@ -142,7 +142,7 @@ class Search(FileModel):
     )
 
 
-class Stage(FileModel):
+class StageConfig(FileModel):
     """A servo that turns the ring with all fingers: servo angle = zero_deg + gear_ratio · stage angle."""
 
     centre_mm: Point = Field(description="[x, y] of the ring's axis in the support-plane frame W.")
@@ -171,7 +171,7 @@ class Stage(FileModel):
         return self
 
 
-class Obstacle(FileModel):
+class ObstacleConfig(FileModel):
     """A part of the rig that stands in the fingers' plane: a post, a camera."""
 
     name: Name = Field(description="How messages call it.")
@@ -191,7 +191,7 @@ class Obstacle(FileModel):
 WireShare = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=0.5)]
 
 
-class Emulation(FileModel):
+class EmulationConfig(FileModel):
     """How far the emulated devices stray from this description. What they draw stays hidden from the host."""
 
     noise_counts: Length = Field(default=0.0, description="Standard deviation of a taxel's noise.")
@@ -238,16 +238,16 @@ class RigFile(FileModel):
 
     format: Literal["palpate/rig@1"]
     name: Name
-    bus: Bus
-    workspace: Workspace
-    closing: Closing
-    search: Search
-    fingers: Items[AnyFinger] = Field(
+    bus: BusConfig
+    workspace: WorkspaceConfig
+    closing: ClosingConfig
+    search: SearchConfig
+    fingers: Items[FingerConfig] = Field(
         min_length=1, description="The fingers, in the order they are reported."
     )
-    stage: Stage | None = Field(default=None, description="The turning stage, if there is one.")
-    obstacles: Items[Obstacle] = Field(default=[], description="What stands in the fingers' plane.")
-    emulation: Emulation | None = Field(default=None, description="Only for rigs with mock:// ports.")
+    stage: StageConfig | None = Field(default=None, description="The turning stage, if there is one.")
+    obstacles: Items[ObstacleConfig] = Field(default=[], description="What stands in the fingers' plane.")
+    emulation: EmulationConfig | None = Field(default=None, description="Only for rigs with mock:// ports.")
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -24,22 +24,22 @@ from palpate.config.problems import TAG, problem
 from palpate.config.servo_turns import check_one_turn, check_slide, check_turns
 
 __all__ = [
-    "AimServo",
+    "AimConfig",
     "AngleRange",
-    "AnyFinger",
-    "ArmFinger",
-    "Array",
-    "Bounds",
+    "ArmFingerConfig",
+    "ArrayConfig",
+    "BoundsConfig",
     "DxlId",
-    "Finger",
-    "JointServo",
-    "Links",
+    "FingerConfig",
+    "JointConfig",
+    "LinksConfig",
     "Ratio",
     "ServoModel",
     "Share",
-    "SlideServo",
-    "Taxels",
-    "Tip",
+    "SlideConfig",
+    "SlideFingerConfig",
+    "TaxelsConfig",
+    "TipConfig",
 ]
 
 ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
@@ -61,7 +61,7 @@ AngleRange = Annotated[tuple[Angle, Angle], AfterValidator(in_order)]
 LengthRange = Annotated[tuple[Length, Length], AfterValidator(in_order)]
 
 
-class AimServo(FileModel):
+class AimConfig(FileModel):
     """The servo that turns the slide about the finger's base: servo angle = zero_deg + gear_ratio · aim."""
 
     dxl_id: DxlId = Field(description="ID on the bus.")
@@ -82,7 +82,7 @@ class AimServo(FileModel):
         return self
 
 
-class SlideServo(FileModel):
+class SlideConfig(FileModel):
     """The servo that moves the tip: distance from base = zero_mm + mm_per_turn · servo turns."""
 
     dxl_id: DxlId = Field(description="ID on the bus.")
@@ -115,7 +115,7 @@ class SlideServo(FileModel):
         return self.zero_bound_mm + self.mm_per_turn_spread * abs(distance_mm - self.zero_mm)
 
 
-class Tip(FileModel):
+class TipConfig(FileModel):
     """The cylindrical fingertip."""
 
     radius_mm: Annotated[Positive, Field(le=100)] = Field(description="Radius of the cylinder.")
@@ -132,7 +132,7 @@ class Tip(FileModel):
         return self
 
 
-class Taxels(FileModel):
+class TaxelsConfig(FileModel):
     """What calibration found of an array's taxels, row by row from the tip's lower end up."""
 
     gain: Items[Items[Positive]] = Field(description="Relative gain of every taxel, 1 where unknown.")
@@ -161,7 +161,7 @@ class Taxels(FileModel):
         return self
 
 
-class Array(FileModel):
+class ArrayConfig(FileModel):
     """The tactile array round the tip."""
 
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
@@ -181,7 +181,7 @@ class Array(FileModel):
     heading_bound_deg: Annotated[Length, Field(le=45)] = Field(
         default=0.0, description="Bound: heading_deg is off by at most this."
     )
-    taxels: Taxels | None = Field(
+    taxels: TaxelsConfig | None = Field(
         default=None, description="Gains and faults of single taxels; calibration finds them."
     )
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
@@ -226,7 +226,7 @@ class Array(FileModel):
         return self
 
 
-class Bounds(FileModel):
+class BoundsConfig(FileModel):
     """How well the finger's place is known."""
 
     base_mm: Length = Field(description="Bound: the base is within this distance of base_mm.")
@@ -244,7 +244,7 @@ class Bounds(FileModel):
     )
 
 
-class Finger(FileModel):
+class SlideFingerConfig(FileModel):
     """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
 
     type: Literal["slide"] = Field(default="slide", description='"slide": an aim and a slide.')
@@ -252,19 +252,19 @@ class Finger(FileModel):
     base_mm: Point = Field(description="[x, y] of the aim axis in the support-plane frame W.")
     heading_deg: Angle = Field(description="Direction of the slide at aim 0, counter-clockwise from +x of W.")
     height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
-    aim: AimServo
-    slide: SlideServo
-    tip: Tip
-    array: Array
-    bounds: Bounds
+    aim: AimConfig
+    slide: SlideConfig
+    tip: TipConfig
+    array: ArrayConfig
+    bounds: BoundsConfig
 
     @property
-    def servos(self) -> dict[str, AimServo | SlideServo]:
+    def servos(self) -> dict[str, AimConfig | SlideConfig]:
         """Both servos by their keys, the one next to the base first."""
         return {"aim": self.aim, "slide": self.slide}
 
 
-class JointServo(FileModel):
+class JointConfig(FileModel):
     """The servo of an arm's joint: servo angle = zero_deg + gear_ratio · joint angle."""
 
     dxl_id: DxlId = Field(description="ID on the bus.")
@@ -284,7 +284,7 @@ class JointServo(FileModel):
         return self
 
 
-class Links(FileModel):
+class LinksConfig(FileModel):
     """The two links of an arm, which pass above the parts; the tip hangs down from the end of the second."""
 
     upper_mm: Positive = Field(description="From the shoulder's axis to the elbow's.")
@@ -296,7 +296,7 @@ class Links(FileModel):
     )
 
 
-class ArmFinger(FileModel):
+class ArmFingerConfig(FileModel):
     """One finger: an arm of two links, turned by a shoulder servo at the base and an elbow servo."""
 
     type: Literal["two-link"] = Field(description='"two-link": an arm with a shoulder and an elbow.')
@@ -306,12 +306,12 @@ class ArmFinger(FileModel):
         description="Direction of the first link at shoulder angle 0, counter-clockwise from +x of W."
     )
     height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
-    shoulder: JointServo
-    elbow: JointServo
-    links: Links
-    tip: Tip
-    array: Array
-    bounds: Bounds
+    shoulder: JointConfig
+    elbow: JointConfig
+    links: LinksConfig
+    tip: TipConfig
+    array: ArrayConfig
+    bounds: BoundsConfig
 
     @model_validator(mode="after")
     def _bends_one_way(self) -> Self:
@@ -330,7 +330,7 @@ class ArmFinger(FileModel):
         return self
 
     @property
-    def servos(self) -> dict[str, JointServo]:
+    def servos(self) -> dict[str, JointConfig]:
         """Both servos by their keys, the one next to the base first."""
         return {"shoulder": self.shoulder, "elbow": self.elbow}
 
@@ -340,8 +340,8 @@ def _kind(value: Any) -> str | None:
     return TAG + kind if isinstance(kind, str) else None
 
 
-AnyFinger = Annotated[
-    Annotated[Finger, Tag(TAG + "slide")] | Annotated[ArmFinger, Tag(TAG + "two-link")],
+FingerConfig = Annotated[
+    Annotated[SlideFingerConfig, Tag(TAG + "slide")] | Annotated[ArmFingerConfig, Tag(TAG + "two-link")],
     Discriminator(
         _kind,
         custom_error_type="finger_type",

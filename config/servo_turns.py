@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from palpate.config.problems import problem
 
 if TYPE_CHECKING:
-    from palpate.config.rig_fingers import SlideServo
+    from palpate.config.rig_fingers import SlideConfig
 
 __all__ = ["check_one_turn", "check_slide", "check_turns"]
 
@@ -40,7 +40,7 @@ def check_turns(turns: list[float], key: str) -> None:
         )
 
 
-def check_slide(slide: SlideServo) -> None:
+def check_slide(slide: SlideConfig) -> None:
     """Refuse a slide that starts outside of the servo's first turn, or goes where the servo cannot count."""
     turns = [(distance - slide.zero_mm) / slide.mm_per_turn for distance in slide.range_mm]
     check_turns(turns, "range_mm")
@@ -55,7 +55,7 @@ def check_slide(slide: SlideServo) -> None:
         _check_stops(slide, *slide.stops_mm)
 
 
-def _check_stops(slide: SlideServo, back_mm: float, front_mm: float) -> None:
+def _check_stops(slide: SlideConfig, back_mm: float, front_mm: float) -> None:
     """Refuse soft limits that may lie on the stops or beyond, and a back stop outside of the first turn."""
     lo, hi = slide.range_mm
     needed = [_STOP_MARGIN_MM + slide.off_mm(distance) for distance in (lo, hi)]

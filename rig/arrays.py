@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import AnyFinger, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.tactile.devices import open_array
 from palpate.drivers.tactile.frames import ArrayDriver
@@ -18,19 +18,19 @@ from palpate.rig.conversion import mounting_of
 __all__ = ["array_of", "calibration_of", "extractor_of"]
 
 
-def array_of(spec: AnyFinger, port: SerialBase | Port, clock: Clock) -> ArrayDriver:
+def array_of(spec: FingerConfig, port: SerialBase | Port, clock: Clock) -> ArrayDriver:
     """The driver of a finger's array on its open port, not yet connected."""
     return open_array(spec.array.protocol, port, clock, spec.name, mounting_of(spec))
 
 
-def extractor_of(rig: RigFile, spec: AnyFinger, description: Description) -> ContactExtractor:
+def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:
     """The extractor for a finger's array; raises InputError if it does not fit the array."""
     extractor = ContactExtractor(description, calibration_of(rig, spec, description))
     extractor.prepare()  # at the first contact it would take longer than Bus Watchdog waits
     return extractor
 
 
-def calibration_of(rig: RigFile, spec: AnyFinger, description: Description) -> TipCalibration:
+def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -> TipCalibration:
     """What the rig file says of a finger's array: of every taxel where it was calibrated, else of all alike.
 
     Raises InputError if the calibrated taxels are not as many as the array's.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import ArmFinger, ObjectsFile, RigFile, Scene
+from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, Scene
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder, Sink
@@ -62,7 +62,7 @@ def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) ->
 
 def _check_heights(rig: RigFile, objects: ObjectsFile) -> None:
     """Refuse a catalogue with an object that an arm's links would run into."""
-    arms = [finger for finger in rig.fingers if isinstance(finger, ArmFinger)]
+    arms = [finger for finger in rig.fingers if isinstance(finger, ArmFingerConfig)]
     if not arms:
         return
     lowest = min(arms, key=lambda arm: arm.links.links_height_mm)

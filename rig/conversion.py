@@ -5,8 +5,16 @@ Degrees become radians here, and nowhere else.
 
 import math
 
-from palpate.config import AnyFinger, ArmFinger, Closing, ContactsFile, JointServo, ObjectsFile, RigFile
-from palpate.config import Finger as FingerFile
+from palpate.config import (
+    ArmFingerConfig,
+    ClosingConfig,
+    ContactsFile,
+    FingerConfig,
+    JointConfig,
+    ObjectsFile,
+    RigFile,
+    SlideFingerConfig,
+)
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.drivers.tactile.messages import Shape
@@ -94,12 +102,12 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
     return grips
 
 
-def finger_of(finger: AnyFinger) -> Finger:
+def finger_of(finger: FingerConfig) -> Finger:
     """What of a finger decides which grown section it meets."""
     return Finger(finger.tip.radius_mm, finger.height_mm)
 
 
-def mounting_of(finger: AnyFinger) -> Mounting | None:
+def mounting_of(finger: FingerConfig) -> Mounting | None:
     """How the array sits on the tip, as far as it does not tell; None for one that tells everything."""
     array = finger.array
     if array.counts_per_n is None:
@@ -114,12 +122,12 @@ def mounting_of(finger: AnyFinger) -> Mounting | None:
     )
 
 
-def kinematics_of(finger: AnyFinger) -> FingerKinematics:
+def kinematics_of(finger: FingerConfig) -> FingerKinematics:
     """Kinematics of a finger of any type."""
-    return arm_kinematics(finger) if isinstance(finger, ArmFinger) else slide_kinematics(finger)
+    return arm_kinematics(finger) if isinstance(finger, ArmFingerConfig) else slide_kinematics(finger)
 
 
-def slide_kinematics(finger: FingerFile) -> SlideKinematics:
+def slide_kinematics(finger: SlideFingerConfig) -> SlideKinematics:
     """Kinematics of aim and slide. The file counts servo angles from Goal Position 0, drivers from 2048."""
     mm_per_rad = finger.slide.mm_per_turn / (2 * math.pi)
     return SlideKinematics(
@@ -140,7 +148,7 @@ def slide_kinematics(finger: FingerFile) -> SlideKinematics:
     )
 
 
-def arm_kinematics(finger: ArmFinger) -> ArmKinematics:
+def arm_kinematics(finger: ArmFingerConfig) -> ArmKinematics:
     """Kinematics of a two-link arm."""
     return ArmKinematics(
         base_mm=finger.base_mm,
@@ -158,29 +166,29 @@ def arm_kinematics(finger: ArmFinger) -> ArmKinematics:
     )
 
 
-def _found_direction_rad(finger: AnyFinger) -> float | None:
+def _found_direction_rad(finger: FingerConfig) -> float | None:
     found = finger.bounds.direction_deg
     return None if found is None else math.radians(found)
 
 
-def tip_bound_mm(finger: AnyFinger) -> float:
+def tip_bound_mm(finger: FingerConfig) -> float:
     """How much further off than its centre the tip's surface may be: what its radius may be off."""
     # What a calibration finds of the place is of the surface: touches show nothing else.
     return finger.tip.radius_bound_mm if finger.bounds.position_mm is None else 0.0
 
 
-def array_bound_rad(finger: AnyFinger) -> float:
+def array_bound_rad(finger: FingerConfig) -> float:
     """How much further off than the finger's direction the array's may be, turned on its tip."""
     return math.radians(finger.array.heading_bound_deg) if finger.bounds.direction_deg is None else 0.0
 
 
-def _joint(servo: JointServo) -> Joint:
+def _joint(servo: JointConfig) -> Joint:
     lo, hi = (math.radians(value) for value in servo.range_deg)
     play, zero = math.radians(servo.backlash_deg), math.radians(servo.zero_deg) - math.pi
     return Joint(servo.gear_ratio, zero, play, lo, hi)
 
 
-def unfelt_mm(finger: AnyFinger, closing: Closing) -> float:
+def unfelt_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """How deep something may have dented a moving tip without being felt.
 
     Twice the contact threshold: the quick guard leaves out what is below each taxel's noise, and gains vary.
@@ -188,7 +196,7 @@ def unfelt_mm(finger: AnyFinger, closing: Closing) -> float:
     return 2 * closing.contact_force_n / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
 
 
-def dent_allowance_mm(finger: AnyFinger, closing: Closing) -> float:
+def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
 
     The tip presses with the threshold's force and what comes on top until it stands: two sample periods and

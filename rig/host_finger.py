@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from palpate.config import AnyFinger
+from palpate.config import FingerConfig
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import ArrayDriver
@@ -18,7 +18,7 @@ class HostFinger:
     `home`: a way that starts where the finger stands when the stage turns.
     """
 
-    spec: AnyFinger
+    spec: FingerConfig
     kinematics: FingerKinematics
     drive: Drive
     home: Line

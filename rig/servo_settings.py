@@ -5,7 +5,7 @@ One place for runs, `setup-motors` and `check`: the numbers are those of the dri
 
 from dataclasses import dataclass
 
-from palpate.config import AnyFinger, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.errors import InputError
@@ -38,7 +38,7 @@ class WantedServo:
 class WantedFinger:
     """A finger's part of the rig file and its servos, the one next to the base first."""
 
-    spec: AnyFinger
+    spec: FingerConfig
     servos: tuple[WantedServo, WantedServo]
 
 

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Self
 
-from palpate.config import RigFile, Stage
+from palpate.config import RigFile, StageConfig
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.servo import Servo
@@ -24,7 +24,7 @@ _ACCELERATION_RAD_S2 = 3.0
 _CURRENT_A = 1.2  # the ring carries all fingers
 
 
-def planned_turn(spec: Stage | None, angle_rad: float) -> Turn:
+def planned_turn(spec: StageConfig | None, angle_rad: float) -> Turn:
     """The stage at an angle that it has been sent to: its bound holds wherever it settles."""
     if spec is None:
         return Turn()
@@ -36,7 +36,7 @@ def planned_turn(spec: Stage | None, angle_rad: float) -> Turn:
 class HostStage:
     """The stage's part of the rig file and its servo."""
 
-    spec: Stage
+    spec: StageConfig
     servo: Servo
 
     @classmethod
@@ -79,9 +79,9 @@ class HostStage:
         )
 
 
-def _servo_rad(spec: Stage, angle_rad: float) -> float:
+def _servo_rad(spec: StageConfig, angle_rad: float) -> float:
     return math.radians(spec.zero_deg) - math.pi + spec.gear_ratio * angle_rad
 
 
-def _bound_rad(spec: Stage) -> float:
+def _bound_rad(spec: StageConfig) -> float:
     return math.radians(spec.backlash_deg + spec.bound_deg) + TICK_RAD / 2 / abs(spec.gear_ratio)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from palpate.config import ARM_MARGIN_MM, ArmFinger, Finger
+from palpate.config import ARM_MARGIN_MM, ArmFingerConfig, SlideFingerConfig
 from palpate.drivers.two_link import ArmKinematics
 from palpate.rig.conversion import slide_kinematics
 
@@ -16,7 +16,7 @@ _LEAST_SHARPNESS = 0.25
 """Of a posture (`ArmKinematics.sharpness`): with less, torques that a part can bear hardly move an arm."""
 
 
-def wait_radius_mm(spec: ArmFinger, workspace_radius_mm: float) -> float:
+def wait_radius_mm(spec: ArmFingerConfig, workspace_radius_mm: float) -> float:
     """Distance from W's origin at which an arm's tip waits."""
     return workspace_radius_mm + spec.tip.radius_mm + ARM_MARGIN_MM
 
@@ -40,7 +40,7 @@ def is_steady(kinematics: ArmKinematics, point_mm: tuple[float, float]) -> bool:
     return off_ends and kinematics.sharpness(servos) >= _LEAST_SHARPNESS
 
 
-def wait_distance_mm(spec: Finger, workspace_radius_mm: float) -> float:
+def wait_distance_mm(spec: SlideFingerConfig, workspace_radius_mm: float) -> float:
     """Furthest distance from the base, coming from the retracted end, with the tip clear of the workspace."""
     kinematics = slide_kinematics(spec)
     lo, hi = spec.slide.range_mm

@@ -2,7 +2,7 @@
 
 import math
 
-from palpate.config import AnyFinger, ArmFinger, RigFile
+from palpate.config import ArmFingerConfig, FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Servos
@@ -17,14 +17,14 @@ __all__ = ["drive_of", "start_problem"]
 _START_MM = 15.0  # an arm's tip may stand this far from where tips wait when it is switched on
 
 
-def drive_of(spec: AnyFinger, rig: RigFile, bus: Bus) -> Drive:
+def drive_of(spec: FingerConfig, rig: RigFile, bus: Bus) -> Drive:
     """The servos of a finger, limited to its ranges, and what moves them."""
     closing, radius = rig.closing, rig.clear_radius_mm
     near, far = (
         Servo(bus, servo.dxl_id, servo.model, range_rad=(min(ends), max(ends)))
         for servo, ends in zip(spec.servos.values(), _ends(spec), strict=True)
     )
-    if isinstance(spec, ArmFinger):
+    if isinstance(spec, ArmFingerConfig):
         wait = wait_radius_mm(spec, radius)
         return ArmDrive(near, far, arm_kinematics(spec), wait, closing.max_force_n)
     wait = wait_distance_mm(spec, radius)
@@ -33,14 +33,14 @@ def drive_of(spec: AnyFinger, rig: RigFile, bus: Bus) -> Drive:
 
 
 def start_problem(
-    spec: AnyFinger, rig: RigFile, servos: tuple[Servo, Servo], angles_rad: Servos
+    spec: FingerConfig, rig: RigFile, servos: tuple[Servo, Servo], angles_rad: Servos
 ) -> str | None:
     """Why a finger must not start from where it stands; None if it may.
 
     A slide must be retracted, because its servo knows its angle within one turn only. An arm's tip must be
     beside the workspace, where it waits: nothing is known of what is between there and another place.
     """
-    if isinstance(spec, ArmFinger):
+    if isinstance(spec, ArmFingerConfig):
         x, y = arm_kinematics(spec).centre_mm(angles_rad)
         radius = wait_radius_mm(spec, rig.clear_radius_mm)
         home = on_circle(radius, math.atan2(spec.base_mm[1], spec.base_mm[0]))
@@ -64,9 +64,9 @@ def start_problem(
     )
 
 
-def _ends(spec: AnyFinger) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _ends(spec: FingerConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Servo angles at the ends of both ranges."""
-    if isinstance(spec, ArmFinger):
+    if isinstance(spec, ArmFingerConfig):
         arm = arm_kinematics(spec)
         shoulder, elbow = (
             tuple(joint.servo_rad(angle) for angle in (joint.lo_rad, joint.hi_rad))

@@ -26,7 +26,7 @@ from palpate.config import (
     load_rig,
 )
 from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
-from palpate.config.calibration_finger import CalibratedFinger
+from palpate.config.calibration_finger import FingerCalibration
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import ReferencesFile, load_references
 from palpate.config.results import to_json
@@ -37,7 +37,7 @@ from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, outside, set_up
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of, slides_of
 from palpate.rig.commissioning.calibration_hand import connecting
-from palpate.rig.commissioning.run_record_file import FileKeeper
+from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.views.calibration.report import write_report
 
 __all__ = ["run_calibrate"]
@@ -94,7 +94,7 @@ def run_calibrate(
         check_place(path)
     if not yes:
         ask_to_move(console)
-    keeper = FileKeeper(places.record)
+    keeper = RunRecordFile(places.record)
     if restart:
         keeper.forget()
     bench = set_up(described, None, seed)
@@ -225,7 +225,7 @@ def _out(
     )
 
 
-def _finger(found: CalibratedFinger, rig: RigFile, index: int) -> CalibratedFingerOut:
+def _finger(found: FingerCalibration, rig: RigFile, index: int) -> CalibratedFingerOut:
     spec, place, bounds = rig.fingers[index], found.place, found.bounds
     return CalibratedFingerOut(
         name=found.name,

@@ -19,8 +19,8 @@ from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.dynamixel.scan import Found
 from palpate.drivers.dynamixel.set_up import Change, Wire, wanted_items
 from palpate.errors import InputError
-from palpate.rig.commissioning.motor_setup import Motor, Ready, set_up_all
-from palpate.rig.diagnostics.bus_selection import BusPlace, bus_of
+from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, set_up_all
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_of
 from palpate.rig.servo_settings import wanted_servos
 
 __all__ = ["run_setup", "set_up_motors"]
@@ -40,7 +40,7 @@ def run_setup(*, rig: Path, dxl_ids: Sequence[int], yes: bool, json: bool) -> in
     return set_up_motors(rig_file, bus_of(rig_file), dxl_ids, yes=yes, json=json)
 
 
-def set_up_motors(rig: RigFile, place: BusPlace, dxl_ids: Sequence[int], *, yes: bool, json: bool) -> int:
+def set_up_motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int], *, yes: bool, json: bool) -> int:
     """The same for a rig whose bus is at hand."""
     motors = _motors(rig, place, dxl_ids)
     console = Terminal(stderr=True, soft_wrap=True)
@@ -72,10 +72,10 @@ class _Person:
         self._count = count
         self._yes = yes
         self._number = 0
-        self._last: Motor | None = None
+        self._last: MotorSetup | None = None
         self._doing: Doing | None = None
 
-    def connect(self, motor: Motor) -> Ready:
+    def connect(self, motor: MotorSetup) -> OperatorReply:
         if motor is not self._last:
             self._last, self._number = motor, self._number + 1
             title = f"servo {motor.dxl_id}: {motor.owner}, {motor.model.name}"
@@ -88,10 +88,12 @@ class _Person:
                 err=True,
             )
         except typer.Abort:
-            return Ready.END
-        return {"s": Ready.SKIP, "q": Ready.END}.get(str(text).strip().lower()[:1], Ready.GO)
+            return OperatorReply.END
+        return {"s": OperatorReply.SKIP, "q": OperatorReply.END}.get(
+            str(text).strip().lower()[:1], OperatorReply.GO
+        )
 
-    def may_write(self, motor: Motor, found: Found, changes: Sequence[Change]) -> bool:
+    def may_write(self, motor: MotorSetup, found: Found, changes: Sequence[Change]) -> bool:
         self.quiet()
         firmware = "" if found.ping is None else f", firmware {found.ping.firmware}"
         self._say(f"found {motor.model.name}{firmware}, id {found.dxl_id}, {found.baudrate} baud")
@@ -103,12 +105,12 @@ class _Person:
         except typer.Abort:
             return False
 
-    def problem(self, motor: Motor, problem: str) -> None:
+    def problem(self, motor: MotorSetup, problem: str) -> None:
         del motor
         self.quiet()
         self._say(f"[red]{escape(problem)}[/]")
 
-    def done(self, motor: Motor) -> None:
+    def done(self, motor: MotorSetup) -> None:
         self.quiet()
         self._say(f"servo {motor.dxl_id} {_ENDINGS[motor.outcome]}")
 
@@ -128,7 +130,7 @@ class _Person:
         self._console.print(text, highlight=False)
 
 
-def _motors(rig: RigFile, place: BusPlace, dxl_ids: Sequence[int]) -> list[Motor]:
+def _motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int]) -> list[MotorSetup]:
     """The servos to set up, with all that each should hold. Raises DeviceError if the port is not there."""
     baudrate = rig.bus.baudrate_bps
     with closing(Bus(place.open(baudrate), place.clock, baudrate, latency_s=place.latency_s)) as bus:
@@ -140,7 +142,7 @@ def _motors(rig: RigFile, place: BusPlace, dxl_ids: Sequence[int]) -> list[Motor
                 f"--id {dxl_id}: the rig file has no such servo; it has {', '.join(map(str, sorted(known)))}"
             )
     return [
-        Motor(
+        MotorSetup(
             item.owner,
             item.servo.dxl_id,
             item.servo.model,
@@ -168,7 +170,7 @@ def _value(item: str, value: int) -> str:
     return str(value)
 
 
-def _half_done(motor: Motor) -> str:
+def _half_done(motor: MotorSetup) -> str:
     written = ", ".join(
         f"{change.item} {_value(change.item, change.found)} → {_value(change.item, change.wanted)}"
         for change in motor.written
@@ -179,7 +181,7 @@ def _half_done(motor: Motor) -> str:
     )
 
 
-def _summary(console: Console, motors: Sequence[Motor]) -> None:
+def _summary(console: Console, motors: Sequence[MotorSetup]) -> None:
     console.print()
     for motor in motors:
         if motor.outcome is SetupOutcome.NOT_DONE:
@@ -195,7 +197,7 @@ def _summary(console: Console, motors: Sequence[Motor]) -> None:
         console.print("connect all servos, then run: palpate check --rig FILE", highlight=False)
 
 
-def _out(rig: RigFile, place: BusPlace, motors: Sequence[Motor]) -> SetupOut:
+def _out(rig: RigFile, place: BusEndpoint, motors: Sequence[MotorSetup]) -> SetupOut:
     return SetupOut(
         rig=rig.name,
         port=place.port,

@@ -17,7 +17,7 @@ from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.dynamixel.scan import ALL_IDS, Found, Scan, model_name, scan
 from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import InputError, counted
-from palpate.rig.diagnostics.bus_selection import BusPlace, Owned, bus_place, servos_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, RigServo, bus_place, servos_of
 
 __all__ = ["ids_of", "run_scan"]
 
@@ -65,7 +65,7 @@ def ids_of(text: str) -> list[int]:
     return sorted(found)
 
 
-def scan_out(place: BusPlace, found: Scan, rates: Sequence[int], ids: Sequence[int]) -> ScanOut:
+def scan_out(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequence[int]) -> ScanOut:
     """What was found beside what the rig file says."""
     owned = {servo.dxl_id: servo for servo in servos_of(place.rig)}
     servos = tuple(_servo_out(item, owned) for item in found.found)
@@ -124,14 +124,14 @@ def _check_rates(given: Sequence[int]) -> None:
             raise InputError(f"--baud {rate}: a baud rate is positive, such as {_FACTORY_BAUDRATE}")
 
 
-def _rates(given: Sequence[int], place: BusPlace) -> Sequence[int]:
+def _rates(given: Sequence[int], place: BusEndpoint) -> Sequence[int]:
     """Baud rates to try. Where the port has none of its own, every servo would be found at each of them."""
     if given:
         return list(dict.fromkeys(given))
     return BUS_BAUDRATES if has_baudrate(place.port) else [place.baudrate or _USUAL_BAUDRATE]
 
 
-def _servo_out(found: Found, owned: dict[int, Owned]) -> ScannedServoOut:
+def _servo_out(found: Found, owned: dict[int, RigServo]) -> ScannedServoOut:
     owner = owned.get(found.dxl_id)
     return ScannedServoOut(
         baudrate_bps=found.baudrate,
@@ -161,7 +161,7 @@ def _servo_warnings(servos: Sequence[ScannedServoOut]) -> list[str]:
 
 
 def _rig_warnings(
-    servos: Sequence[ScannedServoOut], owned: Sequence[Owned], baudrate: int | None
+    servos: Sequence[ScannedServoOut], owned: Sequence[RigServo], baudrate: int | None
 ) -> list[str]:
     """What the rig file has otherwise."""
     warnings = []
@@ -186,7 +186,7 @@ def _rig_warnings(
     return warnings
 
 
-def _is_well(out: ScanOut, owned: Sequence[Owned], baudrate: int | None) -> bool:
+def _is_well(out: ScanOut, owned: Sequence[RigServo], baudrate: int | None) -> bool:
     """Whether something answers, nobody shares an id, and the rig's servos are there as they should be."""
     models = {servo.id: servo.model for servo in out.servos if servo.baudrate_bps == baudrate}
     return (

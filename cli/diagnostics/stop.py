@@ -13,7 +13,7 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.stop import Confirmation, confirm_off, tell_all_off
 from palpate.drivers.transport.port import PortTaken
 from palpate.errors import InputError, counted
-from palpate.rig.diagnostics.bus_selection import BusPlace, bus_place, servos_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_place, servos_of
 
 __all__ = ["run_stop", "stop"]
 
@@ -36,7 +36,7 @@ def run_stop(*, rig: Path | None, port: str | None, baudrate: int | None, json: 
     return 0 if out.confirmed else 3
 
 
-def stop(place: BusPlace, baudrate: int) -> StopOut:
+def stop(place: BusEndpoint, baudrate: int) -> StopOut:
     """Tell everybody at once, then ask each; raises DeviceError if the port cannot be opened at all."""
     begin = place.clock.now()
     told = 0
@@ -55,11 +55,11 @@ def stop(place: BusPlace, baudrate: int) -> StopOut:
             return _out(place, baudrate, told, confirm_off(bus, sorted({*owned, *bus.ping_all()})))
 
 
-def _bus(place: BusPlace, baudrate: int, *, shared: bool) -> Bus:
+def _bus(place: BusEndpoint, baudrate: int, *, shared: bool) -> Bus:
     return Bus(place.open(baudrate, shared=shared), place.clock, baudrate, latency_s=place.latency_s)
 
 
-def _out(place: BusPlace, baudrate: int, told: int, confirmations: list[Confirmation] | None) -> StopOut:
+def _out(place: BusEndpoint, baudrate: int, told: int, confirmations: list[Confirmation] | None) -> StopOut:
     owners = {servo.dxl_id: servo.owner for servo in servos_of(place.rig)}
     servos = tuple(
         StoppedServoOut(

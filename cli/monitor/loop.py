@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
-from palpate.rig.monitor.finger_monitor import FingerView, WatchedFinger
+from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
 
 __all__ = ["GONE_S", "POLL_S", "end_if_silent", "obey", "watch"]
 
@@ -16,7 +16,7 @@ GONE_S = 3.0
 
 
 def watch(
-    fingers: Sequence[WatchedFinger],
+    fingers: Sequence[MonitoredFinger],
     clock: Clock,
     show: Callable[[Sequence[FingerView]], None],
     *,
@@ -46,7 +46,7 @@ def watch(
     show([finger.view() for finger in fingers])
 
 
-def obey(typed: str, fingers: Sequence[WatchedFinger]) -> bool:
+def obey(typed: str, fingers: Sequence[MonitoredFinger]) -> bool:
     """Do what was typed: t tares, r resets the counters; returns False for q."""
     for key in typed.lower():
         if key == "q":
@@ -59,7 +59,7 @@ def obey(typed: str, fingers: Sequence[WatchedFinger]) -> bool:
     return True
 
 
-def end_if_silent(fingers: Sequence[WatchedFinger], rate_hz: float) -> None:
+def end_if_silent(fingers: Sequence[MonitoredFinger], rate_hz: float) -> None:
     """Raise DeviceError, which names the finger, if an array that streams at `rate_hz` has stopped."""
     for finger in fingers:
         limit = max(GONE_S, 5 / rate_hz)

@@ -13,7 +13,7 @@ from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.errors import InputError
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.monitor.arrays import chosen, place_of, streaming
-from palpate.rig.monitor.finger_monitor import FingerView, WatchedFinger
+from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
 from palpate.rig.monitor.paced_clock import PacedClock
 from palpate.rig.monitor.recorded_arrays import recorded
 from palpate.rig.motion.calibrated_devices import check_arrays
@@ -31,7 +31,7 @@ class _Watched:
 
     rig: RigFile
     session: Path | None
-    fingers: Sequence[WatchedFinger]
+    fingers: Sequence[MonitoredFinger]
     clock: Clock
     goes_on: Callable[[], bool]
     doing: Callable[[], str]

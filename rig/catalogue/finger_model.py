@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.config import AnyFinger, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.finger import Line
 from palpate.errors import InputError
 from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
@@ -75,7 +75,7 @@ def heights_in_words(at: Sequence[AtHeight]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def _bound_mm(finger: AnyFinger, rig: RigFile) -> float:
+def _bound_mm(finger: FingerConfig, rig: RigFile) -> float:
     """Bound of a contact in the middle of the table, of all that adds to it; infinite out of reach."""
     kinematics = kinematics_of(finger)
     x, y = finger.base_mm

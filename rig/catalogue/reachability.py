@@ -12,7 +12,7 @@ from functools import cached_property
 
 import shapely
 
-from palpate.config import ArmFinger, ObjectModel, RigFile, State
+from palpate.config import ArmFingerConfig, ObjectModel, RigFile, State
 from palpate.rig.catalogue.finger_model import contact_bound_mm
 from palpate.rig.catalogue.section_stack import region_at
 
@@ -82,7 +82,7 @@ class _Bench:
         self.fingers = [(finger.name, finger.height_mm) for finger in rig.fingers]
         self.across = 2 * rig.workspace.radius_mm
         self.unsure = 2 * (contact_bound_mm(rig) or 0.0)
-        links = [arm.links.links_height_mm for arm in rig.fingers if isinstance(arm, ArmFinger)]
+        links = [arm.links.links_height_mm for arm in rig.fingers if isinstance(arm, ArmFingerConfig)]
         self.links = min(links, default=math.inf)
 
 

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from palpate.calibration.actuator_step import measure_actuators
-from palpate.calibration.finger_fit import FingerModel, Placing
+from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
 from palpate.calibration.finger_model import finger_model, touching_of
 from palpate.calibration.finger_step import fitted, held_out, touch_placing
 from palpate.calibration.frame_alignment import (
@@ -26,13 +26,20 @@ from palpate.calibration.frame_alignment import (
     residuals_of,
 )
 from palpate.calibration.prober import Prober
-from palpate.calibration.reference import Disc, Plate
+from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.calibration.references import placings_for
 from palpate.calibration.run_record import RunRecord
 from palpate.calibration.tactile_step import measure_tactile
-from palpate.config import CalibrationDevice, CalibrationFile, Finger, RigFile, calibrated, geometry_sha256
+from palpate.config import (
+    CalibrationDevice,
+    CalibrationFile,
+    RigFile,
+    SlideFingerConfig,
+    calibrated,
+    geometry_sha256,
+)
 from palpate.config.calibration_file import CalibrationReference
-from palpate.config.calibration_finger import ActuatorsCalibration, CalibratedFinger, TactileCalibration
+from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration, TactileCalibration
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
@@ -42,9 +49,9 @@ from palpate.rig.commissioning.rig_prober import approaches_of
 __all__ = [
     "STEPS",
     "CalibrationJob",
-    "Connect",
-    "Connected",
-    "Keeper",
+    "ConnectedRig",
+    "RigConnector",
+    "RunRecordStore",
     "calibrate",
     "references_of",
     "slides_of",
@@ -55,7 +62,7 @@ STEPS = ("actuators", "tactile", "fingers")
 
 
 @dataclass(frozen=True, eq=False)
-class Connected:
+class ConnectedRig:
     """A rig that is connected: what can be measured with it, its arrays' descriptions, its devices.
 
     `prober` may only be used if the rig was made ready to move.
@@ -67,15 +74,15 @@ class Connected:
     emulated: bool
 
 
-class Connect(Protocol):
+class RigConnector(Protocol):
     """Connects a rig for as long as the context lasts; torque is off afterwards, whatever happens."""
 
-    def __call__(self, rig: RigFile, *, moving: bool) -> AbstractContextManager[Connected]:
+    def __call__(self, rig: RigFile, *, moving: bool) -> AbstractContextManager[ConnectedRig]:
         """`rig`: as far as it is known by then. `moving`: make it ready to move."""
         ...
 
 
-class Keeper(Protocol):
+class RunRecordStore(Protocol):
     """Keeps the run record between runs."""
 
     def load(self) -> RunRecord | None:
@@ -104,7 +111,7 @@ class CalibrationJob:
 
 
 def calibrate(
-    job: CalibrationJob, connect: Connect, keeper: Keeper, tell: Callable[[str], None]
+    job: CalibrationJob, connect: RigConnector, keeper: RunRecordStore, tell: Callable[[str], None]
 ) -> CalibrationFile:
     """Carry out the steps that are not done yet, and put together the file.
 
@@ -122,20 +129,20 @@ def calibrate(
         return run.file()
 
 
-def references_of(file: ReferencesFile) -> tuple[Disc, Plate]:
+def references_of(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlate]:
     """The disc and the plate; InputError for a plate that is not convex."""
     try:
-        plate = Plate("plate", np.array(file.plate.outline_mm), file.plate.tolerance_mm)
+        plate = ReferencePlate("plate", np.array(file.plate.outline_mm), file.plate.tolerance_mm)
     except ValueError as error:
         raise InputError(f"references: plate.outline_mm {error}") from None
-    return Disc("disc", file.disc.diameter_mm / 2, file.disc.tolerance_mm), plate
+    return ReferenceDisc("disc", file.disc.diameter_mm / 2, file.disc.tolerance_mm), plate
 
 
-def slides_of(rig: RigFile) -> list[Finger]:
+def slides_of(rig: RigFile) -> list[SlideFingerConfig]:
     """All fingers of a rig of slides; InputError for one that is not a slide."""
-    slides = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    slides = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     if len(slides) < len(rig.fingers):
-        arm = next(finger for finger in rig.fingers if not isinstance(finger, Finger))
+        arm = next(finger for finger in rig.fingers if not isinstance(finger, SlideFingerConfig))
         raise InputError(
             f'finger {arm.name} is of type "two-link"; only rigs whose fingers are all of type "slide" can '
             "be calibrated so far"
@@ -149,7 +156,7 @@ class _Run:
     def __init__(
         self,
         job: CalibrationJob,
-        connect: Connect,
+        connect: RigConnector,
         save: BackgroundCall,
         tell: Callable[[str], None],
     ) -> None:
@@ -235,14 +242,14 @@ class _Run:
             ],
             devices=record.devices,
             fingers=[
-                CalibratedFinger(
+                FingerCalibration(
                     name=spec.name, actuators=self._actuators(index), tactile=self._tactile(index)
                 )
                 for index, spec in enumerate(job.rig.fingers)
             ],
         )
 
-    def _touch(self, prober: Prober, specs: Sequence[Finger]) -> None:
+    def _touch(self, prober: Prober, specs: Sequence[SlideFingerConfig]) -> None:
         """Touch the references at every placing that is not done."""
         placings = self._placings()
         models = self._models(specs)
@@ -288,7 +295,7 @@ class _Run:
             fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
-    def _placings(self) -> list[Placing]:
+    def _placings(self) -> list[ReferencePlacement]:
         return placings_for(self._disc, self._plate, self._job.rig.workspace.radius_mm)
 
     def _rig_so_far(self) -> RigFile:
@@ -307,7 +314,7 @@ class _Run:
             return self._record.tactile[index]
         return None if self._job.before is None else self._job.before.fingers[index].tactile
 
-    def _models(self, specs: Sequence[Finger]) -> list[FingerModel]:
+    def _models(self, specs: Sequence[SlideFingerConfig]) -> list[FingerModel]:
         """Priors of all fingers; InputError if actuators or arrays have not been measured."""
         models = []
         for index, spec in enumerate(specs):

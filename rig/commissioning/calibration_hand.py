@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from palpate.config import RigFile
-from palpate.rig.commissioning.calibration import Connect, Connected
+from palpate.rig.commissioning.calibration import ConnectedRig, RigConnector
 from palpate.rig.commissioning.rig_prober import HandProber, Table
 from palpate.rig.motion.calibrated_devices import devices_of
 from palpate.rig.session.environment import Outside
@@ -12,15 +12,15 @@ from palpate.rig.session.environment import Outside
 __all__ = ["connecting"]
 
 
-def connecting(outside: Outside, table: Table, notice: Callable[[str], None]) -> Connect:
+def connecting(outside: Outside, table: Table, notice: Callable[[str], None]) -> RigConnector:
     """What connects the rig outside, with somebody at its table; `notice`: what the operator should do."""
 
     @contextmanager
-    def connect(rig: RigFile, *, moving: bool) -> Iterator[Connected]:
+    def connect(rig: RigFile, *, moving: bool) -> Iterator[ConnectedRig]:
         with outside.hand(rig, notice) as hand:
             if moving:
                 hand.prepare()
             arrays = [finger.array.description for finger in hand.fingers]
-            yield Connected(HandProber(hand, table), arrays, devices_of(hand), hand.emulated)
+            yield ConnectedRig(HandProber(hand, table), arrays, devices_of(hand), hand.emulated)
 
     return connect

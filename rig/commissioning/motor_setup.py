@@ -15,10 +15,10 @@ from palpate.drivers.dynamixel.scan import Found, scan
 from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo
 from palpate.errors import DeviceError
 
-__all__ = ["Asking", "Motor", "Ready", "set_up_all"]
+__all__ = ["MotorSetup", "Operator", "OperatorReply", "set_up_all"]
 
 
-class Ready(Enum):
+class OperatorReply(Enum):
     """What a person says who was asked to connect a servo."""
 
     GO = "go"
@@ -26,22 +26,22 @@ class Ready(Enum):
     END = "end"
 
 
-class Asking(Protocol):
+class Operator(Protocol):
     """The person at the bench."""
 
-    def connect(self, motor: "Motor") -> Ready:
+    def connect(self, motor: "MotorSetup") -> OperatorReply:
         """Ask to connect one servo alone."""
         ...
 
-    def may_write(self, motor: "Motor", found: Found, changes: Sequence[Change]) -> bool:
+    def may_write(self, motor: "MotorSetup", found: Found, changes: Sequence[Change]) -> bool:
         """Show what was found and what would be written; ask whether to write it."""
         ...
 
-    def problem(self, motor: "Motor", problem: str) -> None:
+    def problem(self, motor: "MotorSetup", problem: str) -> None:
         """Say what is wrong; the person is asked to connect the servo again."""
         ...
 
-    def done(self, motor: "Motor") -> None:
+    def done(self, motor: "MotorSetup") -> None:
         """Say how it ended for a servo."""
         ...
 
@@ -51,7 +51,7 @@ class Asking(Protocol):
 
 
 @dataclass(eq=False)
-class Motor:
+class MotorSetup:
     """A servo of the rig file, what it should hold, and how far its setting up has come."""
 
     owner: str
@@ -80,14 +80,14 @@ class Motor:
         )
 
 
-def set_up_all(motors: Sequence[Motor], wire: Wire, port: str, asking: Asking) -> None:
-    """Set up one servo after another; each `Motor` says how it ended. After a DeviceError asks again."""
+def set_up_all(motors: Sequence[MotorSetup], wire: Wire, port: str, asking: Operator) -> None:
+    """Set up one servo after another; each `MotorSetup` says how it ended. After a DeviceError asks again."""
     for motor in motors:
         while motor.outcome is SetupOutcome.NOT_DONE:
             ready = asking.connect(motor)
-            if ready is Ready.END:
+            if ready is OperatorReply.END:
                 return
-            if ready is Ready.SKIP:
+            if ready is OperatorReply.SKIP:
                 motor.outcome = SetupOutcome.SKIPPED
                 break
             try:
@@ -99,7 +99,7 @@ def set_up_all(motors: Sequence[Motor], wire: Wire, port: str, asking: Asking) -
         asking.done(motor)
 
 
-def _set_up(motor: Motor, wire: Wire, port: str, asking: Asking) -> SetupOutcome:
+def _set_up(motor: MotorSetup, wire: Wire, port: str, asking: Operator) -> SetupOutcome:
     found = scan(
         wire.open_port,
         wire.clock,

@@ -10,10 +10,15 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.calibration.measurements import Idle, Press, Stop, Touched
-from palpate.calibration.prober import Approach, Probe
+from palpate.calibration.measurements import (
+    IdleMeasurement,
+    PressMeasurement,
+    StopMeasurement,
+    TouchMeasurement,
+)
+from palpate.calibration.prober import Probe, SlideApproach
 from palpate.calibration.reference import Reference
-from palpate.config import Finger, RigFile
+from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.rig.conversion import slide_kinematics
 from palpate.rig.motion.end_stops import slide_of, stall, swing
@@ -50,7 +55,7 @@ class HandProber:
         self._kinematics = [slide_of(finger) for finger in hand.fingers]
         self._reach: Reach = reach_of(hand.rig, aims=_AIMS)
         self._number = self._reach.of_stage(self._reach.middle_rad)
-        self.approaches: Sequence[Approach] = [
+        self.approaches: Sequence[SlideApproach] = [
             _approach(self._reach, index, self._kinematics) for index in self._number
         ]
         self._aims: dict[int, tuple[float, int]] = {}
@@ -63,7 +68,7 @@ class HandProber:
         """Have the table cleared."""
         self._table.clear()
 
-    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         """Close fingers on approaches, all at once."""
         closes = [self._close(probe) for probe in grip]
         ways = [self._way(self.approaches[probe.approach]) for probe in grip]
@@ -72,13 +77,13 @@ class HandProber:
         found = [touches[close.finger_index] for close in closes]
         return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
 
-    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         """Press with fingers on contacts, all at once."""
         return press(
             self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], placing
         )
 
-    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         """Run into contacts, all at once."""
         return run_into(
             self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], speed_mm_s
@@ -88,7 +93,7 @@ class HandProber:
         """Turn all aims a little either way and back."""
         return swing(self._hand)
 
-    def idle(self, seconds: float) -> list[Idle]:
+    def idle(self, seconds: float) -> list[IdleMeasurement]:
         """Read all arrays for a time, fingers waiting."""
         hand = self._hand
         rate = hand.rig.closing.sample_rate_hz
@@ -97,7 +102,7 @@ class HandProber:
         taken = hand.collect(hand.fingers, max(16, round(seconds * rate)))
         hand.stop_arrays()
         return [
-            Idle(
+            IdleMeasurement(
                 finger.name,
                 np.stack([frame.counts for frame in frames]),
                 np.array([frame.device_time_s for frame in frames]),
@@ -118,7 +123,7 @@ class HandProber:
         travel = (slide_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
         return self._reach.close(self._number[approach], travel), travel
 
-    def _way(self, approach: Approach) -> int:
+    def _way(self, approach: SlideApproach) -> int:
         """From which side the aim will come to its angle, as far as that is sure; noted for the next."""
         before, way = self._aims.get(approach.finger, (math.nan, 0))
         moved = (approach.aim_rad - before) / self._kinematics[approach.finger].gear_ratio
@@ -130,11 +135,11 @@ class HandProber:
         self._aims[approach.finger] = (approach.aim_rad, way)
         return way
 
-    def _touched(self, touch: Touch, placing: int, way: int) -> Touched | None:
+    def _touched(self, touch: Touch, placing: int, way: int) -> TouchMeasurement | None:
         patch = touch.patch
         if patch is None:
             return None
-        return Touched(
+        return TouchMeasurement(
             self._hand.fingers[touch.finger_index].name,
             placing,
             touch.servos,
@@ -146,16 +151,16 @@ class HandProber:
         )
 
 
-def approaches_of(rig: RigFile) -> list[Approach]:
+def approaches_of(rig: RigFile) -> list[SlideApproach]:
     """Every way that the slides of a rig can go; InputError for a finger that is not a slide."""
     reach = reach_of(rig, aims=_AIMS)
-    kinematics = [slide_kinematics(finger) for finger in rig.fingers if isinstance(finger, Finger)]
+    kinematics = [slide_kinematics(finger) for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     return [_approach(reach, index, kinematics) for index in reach.of_stage(reach.middle_rad)]
 
 
-def _approach(reach: Reach, index: int, kinematics: Sequence[SlideKinematics]) -> Approach:
+def _approach(reach: Reach, index: int, kinematics: Sequence[SlideKinematics]) -> SlideApproach:
     candidate = reach.candidates[index]
     own, line = kinematics[candidate.finger_index], reach.close(index, math.inf).line
     aim, start = own.servos_rad(line, 0.0)
     end = own.servos_rad(line, candidate.approach.travel_mm)[1]
-    return Approach(candidate.finger_index, aim, start, end)
+    return SlideApproach(candidate.finger_index, aim, start, end)

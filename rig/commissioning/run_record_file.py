@@ -7,10 +7,10 @@ from palpate.config.loading import load_json
 from palpate.errors import InputError
 from palpate.files.writing import write_text
 
-__all__ = ["FileKeeper"]
+__all__ = ["RunRecordFile"]
 
 
-class FileKeeper:
+class RunRecordFile:
     """Keeps the run record in a file that is always whole."""
 
     def __init__(self, path: Path) -> None:

@@ -5,7 +5,7 @@ Between the array's driver and `checking`. The array is left as after `connect`,
 
 from collections.abc import Collection, Sequence
 
-from palpate.config import AnyFinger
+from palpate.config import FingerConfig
 from palpate.config.check_result import ArrayCheckOut
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
@@ -25,7 +25,7 @@ _RATE_SHARE = 0.95  # of the wanted rate that must arrive
 _TAXELS_NAMED = 6
 
 
-def check_array(spec: AnyFinger, wanted_hz: float, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
+def check_array(spec: FingerConfig, wanted_hz: float, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
     """Let one array examine itself, if it can, and stream for a while; count what arrives."""
     timer = latency_timer_s(spec.array.port)
     blank = ArrayCheckOut(
@@ -88,7 +88,7 @@ def _examined(out: ArrayCheckOut, array: ArrayDriver, known: Collection[tuple[in
     return _wrong(found, *_complaints(report, taxels=True))
 
 
-def _left_out(spec: AnyFinger) -> Collection[tuple[int, int]]:
+def _left_out(spec: FingerConfig) -> Collection[tuple[int, int]]:
     """Taxels that the calibration has left out."""
     return () if spec.array.taxels is None else spec.array.taxels.unusable
 

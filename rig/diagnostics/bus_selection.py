@@ -15,11 +15,11 @@ from palpate.drivers.transport.port import open_port
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s, port_latency_s
 
-__all__ = ["BusPlace", "Owned", "bus_of", "bus_place", "servos_of"]
+__all__ = ["BusEndpoint", "RigServo", "bus_of", "bus_place", "servos_of"]
 
 
 @dataclass(frozen=True, slots=True)
-class Owned:
+class RigServo:
     """A servo of the rig file: what people call it, and what it should be."""
 
     owner: str
@@ -28,7 +28,7 @@ class Owned:
 
 
 @dataclass(frozen=True, eq=False)
-class BusPlace:
+class BusEndpoint:
     """A bus: its port as people call it, how to open it, and what is known of it.
 
     `rig` is None if only a port was named. `urls`: where ports of an emulated rig really are. `devices`: what
@@ -57,7 +57,7 @@ class BusPlace:
         return open_port(self.urls(port), baudrate)
 
 
-def bus_place(rig: Path | None, port: str | None) -> BusPlace:
+def bus_place(rig: Path | None, port: str | None) -> BusEndpoint:
     """The bus of a rig file or of a port; without both, that of the shipped emulated rig.
 
     Raises InputError if both are given.
@@ -66,30 +66,30 @@ def bus_place(rig: Path | None, port: str | None) -> BusPlace:
         return bus_of(load_rig(rig or shipped_rig()))
     if rig is not None:
         raise InputError("--port and --rig exclude each other: the rig file names its port")
-    return BusPlace(port, MonotonicClock(), port_latency_s(port))
+    return BusEndpoint(port, MonotonicClock(), port_latency_s(port))
 
 
-def bus_of(rig: RigFile, seed: int = 0) -> BusPlace:
+def bus_of(rig: RigFile, seed: int = 0) -> BusEndpoint:
     """The bus of a rig; that of an emulated rig is emulated from now on, with devices drawn by `seed`."""
     latency, baudrate = bus_latency_s(rig), rig.bus.baudrate_bps
     if not rig.emulated:
-        return BusPlace(rig.bus.port, MonotonicClock(), latency, baudrate, rig)
+        return BusEndpoint(rig.bus.port, MonotonicClock(), latency, baudrate, rig)
     # half a second of imports, for which an emergency stop of a real rig must not wait
     from palpate.rig.bench import set_up  # noqa: PLC0415
 
     bench = set_up(rig, None, seed)
-    return BusPlace(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
+    return BusEndpoint(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
 
 
-def servos_of(rig: RigFile | None) -> tuple[Owned, ...]:
+def servos_of(rig: RigFile | None) -> tuple[RigServo, ...]:
     """All servos of a rig, the stage's first, each finger's after one another."""
     if rig is None:
         return ()
-    stage = [] if rig.stage is None else [Owned("stage", rig.stage.dxl_id, rig.stage.model)]
+    stage = [] if rig.stage is None else [RigServo("stage", rig.stage.dxl_id, rig.stage.model)]
     return (
         *stage,
         *(
-            Owned(f"{finger.name} {joint}", servo.dxl_id, servo.model)
+            RigServo(f"{finger.name} {joint}", servo.dxl_id, servo.model)
             for finger in rig.fingers
             for joint, servo in finger.servos.items()
         ),

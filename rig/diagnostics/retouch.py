@@ -10,34 +10,40 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.calibration.agreement import Agreement, Promise, Surface, agreement_of, covariance_of
+from palpate.calibration.agreement import (
+    Agreement,
+    ContactUncertainty,
+    SurfaceContacts,
+    agreement_of,
+    covariance_of,
+)
 from palpate.calibration.finger_fit import (
     COLUMNS,
     HEADING,
     FingerModel,
     Fit,
-    Placing,
+    ReferencePlacement,
     Touches,
     fit_fingers,
     predicted,
 )
-from palpate.calibration.finger_model import Touching, finger_model, mm_per_rad_of
-from palpate.calibration.measurements import Touched
+from palpate.calibration.finger_model import SlideInContact, finger_model, mm_per_rad_of
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import Found, at_bearing, find, touches_of
-from palpate.config import Finger, RigFile
+from palpate.calibration.reference_search import LocatedReference, at_bearing, find, touches_of
+from palpate.config import RigFile, SlideFingerConfig
 from palpate.errors import InputError
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 
-__all__ = ["FingerOff", "Retouch", "compared", "retouch"]
+__all__ = ["FingerOffset", "Retouch", "compared", "retouch"]
 
 _BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the touches that look for it
 _CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
 
 
 @dataclass(frozen=True)
-class FingerOff:
+class FingerOffset:
     """How far a finger's touches were off, in the mean along the surface's normal; outward positive, mm.
 
     One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
@@ -53,14 +59,14 @@ class Retouch:
     """What came of a re-touch: how all touches agree with the calibration, and every finger's mean."""
 
     agreement: Agreement
-    fingers: tuple[FingerOff, ...]
+    fingers: tuple[FingerOffset, ...]
 
 
 def retouch(
     rig: RigFile,
     prober: Prober,
     disc: Reference,
-    promises: Sequence[Promise],
+    promises: Sequence[ContactUncertainty],
     tell: Callable[[str], None] = lambda _: None,
 ) -> Retouch:
     """Have a disc put in the middle, touch it with every finger from several sides, and compare.
@@ -68,10 +74,10 @@ def retouch(
     `rig`: with its calibration, all its fingers slides; `promises`: of every finger. Raises InputError if the
     disc is not found, or a finger never meets it.
     """
-    specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     models = [_as_calibrated(spec) for spec in specs]
     stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
-    placings = [Placing(disc, (0.0, 0.0))]
+    placings = [ReferencePlacement(disc, (0.0, 0.0))]
     tell(f"putting the {disc.name}")
     prober.put(disc, placings[0].about_mm)
     tell("looking for it")
@@ -87,15 +93,15 @@ def retouch(
 
 
 def compared(
-    rig: RigFile, disc: Reference, promises: Sequence[Promise], touched: Sequence[Touched]
+    rig: RigFile, disc: Reference, promises: Sequence[ContactUncertainty], touched: Sequence[TouchMeasurement]
 ) -> Retouch:
     """Compare touches of a disc in the middle with what a calibration, which is laid over `rig`, promises.
 
     Every finger must have touched it. Raises InputError if touches are too few to tell anything.
     """
-    specs = [finger for finger in rig.fingers if isinstance(finger, Finger)]
+    specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     models = [_as_calibrated(spec) for spec in specs]
-    placings = [Placing(disc, (0.0, 0.0))]
+    placings = [ReferencePlacement(disc, (0.0, 0.0))]
     touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     # Another size of the disc shifts all touches alike.
@@ -112,10 +118,10 @@ def compared(
 
 
 def _touched_round(
-    found: Found, prober: Prober, models: Sequence[FingerModel], tell: Callable[[str], None]
-) -> list[Touched]:
+    found: LocatedReference, prober: Prober, models: Sequence[FingerModel], tell: Callable[[str], None]
+) -> list[TouchMeasurement]:
     """Touches at several sides of what was found, each by all fingers."""
-    touched: list[Touched] = []
+    touched: list[TouchMeasurement] = []
     for number, bearing in enumerate(_BEARINGS_RAD, start=1):
         tell(f"touch {number} of {len(_BEARINGS_RAD)}")
         grip = []
@@ -126,21 +132,21 @@ def _touched_round(
     return touched
 
 
-def _as_calibrated(spec: Finger) -> FingerModel:
+def _as_calibrated(spec: SlideFingerConfig) -> FingerModel:
     """The finger of a calibrated rig, where it is and not elsewhere."""
     per_rad = mm_per_rad_of(spec)
-    slide = Touching(spec.slide.zero_mm + math.pi * per_rad, per_rad, np.zeros((2, 2)))
+    slide = SlideInContact(spec.slide.zero_mm + math.pi * per_rad, per_rad, np.zeros((2, 2)))
     return replace(finger_model(spec, slide), covariance=_CERTAIN**2 * np.eye(COLUMNS))
 
 
 def _surface(
     rig: RigFile,
-    specs: Sequence[Finger],
+    specs: Sequence[SlideFingerConfig],
     models: Sequence[FingerModel],
-    touched: Sequence[Touched],
+    touched: Sequence[TouchMeasurement],
     touches: Touches,
     fit: Fit,
-) -> Surface:
+) -> SurfaceContacts:
     """Where all touches, outliers of the fit among them, met the disc."""
     fingers = touches.finger.tolist()
     travel = np.array(
@@ -153,7 +159,7 @@ def _surface(
         dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, rig.closing.max_force_n)
         for k, item in zip(fingers, touched, strict=True)
     ]
-    return Surface(
+    return SurfaceContacts(
         finger=touches.finger,
         normal=fit.normal,
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),
@@ -162,6 +168,6 @@ def _surface(
     )
 
 
-def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerOff:
+def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerOffset:
     own = fit.residual_mm[touches.finger == index]
-    return FingerOff(model.name, len(own), float(own.mean()))
+    return FingerOffset(model.name, len(own), float(own.mean()))

@@ -20,7 +20,7 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.errors import DeviceError, InputError, counted
 from palpate.rig.diagnostics.array_check import check_array
-from palpate.rig.diagnostics.bus_selection import BusPlace
+from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.diagnostics.servo_check import check_loop, check_servo
 from palpate.rig.servo_settings import WantedFinger, WantedServo, wanted_fingers, wanted_servos
@@ -29,7 +29,7 @@ from palpate.rig.wiring import start_problem
 __all__ = ["check_rig"]
 
 
-def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda _: None) -> CheckOut:
+def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lambda _: None) -> CheckOut:
     """Look at every device of a rig; `now` hears what is looked at.
 
     Raises DeviceError if the bus's port is missing or fails; everything else is in the result.
@@ -81,7 +81,7 @@ def check_rig(rig: RigFile, place: BusPlace, now: Callable[[str], None] = lambda
 
 
 def _loop(
-    bus: Bus, place: BusPlace, rig: RigFile, servos: Sequence[WantedServo], found: Sequence[ServoCheckOut]
+    bus: Bus, place: BusEndpoint, rig: RigFile, servos: Sequence[WantedServo], found: Sequence[ServoCheckOut]
 ) -> tuple[LoopOut | None, Mapping[int, ServoState], list[str]]:
     """The loop over all servos that can be read, where they stood, and why there is none."""
     able = [out.answers and not out.hardware_error for out in found]

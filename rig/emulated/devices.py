@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.config import AnyFinger, RigFile
-from palpate.config.rig_file import Emulation
+from palpate.config import FingerConfig, RigFile
+from palpate.config.rig_file import EmulationConfig
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
@@ -117,7 +117,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
 
 
 def _on_bad_wires(
-    devices: Mapping[str, tuple[Device, int]], emulation: Emulation, seed: int
+    devices: Mapping[str, tuple[Device, int]], emulation: EmulationConfig, seed: int
 ) -> Mapping[str, tuple[Device, int]]:
     """The devices behind wires that flip bits and lose packets as often as the rig file says."""
     rates = FaultRates(flipped=emulation.flipped_bytes, lost=emulation.lost_packets)
@@ -163,7 +163,7 @@ def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedS
     return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
 
 
-def _array(finger: AnyFinger, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
+def _array(finger: FingerConfig, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
     """The array on a finger's tip, speaking what the rig file says."""
     mounting, spec = mounting_of(finger), finger.array
     if mounting is None:
@@ -187,7 +187,7 @@ def _array(finger: AnyFinger, taxels: Taxels, advance: Callable[[float], None]) 
     )
 
 
-def _board(array: SampledArray, emulation: Emulation) -> Device:
+def _board(array: SampledArray, emulation: EmulationConfig) -> Device:
     """What the array's port leads to."""
     if emulation.array_boot_s == 0:
         return array
@@ -195,13 +195,13 @@ def _board(array: SampledArray, emulation: Emulation) -> Device:
     return BootingBoard(array, emulation.array_boot_s, restart, _BOOT_TEXT)
 
 
-def _column_pitch_mm(finger: AnyFinger) -> float:
+def _column_pitch_mm(finger: FingerConfig) -> float:
     """Distance of columns round the tip; in whole 1/100 mm where the array can only tell these."""
     pitch = math.radians(finger.array.coverage_deg) * finger.tip.radius_mm / _COLUMNS
     return pitch if finger.array.protocol == "palpate" else round(pitch, 2)
 
 
-def _description(finger: AnyFinger, seed: int) -> Description:
+def _description(finger: FingerConfig, seed: int) -> Description:
     """What the emulated array believes: 8 rows of 20 taxels over what it covers of the tip's circumference.
 
     Another seed is another array, and its id tells.

@@ -5,7 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.config import AnyFinger, ArmFinger, Emulation, Finger, JointServo, RigFile
+from palpate.config import (
+    ArmFingerConfig,
+    EmulationConfig,
+    FingerConfig,
+    JointConfig,
+    RigFile,
+    SlideFingerConfig,
+)
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
@@ -18,7 +25,7 @@ _FELT_RAD = math.radians(60.0)
 
 
 def truth_of(
-    finger: AnyFinger, emulation: Emulation, rng: np.random.Generator, newer: np.random.Generator
+    finger: FingerConfig, emulation: EmulationConfig, rng: np.random.Generator, newer: np.random.Generator
 ) -> FingerTruth | ArmTruth:
     """How this finger really is built.
 
@@ -49,7 +56,9 @@ def dead_taxels(
     return tuple(felt[k] for k in rng.choice(len(felt), count, replace=False))
 
 
-def _as_placed(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> FingerTruth | ArmTruth:
+def _as_placed(
+    finger: FingerConfig, emulation: EmulationConfig, rng: np.random.Generator
+) -> FingerTruth | ArmTruth:
     away, bearing = emulation.base_error_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     turn = math.radians(emulation.heading_error_deg) * rng.uniform(-1, 1)
     base = (
@@ -57,7 +66,7 @@ def _as_placed(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator
         finger.base_mm[1] + away * math.sin(bearing),
     )
     heading = math.radians(finger.heading_deg) + turn
-    if isinstance(finger, ArmFinger):
+    if isinstance(finger, ArmFingerConfig):
         return _arm(finger, emulation, base, heading, rng)
     return _slide(finger, emulation, base, heading, rng)
 
@@ -69,12 +78,12 @@ def joint_truth(gear_ratio: float, zero_deg: float, play_deg: float, rng: np.ran
     )
 
 
-def start_angles_rad(finger: AnyFinger, rig: RigFile) -> tuple[float, float]:
+def start_angles_rad(finger: FingerConfig, rig: RigFile) -> tuple[float, float]:
     """Where the shafts stand at first: slides retracted at aim 0, arms at home, as people have put them.
 
     They go by what the servos read, because that is how they are told to. The truth may be a little off.
     """
-    if isinstance(finger, ArmFinger):
+    if isinstance(finger, ArmFingerConfig):
         home = on_circle(
             wait_radius_mm(finger, rig.clear_radius_mm),
             math.atan2(finger.base_mm[1], finger.base_mm[0]),
@@ -84,7 +93,7 @@ def start_angles_rad(finger: AnyFinger, rig: RigFile) -> tuple[float, float]:
     return nominal.aim_servo_rad(0.0), nominal.slide_servo_rad(finger.slide.range_mm[0] + 1.0)
 
 
-def _with_slide_off(truth: FingerTruth, emulation: Emulation, rng: np.random.Generator) -> FingerTruth:
+def _with_slide_off(truth: FingerTruth, emulation: EmulationConfig, rng: np.random.Generator) -> FingerTruth:
     """With zero and travel per turn off; the file's zero holds half a turn before the shaft's."""
     zero_off = emulation.zero_error_mm * rng.uniform(-1, 1)
     mm_per_rad = truth.mm_per_rad * (1 + emulation.mm_per_turn_error * rng.uniform(-1, 1))
@@ -93,8 +102,8 @@ def _with_slide_off(truth: FingerTruth, emulation: Emulation, rng: np.random.Gen
 
 
 def _slide(
-    finger: Finger,
-    emulation: Emulation,
+    finger: SlideFingerConfig,
+    emulation: EmulationConfig,
     base_mm: tuple[float, float],
     heading_rad: float,
     rng: np.random.Generator,
@@ -118,13 +127,13 @@ def _slide(
 
 
 def _arm(
-    finger: ArmFinger,
-    emulation: Emulation,
+    finger: ArmFingerConfig,
+    emulation: EmulationConfig,
     base_mm: tuple[float, float],
     heading_rad: float,
     rng: np.random.Generator,
 ) -> ArmTruth:
-    def joint(servo: JointServo) -> JointTruth:
+    def joint(servo: JointConfig) -> JointTruth:
         return joint_truth(servo.gear_ratio, servo.zero_deg, emulation.joint_backlash_deg, rng)
 
     return ArmTruth(
@@ -141,5 +150,5 @@ def _arm(
     )
 
 
-def _stiffness(finger: AnyFinger, emulation: Emulation, rng: np.random.Generator) -> float:
+def _stiffness(finger: FingerConfig, emulation: EmulationConfig, rng: np.random.Generator) -> float:
     return finger.tip.stiffness_n_per_mm * (1 + emulation.stiffness_spread * rng.uniform(-1, 1))

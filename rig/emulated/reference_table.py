@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from palpate.calibration.reference import Disc, Plate, Reference
+from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.tip import Outline
 
@@ -41,11 +41,11 @@ class EmulatedTable:
 
 def outline_of(reference: Reference, x_mm: float, y_mm: float, theta_rad: float) -> Outline:
     """Edges of a reference in W; a disc's facets lie half within it, half outside."""
-    if isinstance(reference, Disc):
+    if isinstance(reference, ReferenceDisc):
         angles = np.arange(_FACETS) * 2 * math.pi / _FACETS
         radius = reference.radius_mm * (1 + (math.pi / _FACETS) ** 2 / 3)
         corners = radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    elif isinstance(reference, Plate):
+    elif isinstance(reference, ReferencePlate):
         corners = reference.corners_mm
     else:
         raise TypeError(f"{reference.name} cannot be emulated")

@@ -10,20 +10,20 @@ from dataclasses import dataclass
 
 from serial.serialutil import SerialBase
 
-from palpate.config import AnyFinger, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import PortTaken, open_port
 from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of, extractor_of
 from palpate.rig.bench import set_up
-from palpate.rig.monitor.finger_monitor import WatchedFinger
+from palpate.rig.monitor.finger_monitor import MonitoredFinger
 
-__all__ = ["Place", "chosen", "place_of", "streaming", "watched_of"]
+__all__ = ["ArrayPorts", "chosen", "place_of", "streaming", "watched_of"]
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class ArrayPorts:
     """Where a rig's arrays are: the clock, and how to open a port. It keeps `devices` alive."""
 
     clock: Clock
@@ -31,15 +31,15 @@ class Place:
     devices: object = None
 
 
-def place_of(rig: RigFile) -> Place:
+def place_of(rig: RigFile) -> ArrayPorts:
     """The ports of a rig; those of an emulated one are emulated from now on, with an empty table."""
     if not rig.emulated:
-        return Place(MonotonicClock(), open_port)
+        return ArrayPorts(MonotonicClock(), open_port)
     bench = set_up(rig, None, 0)
-    return Place(bench.clock, lambda port, baudrate: open_port(bench.urls(port), baudrate), bench)
+    return ArrayPorts(bench.clock, lambda port, baudrate: open_port(bench.urls(port), baudrate), bench)
 
 
-def chosen(rig: RigFile, names: Sequence[str]) -> tuple[AnyFinger, ...]:
+def chosen(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ...]:
     """The fingers of these names, all without any; InputError for a name that the rig does not have."""
     there = [finger.name for finger in rig.fingers]
     unknown = next((name for name in names if name not in there), None)
@@ -51,8 +51,8 @@ def chosen(rig: RigFile, names: Sequence[str]) -> tuple[AnyFinger, ...]:
 
 @contextmanager
 def streaming(
-    rig: RigFile, specs: Sequence[AnyFinger], place: Place, clock: Clock, rate_hz: float
-) -> Iterator[tuple[WatchedFinger, ...]]:
+    rig: RigFile, specs: Sequence[FingerConfig], place: ArrayPorts, clock: Clock, rate_hz: float
+) -> Iterator[tuple[MonitoredFinger, ...]]:
     """The arrays of some fingers, streaming until the block is left, by whatever way.
 
     `clock` is the place's, perhaps paced. Raises PortTaken if another program uses a port, DeviceError
@@ -72,13 +72,13 @@ def streaming(
         yield tuple(fingers)
 
 
-def watched_of(rig: RigFile, spec: AnyFinger, array: ArrayDriver, clock: Clock) -> WatchedFinger:
+def watched_of(rig: RigFile, spec: FingerConfig, array: ArrayDriver, clock: Clock) -> MonitoredFinger:
     """A finger's array, connected, with its extractor."""
     extractor = extractor_of(rig, spec, array.description)
-    return WatchedFinger(spec.name, spec.array.port, array, extractor, clock)
+    return MonitoredFinger(spec.name, spec.array.port, array, extractor, clock)
 
 
-def _open(place: Place, spec: AnyFinger) -> SerialBase:
+def _open(place: ArrayPorts, spec: FingerConfig) -> SerialBase:
     try:
         return place.open_port(spec.array.port, spec.array.baudrate_bps)
     except PortTaken as error:

@@ -16,7 +16,7 @@ from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFr
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["SILENT_S", "FingerView", "Tare", "WatchedFinger"]
+__all__ = ["SILENT_S", "FingerView", "MonitoredFinger", "TareState"]
 
 SILENT_S = 0.5
 """An array whose last frame is older than this does not stream, as far as people care."""
@@ -28,7 +28,7 @@ _RATE_WINDOW_S = 2.0
 Mask = NDArray[np.bool_]
 
 
-class Tare(Enum):
+class TareState(Enum):
     """Whether it is known what the untouched array reads."""
 
     NONE = "not tared"
@@ -51,7 +51,7 @@ class FingerView:
     name: str
     port: str
     description: Description
-    tare: Tare
+    tare: TareState
     counts: NDArray[np.uint16] | None
     taxel_n: NDArray[np.float64]
     saturated: Mask
@@ -69,7 +69,7 @@ class FingerView:
         return self.age_s > SILENT_S
 
 
-class WatchedFinger:
+class MonitoredFinger:
     """An array that streams. Call `poll` often, `view` as often as somebody looks."""
 
     def __init__(
@@ -80,7 +80,7 @@ class WatchedFinger:
         self.array = array
         self._extractor = extractor
         self._clock = clock
-        self._tare = Tare.NONE
+        self._tare = TareState.NONE
         self._at_rest: list[TactileFrame] = []
         self._newest: deque[TactileFrame] = deque(maxlen=_NEWEST)
         self._last_s = clock.now()
@@ -107,7 +107,7 @@ class WatchedFinger:
 
     def tare(self) -> None:
         """Take the next few frames as those of an untouched tip."""
-        self._tare = Tare.UNDER_WAY
+        self._tare = TareState.UNDER_WAY
         self._at_rest.clear()
 
     def reset_counters(self) -> None:
@@ -124,7 +124,7 @@ class WatchedFinger:
         # The extractor's baseline is nothing before the first tare: then maps show all that taxels read.
         recent = [frame.counts for frame in self._newest]
         mean = np.mean(recent, axis=0) if recent else baseline.mean
-        tared, fresh = self._tare is Tare.DONE, counts is not None and self.age_s <= SILENT_S
+        tared, fresh = self._tare is TareState.DONE, counts is not None and self.age_s <= SILENT_S
         hot = ~baseline.usable & (baseline.mean >= 0.5 * description.max_count) if tared else blank
         return FingerView(
             name=self.name,
@@ -144,12 +144,12 @@ class WatchedFinger:
         )
 
     def _go_on_taring(self, frames: list[TactileFrame]) -> None:
-        if self._tare is not Tare.UNDER_WAY:
+        if self._tare is not TareState.UNDER_WAY:
             return
         self._at_rest += frames
         if len(self._at_rest) >= _TARE_FRAMES:
             self._extractor.tare(self._at_rest)
-            self._tare = Tare.DONE
+            self._tare = TareState.DONE
             self._at_rest.clear()
 
     def _force_n(self) -> float:

@@ -11,16 +11,16 @@ from palpate.drivers.transport.recording import Passed, Told
 from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of
 from palpate.rig.monitor.arrays import chosen, watched_of
-from palpate.rig.monitor.finger_monitor import WatchedFinger
+from palpate.rig.monitor.finger_monitor import MonitoredFinger
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
 from palpate.rig.session.log import LOG_NAME
 from palpate.rig.session.log_reader import SessionFile, read_session
 
-__all__ = ["Recorded", "recorded"]
+__all__ = ["RecordedArrays", "recorded"]
 
 
 @dataclass(frozen=True, eq=False)
-class Recorded:
+class RecordedArrays:
     """The arrays of a session, played by `clock`, which starts with the session's own time 0.
 
     `changed_line`: the first line of the log that is not as it was written, None if all are.
@@ -29,7 +29,7 @@ class Recorded:
     folder: Path
     rig: RigFile
     clock: VirtualClock
-    fingers: tuple[WatchedFinger, ...]
+    fingers: tuple[MonitoredFinger, ...]
     end_s: float
     changed_line: int | None
     _ports: tuple[PlaybackPort, ...]
@@ -55,7 +55,7 @@ class Recorded:
                 finger.tare()
 
 
-def recorded(session: Path, names: Sequence[str]) -> Recorded:
+def recorded(session: Path, names: Sequence[str]) -> RecordedArrays:
     """The arrays of the session in a folder.
 
     Raises InputError if there is no session, or it does not hold what an array of these fingers is.
@@ -81,7 +81,7 @@ def recorded(session: Path, names: Sequence[str]) -> Recorded:
         fingers.append(watched_of(rig, spec, array, clock))
     writes = {k: port.writes for k, port in enumerate(ports)}
     end_s = file.entries[-1].t_s
-    return Recorded(
+    return RecordedArrays(
         folder, rig, clock, tuple(fingers), end_s, file.changed_line, tuple(ports), _stages(file), writes
     )
 

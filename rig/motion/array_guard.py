@@ -6,7 +6,7 @@ The hand looks through it wherever time passes with torque on, so that no motion
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.config import Closing
+from palpate.config import ClosingConfig
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
@@ -32,7 +32,7 @@ _NOTHING = Felt((), 0.0)
 class ArrayWatch:
     """Looks at all arrays that stream."""
 
-    def __init__(self, clock: Clock, closing: Closing) -> None:
+    def __init__(self, clock: Clock, closing: ClosingConfig) -> None:
         """`closing`: the rig file's limits and sample rate."""
         self._clock, self._closing = clock, closing
         self._heard_s: dict[HostFinger, float] = {}

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from palpate.config import Closing, Tip
+from palpate.config import ClosingConfig, TipConfig
 from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
@@ -28,14 +28,16 @@ class Touch:
     servos: Servos
 
 
-def concluded(run: Run, patch: ContactPatch | None, closing: Closing, turn: Turn) -> Touch:
+def concluded(run: Run, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
     if patch is None:
         return Touch(run.close.finger_index, _miss(run, closing, turn), None, run.servos)
     return Touch(run.close.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
 
 
-def dent_range_mm(force_n: float, force_bound_n: float, tip: Tip, max_force_n: float) -> tuple[float, float]:
+def dent_range_mm(
+    force_n: float, force_bound_n: float, tip: TipConfig, max_force_n: float
+) -> tuple[float, float]:
     """Least and greatest dent (mm) of a tip that bears a force, which is known to within a bound."""
     hardest, softest = min(force_n + force_bound_n, max_force_n), max(force_n - force_bound_n, 0.0)
     return (
@@ -59,7 +61,7 @@ def _bound_mm(run: Run, turn: Turn) -> float:
     return centre + tip_bound_mm(run.finger.spec)
 
 
-def _miss(run: Run, closing: Closing, turn: Turn) -> Contact:
+def _miss(run: Run, closing: ClosingConfig, turn: Turn) -> Contact:
     """The way was free as far as the finger went; less a little where a touch could not be measured."""
     start, centre = run.start_mm, run.centre_mm
     gone = math.dist(start, centre)
@@ -77,7 +79,7 @@ def _miss(run: Run, closing: Closing, turn: Turn) -> Contact:
     )
 
 
-def _contact(run: Run, patch: ContactPatch, closing: Closing, turn: Turn) -> Contact:
+def _contact(run: Run, patch: ContactPatch, closing: ClosingConfig, turn: Turn) -> Contact:
     """Where the tip's centre would be if it just touched: the dent is taken back along the normal."""
     finger, tip = run.finger, run.finger.spec.tip
     kinematics = finger.kinematics

@@ -13,7 +13,7 @@ from typing import Self, TypeVar
 
 from serial.serialutil import SerialBase
 
-from palpate.config import AnyFinger, RigFile
+from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, Goals, Mover, ServoMover, guarded_loop
@@ -334,12 +334,12 @@ class Hand:
         self.fingers = tuple(map(self._finger, rig.fingers, drives, self._arrays))
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
-    def _array(self, spec: AnyFinger, open_port: OpenPort) -> ArrayDriver:
+    def _array(self, spec: FingerConfig, open_port: OpenPort) -> ArrayDriver:
         port = open_port(spec.array.port, spec.array.baudrate_bps)
         self._ports.append(port)
         return array_of(spec, port, self.clock)
 
-    def _finger(self, spec: AnyFinger, drive: Drive, array: ArrayDriver) -> HostFinger:
+    def _finger(self, spec: FingerConfig, drive: Drive, array: ArrayDriver) -> HostFinger:
         extractor = extractor_of(self.rig, spec, array.connect())
         return HostFinger(
             spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor

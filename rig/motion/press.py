@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from palpate.calibration.measurements import FREE, IN, OUT, Press, Stop
+from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement, StopMeasurement
 from palpate.drivers.dynamixel.guarded import End, Goals
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import DeviceError, SafetyStop
@@ -39,7 +39,7 @@ Contacts = Sequence[tuple[Close, float]]
 """Ways, and after how many mm of each the finger touches."""
 
 
-def press(hand: Hand, contacts: Contacts, placing: int) -> list[Press]:
+def press(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement]:
     """Press where fingers touch, all at once, and go back. Ends retracted.
 
     Raises SafetyStop above the rig file's max_force_n, and DeviceError for a device that fails.
@@ -53,7 +53,7 @@ def press(hand: Hand, contacts: Contacts, placing: int) -> list[Press]:
     return [mover.press(placing) for mover in pressing]
 
 
-def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Stop]:
+def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[StopMeasurement]:
     """Run into contacts at a speed, stop each finger when it feels something, see where it stood."""
     lead = max(_LEAD_MM, speed_mm_s**2 / _GENTLE_MM_S2 / 2)
     runs = _made_ready(hand, [(close, max(contact - lead, 0.0)) for close, contact in contacts])
@@ -77,7 +77,9 @@ def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Stop]:
     for run, (_, contact) in zip(runs, contacts, strict=True):
         contact_rad = run.finger.kinematics.servos_rad(run.line, contact)[1]
         period = 1 / hand.rig.closing.sample_rate_hz
-        stops.append(Stop(run.finger.name, speed_mm_s, felt_rad[run], run.servos[1], contact_rad, period))
+        stops.append(
+            StopMeasurement(run.finger.name, speed_mm_s, felt_rad[run], run.servos[1], contact_rad, period)
+        )
     _end(hand, runs)
     return stops
 
@@ -140,10 +142,10 @@ class _PressMover(TipMover):
         self._turns = False
         return self.start(now)
 
-    def press(self, placing: int) -> Press:
+    def press(self, placing: int) -> PressMeasurement:
         """What was kept."""
         rows = np.array(self._rows)
-        return Press(
+        return PressMeasurement(
             self.finger.name,
             placing,
             self.run.servos[0],

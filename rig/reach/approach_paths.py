@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.config import ArmFinger, Finger, RigFile
+from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import Body, Line
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.recognizer.arrays import Floats
@@ -66,7 +66,7 @@ def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count
     """Ways of a finger from aims between two: `count` of a slide, about five times as many of an arm."""
     spec = rig.fingers[finger_index]
     radius = rig.clear_radius_mm
-    if isinstance(spec, ArmFinger):
+    if isinstance(spec, ArmFingerConfig):
         aims = np.linspace(lo_rad, hi_rad, count // 3 + 1) if hi_rad > lo_rad else np.array([lo_rad])
         turns = np.radians(np.linspace(-_MOST_TURN_DEG, _MOST_TURN_DEG, 2 * (count // 6) + 1))
         ways = [_arm_way(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
@@ -88,7 +88,7 @@ def crossing_mm(line: Line, radius_mm: float) -> float:
 
 
 def _slide_way(
-    spec: Finger,
+    spec: SlideFingerConfig,
     kinematics: SlideKinematics,
     finger_index: int,
     aim_rad: float,
@@ -115,7 +115,7 @@ def _slide_way(
 
 
 def _arm_way(
-    spec: ArmFinger, finger_index: int, aim_rad: float, turn_rad: float, workspace_radius_mm: float
+    spec: ArmFingerConfig, finger_index: int, aim_rad: float, turn_rad: float, workspace_radius_mm: float
 ) -> Way | None:
     """From a place on the circle, at a turn from straight inward: as far as joints and array allow.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import Closing, RigFile
+from palpate.config import ClosingConfig, RigFile
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.recognizer import Approach, Candidate
 from palpate.recognizer.arrays import Bools, Floats, Ints
@@ -59,7 +59,7 @@ class Reach:
     stage_rad: Floats
     aiming_s: Floats
     swept: Swept
-    closing: Closing
+    closing: ClosingConfig
 
     def of_finger(self, finger_index: int, stage_rad: float | None = None) -> list[int]:
         """Indices of one finger's candidates, by stage angle (one, if given) and ascending aim."""

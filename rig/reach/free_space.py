@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.config import ArmFinger, RigFile
+from palpate.config import ArmFingerConfig, RigFile
 from palpate.drivers.finger import Turn
 from palpate.errors import InputError
 from palpate.recognizer.arrays import Bools, Floats
@@ -102,7 +102,7 @@ def _lever_mm(rig: RigFile) -> float:
     """No part of a finger that can meet anything is further from the stage's centre."""
     centre = rig.stage.centre_mm if rig.stage else (0.0, 0.0)
     parts = [
-        math.dist(spec.base_mm, centre) + (spec.links.upper_mm if isinstance(spec, ArmFinger) else 0.0)
+        math.dist(spec.base_mm, centre) + (spec.links.upper_mm if isinstance(spec, ArmFingerConfig) else 0.0)
         for spec in rig.fingers
     ]
     return max(*parts, rig.clear_radius_mm + math.hypot(*centre))

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.config import AnyFinger, ArmFinger
+from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
 from palpate.recognizer.arrays import Bools, Floats
 from palpate.rig.conversion import arm_kinematics, slide_kinematics, tip_bound_mm
@@ -48,12 +48,12 @@ class Waiting:
     home: int
 
 
-def waiting_of(spec: AnyFinger, workspace_radius_mm: float) -> Waiting:
+def waiting_of(spec: FingerConfig, workspace_radius_mm: float) -> Waiting:
     """Sample the aims of a finger: directions of a slide, places of an arm's tip on its waiting circle.
 
     Both are angles: a slide's counts from its heading, an arm's is the place's direction from W's origin.
     """
-    if isinstance(spec, ArmFinger):
+    if isinstance(spec, ArmFingerConfig):
         return _arm_waiting(spec, workspace_radius_mm)
     lo, hi = (math.radians(value) for value in spec.aim.range_deg)
     home = min(max(0.0, lo), hi)
@@ -67,7 +67,7 @@ def waiting_of(spec: AnyFinger, workspace_radius_mm: float) -> Waiting:
     return Waiting(aims, pieces_of(bodies, between=True), len(before) - 1)
 
 
-def _arm_waiting(spec: ArmFinger, workspace_radius_mm: float) -> Waiting:
+def _arm_waiting(spec: ArmFingerConfig, workspace_radius_mm: float) -> Waiting:
     """The part of the circle that the arm can follow from its home, which is next to its base."""
     kinematics = arm_kinematics(spec)
     home = math.atan2(spec.base_mm[1], spec.base_mm[0])
@@ -89,9 +89,9 @@ def _arm_waiting(spec: ArmFinger, workspace_radius_mm: float) -> Waiting:
     return Waiting(aims, pieces_of(bodies, between=True), len(before))
 
 
-def home_line(spec: AnyFinger, workspace_radius_mm: float) -> Line:
+def home_line(spec: FingerConfig, workspace_radius_mm: float) -> Line:
     """A way that starts at the finger's home, where it stands at power-up and when a stage turns."""
-    if isinstance(spec, ArmFinger):
+    if isinstance(spec, ArmFingerConfig):
         angle = math.atan2(spec.base_mm[1], spec.base_mm[0])
         return Line(on_circle(wait_radius_mm(spec, workspace_radius_mm), angle), angle + math.pi)
     lo, hi = (math.radians(value) for value in spec.aim.range_deg)
@@ -99,7 +99,7 @@ def home_line(spec: AnyFinger, workspace_radius_mm: float) -> Line:
     return slide_kinematics(spec).line(min(max(0.0, lo), hi), wait)
 
 
-def body_of(kinematics: FingerKinematics, servos_rad: Servos, spec: AnyFinger) -> Body:
+def body_of(kinematics: FingerKinematics, servos_rad: Servos, spec: FingerConfig) -> Body:
     """Room that a finger may take up, given how well place and tip are known and how exactly it aims."""
     body = kinematics.body(servos_rad, spec.tip.radius_mm)
     unsure = kinematics.position_bound_mm(servos_rad) + kinematics.strayed_mm(servos_rad, AIM_TOLERANCE_RAD)

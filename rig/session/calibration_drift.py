@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 
 from palpate.calibration.agreement import (
     Agreement,
-    Promise,
-    Surface,
+    ContactUncertainty,
+    SurfaceContacts,
     agreement_of,
     covariance_of,
     promises_of,
@@ -77,7 +77,7 @@ def _agreement(
     outlines: Sequence[Floats],
     found: Hypothesis,
     rig: RigFile,
-    promises: Sequence[Promise],
+    promises: Sequence[ContactUncertainty],
 ) -> Agreement | None:
     centre = np.array([touch.contact.end_mm for touch in touches])
     radius = np.array([touch.contact.finger.tip_radius_mm for touch in touches])
@@ -103,7 +103,7 @@ def _agreement(
         [(off(pose + step) - off(pose - step)) / (2 * _STEP) for step in _STEP * np.eye(3)]
     )
     travel = np.array([touch.contact.direction_rad for touch in touches])
-    surface = Surface(
+    surface = SurfaceContacts(
         finger=np.array([touch.finger_index for touch in touches], dtype=np.int64),
         normal=normal,
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),

@@ -10,8 +10,8 @@ from truth_calibration import truth_calibration
 
 from palpate.calibration.agreement import (
     FALSE_ALARMS,
-    Promise,
-    Surface,
+    ContactUncertainty,
+    SurfaceContacts,
     agreement_of,
     covariance_of,
     promises_of,
@@ -21,15 +21,15 @@ from palpate.rig.emulated.devices import emulate
 
 Floats = NDArray[np.float64]
 RIG: RigFile = load_rig(shipped_rig())
-PROMISES = [Promise(0.012, 0.02, 0.0, 0.03, 3.29)] * 3
+PROMISES = [ContactUncertainty(0.012, 0.02, 0.0, 0.03, 3.29)] * 3
 
 
-def disc_touches(rng: np.random.Generator, each: int = 5) -> Surface:
+def disc_touches(rng: np.random.Generator, each: int = 5) -> SurfaceContacts:
     """Touches round a disc by three fingers, up to 45° from head-on."""
     finger = np.repeat(np.arange(3), each)
     facing = 2 * math.pi / 3 * finger
     angle = facing + rng.uniform(-math.pi / 4, math.pi / 4, len(finger))
-    return Surface(
+    return SurfaceContacts(
         finger=finger,
         normal=np.column_stack([np.cos(angle), np.sin(angle)]),
         travel=-np.column_stack([np.cos(facing), np.sin(facing)]),
@@ -38,12 +38,12 @@ def disc_touches(rng: np.random.Generator, each: int = 5) -> Surface:
     )
 
 
-def slid(surface: Surface) -> Floats:
+def slid(surface: SurfaceContacts) -> Floats:
     """Derivatives of touches' residuals by the disc's place."""
     return -surface.normal
 
 
-def felt(surface: Surface, rng: np.random.Generator) -> Floats:
+def felt(surface: SurfaceContacts, rng: np.random.Generator) -> Floats:
     """Residuals as a rig makes them that is as promised, the disc anywhere near."""
     count = len(surface.finger)
     across = np.sqrt(1 - (surface.normal * surface.travel).sum(axis=1) ** 2)

@@ -22,9 +22,9 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.experiment_design import Foreseen, choose, foresee, towards
+from palpate.calibration.experiment_design import PredictedTouches, choose, foresee, towards
 from palpate.calibration.finger_fit import Fit, fit_fingers
-from palpate.calibration.prober import Approach
+from palpate.calibration.prober import SlideApproach
 
 FIRST_MM, LAST_MM = 50.0, 245.0
 AIMS = 25
@@ -32,7 +32,7 @@ PLACING = 2
 FEW = 2  # touches of each finger by which the plate was found
 
 
-def approaches() -> list[Approach]:
+def approaches() -> list[SlideApproach]:
     """Ways of all fingers, a degree or so apart, from near their bases through the table's middle."""
     found = []
     for index, model in enumerate(models()):
@@ -40,7 +40,7 @@ def approaches() -> list[Approach]:
             direction = float(model.prior[HEADING] + off)
             aim, start = servos_rad(model.prior, index, direction, FIRST_MM, 0.0)
             end = servos_rad(model.prior, index, direction, LAST_MM, 0.0)[1]
-            found.append(Approach(index, aim, start, end))
+            found.append(SlideApproach(index, aim, start, end))
     return found
 
 
@@ -59,7 +59,7 @@ def fit() -> Fit:
 
 
 @pytest.fixture(scope="module")
-def foreseen(fit: Fit) -> Foreseen:
+def foreseen(fit: Fit) -> PredictedTouches:
     return foresee(models(), placings()[: PLACING + 1], fit, PLACING, approaches())
 
 
@@ -68,12 +68,12 @@ def as_fitted(fit: Fit) -> Laid:
     return laid(placings()[PLACING].reference, float(x), float(y), float(theta))
 
 
-def direction_rad(fit: Fit, approach: Approach) -> float:
+def direction_rad(fit: Fit, approach: SlideApproach) -> float:
     own = approach.finger
     return float(fit.values[own, HEADING] + (approach.aim_rad - AIM_ZEROS_RAD[own]) / GEARS[own])
 
 
-def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, foreseen: Foreseen) -> None:
+def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, foreseen: PredictedTouches) -> None:
     plate, hits = as_fitted(fit), 0
     for k, approach in enumerate(approaches()):
         own = fit.values[approach.finger]
@@ -94,13 +94,13 @@ def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, foreseen
     assert hits > AIMS
 
 
-def told(foreseen: Foreseen, covariance: Floats, numbers: list[int]) -> float:
+def told(foreseen: PredictedTouches, covariance: Floats, numbers: list[int]) -> float:
     """By how much touches shrink the ellipsoid of what is unknown: the logarithm of its volumes' ratio."""
     rows = foreseen.rows[numbers]
     return float(np.linalg.slogdet(np.eye(len(rows)) + rows @ covariance @ rows.T / SIGMA_MM**2)[1])
 
 
-def test_chosen_touches_say_more_than_random_ones(fit: Fit, foreseen: Foreseen) -> None:
+def test_chosen_touches_say_more_than_random_ones(fit: Fit, foreseen: PredictedTouches) -> None:
     count, every = 3, approaches()
     grips = choose(foreseen, every, models(), fit.covariance, SIGMA_MM, count)
     chosen = [probe.approach for grip in grips for probe in grip]
@@ -120,7 +120,9 @@ def test_chosen_touches_say_more_than_random_ones(fit: Fit, foreseen: Foreseen) 
     assert max(others) > min(others) + 0.1
 
 
-def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(fit: Fit, foreseen: Foreseen) -> None:
+def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(
+    fit: Fit, foreseen: PredictedTouches
+) -> None:
     every = approaches()
     for grip in choose(foreseen, every, models(), fit.covariance, SIGMA_MM, 4):
         for probe in grip:
@@ -130,10 +132,10 @@ def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(fit: Fit, f
             assert beyond == pytest.approx(min(12.0, left))
 
 
-def test_a_finger_without_good_touches_takes_no_part(fit: Fit, foreseen: Foreseen) -> None:
+def test_a_finger_without_good_touches_takes_no_part(fit: Fit, foreseen: PredictedTouches) -> None:
     every = approaches()
     mine = np.array([approach.finger == 1 for approach in every])
-    nowhere = Foreseen(
+    nowhere = PredictedTouches(
         np.where(mine, np.nan, foreseen.slide_rad), foreseen.oblique_rad, foreseen.room_mm, foreseen.rows
     )
     for grip in choose(nowhere, every, models(), fit.covariance, SIGMA_MM, 2):

@@ -23,7 +23,7 @@ from touched_references import (
 
 from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers, predicted
 from palpate.calibration.frame_alignment import in_hand
-from palpate.calibration.gauge import Place, hand_frame
+from palpate.calibration.gauge import BasePose, hand_frame
 
 GAUGE = 3  # a shift and a turn of everything: what touches cannot show
 
@@ -48,8 +48,8 @@ def simulated(seed: int, sigma_mm: float = SIGMA_MM) -> Simulated:
 
 def seen_from_the_hand(values: Floats) -> Floats:
     """True values in the frame in which bases and headings are nearest to the rig file's."""
-    nominal = [Place(spec.base_mm, np.radians(spec.heading_deg)) for spec in SPECS]
-    places = [Place((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
+    nominal = [BasePose(spec.base_mm, np.radians(spec.heading_deg)) for spec in SPECS]
+    places = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
     frame = hand_frame(nominal, places)
     moved = values.copy()
     for row, place in zip(moved, [frame.place(place) for place in places], strict=True):

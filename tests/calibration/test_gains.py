@@ -16,14 +16,14 @@ from simulated_presses import (
     presses_of,
 )
 
-from palpate.calibration.gains import Expected, GainFit, PressedAt, gains_of
+from palpate.calibration.gains import GainFit, GainPriors, PressAtBearing, gains_of
 from palpate.calibration.idle import IdleFit, idle_of
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 
 CROSSTALK = 0.06
-EXPECTED = Expected(tip_radius_mm=5.0, mm_per_rad=MM_PER_RAD)
+EXPECTED = GainPriors(tip_radius_mm=5.0, mm_per_rad=MM_PER_RAD)
 FEW_DEG = (-50.0, -30.0, -10.0, 15.0, 40.0)
 SILENT = [(2, 9), (5, 12)]
 
@@ -34,7 +34,7 @@ class Bench:
 
     finger: PressingFinger
     idle: IdleFit
-    presses: list[PressedAt]
+    presses: list[PressAtBearing]
     found: GainFit
 
 

@@ -8,27 +8,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from palpate.calibration.gauge import HEADING_ARM_MM, Place, Rigid, hand_frame
+from palpate.calibration.gauge import HEADING_ARM_MM, BasePose, RigidMotion, hand_frame
 
 ANGLES = st.floats(-math.pi, math.pi)
 NEAR = st.floats(-200.0, 200.0)
 
 
-def places(seed: int, count: int) -> list[Place]:
+def places(seed: int, count: int) -> list[BasePose]:
     rng = np.random.default_rng(seed)
     return [
-        Place((float(rng.uniform(-200, 200)), float(rng.uniform(-200, 200))), float(rng.uniform(-3, 3)))
+        BasePose((float(rng.uniform(-200, 200)), float(rng.uniform(-200, 200))), float(rng.uniform(-3, 3)))
         for _ in range(count)
     ]
 
 
-def moved(place: Place, angle: float, shift: complex) -> Place:
+def moved(place: BasePose, angle: float, shift: complex) -> BasePose:
     """Turned about the origin, then shifted: with complex numbers, so that no matrix has to be right."""
     base = complex(*place.base_mm) * complex(math.cos(angle), math.sin(angle)) + shift
-    return Place((base.real, base.imag), place.heading_rad + angle)
+    return BasePose((base.real, base.imag), place.heading_rad + angle)
 
 
-def disagreement(nominal: list[Place], found: list[Place], angle: float, shift: complex) -> float:
+def disagreement(nominal: list[BasePose], found: list[BasePose], angle: float, shift: complex) -> float:
     """Sum of squares of bases, and of points as far away as headings count."""
     total = 0.0
     for one, other in zip(nominal, (moved(place, angle, shift) for place in found), strict=True):
@@ -57,7 +57,7 @@ def test_nothing_brings_places_nearer(seed: int) -> None:
     rng = np.random.default_rng(seed)
     nominal = places(seed, 1 + seed % 4)
     off = [
-        Place(
+        BasePose(
             (place.base_mm[0] + float(rng.normal(0, 5)), place.base_mm[1] + float(rng.normal(0, 5))),
             place.heading_rad + float(rng.normal(0, 0.1)),
         )
@@ -78,16 +78,16 @@ def test_nothing_brings_places_nearer(seed: int) -> None:
 
 def test_one_finger_is_put_where_it_is_described() -> None:
     """Its base and its heading say all; three unknowns are used up."""
-    nominal, found = [Place((10.0, 190.0), -1.5)], [Place((-3.0, 150.0), 2.0)]
+    nominal, found = [BasePose((10.0, 190.0), -1.5)], [BasePose((-3.0, 150.0), 2.0)]
     back = hand_frame(nominal, found).place(found[0])
     assert back.base_mm == pytest.approx((10.0, 190.0))
     assert math.remainder(back.heading_rad + 1.5, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_points_and_places_move_alike() -> None:
-    frame = Rigid(math.pi / 2, (10.0, -5.0))
+    frame = RigidMotion(math.pi / 2, (10.0, -5.0))
     assert frame.point_mm((2.0, 1.0)) == pytest.approx((9.0, -3.0))
-    place = frame.place(Place((2.0, 1.0), 0.25))
+    place = frame.place(BasePose((2.0, 1.0), 0.25))
     assert place.base_mm == pytest.approx((9.0, -3.0))
     assert place.heading_rad == pytest.approx(0.25 + math.pi / 2)
 

@@ -7,19 +7,19 @@ import pytest
 from simulated_presses import DESCRIPTION
 
 from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
-from palpate.calibration.measurements import Idle
+from palpate.calibration.measurements import IdleMeasurement
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.errors import InputError
 
 SHAPE = (DESCRIPTION.rows, DESCRIPTION.cols)
 
 
-def recorded(taxels: Taxels, start_s: float, frames: int = 1000, rate_hz: float = 100.0) -> Idle:
+def recorded(taxels: Taxels, start_s: float, frames: int = 1000, rate_hz: float = 100.0) -> IdleMeasurement:
     time_s = start_s + np.arange(frames) / rate_hz
-    return Idle("f1", taxels.counts(np.zeros((frames, *SHAPE)), time_s), time_s)
+    return IdleMeasurement("f1", taxels.counts(np.zeros((frames, *SHAPE)), time_s), time_s)
 
 
-def fit(*idles: Idle) -> IdleFit:
+def fit(*idles: IdleMeasurement) -> IdleFit:
     return idle_of(idles, DESCRIPTION.max_count)
 
 
@@ -49,7 +49,7 @@ def test_drift_between_short_recordings_is_seen() -> None:
     counts[1, :, 3, 4] += 30
     time_s = np.arange(20) * 0.01
     first, second = (
-        Idle("f1", c.astype(np.uint16), time_s + t) for c, t in zip(counts, (0, 60), strict=True)
+        IdleMeasurement("f1", c.astype(np.uint16), time_s + t) for c, t in zip(counts, (0, 60), strict=True)
     )
     assert 0.5 <= fit(second, first).drift_counts_per_s < 0.6  # 30 counts in a minute
 
@@ -80,6 +80,10 @@ def test_recordings_that_say_nothing_are_errors() -> None:
     with pytest.raises(InputError, match="few"):
         fit(short)
     with pytest.raises(InputError, match="alive"):
-        fit(Idle("f1", np.full((20, *SHAPE), DESCRIPTION.max_count, dtype=np.uint16), np.arange(20.0)))
+        fit(
+            IdleMeasurement(
+                "f1", np.full((20, *SHAPE), DESCRIPTION.max_count, dtype=np.uint16), np.arange(20.0)
+            )
+        )
     with pytest.raises(InputError, match="time"):
-        fit(Idle("f1", np.ones((20, *SHAPE), dtype=np.uint16), np.zeros(20)))
+        fit(IdleMeasurement("f1", np.ones((20, *SHAPE), dtype=np.uint16), np.zeros(20)))

@@ -21,8 +21,8 @@ from touched_references import (
 )
 
 from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers
-from palpate.calibration.frame_alignment import InHand, headings_of, in_hand, place_of, residuals_of
-from palpate.calibration.measurements import Touched
+from palpate.calibration.frame_alignment import AlignedFit, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.measurements import TouchMeasurement
 
 SIZE = 3 * COLUMNS
 
@@ -114,7 +114,7 @@ def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> Non
         into = math.atan2(-fit.normal[k, 1], -fit.normal[k, 0])
         felt = into - travel - turned[finger] + rng.normal(0, 0.01)
         felt = math.remainder(felt + (0.5 if k == 4 else 0.0), 2 * math.pi)
-        touched.append(Touched(model.name, 0, (0.0, 0.0), 1, felt, 0.1, 0.5, 0.1))
+        touched.append(TouchMeasurement(model.name, 0, (0.0, 0.0), 1, felt, 0.1, 0.5, 0.1))
     for (middle, sigma), truth in zip(headings_of(touched, given, models(), fit), turned, strict=True):
         assert abs(middle - truth) < 4 * sigma
         assert 5e-4 < sigma < 1e-2
@@ -122,7 +122,7 @@ def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> Non
 
 def test_residuals_are_counted_once_and_shown_in_the_hand_frame(fitted: tuple[Touches, Fit]) -> None:
     given, fit = fitted
-    hand: InHand = in_hand(SPECS, fit)
+    hand: AlignedFit = in_hand(SPECS, fit)
     out = np.arange(len(given.finger)) % 6 == 5
     without = replace(fit, residual_mm=fit.residual_mm + 0.1)
     found = residuals_of(given, fit, without, out, [spec.name for spec in SPECS], hand.frame)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from servo_console import Console
 
 from palpate.calibration.friction import friction_of
-from palpate.calibration.measurements import FREE, IN, OUT, Press
-from palpate.calibration.play import Play, backlash_of, combined
+from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
+from palpate.calibration.play import Backlash, backlash_of, combined
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.finger import TICK_RAD
@@ -24,10 +24,12 @@ STIFFNESS = 3.0
 DENT_MM = 1.2
 
 
-def press_of(drive_mm: Floats, leg: NDArray[np.int64], mm_per_rad: float, current_a: Floats) -> Press:
+def press_of(
+    drive_mm: Floats, leg: NDArray[np.int64], mm_per_rad: float, current_a: Floats
+) -> PressMeasurement:
     """The press that a servo with encoder steps reports for a drive at `drive_mm`."""
     slide = np.round(drive_mm / mm_per_rad / TICK_RAD) * TICK_RAD
-    return Press("f1", 0, 0.0, slide, current_a, leg, np.zeros((len(leg), 1, 1)))
+    return PressMeasurement("f1", 0, 0.0, slide, current_a, leg, np.zeros((len(leg), 1, 1)))
 
 
 def simulated(
@@ -38,7 +40,7 @@ def simulated(
     mm_per_rad: float = MM_PER_RAD,
     power: float = 1.0,
     out_speed: float = 1.0,
-) -> tuple[Press, Floats]:
+) -> tuple[PressMeasurement, Floats]:
     """A press by the definition of play: the tip is behind the drive, half of it on either flank.
 
     Force grows with the dent's `power`. The way back has `out_speed` times the samples, unevenly spread.
@@ -114,7 +116,9 @@ def test_a_skin_with_hysteresis_hides_play_and_widens_the_deviation() -> None:
 def test_a_press_without_a_way_back_is_refused() -> None:
     press, force = simulated(0.05, 3)
     cut = press.leg != OUT
-    short = Press("f1", 4, 0.0, press.slide_rad[cut], press.current_a[cut], press.leg[cut], press.counts[cut])
+    short = PressMeasurement(
+        "f1", 4, 0.0, press.slide_rad[cut], press.current_a[cut], press.leg[cut], press.counts[cut]
+    )
     with pytest.raises(InputError, match=r"finger f1, placing 4: .* press harder or more slowly"):
         backlash_of(short, force[cut], MM_PER_RAD)
 
@@ -127,11 +131,11 @@ def test_a_press_that_felt_nothing_is_refused() -> None:
 
 def test_one_bad_press_does_not_carry_the_day() -> None:
     presses = [
-        Play(0.05, 0.003),
-        Play(0.054, 0.003),
-        Play(0.4, 0.003),
-        Play(0.051, 0.003),
-        Play(0.053, 0.003),
+        Backlash(0.05, 0.003),
+        Backlash(0.054, 0.003),
+        Backlash(0.4, 0.003),
+        Backlash(0.051, 0.003),
+        Backlash(0.053, 0.003),
     ]
     found = combined(presses)
     assert found.half_mm == 0.053
@@ -140,7 +144,7 @@ def test_one_bad_press_does_not_carry_the_day() -> None:
         combined([])
 
 
-def emulated_press(half_mm: float) -> tuple[Press, Floats]:
+def emulated_press(half_mm: float) -> tuple[PressMeasurement, Floats]:
     """A press at 4 mm/s by an emulated servo, its play and a springy tip, sampled every 4 ms."""
     console = Console()
     truth = FingerTruth((0.0, 0.0), 0.0, 10.0, 5.0, 0.0, 0.0, MM_PER_RAD, 50.0, half_mm, 5.0, STIFFNESS, 0.0)
@@ -158,7 +162,9 @@ def emulated_press(half_mm: float) -> tuple[Press, Floats]:
             current.append(console.read(126, 2) * 2.69e-3)
             force.append(push)
     legs = np.array(leg)
-    press = Press("f1", 0, 0.0, np.array(slide), np.array(current), legs, np.zeros((len(legs), 1, 1)))
+    press = PressMeasurement(
+        "f1", 0, 0.0, np.array(slide), np.array(current), legs, np.zeros((len(legs), 1, 1))
+    )
     return press, np.array(force)
 
 

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from palpate.calibration.reference import Disc, Plate, Reference
+from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.calibration.references import placings_for
 
 Floats = NDArray[np.float64]
@@ -19,14 +19,14 @@ STEP_MM = 1e-5
 
 
 @st.composite
-def plates(draw: st.DrawFn) -> Plate:
+def plates(draw: st.DrawFn) -> ReferencePlate:
     """Hulls of random points, with faces long enough to be touched; either way round."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     hull = shapely.MultiPoint(rng.uniform(-50, 50, (int(rng.integers(3, 12)), 2))).convex_hull
     assume(isinstance(hull, shapely.Polygon))
     corners = np.array(hull.exterior.coords)[:-1]
     assume(np.hypot(*(np.roll(corners, -1, axis=0) - corners).T).min() > 2.0)
-    return Plate("plate", corners[:: draw(st.sampled_from([1, -1]))])
+    return ReferencePlate("plate", corners[:: draw(st.sampled_from([1, -1]))])
 
 
 def points(seed: int) -> Floats:
@@ -40,7 +40,7 @@ def regular(count: int, radius_mm: float = 30.0) -> Floats:
 
 @FEW
 @given(plates(), st.integers(0, 2**32 - 1))
-def test_distances_from_a_plate_are_shapely_s(plate: Plate, seed: int) -> None:
+def test_distances_from_a_plate_are_shapely_s(plate: ReferencePlate, seed: int) -> None:
     shape, at = shapely.Polygon(plate.corners_mm), points(seed)
     distance, normal, room = plate.distance_mm(at)
     rim = shapely.distance(shape.exterior, shapely.points(at))
@@ -59,7 +59,10 @@ def test_distances_from_a_plate_are_shapely_s(plate: Plate, seed: int) -> None:
 
 
 @FEW
-@given(st.one_of(plates(), st.builds(Disc, st.just("disc"), st.floats(5.0, 60.0))), st.integers(0, 2**32 - 1))
+@given(
+    st.one_of(plates(), st.builds(ReferenceDisc, st.just("disc"), st.floats(5.0, 60.0))),
+    st.integers(0, 2**32 - 1),
+)
 def test_normals_are_the_slopes_of_distances(reference: Reference, seed: int) -> None:
     at = points(seed)
     at = at[np.abs(reference.distance_mm(at)[0]) > 1e-3]
@@ -74,7 +77,7 @@ def test_normals_are_the_slopes_of_distances(reference: Reference, seed: int) ->
 
 
 def test_a_disc_is_round() -> None:
-    disc = Disc("disc", 25.0)
+    disc = ReferenceDisc("disc", 25.0)
     distance, normal, room = disc.distance_mm(np.array([[30.0, 40.0], [0.0, -10.0]]))
     assert distance == pytest.approx([25.0, -15.0])
     assert normal == pytest.approx(np.array([[0.6, 0.8], [0.0, -1.0]]))
@@ -84,16 +87,18 @@ def test_a_disc_is_round() -> None:
 
 @pytest.mark.parametrize("count", [3, 4, 5, 6, 8])
 def test_regular_plates_look_the_same_so_often(count: int) -> None:
-    assert Plate("plate", regular(count) + np.array([7.0, -3.0])).repeats == count
+    assert ReferencePlate("plate", regular(count) + np.array([7.0, -3.0])).repeats == count
 
 
 def test_other_plates_repeat_less() -> None:
-    assert Plate("plate", np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]])).repeats == 2
-    assert Plate("plate", np.array([[0.0, 0.0], [60.0, 0.0], [0.0, 40.0]])).repeats == 1
-    assert Plate("plate", regular(4) * [1.0, 0.9]).repeats == 2
+    assert (
+        ReferencePlate("plate", np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]])).repeats == 2
+    )
+    assert ReferencePlate("plate", np.array([[0.0, 0.0], [60.0, 0.0], [0.0, 40.0]])).repeats == 1
+    assert ReferencePlate("plate", regular(4) * [1.0, 0.9]).repeats == 2
     # A hexagon whose corners are cut in turns: three times a turn.
     radius = np.where(np.arange(6) % 2, 30.0, 27.0)[:, None]
-    assert Plate("plate", regular(6, 1.0) * radius).repeats == 3
+    assert ReferencePlate("plate", regular(6, 1.0) * radius).repeats == 3
 
 
 @pytest.mark.parametrize(
@@ -107,11 +112,11 @@ def test_other_plates_repeat_less() -> None:
 )
 def test_plates_that_are_not_convex_are_refused(corners: list[list[float]]) -> None:
     with pytest.raises(ValueError, match="is not convex"):
-        Plate("plate", np.array(corners))
+        ReferencePlate("plate", np.array(corners))
 
 
 def test_references_are_put_inside_the_workspace_and_apart() -> None:
-    disc, plate = Disc("disc", 25.0), Plate("plate", regular(4, 40 * math.sqrt(2)))
+    disc, plate = ReferenceDisc("disc", 25.0), ReferencePlate("plate", regular(4, 40 * math.sqrt(2)))
     placings = placings_for(disc, plate, 125.0)
     assert [item.reference.name for item in placings] == ["disc"] * 3 + ["plate"] * 3
     for placing in placings:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.calibration.measurements import Stop
+from palpate.calibration.measurements import StopMeasurement
 from palpate.calibration.stopping import overshoot_of
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
@@ -17,7 +17,7 @@ WAIT_S = 0.004
 
 def stops_of(
     fixed_s: float, speeds: list[float], each: int, seed: int, mm_per_rad: float = MM_PER_RAD
-) -> list[Stop]:
+) -> list[StopMeasurement]:
     """Stops `fixed_s` and a wait between looks after the contact; dents that are felt cost 0.1 mm."""
     rng = np.random.default_rng(seed)
 
@@ -26,7 +26,7 @@ def stops_of(
         return float(np.round(place / mm_per_rad / TICK_RAD) * TICK_RAD)
 
     return [
-        Stop("f1", speed, 0.0, stands(speed), stands(TOUCH_MM_S), WAIT_S)
+        StopMeasurement("f1", speed, 0.0, stands(speed), stands(TOUCH_MM_S), WAIT_S)
         for speed in speeds
         for _ in range(each)
     ]
@@ -61,7 +61,7 @@ def test_scatter_beyond_the_wait_widens_the_bound() -> None:
     rng = np.random.default_rng(3)
     calm = stops_of(0.006, [20.0, 40.0], 6, 4)
     late = [
-        Stop(
+        StopMeasurement(
             "f1",
             s.speed_mm_s,
             0.0,

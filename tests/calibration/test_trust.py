@@ -19,8 +19,8 @@ from touched_references import (
 
 from palpate.calibration.consistency import check_fit, check_still, growth_mm
 from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
-from palpate.calibration.measurements import Touched
-from palpate.calibration.reference import Disc
+from palpate.calibration.measurements import TouchMeasurement
+from palpate.calibration.reference import ReferenceDisc
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
@@ -94,7 +94,9 @@ def test_a_tolerance_is_granted() -> None:
     with pytest.raises(InputError, match="too large all round beside the disc"):
         check_fit(SPECS, models(), placings(), given, fit)
     loose = [
-        replace(placing, reference=Disc("disc", 25.0, 0.1)) if placing.reference.name == "disc" else placing
+        replace(placing, reference=ReferenceDisc("disc", 25.0, 0.1))
+        if placing.reference.name == "disc"
+        else placing
         for placing in placings()
     ]
     check_fit(SPECS, models(), loose, given, fit)
@@ -132,7 +134,7 @@ def test_references_that_are_all_too_large_make_a_tip_too_large() -> None:
         checked(where, given)
 
 
-def once_more(first: list[Touched], off_mm: float) -> list[Touched]:
+def once_more(first: list[TouchMeasurement], off_mm: float) -> list[TouchMeasurement]:
     per_rad = models()[0].mm_per_rad
     item = first[0]
     aim, slide = item.servos_rad
@@ -140,7 +142,9 @@ def once_more(first: list[Touched], off_mm: float) -> list[Touched]:
 
 
 def test_the_same_touches_again_tell_whether_it_has_moved() -> None:
-    first = [Touched(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)]
+    first = [
+        TouchMeasurement(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)
+    ]
     placing = placings()[1]
     check_still(first, once_more(first, 0.04), models(), placing)
     with pytest.raises(InputError, match=r"disc near \(35, 20\) mm: finger f1 met it 0.30 mm from where"):
@@ -153,7 +157,9 @@ def test_the_same_touches_again_tell_whether_it_has_moved() -> None:
 
 def test_an_aim_that_came_from_the_other_side_explains_some_of_it() -> None:
     """It rests a few encoder steps elsewhere, and an oblique touch is met later or sooner."""
-    first = [Touched(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)]
+    first = [
+        TouchMeasurement(spec.name, 0, (0.1, 4.0 + k), 1, 0.0, 0.1, 0.5, 0.1) for k, spec in enumerate(SPECS)
+    ]
     placing = placings()[1]
     further = once_more(first, 0.25)
     with pytest.raises(InputError, match=r"finger f1 met it 0.25 mm from where"):

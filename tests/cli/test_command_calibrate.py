@@ -8,7 +8,7 @@ import pytest
 from command import run_here
 from rich.console import Console
 
-from palpate.calibration.reference import Disc, Plate
+from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.cli.commissioning.reference_placement import ConsoleTable
 from palpate.errors import InputError
 
@@ -96,8 +96,8 @@ def test_a_person_is_asked_once_to_clear_the_table_and_for_every_placing(
     table = ConsoleTable(Console(file=out, width=200))
     table.clear()
     table.clear()
-    table.put(Disc("disc", 25.0), (0.0, 0.0))
-    table.put(Plate("plate", [[0, 0], [40, 0], [40, 40], [0, 40]]), (30.0, -12.0))
+    table.put(ReferenceDisc("disc", 25.0), (0.0, 0.0))
+    table.put(ReferencePlate("plate", [[0, 0], [40, 0], [40, 40], [0, 40]]), (30.0, -12.0))
     said = out.getvalue()
     assert said.count("Clear the table") == 1
     assert "Put the disc in the middle; alone" in said

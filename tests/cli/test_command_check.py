@@ -20,7 +20,7 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect
-from palpate.rig.diagnostics.bus_selection import BusPlace, bus_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_of
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.diagnostics.rig_check import check_rig
 from palpate.views.check_table import show
@@ -36,7 +36,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return lambda *args: run_here(args, monkeypatch, capsys)
 
 
-def emulated(place: BusPlace) -> dict[int, EmulatedServo]:
+def emulated(place: BusEndpoint) -> dict[int, EmulatedServo]:
     """The bench's emulated servos by id."""
     assert isinstance(place.devices, BenchRig)
     assert place.devices.mock is not None
@@ -138,7 +138,7 @@ def test_nothing_moves_and_torque_is_not_touched() -> None:
     before = {dxl_id: servo.shaft_rad for dxl_id, servo in servos.items()}
     listener = Listener(place.clock)
 
-    class Place(BusPlace):
+    class Place(BusEndpoint):
         def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
             return listener.on(super().open(baudrate, shared=shared))
 
@@ -204,7 +204,7 @@ def test_a_servo_of_another_model() -> None:
 
 def test_an_array_that_is_not_there() -> None:
     place = bus_of(RIG)
-    gone = BusPlace(
+    gone = BusEndpoint(
         place.port,
         place.clock,
         place.latency_s,
@@ -238,7 +238,7 @@ def test_a_slow_latency_timer_is_said_with_what_to_type() -> None:
     assert timer_warnings("/dev/ttyUSB7", 0.001) == timer_warnings("/dev/ttyUSB7", None) == []
 
 
-def array_of_finger(place: BusPlace, number: int) -> EmulatedArray:
+def array_of_finger(place: BusEndpoint, number: int) -> EmulatedArray:
     assert isinstance(place.devices, BenchRig)
     assert place.devices.mock is not None
     array = place.devices.mock.rig.bench.fingers[number].array
@@ -296,7 +296,7 @@ def test_a_port_that_fails_meanwhile_is_an_error() -> None:
     def unplugged() -> None:
         raise OSError("unplugged")
 
-    class Broken(BusPlace):
+    class Broken(BusEndpoint):
         def open(self, baudrate: int, *, shared: bool = False) -> SerialBase:
             return Listener(self.clock, unplugged).on(super().open(baudrate, shared=shared))
 

@@ -16,7 +16,7 @@ from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Ping
 from palpate.drivers.dynamixel.scan import Found, Scan, scan
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.rig.diagnostics.bus_selection import BusPlace, bus_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_of
 
 Here = Callable[..., Ended]
 
@@ -29,7 +29,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return lambda *args: run_here(args, monkeypatch, capsys)
 
 
-def found_by(place: BusPlace, *rates: int, ids: range = range(20)) -> list[Found]:
+def found_by(place: BusEndpoint, *rates: int, ids: range = range(20)) -> list[Found]:
     return list(scan(place.open, place.clock, rates, ids, latency_s=place.latency_s).found)
 
 

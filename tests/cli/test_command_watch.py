@@ -29,7 +29,7 @@ from palpate.drivers.tactile.protocol import Decoder
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.port import PortTaken
 from palpate.errors import DeviceError
-from palpate.rig.monitor.arrays import Place, place_of, streaming
+from palpate.rig.monitor.arrays import ArrayPorts, place_of, streaming
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())
@@ -238,7 +238,7 @@ class Bench:
 
 def test_arrays_are_stopped_and_ports_closed_when_one_goes_away() -> None:
     bench = Bench()
-    place = Place(bench.place.clock, bench.open, bench)
+    place = ArrayPorts(bench.place.clock, bench.open, bench)
 
     def watched() -> None:
         with streaming(RIG, RIG.fingers, place, place.clock, 250.0) as fingers:
@@ -263,7 +263,7 @@ def test_the_first_port_is_closed_again_if_the_second_is_taken() -> None:
             raise PortTaken("taken")
         return bench.open(port, baudrate)
 
-    place = Place(bench.place.clock, open_port, bench)
+    place = ArrayPorts(bench.place.clock, open_port, bench)
     words = "port mock://f2 of array f2 is in use: another program has it.*--session"
     with pytest.raises(PortTaken, match=words), streaming(RIG, RIG.fingers, place, place.clock, 250.0):
         pytest.fail("nothing to watch")

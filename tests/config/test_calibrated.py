@@ -4,7 +4,7 @@ import pytest
 from calibrations import empty_calibration, full_calibration
 
 from palpate.config import RigFile, calibrated, check_calibration, geometry_sha256, load_rig, shipped_rig
-from palpate.config.rig_file import Finger
+from palpate.config.rig_file import SlideFingerConfig
 from palpate.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -35,8 +35,8 @@ def test_what_was_measured_takes_the_place_of_what_was_described() -> None:
     rig = calibrated(RIG, file)
     assert rig.emulation == RIG.emulation
     for new, old, found in zip(rig.fingers, RIG.fingers, file.fingers, strict=True):
-        assert isinstance(new, Finger)
-        assert isinstance(old, Finger)
+        assert isinstance(new, SlideFingerConfig)
+        assert isinstance(old, SlideFingerConfig)
         assert found.tactile is not None
         assert new.base_mm == pytest.approx((old.base_mm[0] + 0.02, old.base_mm[1] - 0.01))
         assert new.heading_deg == old.heading_deg + 0.01
@@ -63,7 +63,7 @@ def test_without_bounds_on_contacts_every_part_keeps_its_own() -> None:
     file = full_calibration(RIG)
     bare = [finger.model_copy(update={"bounds": None}) for finger in file.fingers]
     first = calibrated(RIG, file.model_copy(update={"fingers": bare})).fingers[0]
-    assert isinstance(first, Finger)
+    assert isinstance(first, SlideFingerConfig)
     assert first.slide.zero_bound_mm == pytest.approx(3.3 * 0.01)
     assert first.slide.mm_per_turn_spread == pytest.approx(3.3 * 0.004 / 100, rel=1e-3)
     assert first.tip.radius_bound_mm == pytest.approx(3.3 * 0.006)
@@ -80,8 +80,8 @@ def test_a_slide_that_did_not_meet_its_stops_keeps_zero_and_travel() -> None:
     alone = found.model_copy(update={"actuators": actuators, "place": None, "bounds": None})
     first = calibrated(RIG, file.model_copy(update={"fingers": [alone, *file.fingers[1:]]})).fingers[0]
     described = RIG.fingers[0]
-    assert isinstance(first, Finger)
-    assert isinstance(described, Finger)
+    assert isinstance(first, SlideFingerConfig)
+    assert isinstance(described, SlideFingerConfig)
     assert first.slide == described.slide.model_copy(update={"backlash_mm": first.slide.backlash_mm})
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.calibration.reference import Disc, Plate
+from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
@@ -32,8 +32,8 @@ def file(folder: Path, text: str) -> Path:
 
 def test_the_shipped_references_are_a_disc_of_50_mm_and_a_square_of_80() -> None:
     disc, plate = references_of(load_references(shipped_references()))
-    assert disc == Disc("disc", 25.0)
-    assert isinstance(plate, Plate)
+    assert disc == ReferenceDisc("disc", 25.0)
+    assert isinstance(plate, ReferencePlate)
     assert sorted(map(tuple, plate.corners_mm.tolist())) == [(-40, -40), (-40, 40), (40, -40), (40, 40)]
     assert (plate.repeats, plate.tolerance_mm) == (4, 0.0)
 

@@ -7,7 +7,7 @@ from typing import get_args
 import pytest
 
 from palpate.config import load_rig, shipped_rig
-from palpate.config.rig_fingers import Array
+from palpate.config.rig_fingers import ArrayConfig
 from palpate.drivers.tactile.devices import PROTOCOLS
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
@@ -31,7 +31,7 @@ def load(folder: Path, text: str) -> Mounting | None:
 
 
 def test_names_are_those_that_drivers_know() -> None:
-    assert get_args(Array.model_fields["protocol"].annotation) == PROTOCOLS
+    assert get_args(ArrayConfig.model_fields["protocol"].annotation) == PROTOCOLS
 
 
 def test_mountings_from_the_file(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.config import ArmFinger, load_rig
+from palpate.config import ArmFingerConfig, load_rig
 from palpate.drivers.emulators.mechanics import ArmMechanics, ArmTruth, JointTruth
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.finger import TICK_RAD, Line
@@ -18,9 +18,9 @@ from palpate.rig.conversion import arm_kinematics
 ARMS = load_rig(Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml")
 
 
-def arm() -> tuple[ArmFinger, ArmKinematics]:
+def arm() -> tuple[ArmFingerConfig, ArmKinematics]:
     spec = ARMS.fingers[0]
-    assert isinstance(spec, ArmFinger)
+    assert isinstance(spec, ArmFingerConfig)
     return spec, arm_kinematics(spec)
 
 

@@ -14,7 +14,7 @@ from command import Ended, log_events, run_here
 from json_schema import violations
 from rich.console import Console
 
-from palpate.calibration.gauge import Place
+from palpate.calibration.gauge import BasePose
 from palpate.config import (
     CalibrationFile,
     RigFile,
@@ -168,13 +168,13 @@ def test_the_truth_is_told_as_the_calibrated_hand_sees_it(loose: Path) -> None:
     assert bench.emulated is not None
     for finger, emulated in zip(on_bench.rig.fingers, bench.emulated.bench.fingers, strict=True):
         truth = emulated.truth
-        really = Place(truth.base_mm, truth.heading_rad)
-        found = Place(finger.base_mm, math.radians(finger.heading_deg))
+        really = BasePose(truth.base_mm, truth.heading_rad)
+        found = BasePose(finger.base_mm, math.radians(finger.heading_deg))
         expected = from_finger(really, lying.x_mm, lying.y_mm, lying.theta_rad)
         assert from_finger(found, seen.x_mm, seen.y_mm, seen.theta_rad) == pytest.approx(expected, abs=1e-4)
 
 
-def from_finger(at: Place, x_mm: float, y_mm: float, theta_rad: float) -> tuple[float, float, float]:
+def from_finger(at: BasePose, x_mm: float, y_mm: float, theta_rad: float) -> tuple[float, float, float]:
     """A pose as a finger sees it: distance, bearing from its heading, turn from its heading."""
     dx, dy = x_mm - at.base_mm[0], y_mm - at.base_mm[1]
     bearing = math.remainder(math.atan2(dy, dx) - at.heading_rad, 2 * math.pi)

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from simulated_prober import SimulatedProber, SimulatedRig
 
-from palpate.calibration.gauge import Place, hand_frame
-from palpate.calibration.measurements import Touched
+from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
-from palpate.calibration.reference import Disc, Reference
+from palpate.calibration.reference import Reference, ReferenceDisc
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, RigFile, calibrated, load_rig
 from palpate.config.calibration_file import load_calibration
@@ -24,7 +24,7 @@ from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import ReferencesFile, load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError, OutputError
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, Connected, calibrate
+from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, ConnectedRig, calibrate
 
 FRESH = Path(__file__).parents[2] / "examples" / "fresh-rig.toml"
 MADE = datetime(2026, 11, 22, tzinfo=UTC)
@@ -73,13 +73,13 @@ def whole() -> Whole:
 
 def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole) -> None:
     truths = [whole.world.truth(k) for k in range(3)]
-    drawn = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
-    frame = hand_frame(drawn, [Place(truth.base_mm, truth.heading_rad) for truth in truths])
+    drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
+    frame = hand_frame(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
     for truth, emulated, found in zip(truths, whole.world.fingers, whole.file.fingers, strict=True):
         assert found.place is not None
         assert found.tactile is not None
         assert found.actuators is not None
-        there = frame.place(Place(truth.base_mm, truth.heading_rad))
+        there = frame.place(BasePose(truth.base_mm, truth.heading_rad))
         assert math.dist(found.place.base_mm, there.base_mm) < 0.1
         assert math.degrees(there.heading_rad) % 360 == pytest.approx(found.place.heading_deg % 360, abs=0.15)
         assert found.place.tip_radius_mm == pytest.approx(truth.tip_radius_mm, abs=0.05)
@@ -105,8 +105,8 @@ def test_the_bounds_hold_for_where_tips_are(whole: Whole) -> None:
 
     known = calibrated(whole.rig, whole.file)
     truths = [whole.world.truth(k) for k in range(3)]
-    drawn = [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
-    frame = hand_frame(drawn, [Place(truth.base_mm, truth.heading_rad) for truth in truths])
+    drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
+    frame = hand_frame(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
     for spec, truth in zip(known.fingers, truths, strict=True):
         kinematics = kinematics_of(spec)
         assert isinstance(kinematics, SlideKinematics)
@@ -153,7 +153,7 @@ class Interrupting(SimulatedProber):
 
     touches = 0
 
-    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         self.touches += 1
         if self.touches == 3:
             raise KeyboardInterrupt
@@ -164,7 +164,7 @@ def test_an_interruption_keeps_what_was_done(whole: Whole) -> None:
     kept = Kept(resume=RunRecord.model_validate_json(whole.kept.saved[3]))
 
     @contextmanager
-    def connect(rig: RigFile, *, moving: bool) -> Iterator[Connected]:
+    def connect(rig: RigFile, *, moving: bool) -> Iterator[ConnectedRig]:
         with whole.world.connect(rig, moving=moving) as there:
             yield replace(there, prober=Interrupting(whole.world, rig))
 
@@ -205,7 +205,11 @@ def test_one_step_leaves_the_others_as_they_were(whole: Whole) -> None:
 
 def shrunk(by_mm: float) -> Callable[[Reference, int], Reference]:
     def put(reference: Reference, _: int) -> Reference:
-        return Disc("disc", reference.radius_mm - by_mm) if isinstance(reference, Disc) else reference
+        return (
+            ReferenceDisc("disc", reference.radius_mm - by_mm)
+            if isinstance(reference, ReferenceDisc)
+            else reference
+        )
 
     return put
 

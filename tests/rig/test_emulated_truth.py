@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.config import ArmFinger, Finger, load_rig, shipped_rig
+from palpate.config import ArmFingerConfig, SlideFingerConfig, load_rig, shipped_rig
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import InputError
 from palpate.rig.emulated.devices import emulate
@@ -22,8 +22,8 @@ def truths(seed: int) -> list[FingerTruth]:
     return [finger.truth for finger in fingers if isinstance(finger.truth, FingerTruth)]
 
 
-def slides() -> list[Finger]:
-    return [finger for finger in FRESH.fingers if isinstance(finger, Finger)]
+def slides() -> list[SlideFingerConfig]:
+    return [finger for finger in FRESH.fingers if isinstance(finger, SlideFingerConfig)]
 
 
 def test_fresh_fingers_are_off_by_what_is_declared_and_no_more() -> None:
@@ -76,7 +76,7 @@ def test_arms_draw_tips_and_arrays_too() -> None:
     off = {"tip_radius_error_mm": 0.3, "array_heading_error_deg": 2.0}
     changed = rig.model_copy(update={"emulation": rig.emulation.model_copy(update=off)})
     for spec, finger in zip(rig.fingers, emulate(changed, None, 1).bench.fingers, strict=True):
-        assert isinstance(spec, ArmFinger)
+        assert isinstance(spec, ArmFingerConfig)
         assert 0 < abs(finger.truth.tip_radius_mm - spec.tip.radius_mm) <= 0.3
         assert 0 < abs(math.degrees(finger.truth.array_heading_rad) - spec.array.heading_deg) <= 2.0
 

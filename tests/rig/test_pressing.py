@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
-from palpate.calibration.measurements import FREE, IN, OUT, Press
+from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import DeviceError
 
@@ -31,14 +31,14 @@ def test_two_fingers_press_at_once() -> None:
     assert rig.session.rest(0.5) < 0.01
 
 
-def check_legs(press: Press) -> None:
+def check_legs(press: PressMeasurement) -> None:
     assert set(press.leg) == {FREE, IN, OUT}
     assert (np.diff(press.leg) >= 0).all()
     assert press.counts.shape == (len(press.leg), 8, 20)
     assert press.slide_rad.shape == press.current_a.shape == press.leg.shape
 
 
-def check_counts(press: Press) -> None:
+def check_counts(press: PressMeasurement) -> None:
     """They grow with the dent, and end where they began."""
     felt = press.counts.sum(axis=(1, 2))
     noise = felt[press.leg == FREE][:50].std()
@@ -48,14 +48,14 @@ def check_counts(press: Press) -> None:
     assert abs(felt[press.leg == OUT][-10:].mean()) < 3 * noise
 
 
-def check_currents(press: Press) -> None:
+def check_currents(press: PressMeasurement) -> None:
     """They push out going in, and pull going back."""
     assert np.median(press.current_a[press.leg == FREE]) == pytest.approx(FRICTION_A, rel=0.15)
     assert press.current_a[press.leg == IN].max() > 1.3 * FRICTION_A
     assert np.median(press.current_a[press.leg == OUT][-30:]) == pytest.approx(-FRICTION_A, rel=0.15)
 
 
-def check_places(press: Press, contact_rad: float, truth: FingerTruth) -> None:
+def check_places(press: PressMeasurement, contact_rad: float, truth: FingerTruth) -> None:
     """The contact is felt where it really is: a few tenths of a newton late, and between two looks."""
     first = press.slide_rad[press.leg == IN][0]
     assert 0.0 < (first - contact_rad) * truth.mm_per_rad < 0.4

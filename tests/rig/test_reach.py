@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import shapely
 
-from palpate.config import Finger as FingerFile
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, SlideFingerConfig, load_rig, shipped_rig
 from palpate.errors import InputError
 from palpate.rig.conversion import kinematics_of, slide_kinematics
 from palpate.rig.motion.guarded_approach import Close
@@ -188,7 +187,7 @@ def test_every_approach_is_within_its_servos_ranges_from_end_to_end() -> None:
     reach = reach_of(rig)
     for index, candidate in enumerate(reach.candidates):
         spec = rig.fingers[candidate.finger_index]
-        assert isinstance(spec, FingerFile)
+        assert isinstance(spec, SlideFingerConfig)
         kinematics = slide_kinematics(spec)
         ends = sorted(kinematics.aim_servo_rad(math.radians(value)) for value in spec.aim.range_deg)
         close = reach.close(index, candidate.approach.travel_mm)

@@ -14,9 +14,9 @@ from simulated_prober import SimulatedProber, SimulatedRig
 from truth_calibration import bench_calibration, truth_calibration
 
 from palpate.calibration.agreement import promises_of
-from palpate.calibration.measurements import Touched
+from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
-from palpate.calibration.reference import Disc, Reference
+from palpate.calibration.reference import Reference, ReferenceDisc
 from palpate.config import calibrated, calibration_path, calibration_toml, load_rig, shipped_rig
 from palpate.config.check_result import AdapterCheckOut, BusCountsOut, CalibrationCheckOut, CheckOut
 from palpate.config.schema import schema_text
@@ -26,7 +26,7 @@ from palpate.rig.diagnostics.retouch import Retouch, retouch
 from palpate.views.check_table import show
 
 RIG = load_rig(shipped_rig())
-DISC = Disc("disc", 25.0)
+DISC = ReferenceDisc("disc", 25.0)
 Here = Callable[..., Ended]
 CHECKED = CheckOut(
     rig="bench",
@@ -54,7 +54,7 @@ CHECKED = CheckOut(
 def touched(
     seed: int,
     off_mm: dict[str, tuple[float, float]] | None = None,
-    disc: Disc = DISC,
+    disc: ReferenceDisc = DISC,
     spoil: Callable[[Reference, int], Reference] = lambda item, _: item,
 ) -> Retouch:
     """A re-touch of a simulated rig whose calibration has bases of fingers off by so much."""
@@ -88,7 +88,7 @@ def test_a_finger_that_moved_by_little_is_mostly_noticed() -> None:
 
 def test_another_disc_than_said_does_not_agree_unless_its_tolerance_explains_it() -> None:
     def larger(item: Reference, _: int) -> Reference:
-        assert isinstance(item, Disc)
+        assert isinstance(item, ReferenceDisc)
         return replace(item, radius_mm=item.radius_mm + 0.15)
 
     assert touched(0, spoil=larger).agreement.drifted
@@ -98,7 +98,7 @@ def test_another_disc_than_said_does_not_agree_unless_its_tolerance_explains_it(
 class Empty(SimulatedProber):
     """Of a table with nothing on it."""
 
-    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         del placing
         return [None for _ in grip]
 

@@ -12,7 +12,7 @@ from emulated_session import EmulatedSession, emulated_session, identify_checked
 from touch_check import check_touch
 
 from palpate.config import (
-    ArmFinger,
+    ArmFingerConfig,
     ObjectsFile,
     RigFile,
     load_objects,
@@ -34,9 +34,9 @@ ARMS = load_rig(EXAMPLE)
 REACH = reach_of(ARMS)
 
 
-def arm() -> tuple[ArmFinger, ArmKinematics]:
+def arm() -> tuple[ArmFingerConfig, ArmKinematics]:
     spec = ARMS.fingers[0]
-    assert isinstance(spec, ArmFinger)
+    assert isinstance(spec, ArmFingerConfig)
     return spec, arm_kinematics(spec)
 
 
@@ -196,7 +196,7 @@ def test_no_arm_meets_a_post() -> None:
 def test_arms_that_go_together_stay_apart() -> None:
     """Postures of both, sampled on their ways: links and tips never nearer than the clearance."""
     rng = np.random.default_rng(2)
-    kinematics = [arm_kinematics(spec) for spec in ARMS.fingers if isinstance(spec, ArmFinger)]
+    kinematics = [arm_kinematics(spec) for spec in ARMS.fingers if isinstance(spec, ArmFingerConfig)]
     count = len(REACH.candidates)
     travels = np.array([item.approach.travel_mm for item in REACH.candidates]) * rng.uniform(0.4, 1, count)
     yes = no = 0

@@ -9,9 +9,9 @@ from emulated_session import emulated_session
 from touched import run_checked
 
 from palpate.config import (
-    Finger,
     ObjectsFile,
     RigFile,
+    SlideFingerConfig,
     load_objects,
     load_rig,
     shipped_objects,
@@ -62,7 +62,7 @@ def newer_errors() -> RigFile:
 def test_the_true_tip_is_within_the_bound(number: int) -> None:
     """Truth at the ends of the bounds, angles read as the encoder steps; slides of both directions."""
     spec = FRESH.fingers[number]
-    assert isinstance(spec, Finger)
+    assert isinstance(spec, SlideFingerConfig)
     if number == 1:
         # Growing angles pull back; Goal Position 0 is in the middle of the range.
         slide = spec.slide.model_copy(update={"mm_per_turn": -100.0, "zero_mm": 142.0})

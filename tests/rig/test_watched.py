@@ -8,7 +8,7 @@ from watched_tip import WatchedTip
 from palpate.cli.monitor.loop import end_if_silent, obey, watch
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
-from palpate.rig.monitor.finger_monitor import FingerView, Tare
+from palpate.rig.monitor.finger_monitor import FingerView, TareState
 from palpate.rig.monitor.paced_clock import PacedClock
 
 
@@ -17,7 +17,7 @@ def test_what_a_touch_looks_like() -> None:
     tip.finger.tare()
     tip.pass_time(0.2)
     free = tip.finger.view()
-    assert (free.tare, free.patch, free.silent) == (Tare.DONE, None, False)
+    assert (free.tare, free.patch, free.silent) == (TareState.DONE, None, False)
     assert np.abs(free.taxel_n).max() < 0.005
     tip.press(6, 1.0)
     tip.pass_time(0.1)
@@ -45,13 +45,13 @@ def test_nothing_is_felt_before_the_array_is_tared() -> None:
     tip = WatchedTip()
     tip.pass_time(0.2)
     view = tip.finger.view()
-    assert (view.tare, view.force_n, view.patch) == (Tare.NONE, None, None)
+    assert (view.tare, view.force_n, view.patch) == (TareState.NONE, None, None)
     assert view.taxel_n.mean() == pytest.approx(20 / DESCRIPTION.counts_per_n, rel=0.1), "the offset"
     assert not view.dead.any()
     assert obey("T", [tip.finger])
-    assert tip.finger.view().tare is Tare.UNDER_WAY
+    assert tip.finger.view().tare is TareState.UNDER_WAY
     tip.pass_time(0.2)
-    assert tip.finger.view().tare is Tare.DONE
+    assert tip.finger.view().tare is TareState.DONE
 
 
 def test_dead_hot_and_saturated_taxels_are_told_apart() -> None:
@@ -114,7 +114,7 @@ def test_shown_twenty_times_a_second_at_most_whatever_showing_takes() -> None:
 def test_q_ends_what_was_typed_before_it_still_counts() -> None:
     tip = WatchedTip()
     assert not obey("tq", [tip.finger])
-    assert tip.finger.view().tare is Tare.UNDER_WAY
+    assert tip.finger.view().tare is TareState.UNDER_WAY
 
 
 def test_a_paced_clock_keeps_the_walls_time_and_forgives_a_pause() -> None:

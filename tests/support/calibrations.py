@@ -5,16 +5,16 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from palpate.calibration.gauge import Place, hand_frame
+from palpate.calibration.gauge import BasePose, hand_frame
 from palpate.config import (
     ActuatorsCalibration,
     AimCalibration,
-    CalibratedBounds,
-    CalibratedFinger,
     CalibrationDevice,
     CalibrationFile,
     CalibrationReference,
+    ContactBounds,
     DirectionParts,
+    FingerCalibration,
     Overshoot,
     PlaceCalibration,
     PositionParts,
@@ -22,11 +22,11 @@ from palpate.config import (
     RigFile,
     SlideCalibration,
     TactileCalibration,
-    TouchSeen,
+    TouchResidual,
     UnusableTaxel,
     geometry_sha256,
 )
-from palpate.config.rig_file import Finger
+from palpate.config.rig_file import SlideFingerConfig
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.devices import emulate
@@ -46,7 +46,7 @@ def empty_calibration(rig: RigFile, devices: list[CalibrationDevice] | None = No
         emulated=rig.emulated,
         coverage=0.999,
         devices=devices or [],
-        fingers=[CalibratedFinger(name=finger.name) for finger in rig.fingers],
+        fingers=[FingerCalibration(name=finger.name) for finger in rig.fingers],
     )
 
 
@@ -55,7 +55,7 @@ def full_calibration(
 ) -> CalibrationFile:
     """One that says something of everything, a little off what the rig file says."""
     rng = np.random.default_rng(seed)
-    fingers = [_finger(finger, rng) for finger in rig.fingers if isinstance(finger, Finger)]
+    fingers = [_finger(finger, rng) for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     return empty_calibration(rig, devices).model_copy(
         update={
             "references": [CalibrationReference(name="disc", sha256="a" * 64)],
@@ -86,7 +86,7 @@ def tactile(rng: np.random.Generator, rows: int = 8, cols: int = 20) -> TactileC
     )
 
 
-def _finger(finger: Finger, rng: np.random.Generator) -> CalibratedFinger:
+def _finger(finger: SlideFingerConfig, rng: np.random.Generator) -> FingerCalibration:
     x, y = finger.base_mm
     slide = SlideCalibration(
         direction_confirmed=True,
@@ -108,7 +108,7 @@ def _finger(finger: Finger, rng: np.random.Generator) -> CalibratedFinger:
     aim = AimCalibration(
         direction_confirmed=True, backlash_deg=0.015, backlash_sigma_deg=0.002, friction_a=0.02
     )
-    return CalibratedFinger(
+    return FingerCalibration(
         name=finger.name,
         tactile=tactile(rng),
         actuators=ActuatorsCalibration(slide=slide, aim=aim),
@@ -125,7 +125,7 @@ def _finger(finger: Finger, rng: np.random.Generator) -> CalibratedFinger:
             mm_per_turn=finger.slide.mm_per_turn * 1.0003,
             covariance=np.diag([1.21e-4, 1.44e-4, 7.6e-9, 3.6e-5, 1e-4]).tolist(),
         ),
-        bounds=CalibratedBounds(
+        bounds=ContactBounds(
             position_mm=0.2,
             direction_deg=1.0,
             parts_mm=PositionParts(
@@ -149,7 +149,7 @@ def _residuals(finger: str, rng: np.random.Generator) -> Residuals:
         held_out_rms_mm=0.0,
         held_out_largest_mm=0.0,
         touches_seen=[
-            TouchSeen(
+            TouchResidual(
                 finger=finger,
                 placing=0,
                 x_mm=float(value),
@@ -169,15 +169,15 @@ def true_calibration(rig: RigFile, seed: int) -> CalibrationFile:
     bench = emulate(rig, None, seed)
     truths = [finger.truth for finger in bench.bench.fingers]
     to_hand = hand_frame(
-        [Place(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers],
-        [Place(truth.base_mm, truth.heading_rad) for truth in truths],
+        [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers],
+        [BasePose(truth.base_mm, truth.heading_rad) for truth in truths],
     )
     fingers = []
     for template, truth in zip(full_calibration(rig).fingers, truths, strict=True):
         assert isinstance(truth, FingerTruth)
         assert template.place is not None
         assert template.bounds is not None
-        found = to_hand.place(Place(truth.base_mm, truth.heading_rad))
+        found = to_hand.place(BasePose(truth.base_mm, truth.heading_rad))
         place = template.place.model_copy(
             update={
                 "base_mm": found.base_mm,
@@ -190,7 +190,7 @@ def true_calibration(rig: RigFile, seed: int) -> CalibrationFile:
         )
         place = PlaceCalibration.model_validate(place.model_dump())
         bounds = template.bounds.model_copy(update={"position_mm": truth.slide_play_mm + 0.05})
-        fingers.append(CalibratedFinger(name=template.name, place=place, bounds=bounds))
+        fingers.append(FingerCalibration(name=template.name, place=place, bounds=bounds))
     with connect(set_up(rig, None, seed)) as hand:
         devices = devices_of(hand)
     return empty_calibration(rig, devices).model_copy(update={"fingers": fingers})

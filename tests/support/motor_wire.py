@@ -8,7 +8,7 @@ from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
-from palpate.rig.diagnostics.bus_selection import BusPlace
+from palpate.rig.diagnostics.bus_selection import BusEndpoint
 
 __all__ = ["MotorWire", "Person"]
 
@@ -33,10 +33,10 @@ class MotorWire:
         for servo in servos:
             servo.power_on()
 
-    def place(self, rig: RigFile | None = None) -> BusPlace:
+    def place(self, rig: RigFile | None = None) -> BusEndpoint:
         """The bus as commands take it."""
         rate = None if rig is None else rig.bus.baudrate_bps
-        return BusPlace(self.url, self.clock, _LATENCY_S, rate, rig, devices=self)
+        return BusEndpoint(self.url, self.clock, _LATENCY_S, rate, rig, devices=self)
 
     def _advance(self, now: float) -> None:
         while self._stepped + _STEP_S <= now:

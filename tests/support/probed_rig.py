@@ -10,7 +10,7 @@ import shapely
 from emulated_session import EmulatedSession, emulated_session
 from touched_references import DISC, FRESH
 
-from palpate.calibration.prober import Approach, Probe
+from palpate.calibration.prober import Probe, SlideApproach
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect
@@ -50,7 +50,7 @@ class ProbedRig:
             found.append(Probe(best, self.contact_rad(self.prober.approaches[best])))
         return found
 
-    def contact_rad(self, approach: Approach) -> float:
+    def contact_rad(self, approach: SlideApproach) -> float:
         """Angle of the slide's servo at which a tip begins to touch: its drive is a half play ahead of it."""
         truth = self.truth(approach.finger)
         shape, direction = self._shape(), self._direction_rad(approach)
@@ -91,11 +91,11 @@ class ProbedRig:
         assert outline is not None
         return shapely.Polygon(outline.start)
 
-    def _direction_rad(self, approach: Approach) -> float:
+    def _direction_rad(self, approach: SlideApproach) -> float:
         truth = self.truth(approach.finger)
         return truth.heading_rad + (approach.aim_rad - truth.aim_zero_rad) / truth.gear_ratio
 
-    def _aside_mm(self, approach: Approach) -> float:
+    def _aside_mm(self, approach: SlideApproach) -> float:
         direction, middle = self._direction_rad(approach), self._shape().centroid
         x, y = self.truth(approach.finger).base_mm
         return math.cos(direction) * (middle.y - y) - math.sin(direction) * (middle.x - x)

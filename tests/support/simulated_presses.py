@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.gains import PressedAt
-from palpate.calibration.measurements import FREE, IN, OUT, Idle, Press
+from palpate.calibration.gains import PressAtBearing
+from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement, PressMeasurement
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import Outline, press
 from palpate.drivers.tactile.messages import Description, Shape
@@ -77,14 +77,14 @@ class PressingFinger:
         self.taxels = taxels
         self._rng = rng
 
-    def idle(self) -> Idle:
+    def idle(self) -> IdleMeasurement:
         """Five seconds of the untouched array."""
         time_s = np.arange(1000) / 200.0
-        return Idle("f1", self.taxels.counts(np.zeros((1000, ROWS, COLS)), time_s), time_s)
+        return IdleMeasurement("f1", self.taxels.counts(np.zeros((1000, ROWS, COLS)), time_s), time_s)
 
     def press(
         self, bearing_rad: float, disc_mm: float | None, force_n: float, bearing_sigma_rad: float
-    ) -> PressedAt:
+    ) -> PressAtBearing:
         """Press until the skin bears about `force_n`; `disc_mm` None for a flat face.
 
         `bearing_rad` at first contact; what is told of it is off by `bearing_sigma_rad`.
@@ -101,7 +101,7 @@ class PressingFinger:
         outward = np.where(leg == OUT, -1.0, 1.0)
         current = push / NEWTON_PER_A + outward * self.truth.friction_a
         drive = (place + outward * self.truth.play_mm + self._rng.uniform(20, 60)) / MM_PER_RAD
-        made = Press(
+        made = PressMeasurement(
             "f1",
             0,
             aim,
@@ -111,7 +111,9 @@ class PressingFinger:
             raw - zero,
         )
         told = bearing_rad + bearing_sigma_rad * float(self._rng.standard_normal())
-        return PressedAt(made, told, bearing_sigma_rad, 0.0 if disc_mm is None else 1 / disc_mm, NEWTON_PER_A)
+        return PressAtBearing(
+            made, told, bearing_sigma_rad, 0.0 if disc_mm is None else 1 / disc_mm, NEWTON_PER_A
+        )
 
     def _felt(
         self, way: NDArray[np.float64], bearing: float, disc_mm: float | None, aim: float
@@ -150,7 +152,7 @@ def presses_of(
     bearings_deg: Sequence[float] = BEARINGS_DEG,
     force_n: float = 3.5,
     bearing_sigma_rad: float = math.radians(0.3),
-) -> list[PressedAt]:
+) -> list[PressAtBearing]:
     """Presses against a disc at some bearings and two against a face."""
     wanted = [(b, DISC_MM) for b in bearings_deg] + [(b, None) for b in FACES_DEG]
     return [finger.press(math.radians(b), size, force_n, bearing_sigma_rad) for b, size in wanted]

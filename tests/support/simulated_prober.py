@@ -10,15 +10,23 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.measurements import FREE, IN, OUT, Idle, Press, Stop, Touched
-from palpate.calibration.prober import Approach, Probe
+from palpate.calibration.measurements import (
+    FREE,
+    IN,
+    OUT,
+    IdleMeasurement,
+    PressMeasurement,
+    StopMeasurement,
+    TouchMeasurement,
+)
+from palpate.calibration.prober import Probe, SlideApproach
 from palpate.calibration.reference import Reference
 from palpate.config import CalibrationDevice, RigFile
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.drivers.emulators.tip import Outline, press, separation_mm
 from palpate.drivers.finger import TICK_RAD
-from palpate.rig.commissioning.calibration import Connected
+from palpate.rig.commissioning.calibration import ConnectedRig
 from palpate.rig.commissioning.rig_prober import approaches_of
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.reference_table import outline_of
@@ -52,7 +60,7 @@ class SimulatedRig:
         self.time_s = 0.0
 
     @contextmanager
-    def connect(self, rig: RigFile, *, moving: bool) -> Iterator[Connected]:
+    def connect(self, rig: RigFile, *, moving: bool) -> Iterator[ConnectedRig]:
         del moving
         arrays = [finger.array.description for finger in self.fingers]
         devices = [
@@ -61,7 +69,7 @@ class SimulatedRig:
             )
             for spec, told in zip(rig.fingers, arrays, strict=True)
         ]
-        yield Connected(SimulatedProber(self, rig), arrays, devices, emulated=True)
+        yield ConnectedRig(SimulatedProber(self, rig), arrays, devices, emulated=True)
 
     def truth(self, finger: int) -> FingerTruth:
         found = self.fingers[finger].truth
@@ -74,7 +82,7 @@ class SimulatedProber:
 
     def __init__(self, world: SimulatedRig, rig: RigFile) -> None:
         self._world = world
-        self.approaches: Sequence[Approach] = approaches_of(rig)
+        self.approaches: Sequence[SlideApproach] = approaches_of(rig)
         self._aims: dict[int, float] = {}
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
@@ -87,13 +95,13 @@ class SimulatedProber:
     def clear(self) -> None:
         self._world.outline = None
 
-    def touch(self, grip: Sequence[Probe], placing: int) -> list[Touched | None]:
+    def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         return [self._touched(probe, placing) for probe in grip]
 
-    def press(self, contacts: Sequence[Probe], placing: int) -> list[Press]:
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         return [self._press(probe, placing) for probe in contacts]
 
-    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[Stop]:
+    def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         stops = []
         for probe in contacts:
             item, truth = (
@@ -103,18 +111,18 @@ class SimulatedProber:
             late = LATENCY_S + self._world.rng.uniform(0, 1 / RATE_HZ)
             stood = self._step(probe.end_rad + speed_mm_s * late / truth.mm_per_rad)
             name = self._world.rig.fingers[item.finger].name
-            stops.append(Stop(name, speed_mm_s, stood, stood, probe.end_rad, 1 / RATE_HZ))
+            stops.append(StopMeasurement(name, speed_mm_s, stood, stood, probe.end_rad, 1 / RATE_HZ))
         return stops
 
     def swing(self) -> list[float]:
         return [0.0175 for _ in self._world.fingers]
 
-    def idle(self, seconds: float) -> list[Idle]:
+    def idle(self, seconds: float) -> list[IdleMeasurement]:
         world, count = self._world, round(seconds * RATE_HZ)
         time_s = world.time_s + np.arange(count) / RATE_HZ
         world.time_s += seconds + 60.0
         return [
-            Idle(spec.name, self._counts(k, np.zeros((count, 8, 20)), time_s), time_s)
+            IdleMeasurement(spec.name, self._counts(k, np.zeros((count, 8, 20)), time_s), time_s)
             for k, spec in enumerate(world.rig.fingers)
         ]
 
@@ -125,7 +133,7 @@ class SimulatedProber:
         drive = (stop_mm + flank * truth.slide_play_mm - truth.zero_mm) / truth.mm_per_rad
         return self._step(drive + self._world.rng.normal(0, 0.1 * TICK_RAD))
 
-    def _touched(self, probe: Probe, placing: int) -> Touched | None:
+    def _touched(self, probe: Probe, placing: int) -> TouchMeasurement | None:
         item = self.approaches[probe.approach]
         truth = self._world.truth(item.finger)
         way = self._way(item)
@@ -138,7 +146,7 @@ class SimulatedProber:
         angle = towards - travel - truth.array_heading_rad + self._world.rng.normal(0, math.radians(0.5))
         # Rigs measure on the move, over whole steps: hardly anything of their rounding is left.
         found += self._world.rng.normal(0, 0.004) / truth.mm_per_rad
-        return Touched(
+        return TouchMeasurement(
             self._world.rig.fingers[item.finger].name,
             placing,
             (self._step(item.aim_rad), found),
@@ -149,7 +157,7 @@ class SimulatedProber:
             0.02,
         )
 
-    def _contact(self, truth: FingerTruth, item: Approach, way: int, dent_mm: float) -> float | None:
+    def _contact(self, truth: FingerTruth, item: SlideApproach, way: int, dent_mm: float) -> float | None:
         """Servo angle of the slide at which the tip is dented by so much; None if it meets nothing."""
         outline = self._world.outline
         if outline is None:
@@ -169,7 +177,7 @@ class SimulatedProber:
             lo, hi = (middle, hi) if gap(middle) > 0 else (lo, middle)
         return float(lo)
 
-    def _press(self, probe: Probe, placing: int) -> Press:
+    def _press(self, probe: Probe, placing: int) -> PressMeasurement:
         item, world = self.approaches[probe.approach], self._world
         truth, way = world.truth(item.finger), self._way(item)
         start = self._contact(truth, item, way, 0.0)
@@ -207,7 +215,7 @@ class SimulatedProber:
         # The contact was computed with the play taken up; going back, the drive is on the other flank.
         drive = start + np.concatenate([depth, depth[::-1]]) / truth.mm_per_rad
         drive += (out - 1) * truth.slide_play_mm / truth.mm_per_rad
-        return Press(
+        return PressMeasurement(
             world.rig.fingers[item.finger].name,
             placing,
             self._step(item.aim_rad),
@@ -220,7 +228,7 @@ class SimulatedProber:
     def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> NDArray[np.uint16]:
         return self._world.fingers[finger].array.taxels.counts(force_n, time_s)
 
-    def _way(self, item: Approach) -> int:
+    def _way(self, item: SlideApproach) -> int:
         before = self._aims.get(item.finger)
         self._aims[item.finger] = item.aim_rad
         return 0 if before is None or before == item.aim_rad else int(math.copysign(1, item.aim_rad - before))
@@ -229,7 +237,7 @@ class SimulatedProber:
         return round(angle_rad / TICK_RAD) * TICK_RAD
 
 
-def _centre(truth: FingerTruth, item: Approach, way: int, slide_rad: float) -> tuple[Floats, float]:
+def _centre(truth: FingerTruth, item: SlideApproach, way: int, slide_rad: float) -> tuple[Floats, float]:
     """True centre (2,) with the play taken up as in a touch, and the direction of travel."""
     aim = round(item.aim_rad / TICK_RAD) * TICK_RAD
     travel = truth.heading_rad + (aim - truth.aim_zero_rad) / truth.gear_ratio - way * truth.aim_play_rad

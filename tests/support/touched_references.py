@@ -12,18 +12,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.calibration.finger_fit import FingerModel, Placing, Touches
-from palpate.calibration.reference import Disc, Plate, Reference
-from palpate.config import Finger, load_rig
+from palpate.calibration.finger_fit import FingerModel, ReferencePlacement, Touches
+from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
+from palpate.config import SlideFingerConfig, load_rig
 
 Floats = NDArray[np.float64]
 
 FRESH = load_rig(Path(__file__).resolve().parents[2] / "examples" / "fresh-rig.toml")
-SPECS = [finger for finger in FRESH.fingers if isinstance(finger, Finger)]
+SPECS = [finger for finger in FRESH.fingers if isinstance(finger, SlideFingerConfig)]
 
-DISC = Disc("disc", 25.0)
+DISC = ReferenceDisc("disc", 25.0)
 SQUARE = np.array([[-40.0, -40.0], [40.0, -40.0], [40.0, 40.0], [-40.0, 40.0]])
-PLATE = Plate("plate", SQUARE)
+PLATE = ReferencePlate("plate", SQUARE)
 SIGMA_MM = 0.015
 OFFSETS_MM = (-13.0, -6.5, 0.0, 6.5, 13.0)
 
@@ -73,7 +73,7 @@ def drawn(rng: np.random.Generator) -> Floats:
 def laid(reference: Reference, x_mm: float, y_mm: float, theta_rad: float, grown_mm: float = 0.0) -> Laid:
     """A reference at a pose; `grown_mm`: by how much it is really larger all round."""
     centre = np.array([x_mm, y_mm])
-    if isinstance(reference, Disc):
+    if isinstance(reference, ReferenceDisc):
         return Laid(centre, 0.0, reference.radius_mm + grown_mm)
     corners = SQUARE + np.sign(SQUARE) * grown_mm
     c, s = math.cos(theta_rad), math.sin(theta_rad)
@@ -90,13 +90,13 @@ def some_places(rng: np.random.Generator, grown_mm: tuple[float, float] = (0.0, 
     return found
 
 
-def placings() -> list[Placing]:
+def placings() -> list[ReferencePlacement]:
     """Where they are said to lie."""
     return [
-        Placing(DISC, (0.0, 0.0)),
-        Placing(DISC, (35.0, 20.0)),
-        Placing(PLATE, (0.0, 0.0)),
-        Placing(PLATE, (-20.0, 20.0)),
+        ReferencePlacement(DISC, (0.0, 0.0)),
+        ReferencePlacement(DISC, (35.0, 20.0)),
+        ReferencePlacement(PLATE, (0.0, 0.0)),
+        ReferencePlacement(PLATE, (-20.0, 20.0)),
     ]
 
 

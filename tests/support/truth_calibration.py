@@ -4,13 +4,13 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
-from palpate.calibration.gauge import Place, hand_frame
+from palpate.calibration.gauge import BasePose, hand_frame
 from palpate.config import (
-    CalibratedBounds,
-    CalibratedFinger,
     CalibrationDevice,
     CalibrationFile,
+    ContactBounds,
     DirectionParts,
+    FingerCalibration,
     PlaceCalibration,
     PositionParts,
     Residuals,
@@ -43,18 +43,18 @@ def truth_calibration(
     Bounds are as wide as good calibrations make them: 0.2 mm on the shipped bench.
     """
     frame = hand_frame(
-        [Place(spec.base_mm, math.radians(spec.heading_deg)) for spec in rig.fingers],
-        [Place(finger.truth.base_mm, finger.truth.heading_rad) for finger in fingers],
+        [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in rig.fingers],
+        [BasePose(finger.truth.base_mm, finger.truth.heading_rad) for finger in fingers],
     )
     found = []
     for spec, finger in zip(rig.fingers, fingers, strict=True):
         truth = finger.truth
         assert isinstance(truth, FingerTruth)
-        there = frame.place(Place(truth.base_mm, truth.heading_rad))
+        there = frame.place(BasePose(truth.base_mm, truth.heading_rad))
         dx, dy = (off_mm or {}).get(spec.name, (0.0, 0.0))
-        moved = Place((there.base_mm[0] + dx, there.base_mm[1] + dy), there.heading_rad)
+        moved = BasePose((there.base_mm[0] + dx, there.base_mm[1] + dy), there.heading_rad)
         found.append(
-            CalibratedFinger(
+            FingerCalibration(
                 name=spec.name,
                 tactile=_tactile(rig, truth, finger),
                 place=_place(truth, moved),
@@ -118,7 +118,7 @@ def _tactile(rig: RigFile, truth: FingerTruth, finger: EmulatedFinger) -> Tactil
     )
 
 
-def _place(truth: FingerTruth, place: Place) -> PlaceCalibration:
+def _place(truth: FingerTruth, place: BasePose) -> PlaceCalibration:
     """Where a finger stands; in a touch the tip is pushed back as far as the slide's play goes."""
     zero = truth.zero_mm - truth.slide_play_mm
     return PlaceCalibration(
@@ -136,7 +136,7 @@ def _place(truth: FingerTruth, place: Place) -> PlaceCalibration:
     )
 
 
-def _bounds(truth: FingerTruth) -> CalibratedBounds:
+def _bounds(truth: FingerTruth) -> ContactBounds:
     """The sum of what a fit, scatter, steps, the aim's play and stopping leave."""
     position = PositionParts(
         fit=_PLANE * _FIT_MM,
@@ -146,7 +146,7 @@ def _bounds(truth: FingerTruth) -> CalibratedBounds:
         overshoot=0.07,
     )
     direction = DirectionParts(fit=0.4, repeatability=0.1, quantisation=0.01, play=0.02)
-    return CalibratedBounds(
+    return ContactBounds(
         position_mm=1.0001 * sum(position.model_dump().values()),
         direction_deg=1.0001 * sum(direction.model_dump().values()),
         parts_mm=position,

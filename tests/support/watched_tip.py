@@ -11,7 +11,7 @@ from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.rig.monitor.finger_monitor import WatchedFinger
+from palpate.rig.monitor.finger_monitor import MonitoredFinger
 
 BAUDRATE = 4_000_000
 
@@ -31,7 +31,7 @@ class WatchedTip:
         array = TactileArray(open_port(url, BAUDRATE), self.clock, "tip")
         array.connect()
         extractor = ContactExtractor(DESCRIPTION, TipCalibration(gain=np.ones((ROWS, COLS))))
-        self.finger = WatchedFinger("tip", url, array, extractor, self.clock)
+        self.finger = MonitoredFinger("tip", url, array, extractor, self.clock)
         array.start(rate_hz)
 
     def pass_time(self, seconds: float) -> None:

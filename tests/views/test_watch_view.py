@@ -13,7 +13,7 @@ from tactile_tip import DESCRIPTION
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.drivers.tactile.frames import ArrayCounters
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.rig.monitor.finger_monitor import FingerView, Tare
+from palpate.rig.monitor.finger_monitor import FingerView, TareState
 from palpate.views.monitor.lines import line_of, out_of
 from palpate.views.monitor.screen import WatchPicture, watch_view
 from palpate.views.monitor.taxel_map import scale_of
@@ -42,7 +42,7 @@ def view_of(description: Description = DESCRIPTION, **changes: object) -> Finger
         name="f1",
         port="mock://f1",
         description=description,
-        tare=Tare.DONE,
+        tare=TareState.DONE,
         counts=np.full(shape, 20, dtype=np.uint16),
         taxel_n=np.zeros(shape),
         saturated=blank,
@@ -199,8 +199,8 @@ def test_an_array_larger_than_the_terminal_is_shown_in_blocks() -> None:
     [
         ({"age_s": 0.8, "force_n": None}, "no frames"),
         ({"counts": None, "force_n": None}, "no frames"),
-        ({"tare": Tare.NONE, "force_n": None}, "not tared"),
-        ({"tare": Tare.UNDER_WAY, "force_n": None}, "taring"),
+        ({"tare": TareState.NONE, "force_n": None}, "not tared"),
+        ({"tare": TareState.UNDER_WAY, "force_n": None}, "taring"),
         ({}, "○ free"),
     ],
 )

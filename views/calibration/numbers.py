@@ -11,8 +11,8 @@ from typing import TypeVar
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
-    CalibratedBounds,
-    CalibratedFinger,
+    ContactBounds,
+    FingerCalibration,
     PlaceCalibration,
     TactileCalibration,
 )
@@ -47,7 +47,7 @@ def at_most(bound: float, decimals: int) -> str:
     return f"{math.ceil(bound * power - 1e-9) / power:.{decimals}f}"
 
 
-def finger_sections(fingers: Sequence[CalibratedFinger]) -> list[Section]:
+def finger_sections(fingers: Sequence[FingerCalibration]) -> list[Section]:
     """What was found of each finger; sections that no finger has are left out."""
     sections = [
         _section("Place in the hand frame, ± standard deviation", _PLACE, [f.place for f in fingers]),
@@ -189,7 +189,7 @@ _TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (
     ("presses", lambda t: f"{t.presses}, {_percent(t.residual_share)} unexplained"),
 )
 
-_BOUNDS: tuple[tuple[str, Callable[[CalibratedBounds], str]], ...] = (
+_BOUNDS: tuple[tuple[str, Callable[[ContactBounds], str]], ...] = (
     ("position", lambda b: f"± {at_most(b.position_mm, 3)} mm"),
     ("position is made of", lambda b: _parts(b.parts_mm.model_dump(), " mm")),
     ("direction of the array", lambda b: f"± {at_most(b.direction_deg, 2)}°"),

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.config.calibration_file import CalibrationFile
-from palpate.config.calibration_finger import CalibratedFinger, TactileCalibration
+from palpate.config.calibration_finger import FingerCalibration, TactileCalibration
 from palpate.files.writing import write_text
 from palpate.views.calibration.histogram import draw_histograms
 from palpate.views.calibration.numbers import Section, finger_sections, summary
@@ -154,7 +154,7 @@ def _marks(file: CalibrationFile) -> MarkMap:
     )
 
 
-def _spread(file: CalibrationFile, finger: CalibratedFinger) -> Spread:
+def _spread(file: CalibrationFile, finger: FingerCalibration) -> Spread:
     seen = () if file.residuals is None else file.residuals.touches_seen
     mine = [touch for touch in seen if touch.finger == finger.name]
     used = [touch for touch in mine if not touch.outlier]

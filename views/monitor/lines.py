@@ -10,7 +10,7 @@ from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import ArrayCounters
 from palpate.drivers.tactile.messages import Shape
 from palpate.errors import counted
-from palpate.rig.monitor.finger_monitor import FingerView, Mask, Tare
+from palpate.rig.monitor.finger_monitor import FingerView, Mask, TareState
 
 __all__ = ["age_words", "flag_words", "line_of", "out_of", "place_words", "summary_of", "taxel_words"]
 
@@ -20,7 +20,7 @@ def line_of(view: FingerView, t_s: float) -> str:
     felt = view.tare.value
     if view.counts is None or view.silent:
         felt = "no frames"
-    elif view.tare is Tare.DONE:
+    elif view.tare is TareState.DONE:
         felt = _contact_words(view)
     return (
         f"{t_s:8.2f} s  {view.name}  {felt}; {view.rate_hz:.1f} frames/s, "
@@ -94,7 +94,7 @@ def _finger_out(view: FingerView) -> WatchedFingerOut:
         port=view.port,
         rows=view.description.rows,
         columns=view.description.cols,
-        tared=view.tare is Tare.DONE,
+        tared=view.tare is TareState.DONE,
         rate_hz=view.rate_hz,
         age_s=view.age_s,
         frames=counters.frames,

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.rig.monitor.finger_monitor import FingerView, Tare
+from palpate.rig.monitor.finger_monitor import FingerView, TareState
 from palpate.views.monitor.lines import age_words, flag_words, place_words, taxel_words
 from palpate.views.monitor.taxel_map import Scale, legend, map_rows, marks_legend, scale_of, step_of
 
@@ -118,7 +118,7 @@ def _name_line(view: FingerView, width: int) -> Text:
 def _state(view: FingerView) -> tuple[str, str]:
     if view.counts is None or view.silent:
         return "no frames", "yellow"
-    if view.tare is not Tare.DONE:
+    if view.tare is not TareState.DONE:
         return view.tare.value, "yellow"
     return ("● touched", "bold green") if view.patch is not None else ("○ free", "dim")
 
