@@ -6,6 +6,7 @@ near. What a finger must never do ends all motion: `judge` raises it, and so doe
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import final
 
 from palpate.drivers.dynamixel.guarded import End, Goals
 from palpate.drivers.dynamixel.servo import Servo
@@ -176,16 +177,25 @@ class TipMover(_FingerMover):
         self.run.touched = True
         return End.CONTACT
 
+    @final
     def judge(self, now: float) -> End | None:
-        """The limit, or a finger that is too near."""
-        run = self.run
-        _check_cross_track(run)
-        at_limit = abs(self.limit_mm - run.travel_mm) < ARRIVED_MM
-        if at_limit and not self.finger.drive.under_way(now):
-            return End.REACHED
-        if now - run.moved_s > _STALL_S or self.is_late(now):
+        """The guards of every motion along a line: cross-track error, deadline, clearance; between them, `until`.
+
+        Not overridden, so that no kind of motion leaves one out.
+        """
+        _check_cross_track(self.run)
+        if (end := self.until(now)) is not None:
+            return end
+        if self.is_late(now):
             return self.held(now)
         return End.CLEARANCE if self.is_crowded() else None
+
+    def until(self, now: float) -> End | None:
+        """What ends this kind of motion: here arrival at the limit, or standing still."""
+        at_limit = abs(self.limit_mm - self.run.travel_mm) < ARRIVED_MM
+        if at_limit and not self.finger.drive.under_way(now):
+            return End.REACHED
+        return self.held(now) if now - self.run.moved_s > _STALL_S else None
 
     def held(self, _now: float) -> End:
         """What it means that the finger stands still on its way: here that all motion ends."""

@@ -124,16 +124,14 @@ class _PressMover(TipMover):
         baseline = self.finger.extractor.baseline.mean
         self._counts.append(np.mean([frame.counts for frame in felt.frames], axis=0) - baseline)
 
-    def judge(self, now: float) -> End | None:
+    def until(self, now: float) -> End | None:
         """Turn where the way in ends; enough where the way out does."""
         stands = now - self._still_s > _STILL_S
         if self._leg == IN and (stands or self._force_n > _FORCE_N):
             self._leg, self.limit_mm, self._turns = OUT, self._back_mm, True
             self._still_s = now
             return None
-        if self._leg == OUT and stands:
-            return End.ENOUGH
-        return End.CLEARANCE if self.is_crowded() else None
+        return End.ENOUGH if self._leg == OUT and stands else None
 
     def stream(self, now: float) -> Goals:
         """The way out, once."""

@@ -61,13 +61,13 @@ class _CreepMover(TipMover):
             self._ticks.append(round(abs(self.run.servos[1] - self._rested[1]) / TICK_RAD))
             self._frames.append(felt.frames)
 
-    def judge(self, now: float) -> End | None:
+    def until(self, now: float) -> End | None:
         """Enough once the steps that count are behind it; a slide that does not get there has a deadline."""
         if self._ticks and self._ticks[-1] > _BEFORE + _STEPS:
             return End.ENOUGH
         if now - self.started_s > _LONGEST_S:
             return End.DEADLINE
-        return super().judge(now)
+        return super().until(now)
 
     def held(self, _now: float) -> End:
         """It is measured where it rests."""

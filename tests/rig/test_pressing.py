@@ -8,7 +8,7 @@ from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.errors import DeviceError
+from palpate.errors import DeviceError, SafetyStop
 
 
 def test_two_fingers_press_at_once() -> None:
@@ -81,6 +81,29 @@ def test_an_array_that_falls_silent_ends_a_press(alone: ProbedRig) -> None:
     with pytest.raises(
         DeviceError, match=r"tactile array f1 .* has sent nothing for 0.15 s while fingers moved"
     ):
+        alone.prober.press(contacts, 0)
+    alone.hand.close()
+    assert not any(alone.session.torque().values())
+    assert alone.hardest_n() <= HARD_N
+
+
+def push_aside_once_it_touches(rig: ProbedRig) -> None:
+    """From the first contact on, something pushes the first finger's aim harder than its current limit can hold."""
+    finger = rig.session.bench.fingers[0]
+    aim, touched = finger.servos[0], [False]
+    free = aim.step
+
+    def pushed(dt_s: float, load_nm: float) -> None:
+        touched[0] = touched[0] or finger.press is not None
+        free(dt_s, load_nm + (2.0 - 0.5 * aim.shaft_rad_s if touched[0] else 0.0))
+
+    aim.step = pushed  # type: ignore[method-assign]
+
+
+def test_a_press_that_leaves_its_line_is_stopped(alone: ProbedRig) -> None:
+    contacts = alone.head_on()
+    push_aside_once_it_touches(alone)
+    with pytest.raises(SafetyStop, match=r"finger f1 is \d\.\d mm off"):
         alone.prober.press(contacts, 0)
     alone.hand.close()
     assert not any(alone.session.torque().values())
