@@ -15,7 +15,7 @@ from palpate.rig.host_finger import HostFinger
 __all__ = ["ArrayWatch", "Felt"]
 
 _SILENT_S = 0.15
-_SILENTHostFingerRAMES = 3  # that long at least, for slow arrays
+_SILENT_FRAMES = 3  # that long at least, for slow arrays
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ class ArrayWatch:
             )
 
     def _check_heard(self, finger: HostFinger, now: float) -> None:
-        allowed = max(_SILENT_S, _SILENTHostFingerRAMES / self._closing.sample_rate_hz)
+        allowed = max(_SILENT_S, _SILENT_FRAMES / self._closing.sample_rate_hz)
         if now - self._heard_s[finger] > allowed:
             raise DeviceError(
                 f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} "

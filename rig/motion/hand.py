@@ -230,7 +230,10 @@ class Hand:
     def guarded(
         self, movers: Sequence[_M], *, period_s: float = _POLL_S, read_every: int = 1
     ) -> dict[_M, End]:
-        """Carry out a guarded move of these movers; returns how each ended. Raises as `guarded_loop` does."""
+        """Carry out a guarded move of these movers; returns how each ended. Raises as `guarded_loop` does.
+
+        Torque stays on, also after an error: the end of the hand's `with` block switches it off.
+        """
         return guarded_loop(
             self.bus,
             self.states,

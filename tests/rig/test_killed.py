@@ -1,4 +1,4 @@
-"""The process is killed in the middle of a closing: the servos stop by themselves, and all can be tidied."""
+"""SIGKILL and SIGQUIT end palpate in the middle of a motion: only the servos' Bus Watchdog stops them then."""
 
 import json
 import signal
@@ -20,7 +20,8 @@ IDS = (11, 12, 21, 22, 31, 32)
 
 @pytest.mark.realtime
 @pytest.mark.timeout(120)
-def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGQUIT])
+def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, number: signal.Signals) -> None:
     with served(tmp_path, "--pty", "--seed", 7, "--rig-out", "real.toml") as (_, told):
         killed = subprocess.Popen(
             [str(PALPATE), "identify", "--rig", "real.toml"],
@@ -32,8 +33,8 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path) -> N
             log = _log_when_closing(tmp_path, killed)
             time.sleep(0.5)
         finally:
-            killed.send_signal(signal.SIGKILL)
-            killed.wait()
+            killed.send_signal(number)
+            assert killed.wait() == -number, "nothing unwinds"
         time.sleep(0.8)  # nothing may be heard on the bus: the watchdogs count 0.5 s
         clock = MonotonicClock()
         bus = Bus(open_port(told["ports"]["mock://bus"], 1_000_000), clock, 1_000_000, latency_s=0.1)
