@@ -88,7 +88,7 @@ def test_an_array_that_falls_silent_ends_a_press(alone: ProbedRig) -> None:
 
 
 def push_aside_once_it_touches(rig: ProbedRig) -> None:
-    """From the first contact on, something pushes the first finger's aim harder than its current limit can hold."""
+    """From the first contact on, the first finger's aim is pushed harder than its current can hold."""
     finger = rig.session.bench.fingers[0]
     aim, touched = finger.servos[0], [False]
     free = aim.step
