@@ -92,8 +92,9 @@ def guarded_loop(
     """Drive all movers at once until each has ended; returns how.
 
     Servos are read in every `read_every`-th period, streaming movers' in each. Raises SafetyStop for a goal
-    out of range, with nothing sent, and what `pause`, `read` and the movers raise. The loop leaves torque as it
-    is, also when it raises: the caller switches it off (`torque_off_all`; on a rig, the end of `Hand`'s block).
+    out of range, with nothing sent, and what `pause`, `read` and the movers raise. The loop leaves torque
+    as it is, also when it raises: the caller switches it off (`torque_off_all`; on a rig, the end of
+    `Hand`'s block).
     """
     _write(bus, {mover: mover.start(now()) for mover in movers})
     _look(read, movers, now)
@@ -241,8 +242,8 @@ def guarded_move(
 ) -> dict[Servo, End]:
     """Send servos to their goals; each stops where `felt` says that it touches, at a stall or a deadline.
 
-    Raises SafetyStop for a goal out of range, with nothing sent, and what `read` raises. Torque must be on, and
-    stays on, also after an error: the caller switches it off with `torque_off_all`.
+    Raises SafetyStop for a goal out of range, with nothing sent, and what `read` raises. Torque must be on,
+    and stays on, also after an error: the caller switches it off with `torque_off_all`.
     """
 
     def mover(servo: Servo, goal_rad: float) -> ServoMover:

@@ -179,7 +179,7 @@ class TipMover(_FingerMover):
 
     @final
     def judge(self, now: float) -> End | None:
-        """The guards of every motion along a line: cross-track error, deadline, clearance; between them, `until`.
+        """Guards of every motion along a line: cross-track error, deadline, clearance; between them `until`.
 
         Not overridden, so that no kind of motion leaves one out.
         """

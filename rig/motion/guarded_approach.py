@@ -55,10 +55,10 @@ def close_fingers(
 ) -> list[Touch]:
     """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
 
-    `measure`: how contacts are measured after the slow touch, None for where fingers rest. A grip in which a
-    servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that fails and SafetyStop
-    for a finger that is held by something its array does not feel. Torque stays on at every way out; the end of
-    the hand's `with` block switches it off.
+    `measure`: how contacts are measured after the slow touch, None for where fingers rest. A grip in which
+    a servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that fails and
+    SafetyStop for a finger that is held by something its array does not feel. Torque stays on at every way
+    out; the end of the hand's `with` block switches it off.
     """
     under_way: list[Run] = []
     try:

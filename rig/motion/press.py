@@ -42,8 +42,8 @@ Contacts = Sequence[tuple[Close, float]]
 def press(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement]:
     """Press where fingers touch, all at once, and go back. Ends retracted.
 
-    Raises SafetyStop above the rig file's max_force_n or off the line, and DeviceError for a device that fails;
-    the end of the hand's `with` block then switches torque off.
+    Raises SafetyStop above the rig file's max_force_n or off the line, and DeviceError for a device that
+    fails; the end of the hand's `with` block then switches torque off.
     """
     runs = _made_ready(hand, [(close, max(contact - _LEAD_MM, 0.0)) for close, contact in contacts])
     pressing = [

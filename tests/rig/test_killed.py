@@ -1,4 +1,4 @@
-"""SIGKILL and SIGQUIT end palpate in the middle of a motion: only the servos' Bus Watchdog stops them then."""
+"""SIGKILL and SIGQUIT end palpate in the middle of a motion: only the Bus Watchdog of each servo is left."""
 
 import json
 import signal
