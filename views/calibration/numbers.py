@@ -1,23 +1,27 @@
-"""A calibration's numbers in words: one row a quantity, one column a finger. Part of the calibration report.
+"""A calibration's numbers as text: a row per quantity, a column per finger, for the calibration report.
 
-± after a place, an angle or a play is one standard deviation; bounds say so, and are never rounded inwards.
+± after a place, an angle or a play is one standard deviation; bounds say so, and are rounded outward.
 """
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
-    ContactBounds,
+    CalibratedBounds,
     FingerCalibration,
     PlaceCalibration,
     TactileCalibration,
 )
 
-__all__ = ["Section", "at_most", "finger_sections", "plus_minus", "summary"]
+__all__ = ["RowGroup", "at_most", "finger_tables", "never_pressed", "plus_minus", "residuals_mm", "summary"]
 
 Part = TypeVar("Part")
 
@@ -28,8 +32,8 @@ Row = tuple[str, list[str]]
 
 
 @dataclass(frozen=True)
-class Section:
-    """Rows of a table that belong together: what, and one text a finger."""
+class RowGroup:
+    """Rows of a table that belong together: a label, and one text per finger."""
 
     title: str
     rows: list[Row]
@@ -47,19 +51,38 @@ def at_most(bound: float, decimals: int) -> str:
     return f"{math.ceil(bound * power - 1e-9) / power:.{decimals}f}"
 
 
-def finger_sections(fingers: Sequence[FingerCalibration]) -> list[Section]:
-    """What was found of each finger; sections that no finger has are left out."""
-    sections = [
-        _section("Place in the hand frame, ± standard deviation", _PLACE, [f.place for f in fingers]),
-        _section("Servos, ± standard deviation", _ACTUATORS, [f.actuators for f in fingers]),
-        _section("Array and skin", _TACTILE, [f.tactile for f in fingers]),
-        _section("Bounds on contacts", _BOUNDS, [f.bounds for f in fingers]),
+def finger_tables(file: CalibrationFile) -> list[RowGroup]:
+    """The results for each finger; groups of rows that no finger has are left out."""
+    fingers = file.fingers
+    groups = [
+        _group("Residuals of touches", _RESIDUALS, [_residuals(file, finger) for finger in fingers]),
+        _group("Place in the hand frame, ± standard deviation", _PLACE, [f.place for f in fingers]),
+        _group("Servos, ± standard deviation", _ACTUATORS, [f.actuators for f in fingers]),
+        _group("Array and skin", _TACTILE, [f.tactile for f in fingers]),
+        _group("Bounds on contacts", _BOUNDS, [f.bounds for f in fingers]),
     ]
-    return [section for section in sections if section is not None]
+    return [group for group in groups if group is not None]
+
+
+def residuals_mm(file: CalibrationFile, finger: str) -> tuple[list[float], list[float]]:
+    """Residuals of a finger's fitted and of its held-out touches, without outliers."""
+    touches = [] if file.residuals is None else file.residuals.touches_seen
+    used = [touch for touch in touches if touch.finger == finger and not touch.outlier]
+    fitted = [touch.residual_mm for touch in used if not touch.held_out]
+    return fitted, [touch.residual_mm for touch in used if touch.held_out]
+
+
+def never_pressed(tactile: TactileCalibration) -> NDArray[np.bool_]:
+    """Which taxels (rows, columns) no press has reached: their gain is 1, with the widest bound of all."""
+    gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
+    result: NDArray[np.bool_] = (gain == 1.0) & (bound == bound.max())
+    for taxel in tactile.unusable:
+        result[taxel.row, taxel.col] = False
+    return result
 
 
 def summary(file: CalibrationFile) -> list[tuple[str, str]]:
-    """What is worth knowing first: what and how well."""
+    """The overall result, in the order of interest: names and values."""
     rows = [
         ("Rig", file.rig + (" (emulated devices)" if file.emulated else "")),
         ("Made", f"{file.made:%Y-%m-%d %H:%M} UTC, palpate {file.palpate}"),
@@ -87,17 +110,63 @@ def summary(file: CalibrationFile) -> list[tuple[str, str]]:
     return rows
 
 
+@dataclass(frozen=True)
+class _FingerResiduals:
+    """Residuals (mm) of one finger's touches, its outliers, and its bound on positions, if there is one."""
+
+    fitted: list[float]
+    held_out: list[float]
+    outliers: int
+    bound_mm: float | None
+
+
+def _residuals(file: CalibrationFile, finger: FingerCalibration) -> _FingerResiduals | None:
+    touches = [] if file.residuals is None else file.residuals.touches_seen
+    mine = [touch for touch in touches if touch.finger == finger.name]
+    outliers = sum(touch.outlier for touch in mine)
+    bound = None if finger.bounds is None else finger.bounds.position_mm
+    return _FingerResiduals(*residuals_mm(file, finger.name), outliers, bound) if mine else None
+
+
+def _largest(residuals: _FingerResiduals) -> str:
+    used = np.abs(residuals.fitted + residuals.held_out)
+    return _off(math.sqrt(np.mean(used**2)), used.max()) if len(used) else _NONE
+
+
+def _beyond(residuals: _FingerResiduals) -> str:
+    if residuals.bound_mm is None:
+        return _NONE
+    used = np.abs(residuals.fitted + residuals.held_out)
+    return str(int((used > residuals.bound_mm).sum()) or "none")
+
+
+def _unusable(tactile: TactileCalibration) -> str:
+    counts = Counter(taxel.what for taxel in tactile.unusable)
+    return ", ".join(f"{count} {what}" for what, count in sorted(counts.items())) or "none"
+
+
+def _gains(tactile: TactileCalibration) -> str:
+    """Range of the measured gains and the median of their bounds."""
+    measured = ~never_pressed(tactile)
+    for taxel in tactile.unusable:
+        measured[taxel.row, taxel.col] = False
+    if not measured.any():
+        return _NONE
+    gain, bound = (np.array(values)[measured] for values in (tactile.gain, tactile.gain_bound))
+    return f"{gain.min():.2f} to {gain.max():.2f}, median bound ± {_percent(float(np.median(bound)))}"
+
+
 def _off(rms_mm: float, largest_mm: float) -> str:
     return f"rms {rms_mm:.3f} mm, largest {largest_mm:.3f} mm"
 
 
-def _section(
+def _group(
     title: str, rows: Sequence[tuple[str, Callable[[Part], str]]], parts: Sequence[Part | None]
-) -> Section | None:
+) -> RowGroup | None:
     if all(part is None for part in parts):
         return None
     shown = [(label, [_NONE if part is None else words(part) for part in parts]) for label, words in rows]
-    return Section(title, shown)
+    return RowGroup(title, shown)
 
 
 def _signed(value: float, decimals: int) -> str:
@@ -147,6 +216,13 @@ def _parts(parts: dict[str, float], unit: str) -> str:
     return ", ".join(f"{name} {at_most(value, 3)}{unit}" for name, value in parts.items())
 
 
+_RESIDUALS: tuple[tuple[str, Callable[[_FingerResiduals], str]], ...] = (
+    ("touches", lambda r: f"{len(r.fitted)} fitted, {len(r.held_out)} held out"),
+    ("residual", _largest),
+    ("beyond the bound on positions", _beyond),
+    ("outliers, left out", lambda r: str(r.outliers)),
+)
+
 _PLACE: tuple[tuple[str, Callable[[PlaceCalibration], str]], ...] = (
     ("base x", lambda p: plus_minus(p.base_mm[0], p.base_sigma_mm[0]) + " mm"),
     ("base y", lambda p: plus_minus(p.base_mm[1], p.base_sigma_mm[1]) + " mm"),
@@ -179,7 +255,9 @@ _ACTUATORS: tuple[tuple[str, Callable[[ActuatorsCalibration], str]], ...] = (
 
 _TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (
     ("stiffness", lambda t: f"{t.stiffness_n_per_mm:.2f} N/mm, bound ± {_percent(t.stiffness_bound)}"),
-    ("unusable taxels", lambda t: str(len(t.unusable))),
+    ("relative gain of taxels", _gains),
+    ("unusable taxels", _unusable),
+    ("taxels never pressed", lambda t: str(int(never_pressed(t).sum()))),
     ("noise of a taxel", lambda t: f"{t.noise_counts:.2f} counts"),
     ("drift, bound", lambda t: f"{t.drift_counts_per_s:.3g} counts/s"),
     ("crosstalk", lambda t: f"{_percent(t.crosstalk)}, bound ± {_percent(t.crosstalk_bound)}"),
@@ -189,7 +267,7 @@ _TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (
     ("presses", lambda t: f"{t.presses}, {_percent(t.residual_share)} unexplained"),
 )
 
-_BOUNDS: tuple[tuple[str, Callable[[ContactBounds], str]], ...] = (
+_BOUNDS: tuple[tuple[str, Callable[[CalibratedBounds], str]], ...] = (
     ("position", lambda b: f"± {at_most(b.position_mm, 3)} mm"),
     ("position is made of", lambda b: _parts(b.parts_mm.model_dump(), " mm")),
     ("direction of the array", lambda b: f"± {at_most(b.direction_deg, 2)}°"),
