@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
     ActuatorsCalibration,
-    CalibratedBounds,
+    ContactBounds,
     FingerCalibration,
     PlaceCalibration,
     TactileCalibration,
@@ -267,7 +267,7 @@ _TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (
     ("presses", lambda t: f"{t.presses}, {_percent(t.residual_share)} unexplained"),
 )
 
-_BOUNDS: tuple[tuple[str, Callable[[CalibratedBounds], str]], ...] = (
+_BOUNDS: tuple[tuple[str, Callable[[ContactBounds], str]], ...] = (
     ("position", lambda b: f"± {at_most(b.position_mm, 3)} mm"),
     ("position is made of", lambda b: _parts(b.parts_mm.model_dump(), " mm")),
     ("direction of the array", lambda b: f"± {at_most(b.direction_deg, 2)}°"),

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from palpate.config.calibration_file import CalibrationFile, TouchSeen
+from palpate.config.calibration_file import CalibrationFile, TouchResidual
 from palpate.config.calibration_finger import TactileCalibration
 from palpate.views.calibration.numbers import never_pressed, residuals_mm
 from palpate.views.scene.frame import nice_step
@@ -100,7 +100,7 @@ def _hues(file: CalibrationFile) -> list[str]:
     return [_HUES[index % len(_HUES)] for index in range(len(file.fingers))]
 
 
-def _touches(axes: Axes, touches: list[TouchSeen], hue: str, enlarged: float, longest_mm: float) -> None:
+def _touches(axes: Axes, touches: list[TouchResidual], hue: str, enlarged: float, longest_mm: float) -> None:
     """One finger's touches and residuals; an arrow that would be too long is cut and labelled."""
     at = np.array([(touch.x_mm, touch.y_mm) for touch in touches]).reshape(-1, 2)
     angles = np.radians([touch.normal_deg for touch in touches])
@@ -119,7 +119,7 @@ def _touches(axes: Axes, touches: list[TouchSeen], hue: str, enlarged: float, lo
     axes.plot(*at[held_out].T, "o", color=hue, markersize=5.5, markerfacecolor="white", markeredgewidth=1.6)
 
 
-def _key(file: CalibrationFile, touches: list[TouchSeen]) -> list[Line2D]:
+def _key(file: CalibrationFile, touches: list[TouchResidual]) -> list[Line2D]:
     """Legend entries: fingers with their numbers of touches, then the kinds of touches that there are."""
     key = []
     for finger, hue in zip(file.fingers, _hues(file), strict=True):
