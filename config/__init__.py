@@ -1,7 +1,7 @@
 """Everything that comes in from files, and what goes out as JSON: formats, checks, shipped rigs and models.
 
-Files are read once at the start of the data's way and become frozen values. A file that is not usable is
-an `InputError` with one line that names the file, the place, what is wrong and what is allowed.
+A file is read once and becomes frozen values. A file that is not usable is an `InputError` with one line that
+names the file, the place, what is wrong and what is allowed.
 """
 
 from palpate.config.calibration_file import (
@@ -28,30 +28,13 @@ from palpate.config.calibration_finger import (
 )
 from palpate.config.calibration_overlay import calibrated, check_calibration, geometry_sha256
 from palpate.config.calibration_writer import calibration_toml
-from palpate.config.contacts_file import ContactEntry, ContactsFile, GripEntry, Travel, load_contacts
+from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contacts
 from palpate.config.objects_file import ObjectModel, ObjectsFile, Polygon, Section, State, load_objects
 from palpate.config.rig_checks import ARM_MARGIN_MM
-from palpate.config.rig_file import (
-    AimConfig,
-    ArmFingerConfig,
-    ArrayConfig,
-    BoundsConfig,
-    BusConfig,
-    ClosingConfig,
-    EmulationConfig,
-    FingerConfig,
-    JointConfig,
-    LinksConfig,
-    ObstacleConfig,
-    RigFile,
-    SearchConfig,
-    SlideConfig,
-    SlideFingerConfig,
-    StageConfig,
-    TipConfig,
-    WorkspaceConfig,
-    load_rig,
-)
+from palpate.config.rig_file import RigFile, load_rig
+from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TipConfig
+from palpate.config.rig_servos import JointConfig, StageConfig
+from palpate.config.rig_tables import ClosingConfig, EmulationConfig
 from palpate.config.scene_file import Scene, load_scene
 from palpate.config.shipped import shipped_objects, shipped_rig
 
@@ -59,11 +42,7 @@ __all__ = [
     "ARM_MARGIN_MM",
     "ActuatorsCalibration",
     "AimCalibration",
-    "AimConfig",
     "ArmFingerConfig",
-    "ArrayConfig",
-    "BoundsConfig",
-    "BusConfig",
     "CalibrationDevice",
     "CalibrationFile",
     "CalibrationReference",
@@ -75,12 +54,9 @@ __all__ = [
     "EmulationConfig",
     "FingerCalibration",
     "FingerConfig",
-    "GripEntry",
     "JointConfig",
-    "LinksConfig",
     "ObjectModel",
     "ObjectsFile",
-    "ObstacleConfig",
     "Overshoot",
     "PlaceCalibration",
     "Polygon",
@@ -88,19 +64,15 @@ __all__ = [
     "Residuals",
     "RigFile",
     "Scene",
-    "SearchConfig",
     "Section",
     "SlideCalibration",
-    "SlideConfig",
     "SlideFingerConfig",
     "StageConfig",
     "State",
     "TactileCalibration",
     "TipConfig",
     "TouchResidual",
-    "Travel",
     "UnusableTaxel",
-    "WorkspaceConfig",
     "calibrated",
     "calibration_path",
     "calibration_toml",

@@ -18,8 +18,8 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
 )
 from palpate.config.fields import FileModel
-from palpate.config.rig_file import FingerConfig, RigFile, SlideFingerConfig
-from palpate.config.rig_fingers import TaxelsConfig
+from palpate.config.rig_file import RigFile
+from palpate.config.rig_fingers import FingerConfig, SlideFingerConfig, TaxelsConfig
 from palpate.errors import InputError
 
 __all__ = ["calibrated", "check_calibration", "geometry_sha256"]

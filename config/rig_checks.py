@@ -1,49 +1,78 @@
-"""Do the parts of a rig go together? Checks across keys, each raising at the key to be changed.
+"""Consistency checks across a rig file's tables, each raising at the key to be changed.
 
 Called while a `RigFile` is made, so a rig that exists is one that fits. Frame W, mm, degrees as in the file.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING
+from operator import attrgetter
 
 import shapely
 
 from palpate.config.problems import Place, problem
+from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
+from palpate.config.rig_servos import StageConfig
+from palpate.config.rig_tables import BusConfig, EmulationConfig, ObstacleConfig
 
-if TYPE_CHECKING:
-    from palpate.config.rig_file import EmulationConfig, RigFile, StageConfig
-    from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig
-
-__all__ = ["ARM_MARGIN_MM", "MOCK", "check_emulation", "check_identities", "check_obstacles", "check_places"]
+__all__ = [
+    "ARM_MARGIN_MM",
+    "check_emulation",
+    "check_identities",
+    "check_obstacles",
+    "check_places",
+    "check_real",
+]
 
 ARM_MARGIN_MM = 2.0
 """The tip of an arm waits this far outside of the workspace."""
 
-MOCK = "mock://"
+_MOCK = "mock://"
 """Ports of emulated devices begin so."""
 
+_DRAWN_BY_STAGE = (("stage_backlash_deg", "backlash_deg"), ("stage_error_deg", "bound_deg"))
+_DRAWN_BY_ANY = (
+    ("gain_spread", "array.gain_spread"),
+    ("drift_counts_per_s", "array.drift_counts_per_s"),
+    ("array_heading_error_deg", "array.heading_bound_deg"),
+    ("stiffness_spread", "tip.stiffness_spread"),
+    ("tip_radius_error_mm", "tip.radius_bound_mm"),
+    ("base_error_mm", "bounds.base_mm"),
+    ("heading_error_deg", "bounds.heading_deg"),
+)
+_DRAWN_BY_ARM = (
+    ("joint_backlash_deg", "shoulder.backlash_deg"),
+    ("joint_backlash_deg", "elbow.backlash_deg"),
+    ("link_error_mm", "links.bound_mm"),
+)
+_DRAWN_BY_SLIDE = (
+    ("backlash_mm", "slide.backlash_mm"),
+    ("aim_backlash_deg", "aim.backlash_deg"),
+    ("zero_error_mm", "slide.zero_bound_mm"),
+    ("mm_per_turn_error", "slide.mm_per_turn_spread"),
+)
+"""Keys of [emulation] and the declared bounds, by their places in a finger's table, that they stay within."""
 
-def check_identities(rig: RigFile) -> None:
+
+def check_identities(fingers: Sequence[FingerConfig], bus: BusConfig, stage: StageConfig | None) -> None:
     """Refuse a finger name, a servo id on the bus or a port that is used twice."""
     names: dict[str, int] = {}
     servos: dict[int, str] = {}
-    ports: dict[str, str] = {rig.bus.port: "the bus"}
-    if rig.stage is not None:
-        servos[rig.stage.dxl_id] = "the stage"
-    for index, finger in enumerate(rig.fingers):
+    ports: dict[str, str] = {bus.port: "the bus"}
+    if stage is not None:
+        servos[stage.dxl_id] = "the stage"
+    for index, finger in enumerate(fingers):
         if finger.name in names:
             raise problem(f"fingers[{names[finger.name]}] has this name already", "fingers", index, "name")
         names[finger.name] = index
-        for part, dxl_id in ((part, servo.dxl_id) for part, servo in finger.servos.items()):
-            if dxl_id in servos:
+        for part, servo in finger.servos.items():
+            if servo.dxl_id in servos:
                 raise problem(
-                    f"{dxl_id} is the id of {servos[dxl_id]} already; every servo on the bus needs its own",
+                    f"{servo.dxl_id} is the id of {servos[servo.dxl_id]} already; every servo on the bus "
+                    "needs its own",
                     *("fingers", index, part, "dxl_id"),
                 )
-            servos[dxl_id] = f'finger "{finger.name}" ({part})'
+            servos[servo.dxl_id] = f'finger "{finger.name}" ({part})'
         port = finger.array.port
         if port in ports:
             raise problem(
@@ -53,10 +82,12 @@ def check_identities(rig: RigFile) -> None:
         ports[port] = f'finger "{finger.name}" (array)'
 
 
-def check_places(rig: RigFile) -> None:
-    """Refuse fingers that cannot wait outside the workspace, never reach into it, or start in each other."""
-    radius = rig.clear_radius_mm
-    for index, finger in enumerate(rig.fingers):
+def check_places(fingers: Sequence[FingerConfig], radius: float, clearance_mm: float) -> None:
+    """Refuse fingers that cannot wait outside the workspace, never reach into it, or start in each other.
+
+    `radius`: of the circle round the origin that holds the workspace at every angle of the stage, mm.
+    """
+    for index, finger in enumerate(fingers):
         if finger.type == "two-link":
             _check_arm(finger, radius, index)
             continue
@@ -75,120 +106,99 @@ def check_places(rig: RigFile) -> None:
                 "check base_mm, heading_deg and slide.range_mm",
                 *("fingers", index),
             )
-    for (_, first), (index, second) in combinations(enumerate(rig.fingers), 2):
+    for (_, first), (index, second) in combinations(enumerate(fingers), 2):
         gap = (
             math.dist(_tip(first, radius), _tip(second, radius)) - first.tip.radius_mm - second.tip.radius_mm
         )
-        if gap < rig.closing.clearance_mm:
+        if gap < clearance_mm:
             raise problem(
                 f'retracted, its tip is {gap:.4g} mm from that of finger "{first.name}"; '
-                f"closing.clearance_mm asks for {rig.closing.clearance_mm:g}",
+                f"closing.clearance_mm asks for {clearance_mm:g}",
                 *("fingers", index, "base_mm"),
             )
 
 
-def check_obstacles(rig: RigFile) -> None:
+def check_obstacles(
+    obstacles: Sequence[ObstacleConfig],
+    fingers: Sequence[FingerConfig],
+    radius: float,
+    clearance_mm: float,
+) -> None:
     """Refuse an obstacle's name given twice, and one that a finger touches where it starts."""
     names: dict[str, int] = {}
-    for index, obstacle in enumerate(rig.obstacles):
+    for index, obstacle in enumerate(obstacles):
         if obstacle.name in names:
             raise problem(
                 f"obstacles[{names[obstacle.name]}] has this name already", "obstacles", index, "name"
             )
         names[obstacle.name] = index
         shape = shapely.Polygon(obstacle.outline_mm)
-        for finger in rig.fingers:
-            body = shapely.LineString([finger.base_mm, _tip(finger, rig.clear_radius_mm)])
+        for finger in fingers:
+            body = shapely.LineString([finger.base_mm, _tip(finger, radius)])
             gap = shapely.distance(shape, body) - finger.tip.radius_mm
-            if gap < rig.closing.clearance_mm:
+            if gap < clearance_mm:
                 raise problem(
                     f'is {gap:.4g} mm from finger "{finger.name}", retracted; '
-                    f"closing.clearance_mm asks for {rig.closing.clearance_mm:g}",
+                    f"closing.clearance_mm asks for {clearance_mm:g}",
                     *("obstacles", index, "outline_mm"),
                 )
 
 
-def check_emulation(rig: RigFile) -> None:
-    """Refuse mock ports without [emulation], real ports with it, emulated errors beyond declared bounds."""
-    ports: list[tuple[str, Place]] = [(rig.bus.port, ("bus", "port"))]
-    ports += [
-        (finger.array.port, ("fingers", index, "array", "port")) for index, finger in enumerate(rig.fingers)
-    ]
-    for port, place in ports:
-        if port.startswith(MOCK) and rig.emulation is None:
+def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
+    """Refuse emulated ports of a rig without [emulation]."""
+    for port, place in _ports(fingers, bus):
+        if port.startswith(_MOCK):
             raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
-        if not port.startswith(MOCK) and rig.emulation is not None:
+
+
+def check_emulation(
+    drawn: EmulationConfig,
+    fingers: Sequence[FingerConfig],
+    bus: BusConfig,
+    stage: StageConfig | None,
+    workspace_mm: float,
+) -> None:
+    """Refuse real ports, parts put outside the workspace, emulated errors beyond declared bounds."""
+    for port, place in _ports(fingers, bus):
+        if not port.startswith(_MOCK):
             raise problem(
                 f'"{port}" is not an emulated port (mock://…), but there is an [emulation] table', *place
             )
-    if rig.emulation is None:
-        return
-    if rig.emulation.placement_radius_mm >= rig.workspace.radius_mm:
+    if drawn.placement_radius_mm >= workspace_mm:
         raise problem(
-            f"is {rig.emulation.placement_radius_mm:g}; it must be below workspace.radius_mm "
-            f"({rig.workspace.radius_mm:g})",
+            f"is {drawn.placement_radius_mm:g}; it must be below workspace.radius_mm ({workspace_mm:g})",
             *("emulation", "placement_radius_mm"),
         )
-    _check_stage(rig.stage, rig.emulation)
-    for index, finger in enumerate(rig.fingers):
-        for key, drawn, declared, bound in (
-            *_mechanical(finger, rig.emulation),
-            *_any(finger, rig.emulation),
-        ):
-            if drawn > bound:
-                raise problem(
-                    f"is {drawn:g}, beyond the bound fingers[{index}].{declared} = {bound:g}; "
-                    "widen the bound or emulate less",
-                    *("emulation", key),
-                )
+    if stage is not None:
+        _check_drawn(drawn, stage, "stage", _DRAWN_BY_STAGE)
+    for index, finger in enumerate(fingers):
+        mechanism = _DRAWN_BY_ARM if finger.type == "two-link" else _DRAWN_BY_SLIDE
+        _check_drawn(drawn, finger, f"fingers[{index}]", (*mechanism, *_DRAWN_BY_ANY))
 
 
-def _check_stage(stage: StageConfig | None, drawn: EmulationConfig) -> None:
-    """Refuse emulated errors of the stage beyond its bounds."""
-    if stage is None:
-        return
-    for key, amount, declared, bound in (
-        ("stage_backlash_deg", drawn.stage_backlash_deg, "stage.backlash_deg", stage.backlash_deg),
-        ("stage_error_deg", drawn.stage_error_deg, "stage.bound_deg", stage.bound_deg),
-    ):
+def _check_drawn(
+    drawn: EmulationConfig,
+    owner: FingerConfig | StageConfig,
+    table: str,
+    pairs: Sequence[tuple[str, str]],
+) -> None:
+    """Refuse emulated errors beyond the bounds that a table declares."""
+    for key, declared in pairs:
+        amount, bound = getattr(drawn, key), attrgetter(declared)(owner)
         if amount > bound:
             raise problem(
-                f"is {amount:g}, beyond the bound {declared} = {bound:g}; widen the bound or emulate less",
+                f"is {amount:g}, beyond the bound {table}.{declared} = {bound:g}; "
+                "widen the bound or emulate less",
                 *("emulation", key),
             )
 
 
-def _any(finger: FingerConfig, drawn: EmulationConfig) -> list[tuple[str, float, str, float]]:
-    """What the emulation draws of fingers of any type: its key, how much, and the declared bound's key."""
-    tip, array, bounds = finger.tip, finger.array, finger.bounds
-    turned, drift = drawn.array_heading_error_deg, drawn.drift_counts_per_s
-    return [
-        ("gain_spread", drawn.gain_spread, "array.gain_spread", array.gain_spread),
-        ("drift_counts_per_s", drift, "array.drift_counts_per_s", array.drift_counts_per_s),
-        ("array_heading_error_deg", turned, "array.heading_bound_deg", array.heading_bound_deg),
-        ("stiffness_spread", drawn.stiffness_spread, "tip.stiffness_spread", tip.stiffness_spread),
-        ("tip_radius_error_mm", drawn.tip_radius_error_mm, "tip.radius_bound_mm", tip.radius_bound_mm),
-        ("base_error_mm", drawn.base_error_mm, "bounds.base_mm", bounds.base_mm),
-        ("heading_error_deg", drawn.heading_error_deg, "bounds.heading_deg", bounds.heading_deg),
+def _ports(fingers: Sequence[FingerConfig], bus: BusConfig) -> list[tuple[str, Place]]:
+    """Every port and the place of its key."""
+    arrays = [
+        (finger.array.port, ("fingers", index, "array", "port")) for index, finger in enumerate(fingers)
     ]
-
-
-def _mechanical(finger: FingerConfig, drawn: EmulationConfig) -> list[tuple[str, float, str, float]]:
-    """What the emulation draws of a finger's mechanics; likewise."""
-    if finger.type == "two-link":
-        play, length = drawn.joint_backlash_deg, drawn.link_error_mm
-        return [
-            ("joint_backlash_deg", play, "shoulder.backlash_deg", finger.shoulder.backlash_deg),
-            ("joint_backlash_deg", play, "elbow.backlash_deg", finger.elbow.backlash_deg),
-            ("link_error_mm", length, "links.bound_mm", finger.links.bound_mm),
-        ]
-    slide, travel = finger.slide, drawn.mm_per_turn_error
-    return [
-        ("backlash_mm", drawn.backlash_mm, "slide.backlash_mm", slide.backlash_mm),
-        ("aim_backlash_deg", drawn.aim_backlash_deg, "aim.backlash_deg", finger.aim.backlash_deg),
-        ("zero_error_mm", drawn.zero_error_mm, "slide.zero_bound_mm", slide.zero_bound_mm),
-        ("mm_per_turn_error", travel, "slide.mm_per_turn_spread", slide.mm_per_turn_spread),
-    ]
+    return [(bus.port, ("bus", "port")), *arrays]
 
 
 def _check_arm(finger: ArmFingerConfig, radius_mm: float, index: int) -> None:

@@ -1,4 +1,4 @@
-"""The fingers of a rig file: what each is made of. `rig_file` puts them together.
+"""Finger tables of a rig file: tip, tactile array, bounds, and the mechanism that carries them.
 
 A finger is of one of two types: "slide", an aim that turns a slide, or "two-link", an arm with a shoulder and
 an elbow. The values keep the file's units: mm, degrees, N.
@@ -6,113 +6,22 @@ an elbow. The values keep the file's units: mm, degrees, N.
 
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
-from palpate.config.fields import (
-    Count,
-    FileModel,
-    Items,
-    Length,
-    Name,
-    Number,
-    Point,
-    Positive,
-    Text,
-    in_order,
-)
+from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text
 from palpate.config.problems import TAG, problem
-from palpate.config.servo_turns import check_one_turn, check_slide, check_turns
+from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
 
 __all__ = [
-    "AimConfig",
-    "AngleRange",
     "ArmFingerConfig",
     "ArrayConfig",
     "BoundsConfig",
-    "DxlId",
     "FingerConfig",
-    "JointConfig",
     "LinksConfig",
-    "Ratio",
-    "ServoModel",
-    "Share",
-    "SlideConfig",
     "SlideFingerConfig",
     "TaxelsConfig",
     "TipConfig",
 ]
-
-ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
-DxlId = Annotated[int, Field(strict=True, ge=0, le=252)]
-Angle = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-360, le=360)]
-Share = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)]
-
-
-def _not_zero(value: float) -> float:
-    if value == 0:
-        raise problem("is 0; it must not be")
-    return value
-
-
-Ratio = Annotated[
-    float, Field(strict=True, allow_inf_nan=False, ge=-1000, le=1000), AfterValidator(_not_zero)
-]
-AngleRange = Annotated[tuple[Angle, Angle], AfterValidator(in_order)]
-LengthRange = Annotated[tuple[Length, Length], AfterValidator(in_order)]
-
-
-class AimConfig(FileModel):
-    """The servo that turns the slide about the finger's base: servo angle = zero_deg + gear_ratio · aim."""
-
-    dxl_id: DxlId = Field(description="ID on the bus.")
-    model: ServoModel = Field(description="Model as printed on the servo.")
-    gear_ratio: Ratio = Field(
-        description="Servo turns per turn of the slide; negative if they turn opposite ways."
-    )
-    range_deg: AngleRange = Field(description="[lo, hi] of the aim, counter-clockwise from heading_deg.")
-    backlash_deg: Length = Field(
-        description="Bound: the aim is off by at most this through play, either way."
-    )
-    zero_deg: Number = Field(description="Servo angle at aim 0, from its Goal Position 0.")
-
-    @model_validator(mode="after")
-    def _within_the_servo(self) -> Self:
-        turns = [(self.zero_deg + self.gear_ratio * aim) / 360 for aim in self.range_deg]
-        check_turns(turns, "range_deg")
-        return self
-
-
-class SlideConfig(FileModel):
-    """The servo that moves the tip: distance from base = zero_mm + mm_per_turn · servo turns."""
-
-    dxl_id: DxlId = Field(description="ID on the bus.")
-    model: ServoModel = Field(description="Model as printed on the servo.")
-    mm_per_turn: Ratio = Field(
-        description="Travel per servo turn; negative if growing angles retract the tip."
-    )
-    range_mm: LengthRange = Field(description="[lo, hi] of the distance from base to tip centre.")
-    backlash_mm: Length = Field(
-        description="Bound: the distance is off by at most this through play, either way."
-    )
-    zero_mm: Number = Field(description="Distance at Goal Position 0.")
-    zero_bound_mm: Length = Field(default=0.0, description="Bound: zero_mm is off by at most this.")
-    mm_per_turn_spread: Share = Field(
-        default=0.0, description="Bound: mm_per_turn is off by at most this share."
-    )
-    stops_mm: LengthRange | None = Field(
-        default=None,
-        description="[back, front]: distance from base to tip centre where the slide meets its hard stops; "
-        "calibration homes against them.",
-    )
-
-    @model_validator(mode="after")
-    def _within_the_servo(self) -> Self:
-        check_slide(self)
-        return self
-
-    def off_mm(self, distance_mm: float) -> float:
-        """How far zero and travel per turn may put the tip off, where it should be at a distance."""
-        return self.zero_bound_mm + self.mm_per_turn_spread * abs(distance_mm - self.zero_mm)
 
 
 class TipConfig(FileModel):
@@ -244,44 +153,32 @@ class BoundsConfig(FileModel):
     )
 
 
-class SlideFingerConfig(FileModel):
-    """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
+class _MountedFinger(FileModel):
+    """What fingers of both types have."""
 
-    type: Literal["slide"] = Field(default="slide", description='"slide": an aim and a slide.')
-    name: Name
-    base_mm: Point = Field(description="[x, y] of the aim axis in the support-plane frame W.")
-    heading_deg: Angle = Field(description="Direction of the slide at aim 0, counter-clockwise from +x of W.")
+    name: Name = Field(description="How reports and messages call it.")
+    base_mm: Point = Field(description="[x, y] of the aim's or shoulder's axis in the support-plane frame W.")
+    heading_deg: Angle = Field(
+        description="Direction of the slide at aim 0, or of the first link at shoulder angle 0, "
+        "counter-clockwise from +x of W."
+    )
     height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
-    aim: AimConfig
-    slide: SlideConfig
     tip: TipConfig
     array: ArrayConfig
     bounds: BoundsConfig
+
+
+class SlideFingerConfig(_MountedFinger):
+    """One finger: an aim servo turns a slide about a fixed base, a slide servo moves the tip along it."""
+
+    type: Literal["slide"] = Field(default="slide", description='"slide": an aim and a slide.')
+    aim: AimConfig
+    slide: SlideConfig
 
     @property
     def servos(self) -> dict[str, AimConfig | SlideConfig]:
         """Both servos by their keys, the one next to the base first."""
         return {"aim": self.aim, "slide": self.slide}
-
-
-class JointConfig(FileModel):
-    """The servo of an arm's joint: servo angle = zero_deg + gear_ratio · joint angle."""
-
-    dxl_id: DxlId = Field(description="ID on the bus.")
-    model: ServoModel = Field(description="Model as printed on the servo.")
-    gear_ratio: Ratio = Field(
-        description="Servo turns per turn of the joint; negative if they turn opposite ways."
-    )
-    range_deg: AngleRange = Field(description="[lo, hi] of the joint's angle.")
-    backlash_deg: Length = Field(
-        description="Bound: the joint is off by at most this through play, either way."
-    )
-    zero_deg: Number = Field(description="Servo angle at joint angle 0, from its Goal Position 0.")
-
-    @model_validator(mode="after")
-    def _within_one_turn(self) -> Self:
-        check_one_turn(self.gear_ratio, self.zero_deg, self.range_deg)
-        return self
 
 
 class LinksConfig(FileModel):
@@ -296,22 +193,13 @@ class LinksConfig(FileModel):
     )
 
 
-class ArmFingerConfig(FileModel):
+class ArmFingerConfig(_MountedFinger):
     """One finger: an arm of two links, turned by a shoulder servo at the base and an elbow servo."""
 
     type: Literal["two-link"] = Field(description='"two-link": an arm with a shoulder and an elbow.')
-    name: Name = Field(description="How reports and messages call it.")
-    base_mm: Point = Field(description="[x, y] of the shoulder's axis in the support-plane frame W.")
-    heading_deg: Angle = Field(
-        description="Direction of the first link at shoulder angle 0, counter-clockwise from +x of W."
-    )
-    height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
     shoulder: JointConfig
     elbow: JointConfig
     links: LinksConfig
-    tip: TipConfig
-    array: ArrayConfig
-    bounds: BoundsConfig
 
     @model_validator(mode="after")
     def _bends_one_way(self) -> Self:

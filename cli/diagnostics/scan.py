@@ -10,7 +10,7 @@ from rich.table import Table
 
 from palpate.cli.terminal import Doing, Terminal
 from palpate.config.results import to_json
-from palpate.config.rig_file import BUS_BAUDRATES
+from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.scan_result import ScannedServoOut, ScanOut
 from palpate.drivers.dynamixel.models import models_known
 from palpate.drivers.dynamixel.packet import MAX_ID

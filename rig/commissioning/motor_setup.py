@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
-from palpate.config.rig_file import BUS_BAUDRATES
+from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, SetupServoOut
 from palpate.drivers.dynamixel.models import Model
 from palpate.drivers.dynamixel.scan import Found, scan

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.config import FingerConfig, RigFile
-from palpate.config.rig_file import EmulationConfig
+from palpate.config import EmulationConfig, FingerConfig, RigFile
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray

@@ -3,8 +3,15 @@ from pathlib import Path
 import pytest
 from calibrations import empty_calibration, full_calibration
 
-from palpate.config import RigFile, calibrated, check_calibration, geometry_sha256, load_rig, shipped_rig
-from palpate.config.rig_file import SlideFingerConfig
+from palpate.config import (
+    RigFile,
+    SlideFingerConfig,
+    calibrated,
+    check_calibration,
+    geometry_sha256,
+    load_rig,
+    shipped_rig,
+)
 from palpate.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]

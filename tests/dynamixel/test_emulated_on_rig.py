@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from palpate.config import load_rig, shipped_rig
-from palpate.config.rig_file import BUS_BAUDRATES
+from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.drivers.dynamixel import Bus
 from palpate.drivers.dynamixel.manual import MODEL_NAMES
 from palpate.drivers.transport.port import open_port

@@ -21,12 +21,12 @@ from palpate.config import (
     Residuals,
     RigFile,
     SlideCalibration,
+    SlideFingerConfig,
     TactileCalibration,
     TouchResidual,
     UnusableTaxel,
     geometry_sha256,
 )
-from palpate.config.rig_file import SlideFingerConfig
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect, set_up
 from palpate.rig.emulated.devices import emulate

@@ -1,0 +1,169 @@
+"""Tables of a rig file beside its fingers: bus, workspace, closing, search, obstacles, emulation.
+
+Units are the file's, which are the suffixes of the names. `docs/rig-file.md` explains every key.
+"""
+
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text
+from palpate.config.outlines import outline_problem
+from palpate.config.problems import problem
+from palpate.config.rig_servos import Share
+
+__all__ = [
+    "BUS_BAUDRATES",
+    "BusConfig",
+    "ClosingConfig",
+    "EmulationConfig",
+    "ObstacleConfig",
+    "SearchConfig",
+    "WorkspaceConfig",
+]
+
+BUS_BAUDRATES = (9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000)
+"""Rates that all supported servos know (e-Manual, Baud Rate (8))."""
+
+
+class BusConfig(FileModel):
+    """The bus that all servos share."""
+
+    port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated bus.")
+    baudrate_bps: Annotated[int, Field(strict=True)] = Field(
+        description="Baud rate set in every servo.", json_schema_extra={"enum": list(BUS_BAUDRATES)}
+    )
+    latency_ms: Annotated[Positive, Field(le=1000)] | None = Field(
+        default=None,
+        description="What adapter and system may add to the time of an answer. Without it: from the "
+        "adapter's latency timer where the system tells it, else 34.",
+    )
+
+    @model_validator(mode="after")
+    def _baudrate_is_known(self) -> Self:
+        if self.baudrate_bps not in BUS_BAUDRATES:
+            allowed = ", ".join(str(rate) for rate in BUS_BAUDRATES)
+            raise problem(f"is {self.baudrate_bps}; allowed: {allowed}", "baudrate_bps")
+        return self
+
+
+class WorkspaceConfig(FileModel):
+    """Where parts may lie."""
+
+    radius_mm: Positive = Field(
+        description="Parts lie inside this circle round W's origin; fingers wait outside."
+    )
+
+
+class ClosingConfig(FileModel):
+    """How fingers close on a part."""
+
+    approach_speed_mm_s: Annotated[Positive, Field(le=1000)] = Field(description="Speed through free space.")
+    touch_speed_mm_s: Annotated[Positive, Field(le=100)] = Field(
+        description="Speed when a contact is measured."
+    )
+    back_off_mm: Positive = Field(description="Way back from a first contact before touching again slowly.")
+    contact_force_n: Positive = Field(description="Force that counts as a contact.")
+    max_force_n: Annotated[Positive, Field(le=200)] = Field(description="No finger may ever press harder.")
+    clearance_mm: Length = Field(description="Least gap between two fingers, or a finger and an obstacle.")
+    sample_rate_hz: Annotated[Positive, Field(ge=1, le=10000)] = Field(
+        description="Frames per second of an array."
+    )
+
+    @model_validator(mode="after")
+    def _grows_in_order(self) -> Self:
+        if self.touch_speed_mm_s > self.approach_speed_mm_s:
+            raise problem(
+                f"is {self.touch_speed_mm_s:g}, above approach_speed_mm_s ({self.approach_speed_mm_s:g})",
+                "touch_speed_mm_s",
+            )
+        if self.contact_force_n >= self.max_force_n:
+            raise problem(
+                f"is {self.contact_force_n:g}, not below max_force_n ({self.max_force_n:g})",
+                "contact_force_n",
+            )
+        return self
+
+
+class SearchConfig(FileModel):
+    """When to stop asking."""
+
+    max_grips: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
+        description="Grips before giving up."
+    )
+    stranger_chance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
+        default=0.01,
+        description="No answer is given while something that is not in the catalogue would have agreed with "
+        "all that was foretold with a greater chance than this.",
+    )
+    unnoticed_shift_mm: Positive = Field(
+        default=10.0,
+        description="The last grip before an answer should surely notice a shift of the part by this.",
+    )
+    goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
+    goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(
+        description="Orientation bounds narrower than this (±) are fine enough."
+    )
+
+
+class ObstacleConfig(FileModel):
+    """A part of the rig that stands in the fingers' plane: a post, a camera."""
+
+    name: Name = Field(description="How messages call it.")
+    outline_mm: Items[Point] = Field(
+        min_length=3, description="Corners [x, y] in the support-plane frame W, in order round it."
+    )
+
+    @model_validator(mode="after")
+    def _is_simple(self) -> Self:
+        found = outline_problem(np.array(self.outline_mm, dtype=np.float64))
+        if found is not None:
+            point, what = found
+            raise problem(what, "outline_mm", *(() if point is None else (point,)))
+        return self
+
+
+WireShare = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=0.5)]
+
+
+class EmulationConfig(FileModel):
+    """How far the emulated devices stray from this description. What they draw stays hidden from the host."""
+
+    noise_counts: Length = Field(default=0.0, description="Standard deviation of a taxel's noise.")
+    offset_counts: Length = Field(default=0.0, description="Every taxel at rest reads this.")
+    gain_spread: Share = Field(default=0.0, description="Taxel gains differ by up to this share.")
+    drift_counts_per_s: Length = Field(default=0.0, description="Taxels' zeros wander this fast at most.")
+    crosstalk: Annotated[Length, Field(le=0.25)] = Field(
+        default=0.0, description="Share of a taxel's pressure that each neighbour shows."
+    )
+    backlash_mm: Length = Field(default=0.0, description="Play of the slides, either way.")
+    aim_backlash_deg: Length = Field(default=0.0, description="Play of the aims, either way.")
+    joint_backlash_deg: Length = Field(default=0.0, description="Play of arms' joints, either way.")
+    link_error_mm: Length = Field(default=0.0, description="Lengths of arms' links are off by up to this.")
+    base_error_mm: Length = Field(
+        default=0.0, description="Bases are up to this far from where they should be."
+    )
+    heading_error_deg: Length = Field(default=0.0, description="Headings are off by up to this.")
+    tip_radius_error_mm: Length = Field(default=0.0, description="Radii of tips are off by up to this.")
+    array_heading_error_deg: Length = Field(
+        default=0.0, description="Arrays sit turned on their tips by up to this."
+    )
+    zero_error_mm: Length = Field(default=0.0, description="Zeros of slides are off by up to this.")
+    mm_per_turn_error: Share = Field(
+        default=0.0, description="Travels per turn of slides are off by up to this share."
+    )
+    dead_taxels: Count = Field(default=0, description="So many taxels of each array are stuck at 0.")
+    stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
+    stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
+    stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
+    flipped_bytes: WireShare = Field(
+        default=0.0, description="Share of bytes with a flipped bit, on every wire, both ways."
+    )
+    lost_packets: WireShare = Field(default=0.0, description="Share of packets that get lost, likewise.")
+    array_boot_s: Annotated[Length, Field(le=10)] = Field(
+        default=0.0, description="Arrays reset as their ports open, and are deaf for so long."
+    )
+    placement_radius_mm: Positive = Field(
+        description="Parts are put with the origin of their object frame inside this circle."
+    )
