@@ -36,6 +36,7 @@ from palpate.rig.conversion import models_of, resolution_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.identification.loop import Identification, Outcome, identify
+from palpate.rig.identification.observers import Observers
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import reach_of
 
@@ -160,7 +161,9 @@ def run(job: Job) -> Run:
     watch = Watch(bench, placement, job)
     with connect(bench) as hand:
         hand.prepare()
-        result = identify(hand, catalogue, record=watch, strategy=Strategy(job.strategy), seed=job.seed)
+        result = identify(
+            hand, catalogue, Observers(record=watch), strategy=Strategy(job.strategy), seed=job.seed
+        )
     assert bench.mock is not None, "the shipped rig is emulated"
     left = result.recognition.hypotheses if result.recognition else ()
     found = compare(watch.placement, left)

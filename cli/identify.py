@@ -106,6 +106,8 @@ def run_identify(
             else:
                 advice = untouched_lines(rig_file, objects_file.objects)
                 _print(out, advice, picture or folder / "picture.svg")
+    if run.late_failure is not None:
+        raise run.late_failure
     resolved = run.result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
     return 0 if resolved else 1
 

@@ -13,7 +13,7 @@ from typing import Generic, Self, TypeVar
 
 from palpate.errors import OutputError, PalpateError
 
-__all__ = ["CAPACITY", "Background", "BackgroundCall", "failed"]
+__all__ = ["CAPACITY", "Background", "BackgroundCall"]
 
 _T = TypeVar("_T")
 
@@ -21,6 +21,7 @@ _EVERY_S = 0.05  # between two looks at the queue: a kill loses no more
 CAPACITY = 50_000  # items: half a minute of a rig's traffic, some 20 MB
 _CALLS = 1_000
 _PATIENCE_S = 2.0
+_ENDED, _COMPLETE = "the run was ended, torque off", "the run was complete, its result stands"
 
 
 class Background(Generic[_T]):
@@ -107,7 +108,8 @@ class Background(Generic[_T]):
 class BackgroundCall:
     """Has a function called beside this thread, with the same arguments; to call it neither waits nor raises.
 
-    Use as a context manager: at the end, calls that wait are given two seconds.
+    Use as a context manager: at the end, calls that wait are given two seconds. The end raises nothing: what
+    failed by then has no part in what the run found.
     """
 
     def __init__(self, what: str, call: Callable[..., object]) -> None:
@@ -120,9 +122,25 @@ class BackgroundCall:
         self._background.put(args)
 
     def check(self) -> None:
-        """Raise OutputError if the function has raised."""
-        if self._background.failure is not None:
-            raise failed(self._what, self._background.failure) from self._background.failure
+        """Raise OutputError if the function has raised: ends the run that is under way."""
+        failure = self._failure(_ENDED)
+        if failure is not None:
+            raise failure
+
+    @property
+    def late_failure(self) -> PalpateError | None:
+        """OutputError if the function has raised, to be reported beside the result of a complete run."""
+        return self._failure(_COMPLETE)
+
+    def _failure(self, run: str) -> PalpateError | None:
+        """What went wrong, and what became of the run; palpate's own errors say it themselves."""
+        error = self._background.failure
+        if error is None or isinstance(error, PalpateError):
+            return error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        failure = OutputError(f"{self._what} failed: {type(error).__name__}: {reason}; {run}")
+        failure.__cause__ = error
+        return failure
 
     def __enter__(self) -> Self:
         return self
@@ -131,17 +149,7 @@ class BackgroundCall:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._background.close(_PATIENCE_S)
-        if error is None:
-            self.check()
 
     def _carry_out(self, batch: Sequence[tuple[object, ...]]) -> None:
         for args in batch:
             self._call(*args)
-
-
-def failed(what: str, error: BaseException) -> PalpateError:
-    """The error that says that `what` has failed; palpate's own errors say it themselves."""
-    if isinstance(error, PalpateError):
-        return error
-    reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return OutputError(f"{what} failed: {type(error).__name__}: {reason}; the run was ended, torque off")

@@ -113,7 +113,7 @@ def run_calibrate(
         BackgroundCall("the display", progress.tell) as notice,
     ):
         connect = connecting(outside(bench), table, notice)
-        file = calibrate(job, connect, keeper, progress.tell)
+        file = calibrate(job, connect, keeper, notice)
     write_text(places.calibration, calibration_toml(file))
     write_report(places.report, file)
     keeper.forget()
@@ -121,6 +121,8 @@ def run_calibrate(
     if json:
         typer.echo(to_json(out))
     _show(out, console if json else Terminal(highlight=False, soft_wrap=True))
+    if notice.late_failure is not None:
+        raise notice.late_failure
     return 0
 
 

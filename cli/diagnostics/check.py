@@ -55,11 +55,14 @@ def run_check(
     with Doing(err, "checking") as doing:
         out = check_rig(on_bench.rig, bus_of(on_bench.described, seed), doing.now)
     out = with_calibration(out, on_bench, datetime.now(UTC))
+    display = BackgroundCall("the display", err.print)
     if touching is not None and shapes is not None:
-        out = _with_touch(out, on_bench, shapes, err, yes=touching.yes, seed=seed)
+        out = _with_touch(out, on_bench, shapes, err, display, yes=touching.yes, seed=seed)
     if json:
         typer.echo(to_json(out))
     show(out, err if json else Terminal(soft_wrap=True))
+    if display.late_failure is not None:
+        raise display.late_failure
     return 0 if out.well else 3
 
 
@@ -75,7 +78,14 @@ def _shapes(on_bench: RigOnBench, touching: Touching) -> ReferencesFile:
 
 
 def _with_touch(
-    out: CheckOut, on_bench: RigOnBench, shapes: ReferencesFile, console: Console, *, yes: bool, seed: int
+    out: CheckOut,
+    on_bench: RigOnBench,
+    shapes: ReferencesFile,
+    console: Console,
+    display: BackgroundCall,
+    *,
+    yes: bool,
+    seed: int,
 ) -> CheckOut:
     """The check's result with that of touching the disc; nothing moves on a rig that is not well."""
     file = on_bench.calibration
@@ -86,12 +96,17 @@ def _with_touch(
         return out.model_copy(update={"warnings": tuple(warnings)})
     if not yes:
         ask_to_move(console)
-    found = _touched(on_bench, file, shapes, console, seed)
+    found = _touched(on_bench, file, shapes, console, display, seed)
     return with_touch(out.model_copy(update={"warnings": tuple(warnings)}), found)
 
 
 def _touched(
-    on_bench: RigOnBench, file: CalibrationFile, shapes: ReferencesFile, console: Console, seed: int
+    on_bench: RigOnBench,
+    file: CalibrationFile,
+    shapes: ReferencesFile,
+    console: Console,
+    display: BackgroundCall,
+    seed: int,
 ) -> Retouch:
     """Connect, touch the disc, disconnect."""
     promises = promises_of(file, at_rest=False)
@@ -99,7 +114,7 @@ def _touched(
     bench = set_up(on_bench.described, None, seed)
     table = emulated_table(bench, seed) or ConsoleTable(console)
     disc, _ = references_of(shapes)
-    with BackgroundCall("the display", console.print) as show_beside:
+    with display as show_beside:
         connect = connecting(outside(bench), table, show_beside)
         with connect(on_bench.rig, moving=True) as there:
             return retouch(on_bench.rig, there.prober, disc, promises, lambda text: show_beside(f"  {text}"))

@@ -115,18 +115,22 @@ def calibrate(
 ) -> CalibrationFile:
     """Carry out the steps that are not done yet, and put together the file.
 
-    The record is kept, and `tell` called, beside the thread that moves the rig. Raises InputError for
-    references that are not what they should be, DeviceError and SafetyStop for devices, OutputError for a
-    record that cannot be kept.
+    The record is kept beside the thread that moves the rig. `tell` is called on that thread: it must neither
+    raise nor wait. Raises InputError for references that are not what they should be, DeviceError and
+    SafetyStop for devices, OutputError for a record that cannot be kept for the next step. One that could not
+    be kept after the last step is only reported: the calibration is complete.
     """
     slides_of(job.rig)
-    with BackgroundCall("the run record", keeper.save) as save, BackgroundCall("the display", tell) as shown:
-        run = _Run(job, connect, save, shown)
+    with BackgroundCall("the run record", keeper.save) as save:
+        run = _Run(job, connect, save, tell)
         run.begin(keeper.load())
         for step in STEPS:
             if step in job.steps:
                 run.carry_out(step)
-        return run.file()
+        file = run.file()
+    if save.late_failure is not None:
+        tell(str(save.late_failure))
+    return file
 
 
 def references_of(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlate]:

@@ -35,13 +35,13 @@ from palpate.recognizer import (
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.identification.grip_evidence import extent_of, foretold_by, survives, unnoticed_mm
-from palpate.rig.identification.observers import Observer, Observers
+from palpate.rig.identification.observers import Observers
 from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
 from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import Reach, reach_of
 
-__all__ = ["Carry", "Identification", "Observer", "Outcome", "identify", "search"]
+__all__ = ["Carry", "Identification", "Outcome", "identify", "search"]
 
 Carry = Callable[[Sequence[tuple[int, float]], Callable[[Stage], None]], Sequence[Touch]]
 """Carries out a grip: reachable approaches (by index) with how far each may go (mm); tells its stages."""
@@ -126,24 +126,22 @@ class _Search:
 def identify(
     hand: Hand,
     catalogue: Catalogue,
-    observers: Sequence[Observer] = (),
+    observers: Observers | None = None,
     *,
-    record: Observer | None = None,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
 ) -> Identification:
     """Touch until there is one answer, as finely placed as the rig file's goals ask, or none to be had.
 
-    `observers` are told beside this thread and can neither stop nor delay a move; `record` is told on it, and
-    must neither raise nor wait. `seed` decides what the strategy `random` draws. The hand must be prepared.
-    Raises what `close_fingers` raises, and OutputError once an observer has raised.
+    `seed` decides what the strategy `random` draws. The hand must be prepared. Raises what `close_fingers`
+    raises, and OutputError before a grip once an observer has raised.
     """
     reach = reach_of(hand.rig)
 
     def carry(grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> Sequence[Touch]:
         return close_fingers(hand, [reach.close(index, travel) for index, travel in grip], tell)
 
-    return search(hand.rig, reach, carry, catalogue, observers, record=record, strategy=strategy, seed=seed)
+    return search(hand.rig, reach, carry, catalogue, observers, strategy=strategy, seed=seed)
 
 
 def search(
@@ -151,16 +149,14 @@ def search(
     reach: Reach,
     carry: Carry,
     catalogue: Catalogue,
-    observers: Sequence[Observer] = (),
+    observers: Observers | None = None,
     *,
-    record: Observer | None = None,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
 ) -> Identification:
     """`identify` with whatever carries out grips."""
-    with Observers(observers, record) as observed:
-        rng = np.random.default_rng([seed, 2])
-        return _searched(_Search(rig, reach, carry, catalogue, strategy, rng, observed))
+    rng = np.random.default_rng([seed, 2])
+    return _searched(_Search(rig, reach, carry, catalogue, strategy, rng, observers or Observers()))
 
 
 def _searched(state: _Search) -> Identification:

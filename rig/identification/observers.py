@@ -5,14 +5,12 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol, Self
 
+from palpate.errors import PalpateError
 from palpate.recognizer import Grip, Recognition
-from palpate.rig.background import Background, failed
+from palpate.rig.background import BackgroundCall
 from palpate.rig.motion.guarded_approach import Stage, Touch
 
 __all__ = ["Observer", "Observers"]
-
-_CAPACITY = 1_000
-_PATIENCE_S = 2.0  # for what they were told last
 
 
 class Observer(Protocol):
@@ -42,14 +40,17 @@ class Observer(Protocol):
 class Observers:
     """Several observers as one that neither raises nor waits. Use as a context manager.
 
-    One that has raised is told nothing more, and ends the run at its next grip; one that does not return
-    misses what follows.
+    One that has raised is told nothing more, and ends the run at its next grip (`check`); at the end of the
+    run it is `late_failure`. One that does not return misses what follows.
     """
 
-    def __init__(self, observers: Sequence[Observer], record: Observer | None = None) -> None:
+    def __init__(self, observers: Sequence[Observer] = (), record: Observer | None = None) -> None:
         """`record` is told on the calling thread, first; it must neither raise nor wait."""
         self._record = record
-        self._beside = [(observer, Background(_tell, _CAPACITY)) for observer in observers]
+        self._beside = [
+            BackgroundCall(f"observer {type(observer).__name__}", partial(_tell, observer))
+            for observer in observers
+        ]
 
     def __enter__(self) -> Self:
         return self
@@ -57,17 +58,19 @@ class Observers:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for _, background in self._beside:
-            background.close(_PATIENCE_S)
-        if error is None:
-            self.check()
+        for observer in self._beside:
+            observer.__exit__(kind, error, trace)
 
     def check(self) -> None:
-        """Raise OutputError if an observer has raised."""
-        for observer, background in self._beside:
-            if background.failure is not None:
-                what = f"observer {type(observer).__name__}"
-                raise failed(what, background.failure) from background.failure
+        """Raise OutputError if an observer has raised: ends the run that is under way."""
+        for observer in self._beside:
+            observer.check()
+
+    @property
+    def late_failure(self) -> PalpateError | None:
+        """OutputError if an observer has raised, to be reported beside the result of a complete run."""
+        failures = (observer.late_failure for observer in self._beside)
+        return next((failure for failure in failures if failure is not None), None)
 
     def stage(self, grip: int, stage: Stage) -> None:
         """Fingers began something."""
@@ -92,10 +95,9 @@ class Observers:
     def _tell(self, what: Callable[[Observer], None]) -> None:
         if self._record is not None:
             what(self._record)
-        for observer, background in self._beside:
-            background.put(partial(what, observer))
+        for observer in self._beside:
+            observer(what)
 
 
-def _tell(calls: Sequence[Callable[[], None]]) -> None:
-    for call in calls:
-        call()
+def _tell(observer: Observer, what: Callable[[Observer], None]) -> None:
+    what(observer)

@@ -6,10 +6,12 @@ from datetime import datetime
 
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
+from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Strategy
 from palpate.rig.background import BackgroundCall
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.loop import Identification, Observer, identify
+from palpate.rig.identification.loop import Identification, identify
+from palpate.rig.identification.observers import Observer, Observers
 from palpate.rig.identification.result import identification_out
 from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.session.calibration_drift import calibration_used
@@ -38,12 +40,16 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class WholeRun:
-    """What came of a run, and the rig's own time (s) at its end."""
+    """What came of a run, and the rig's own time (s) at its end.
+
+    `late_failure`: an observer or the display failed at the end; that has no part in the result.
+    """
 
     job: Job
     result: Identification
     emulated: bool
     rig_seconds: float
+    late_failure: PalpateError | None
 
     def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
         """The answer as `palpate/identification@1`."""
@@ -79,11 +85,13 @@ def carry_out(
     what `identify` raises; torque is off then, too.
     """
     with (
+        Observers(observers, record) as observed,
         BackgroundCall("the display", notice) as notice_beside,
         outside.hand(job.rig, notice_beside) as hand,
     ):
         check_devices(job.calibration, hand)
         hand.prepare()
-        result = identify(hand, job.catalogue, observers, record=record, strategy=job.strategy, seed=job.seed)
+        result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated
-    return WholeRun(job, result, emulated, outside.clock.now())
+    late = observed.late_failure or notice_beside.late_failure
+    return WholeRun(job, result, emulated, outside.clock.now(), late)

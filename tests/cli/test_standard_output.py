@@ -1,10 +1,13 @@
 """Standard output that is full, closed, or read by somebody who has heard enough."""
 
+import json
 import subprocess
 from pathlib import Path
 
 import pytest
-from command import PALPATE
+from command import PALPATE, log_events
+
+from palpate.config import shipped_rig
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -25,6 +28,17 @@ def test_a_full_device_is_one_line(tmp_path: Path) -> None:
 def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
     done = shell(f"PALPATE --version {closed}", tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> None:
+    text = shipped_rig().read_text(encoding="utf-8").replace("max_grips = 8", "max_grips = 1")
+    (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    done = shell("PALPATE identify --rig rig.toml --json 2> /dev/full", tmp_path)
+    assert done.returncode == 5
+    assert json.loads(done.stdout)["grips"] == 1
+    (session,) = (tmp_path / "palpate-sessions").iterdir()
+    assert (session / "result.json").exists()
+    assert log_events(session / "session.jsonl")[-1]["how"] == "done"
 
 
 def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:

@@ -80,9 +80,26 @@ def test_the_first_failure_is_kept_and_nothing_is_told_after_it() -> None:
     while not called:
         time.sleep(0.001)
     call("two")
-    with pytest.raises(OutputError, match="the display failed: OSError: No space left on device"), call:
-        call("three")
+    call("three")
+    with pytest.raises(OutputError, match=r"the display failed.*No space left on device.*ended, torque off"):
+        call.check()
     assert called == ["one"]
+
+
+def test_what_fails_at_the_end_raises_nothing_and_is_reported_as_of_a_complete_run() -> None:
+    goes_on = threading.Event()
+
+    def fail() -> None:
+        goes_on.wait(30.0)
+        raise OSError(28, "No space left on device")
+
+    with BackgroundCall("the display", fail) as call:
+        call()
+        goes_on.set()
+    assert isinstance(call.late_failure, OutputError)
+    assert "the display failed" in str(call.late_failure)
+    assert "the run was complete" in str(call.late_failure)
+    assert "torque" not in str(call.late_failure)
 
 
 def test_errors_of_the_run_go_before_those_of_its_display() -> None:

@@ -13,7 +13,7 @@ from palpate.rig.conversion import models_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import Identification, Outcome, identify
-from palpate.rig.identification.observers import Observer
+from palpate.rig.identification.observers import Observer, Observers
 from palpate.rig.motion.guarded_approach import Stage, Touch
 
 OBJECTS = load_objects(shipped_objects())
@@ -64,7 +64,9 @@ def ended(
 ) -> Identification:
     with connect(session.bench_rig) as hand:
         hand.prepare()
-        result = identify(hand, Catalogue(models_of(catalogue)), record=record, strategy=strategy, seed=1)
+        result = identify(
+            hand, Catalogue(models_of(catalogue)), Observers(record=record), strategy=strategy, seed=1
+        )
     assert not any(session.torque().values())
     return result
 

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from threading import Event
 
 import numpy as np
 import pytest
@@ -20,8 +21,10 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from simulated_touches import SimulatedTouches, as_foretold
 
 from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.errors import OutputError
 from palpate.recognizer import Catalogue, Grip, ObjectModel, Recognition, Strategy
 from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.rig.identification.observers import Observers
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import reach_of
 
@@ -140,7 +143,7 @@ def test_a_part_that_was_pushed_is_noticed(push_after: int) -> None:
         first = placed_by(seed, SIX)
         table = Table(first, pushed(first, seed), push_after, seed)
         told = Told()
-        result = search(RIG, REACH, table, catalogue, [told], seed=seed)
+        result = search(RIG, REACH, table, catalogue, Observers(record=told), seed=seed)
         if table.grips <= push_after:
             continue  # it was over before the push
         runs += 1
@@ -226,13 +229,31 @@ def test_exact_twins_end_indistinguishable() -> None:
         assert held(result, table.placed)
 
 
+def test_an_observer_that_fails_at_the_end_leaves_the_answer() -> None:
+    over = Event()
+
+    class Late(Told):
+        def touches(self, grip: int, touches: Sequence[Touch]) -> None:
+            del grip, touches
+            over.wait(30.0)
+            raise OSError(28, "No space left on device")
+
+    with Observers([Late()]) as observers:
+        result = search(RIG, REACH, Table(placed_by(0, SIX)), Catalogue(SIX), observers)
+        over.set()
+    assert result.outcome in ANSWERS
+    assert isinstance(observers.late_failure, OutputError)
+    assert "observer Late failed" in str(observers.late_failure)
+    assert "the run was complete" in str(observers.late_failure)
+
+
 def test_random_is_repeatable_and_differs_by_seed() -> None:
     catalogue = Catalogue(SIX)
 
     def ways(seed: int) -> list[tuple[int, ...]]:
         told = Told()
         table = Table(placed_by(3, SIX), seed=3)
-        search(RIG, REACH, table, catalogue, [told], strategy=Strategy.RANDOM, seed=seed)
+        search(RIG, REACH, table, catalogue, Observers(record=told), strategy=Strategy.RANDOM, seed=seed)
         return [plan.indices for plan in told.plans]
 
     assert ways(1) == ways(1)
@@ -244,7 +265,7 @@ def test_touches_come_out_as_some_hypothesis_foretold() -> None:
     checked = 0
     for seed in range(20):
         table, told = Table(placed_by(seed, SIX), seed=seed), Told()
-        result = search(RIG, REACH, table, catalogue, [told], seed=seed)
+        result = search(RIG, REACH, table, catalogue, Observers(record=told), seed=seed)
         for plan, touches in zip(told.plans, result.grips[-len(told.plans) :], strict=True):
             for row, touch in enumerate(touches):
                 assert any(as_foretold(touch.contact, item) for item in plan.predictions.of_approach(row))
