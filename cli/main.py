@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -22,7 +22,7 @@ from typer.exceptions import TyperException
 
 from palpate.cli import devices, objects
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
-from palpate.rig.session.exit_codes import ExitCode, Interrupted
+from palpate.rig.session.signals import INTERRUPTS, Interrupted
 
 __all__ = ["ExitCode", "app", "main"]
 
@@ -34,6 +34,20 @@ app = typer.Typer(
     add_completion=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+class ExitCode(IntEnum):
+    """How a command ended. A signal's code is 128 + its number, as shells have it."""
+
+    DONE = 0
+    NOT_RESOLVED = 1
+    INPUT = 2
+    DEVICE = 3
+    SAFETY = 4
+    OUTPUT = 5
+    HUNG_UP = 128 + signal.SIGHUP
+    INTERRUPTED = 128 + signal.SIGINT
+    TERMINATED = 128 + signal.SIGTERM
 
 
 class Strategy(StrEnum):
@@ -70,13 +84,6 @@ StrategyOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also write a picture (SVG) here.")]
 
-
-_ENDINGS = {
-    signal.SIGINT: ExitCode.INTERRUPTED,
-    signal.SIGTERM: ExitCode.TERMINATED,
-    signal.SIGHUP: ExitCode.HUNG_UP,
-}
-"""Signals that end a command in order, and its exit code then; SIGHUP comes when a terminal is closed."""
 
 _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
     DeviceError: ("device error", ExitCode.DEVICE),
@@ -254,7 +261,7 @@ objects.add_to(app)
 def main() -> None:
     """Run the command line; ends the process with an `ExitCode`."""
     _fill_closed_streams()
-    for number in _ENDINGS:
+    for number in INTERRUPTS:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as nohup has it
             signal.signal(number, _interrupt)
     sys.exit(_guarded())
@@ -288,7 +295,7 @@ def _told(error: Interrupted | PalpateError | MemoryError) -> int:
     """Say what ended the command."""
     match error:
         case Interrupted():
-            return _say("interrupted", error.code, _notes(error))
+            return _say("interrupted", ExitCode(128 + error.signal), _notes(error))
         case MemoryError():
             return _say("error: out of memory", ExitCode.OUTPUT, _notes(error))
     word, code = next(found for kind, found in _KINDS.items() if isinstance(error, kind))
@@ -316,9 +323,9 @@ def _unprinted(error: OSError) -> int:
 def _interrupt(number: int, frame: FrameType | None) -> None:
     """Unwind once; further signals wait until torque is off."""
     del frame
-    for ending in _ENDINGS:
-        signal.signal(ending, signal.SIG_IGN)
-    raise Interrupted(_ENDINGS[signal.Signals(number)])
+    for other in INTERRUPTS:
+        signal.signal(other, signal.SIG_IGN)
+    raise Interrupted(signal.Signals(number))
 
 
 def _notes(error: BaseException) -> list[str]:

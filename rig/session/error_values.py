@@ -8,15 +8,11 @@ from serial import PortNotOpenError, SerialException, SerialTimeoutException
 
 from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
 from palpate.errors import DeviceError
-from palpate.rig.session.exit_codes import ExitCode, Interrupted
+from palpate.rig.session.signals import Interrupted
 
 __all__ = ["INTERRUPTS", "KINDS", "error_of", "values_of"]
 
 INTERRUPTS = ("Interrupted", "KeyboardInterrupt")
-
-
-def _interrupted(name: str) -> Interrupted:
-    return Interrupted(ExitCode[name.upper()])
 
 
 def _port_not_open(*_: object) -> PortNotOpenError:
@@ -25,7 +21,7 @@ def _port_not_open(*_: object) -> PortNotOpenError:
 
 _MAKERS: Mapping[str, tuple[type[BaseException], Callable[..., BaseException]]] = {
     "DeviceError": (DeviceError, DeviceError),
-    "Interrupted": (Interrupted, _interrupted),
+    "Interrupted": (Interrupted, Interrupted.of),
     "KeyboardInterrupt": (KeyboardInterrupt, KeyboardInterrupt),
     "PortTaken": (PortTaken, PortTaken),
     "PortNotOpenError": (PortNotOpenError, _port_not_open),

@@ -1,4 +1,5 @@
-"""Signals held back until the host next asks something of the outside: a recording says where they hit.
+"""Signals that end a run in order: held back until the host next asks something of its environment, so that a
+recording says where they hit.
 
 Between two calls on clock and ports the host takes note of what it got, a few lines at most; an interrupt
 there could not be brought about again. In a long computation, where no call comes, it hits after
@@ -11,10 +12,32 @@ import threading
 from types import FrameType, TracebackType
 from typing import Self
 
-__all__ = ["HeldInterrupts"]
+__all__ = ["INTERRUPTS", "HeldInterrupts", "Interrupted"]
 
 _PATIENCE_S = 0.25
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+INTERRUPTS = {
+    signal.SIGINT: "interrupted",
+    signal.SIGTERM: "terminated",
+    signal.SIGHUP: "hung_up",  # its terminal was closed
+}
+"""Signals that end a command in order, and what session logs call the end then."""
+
+
+class Interrupted(BaseException):
+    """A signal asked the process to end.
+
+    Not a KeyboardInterrupt: typer makes one exit code of all of those.
+    """
+
+    def __init__(self, number: signal.Signals) -> None:
+        super().__init__(INTERRUPTS[number])
+        self.signal = number
+
+    @classmethod
+    def of(cls, name: str) -> Self:
+        """The interrupt that a session log names so; KeyError for an unknown name."""
+        return cls({word: number for number, word in INTERRUPTS.items()}[name])
 
 
 class HeldInterrupts:
@@ -24,7 +47,7 @@ class HeldInterrupts:
     """
 
     def __init__(self) -> None:
-        self._handlers = {number: signal.getsignal(number) for number in _SIGNALS}
+        self._handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
         self._pending: int | None = None
         self._overdue = False
         self._timer: threading.Timer | None = None

@@ -1,6 +1,7 @@
 """Reading a session log that is damaged: one line that says where and what is allowed, never a traceback."""
 
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,9 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.recording import Direction, Passed, Raised, Told
 from palpate.errors import InputError
 from palpate.rig.session.error_values import KINDS, error_of, values_of
-from palpate.rig.session.exit_codes import ExitCode, Interrupted
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.log_reader import read_session
+from palpate.rig.session.signals import Interrupted
 
 
 def written(folder: Path) -> Path:
@@ -28,7 +29,7 @@ def written(folder: Path) -> Path:
         log.passed(Direction.RECEIVED, 0.5, "mock://bus", b"answer")
         log.raised("r0", SerialException(5, "gone"))
         log.event("stage", grip=1, stage="aiming")
-        log.raised(None, Interrupted(ExitCode.TERMINATED))
+        log.raised(None, Interrupted(signal.SIGTERM))
         log.event("result", result={"x": [1.5, None, "ø"]})
     return log.path
 
@@ -45,7 +46,7 @@ def test_a_whole_log_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert [item.during for item in raised] == ["r0", None]
     assert str(raised[0].error) == "[Errno 5] gone"
     assert isinstance(raised[1].error, Interrupted)
-    assert raised[1].error.code is ExitCode.TERMINATED
+    assert raised[1].error.signal is signal.SIGTERM
     assert file.told("result") == [{"result": {"x": [1.5, None, "ø"]}}]
     assert isinstance(file.entries[-1].what, Told)
 
