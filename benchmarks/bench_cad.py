@@ -24,18 +24,19 @@ import trimesh
 
 from palpate.cad.readers import read_solids
 from palpate.cad.values import Solid
-from palpate.config import ObjectModel, ObjectsFile, RigFile, load_rig, shipped_rig
+from palpate.config import ObjectsFile, RigFile, load_rig, shipped_rig
 from palpate.config.import_result import ImportedStateOut
-from palpate.config.objects_file import Polygon, Section, State, checked_objects
+from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.errors import InputError
-from palpate.recognizer import Catalogue, Strategy
+from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.recognizer import Catalogue
 from palpate.rig.bench import outside, set_up
 from palpate.rig.catalogue.cad_import import Wanted, import_file
 from palpate.rig.catalogue.heights import check_known
-from palpate.rig.conversion import models_of
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.session.run import Job, carry_out
+from palpate.vocabulary import Strategy
 
 INCHES = ("angle_block", "featuretype")
 ABOUT_MM = 0.01
@@ -137,7 +138,7 @@ def main() -> int:
     objects, lying = solids_in(args.folder, heights)
     rig = at_heights(load_rig(shipped_rig()), heights)
     check_known(objects.objects, rig.fingers)
-    catalogue = Catalogue(models_of(objects))
+    catalogue = Catalogue(objects.objects)
     wrong = 0
     for item in lying:
         for seed in range(args.seeds):

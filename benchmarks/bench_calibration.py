@@ -36,17 +36,17 @@ from palpate.config import CalibrationFile, calibrated, load_objects, load_rig, 
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import PalpateError
-from palpate.recognizer import Catalogue, Strategy
+from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of
 from palpate.rig.commissioning.calibration_hand import connecting
 from palpate.rig.commissioning.run_record_file import RunRecordFile
-from palpate.rig.conversion import models_of
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.answer_error import in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.session.run import Job, carry_out
+from palpate.vocabulary import Strategy
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from simulated_prober import SimulatedRig
@@ -112,7 +112,7 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
     begin = time.perf_counter()
     try:
         check_known_well(used, RIG.name)
-        job = Job(used, Catalogue(models_of(objects)), seen, Strategy.PLANNED, seed, file, datetime.now(UTC))
+        job = Job(used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC))
         out = carry_out(job, outside(bench)).out(wall_seconds=0.0, session=None)
     except PalpateError as error:
         return {"part": lying.model.name, "verdict": "refused", "why": str(error)}

@@ -30,15 +30,16 @@ from shapely_bench import outward_normal, placed_as, stop, unit
 from simulated_touches import as_foretold
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.recognizer import Approach, Catalogue, Grip, Recognition, Strategy, used_by
+from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_by
 from palpate.rig.bench import BenchRig, connect, set_up
-from palpate.rig.conversion import models_of, resolution_of
+from palpate.rig.conversion import resolution_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
-from palpate.rig.identification.loop import Identification, Outcome, identify
+from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Observers
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import reach_of
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 
 @dataclass(frozen=True)
@@ -83,13 +84,16 @@ class Run:
     @property
     def answered(self) -> bool:
         """Whether the run claims to know what lies there."""
-        return self.outcome in (Outcome.IDENTIFIED.value, Outcome.INDISTINGUISHABLE.value)
+        return self.outcome in (
+            IdentificationVerdict.IDENTIFIED.value,
+            IdentificationVerdict.INDISTINGUISHABLE.value,
+        )
 
     @property
     def right(self) -> bool:
         """Identified rightly, or rightly called indistinguishable or unknown; truth inside the bounds."""
         if not self.known:
-            return self.outcome == Outcome.UNKNOWN.value
+            return self.outcome == IdentificationVerdict.UNKNOWN.value
         return self.answered and self.named and self.inside and not self.separable
 
     @property
@@ -97,7 +101,7 @@ class Run:
         """A false statement: the worst that can happen."""
         if self.answered:
             return not self.right
-        return self.known and self.outcome == Outcome.UNKNOWN.value and not self.job.push_mm
+        return self.known and self.outcome == IdentificationVerdict.UNKNOWN.value and not self.job.push_mm
 
 
 class Watch:
@@ -155,7 +159,7 @@ def run(job: Job) -> Run:
     begin = time.perf_counter()
     rig = load_rig(shipped_rig())
     objects = load_objects(job.objects or shipped_objects())
-    catalogue = Catalogue(models_of(objects))
+    catalogue = Catalogue(objects.objects)
     placement = _placement(job, objects, rig.emulation.placement_radius_mm if rig.emulation else 0.0)
     bench = set_up(rig, placement, job.seed)
     watch = Watch(bench, placement, job)
@@ -174,7 +178,9 @@ def run(job: Job) -> Run:
         job.outside is None,
         found.hypothesis is not None,
         found.inside_bounds,
-        result.outcome is Outcome.INDISTINGUISHABLE and found.hypothesis is not None and _separable(result),
+        result.outcome is IdentificationVerdict.INDISTINGUISHABLE
+        and found.hypothesis is not None
+        and _separable(result),
         found.position_error_mm,
         found.orientation_error_rad,
         result.touches,
@@ -256,11 +262,11 @@ def table(title: str, runs: Iterable[Run]) -> str:
     errors = [item.position_error_mm for item in every if item.position_error_mm is not None] or [math.nan]
     turns = [item.orientation_error_rad for item in every if item.orientation_error_rad is not None]
     turns = turns or [math.nan]
-    count = {item.value: sum(i.outcome == item.value for i in every) for item in Outcome}
+    count = {item.value: sum(i.outcome == item.value for i in every) for item in IdentificationVerdict}
     beyond = [item.beyond for item in every]
     cells = [
         f"{title:<20}{len(every):>5}{sum(i.right for i in every):>6}{sum(i.wrong for i in every):>6}",
-        *(f"{count[item.value]:>7}" for item in Outcome),
+        *(f"{count[item.value]:>7}" for item in IdentificationVerdict),
         f"{np.median(errors):>8.2f}{max(errors):>6.2f}",
         f"{math.degrees(np.median(turns)):>6.2f}{math.degrees(max(turns)):>6.2f}",
         f"{np.mean(beyond):>20.2f}{np.percentile(beyond, 90):>5.0f}{max(beyond):>5}",

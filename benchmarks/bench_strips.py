@@ -18,8 +18,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import Placed, flat, grip, holding_truth, place
 
+from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact, NormalRange, Recognition, recognise
-from palpate.recognizer.model import ObjectModel
 
 BOUND_MM = 0.1
 BY_LISTS, BY_STRIPS = 10**9, 8

@@ -20,7 +20,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
 
-from palpate.recognizer import Catalogue, Contact, ObjectModel
+from palpate.geometry import ObjectModel
+from palpate.recognizer import Catalogue, Contact
 from palpate.recognizer.statistics import MemoCounts, memo_counts
 
 GRIPS = 25

@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from palpate.cad.outline_distance import Outline, furthest_mm
 from palpate.cad.stacks import Stack
-from palpate.cad.values import Floats
+from palpate.geometry import Floats
 
 __all__ = ["Pose", "aligned", "largest_mm", "moved"]
 

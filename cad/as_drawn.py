@@ -5,7 +5,8 @@ import shapely
 from shapely.geometry.polygon import orient
 
 from palpate.cad.hull import centre_of_mass
-from palpate.cad.values import Floats, Solid, StableState
+from palpate.cad.values import Solid, StableState
+from palpate.geometry import Floats
 
 __all__ = ["AS_DRAWN", "as_drawn", "volume_mm3"]
 

@@ -10,8 +10,8 @@ from scipy.sparse.csgraph import connected_components
 
 from palpate.cad.box_pairs import overlapping_pairs
 from palpate.cad.surface import Surface
-from palpate.cad.values import Floats, Ints
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["bodies"]
 

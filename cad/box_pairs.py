@@ -8,9 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["overlapping_pairs"]
 
@@ -31,7 +30,7 @@ class _Boxes:
     def meeting(self, pairs: Ints) -> Ints:
         """Those of the pairs (k, 2) whose boxes overlap and whose groups differ."""
         first, second = pairs.T
-        keep: NDArray[np.bool_] = (self.group[first] != self.group[second]) | (self.group[first] < 0)
+        keep: Bools = (self.group[first] != self.group[second]) | (self.group[first] < 0)
         pairs = pairs[keep]
         # One axis after the other: most pairs are gone after the first.
         for lo, hi in zip(self.lo.T, self.hi.T, strict=True):

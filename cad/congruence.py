@@ -10,10 +10,10 @@ Rounding is allowed for with 1e-9 of the size.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.values import Floats, Ints, Solid
+from palpate.cad.values import Solid
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["surface_apart_between_mm", "surface_apart_mm"]
 
@@ -68,7 +68,7 @@ def _apart(surface: SurfaceDistance, rotation: Floats, shift: Floats, within: fl
         return None
     known = np.where(on_vertex <= close, vertex, -1)[surface.faces]
     of_facet = on_vertex[surface.faces].max(axis=1)
-    done: NDArray[np.bool_] = np.asarray((known >= 0).all(axis=1))
+    done: Bools = np.asarray((known >= 0).all(axis=1))
     done[done] = np.isin(_key(known[done]), _key(surface.faces))
     most = float(of_facet[done].max(initial=0.0))
     rest = _pieces_off(surface, points[surface.faces[~done]], normal[~done], least, close, within)
@@ -164,10 +164,10 @@ def _parted(pieces: Floats, inside: Floats) -> tuple[Floats, Ints]:
     return parts[real], of[real]
 
 
-def _has_extent(parts: Floats) -> NDArray[np.bool_]:
+def _has_extent(parts: Floats) -> Bools:
     """Whether parts (k, 3, 3) are triangles; those without area lie on the side of another part."""
     area = np.linalg.norm(np.cross(parts[:, 1] - parts[:, 0], parts[:, 2] - parts[:, 0]), axis=1)
-    result: NDArray[np.bool_] = np.asarray(area > 0)
+    result: Bools = np.asarray(area > 0)
     return result
 
 

@@ -20,7 +20,7 @@ from shapely import affinity
 from palpate.cad.alignment import Pose, aligned, largest_mm, moved
 from palpate.cad.outline_distance import Outline
 from palpate.cad.stacks import STEINER, Stack, could_match, round_bound_mm, stack_of
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Floats, Ints
 
 __all__ = ["Motion", "apart_mm", "motions"]
 

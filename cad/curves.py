@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.cad.values import Floats
 from palpate.errors import InputError
+from palpate.geometry import Floats
 
 __all__ = [
     "TURN_RAD",

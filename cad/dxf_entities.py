@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.cad.curves import Arc, Curve, bulge, hull, line, mapped, spline
 from palpate.cad.loop_assembly import JOIN_MM
-from palpate.cad.values import Floats
+from palpate.geometry import Floats
 
 if TYPE_CHECKING:
     from ezdxf.entities.arc import Arc as DxfArc

@@ -9,14 +9,12 @@ they share a stretch, it is the order of the four half-planes around it that tel
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.cad.surface import Surface
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Meetings", "folded_edges", "meetings"]
 
-Bools = NDArray[np.bool_]
 
 _STRETCH = 8.0
 """Faces that share less than so many tolerances of a line touch in a point."""

@@ -17,9 +17,9 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.cad.resting_surface import Bools, Surface
+from palpate.cad.resting_surface import Surface
 from palpate.cad.simplify import turned
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Outline", "Pieces", "clipped", "corners_of", "facets_of", "need", "outline_of"]
 

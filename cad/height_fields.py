@@ -10,12 +10,11 @@ import itertools
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.cad.surface import Surface
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["height_fields"]
 
@@ -85,7 +84,7 @@ def _grouped(part: Ints) -> list[Ints]:
     return np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
 
 
-def _is_field(surface: Surface, faces: Ints, rim: NDArray[np.bool_], view: Floats) -> bool:
+def _is_field(surface: Surface, faces: Ints, rim: Bools, view: Floats) -> bool:
     """Does the outline of some faces, seen along `view`, go round every point at most once?
 
     The faces cover a point as often as their outline winds round it. Where its edges only meet at their

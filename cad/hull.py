@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from palpate.cad.values import Floats, Ints, Solid
+from palpate.cad.values import Solid
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["Hull", "centre_of_mass", "hull_of"]
 

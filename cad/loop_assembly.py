@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 
 from palpate.cad.curves import Curve, hull, joined_chords
 from palpate.cad.size import MAX_SIZE_MM
-from palpate.cad.values import Floats, Ints
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["JOIN_MM", "Loop", "Sheet", "Stroke", "closed_loops"]
 

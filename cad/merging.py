@@ -21,7 +21,8 @@ from palpate.cad.resting_surface import ROUNDING
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.symmetries import Symmetries
-from palpate.cad.values import Floats, Solid, StableState
+from palpate.cad.values import Solid, StableState
+from palpate.geometry import Floats
 
 __all__ = ["MergedState", "SlicesOf", "merged"]
 

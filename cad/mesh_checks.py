@@ -12,8 +12,9 @@ from scipy.spatial import cKDTree
 from palpate.cad.bodies import bodies
 from palpate.cad.self_crossing import ENOUGH, crossings
 from palpate.cad.surface import Surface, edge_keys, rounding, surface_of
-from palpate.cad.values import Floats, Ints, Solid
+from palpate.cad.values import Solid
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["LARGEST_MM", "MM_PER_UNIT", "SMALLEST_MM", "checked_solids"]
 

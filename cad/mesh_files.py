@@ -17,11 +17,12 @@ from palpate.cad.extras import needed
 from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
 from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
-from palpate.cad.values import Floats, Ints, Solid
+from palpate.cad.values import Solid
 from palpate.errors import InputError
 from palpate.files import read_bytes
 from palpate.files.limits import CAD_BYTES, MEMBERS
 from palpate.files.opening import size_in_words
+from palpate.geometry import Floats, Ints
 
 __all__ = ["MESH_SUFFIXES", "read_mesh_file"]
 

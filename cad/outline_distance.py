@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Floats, Ints
 
 __all__ = ["Outline", "distance_to_edges", "furthest_mm"]
 

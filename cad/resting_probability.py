@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from palpate.cad.hull import Hull
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Floats, Ints
 
 __all__ = ["margins_mm", "resting_probability", "solid_angles"]
 

@@ -8,14 +8,13 @@ coordinates in files are no better than that. So a height means that height with
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.cad.values import Floats, Ints, Solid, StableState
+from palpate.cad.values import Solid, StableState
 from palpate.errors import InputError
+from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["HEIGHT_MM", "ROUNDING", "Bools", "Surface", "surface_of"]
+__all__ = ["HEIGHT_MM", "ROUNDING", "Surface", "surface_of"]
 
-Bools = NDArray[np.bool_]
 
 ROUNDING = 2e-7
 """Of the size, in the coordinates of files in single precision."""

@@ -11,8 +11,9 @@ import shapely
 
 from palpate.cad.loop_assembly import Loop, Sheet
 from palpate.cad.size import size_problem
-from palpate.cad.values import Drawing, Floats, Ints, Region
+from palpate.cad.values import Drawing, Region
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["parts"]
 

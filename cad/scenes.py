@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.cad.values import Floats, Ints
 from palpate.errors import InputError
 from palpate.files.limits import FACETS
+from palpate.geometry import Floats, Ints
 
 __all__ = ["Placed", "distinct_shapes", "triangles"]
 

@@ -19,8 +19,9 @@ from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
 from palpate.cad.simplify import simplified
 from palpate.cad.slicing import Ring, regions_of, sliced
 from palpate.cad.thin_features import kept
-from palpate.cad.values import CrossSection, Floats, Ints, Region, Solid, StableState
+from palpate.cad.values import CrossSection, Region, Solid, StableState
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["sections_of"]
 

@@ -8,8 +8,7 @@ normals, and a step of 0.03 mm in a long wall stays, because its riser cannot pa
 
 import numpy as np
 
-from palpate.cad.resting_surface import Bools
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["simplified", "turned"]
 

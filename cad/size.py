@@ -5,7 +5,7 @@ A unit that was taken wrongly makes a part 25.4 or 1000 times too large or too s
 
 import numpy as np
 
-from palpate.cad.values import Floats
+from palpate.geometry import Floats
 
 __all__ = ["MAX_SIZE_MM", "MIN_SIZE_MM", "UNIT_MM", "size_problem"]
 

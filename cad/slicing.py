@@ -12,8 +12,9 @@ import numpy as np
 import shapely
 
 from palpate.cad.resting_surface import Surface
-from palpate.cad.values import Floats, Ints, Region
+from palpate.cad.values import Region
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
 __all__ = ["Ring", "area_of", "regions_of", "sliced"]
 

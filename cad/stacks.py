@@ -18,7 +18,7 @@ import numpy as np
 import shapely
 
 from palpate.cad.outline_distance import Outline
-from palpate.cad.values import Floats
+from palpate.geometry import Floats
 
 __all__ = ["STEINER", "Stack", "could_match", "round_bound_mm", "stack_of"]
 

@@ -7,9 +7,8 @@ look into it.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.cad.values import Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Surface", "edge_keys", "rounding", "surface_of"]
 
@@ -36,9 +35,9 @@ class Surface:
     tolerance: float
 
     @property
-    def thin(self) -> NDArray[np.bool_]:
+    def thin(self) -> Bools:
         """Faces without a plane: nowhere wider than the tolerance (m,)."""
-        result: NDArray[np.bool_] = self.heights <= self.tolerance
+        result: Bools = self.heights <= self.tolerance
         return result
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from palpate.cad.values import Floats, Ints, Solid
+from palpate.cad.values import Solid
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["SurfaceDistance"]
 
@@ -40,7 +40,7 @@ class SurfaceDistance:
         longest = np.linalg.norm(sides, axis=2).max(axis=1)
         normal = np.cross(sides[:, 0], sides[:, 1])
         twice = np.linalg.norm(normal, axis=1)
-        self.flat: NDArray[np.bool_] = twice <= _FLAT * longest**2
+        self.flat: Bools = twice <= _FLAT * longest**2
         self.normal: Floats = np.where(
             self.flat[:, None], 0.0, normal / np.where(self.flat, 1.0, twice)[:, None]
         )

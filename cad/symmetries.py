@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.values import Floats
+from palpate.geometry import Floats
 
 __all__ = ["Symmetries", "Symmetry"]
 

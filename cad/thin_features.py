@@ -13,8 +13,9 @@ import numpy as np
 import shapely
 
 from palpate.cad.hausdorff_bound import clipped
-from palpate.cad.resting_surface import HEIGHT_MM, Bools, Surface
-from palpate.cad.values import Floats, Ints, Region
+from palpate.cad.resting_surface import HEIGHT_MM, Surface
+from palpate.cad.values import Region
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["kept"]
 

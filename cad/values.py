@@ -6,13 +6,9 @@ file → `Drawing` (an outline that is the same at every height).
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from palpate.geometry import Floats, Ints
 
-__all__ = ["CrossSection", "Drawing", "Floats", "Ints", "Region", "Solid", "StableState"]
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+__all__ = ["CrossSection", "Drawing", "Region", "Solid", "StableState"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
 from palpate.config import CalibrationFile
 from palpate.config.calibration_finger import FingerCalibration
 from palpate.drivers.finger import TICK_RAD
+from palpate.geometry import Floats, Ints
 
 __all__ = [
     "FALSE_ALARMS",
@@ -27,8 +27,6 @@ __all__ = [
     "promises_of",
 ]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FALSE_ALARMS = 0.001
 """Share of looks at a rig that has not changed in which it is said to have changed, if errors are normal."""

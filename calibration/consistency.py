@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import (
     AIM_PLAY,
@@ -26,11 +25,10 @@ from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Bools
 
 __all__ = ["check_fit", "check_still", "growth_mm"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _STILL_SIGMAS = 5.0
 _MOST_SIDEWAYS = 1.12  # tangent of 48°: touches are not more oblique, and an aim that is off shifts them so

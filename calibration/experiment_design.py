@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import (
     BASE,
@@ -22,12 +21,10 @@ from palpate.calibration.finger_fit import (
     predicted,
 )
 from palpate.calibration.prober import Probe, SlideApproach
+from palpate.geometry import Bools, Floats
 
 __all__ = ["PredictedTouches", "choose", "foresee", "towards"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _MOST_OBLIQUE = math.radians(48.0)
 """Further from head-on a tip may slip, and load its aim sideways."""

@@ -11,17 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from palpate.calibration.reference import Reference
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import rotation_matrix
 
 __all__ = ["AIM_PLAY", "BASE", "COLUMNS", "HEADING", "RADIUS", "SCALE", "ZERO"]
 __all__ += ["FingerModel", "Fit", "ReferencePlacement", "Touches", "fit_fingers", "predicted"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 COLUMNS = 7
 """Values of a finger: base x, base y (mm), heading (rad), tip radius, zero (mm), aim play (rad), scale."""
@@ -182,7 +180,7 @@ class _Problem:
         normal = np.zeros_like(centre)
         for number, placing in enumerate(self.placings):
             mine = t.placing == number
-            turn = _turn(poses[number, 2])
+            turn = rotation_matrix(poses[number, 2])
             found = placing.reference.distance_mm((centre[mine] - poses[number, :2]) @ turn)
             distance[mine], normal[mine], room[mine] = found[0], found[1] @ turn.T, found[2]
         residual = distance - values[t.finger, RADIUS] + t.dent_mm
@@ -304,12 +302,12 @@ def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     sigma = touches.sigma_mm[mine]
 
     def off(pose: Floats) -> Floats:
-        distance = placing.reference.distance_mm((centre - pose[:2]) @ _turn(float(pose[2])))[0]
+        distance = placing.reference.distance_mm((centre - pose[:2]) @ rotation_matrix(float(pose[2])))[0]
         result: Floats = (distance - wanted) / sigma
         return result
 
     def slope(pose: Floats) -> Floats:
-        turn, rel = _turn(float(pose[2])), centre - pose[:2]
+        turn, rel = rotation_matrix(float(pose[2])), centre - pose[:2]
         normal = placing.reference.distance_mm(rel @ turn)[1] @ turn.T
         turning = normal[:, 0] * rel[:, 1] - normal[:, 1] * rel[:, 0]
         result: Floats = np.column_stack([-normal, turning]) / sigma[:, None]
@@ -325,9 +323,3 @@ def _found_pose(problem: _Problem, values: Floats, number: int) -> Floats:
     ]
     best: Floats = min(found, key=lambda item: float(item.cost)).x
     return best
-
-
-def _turn(angle_rad: float) -> Floats:
-    """Rotation matrix."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[c, -s], [s, c]])

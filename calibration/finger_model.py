@@ -8,13 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import COLUMNS, FingerModel
 from palpate.calibration.play import Backlash
 from palpate.config import SlideFingerConfig
 from palpate.config.calibration_finger import SlideCalibration
 from palpate.drivers.finger import TICK_RAD
+from palpate.geometry import Floats
 
 __all__ = [
     "Homed",
@@ -26,7 +26,6 @@ __all__ = [
     "zero_in_file_mm",
 ]
 
-Floats = NDArray[np.float64]
 
 _LEAST = np.array([0.02, 0.02, 2e-4, 0.005, 0.002, 1e-5, 1e-6])
 """Standard deviations that no prior goes below, so that nothing is quite certain."""

@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.consistency import check_fit, check_still
 from palpate.calibration.experiment_design import choose
@@ -27,10 +26,10 @@ from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.reference_search import find, touches_of
 from palpate.config import SlideFingerConfig
+from palpate.geometry import Bools
 
 __all__ = ["fitted", "held_out", "touch_placing"]
 
-Bools = NDArray[np.bool_]
 
 _HELD_OUT_EVERY = (
     7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
 from palpate.calibration.finger_fit import (
@@ -40,11 +39,10 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
 )
 from palpate.drivers.finger import TICK_RAD
+from palpate.geometry import Bools, Floats
 
 __all__ = ["AlignedFit", "aim_of", "bounds_of", "headings_of", "in_hand", "place_of", "residuals_of"]
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _STEP = 1e-5
 _DIRECTIONS = 16

@@ -8,15 +8,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.measurements import FREE, PressMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Bools
 
 __all__ = ["Friction", "friction_of"]
 
-Floats = NDArray[np.float64]
 
 _WINDOW = 5  # samples over which a slide must have moved on by an encoder step
 _FEWEST = 8  # moving samples
@@ -58,7 +57,7 @@ def friction_of(presses: Sequence[PressMeasurement], mm_per_rad: float) -> Frict
     return Friction(middle, sigma, len(current), int(np.sign(middle)) if sure else 0)
 
 
-def _moves_out(press: PressMeasurement, mm_per_rad: float) -> NDArray[np.bool_]:
+def _moves_out(press: PressMeasurement, mm_per_rad: float) -> Bools:
     """Samples (n,) of the free leg before and after which the slide moves outwards."""
     free = np.flatnonzero(press.leg == FREE)
     result = np.zeros(len(press.leg), dtype=bool)

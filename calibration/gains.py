@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit
 from palpate.calibration.measurements import IN
@@ -20,6 +19,7 @@ from palpate.calibration.press_model import FixedParameters, PressFit, solve
 from palpate.calibration.ramps import PressAtBearing, Ramps, ramps_of, telling
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
+from palpate.geometry import Bools, Floats
 
 __all__ = ["GainFit", "GainPriors", "PressAtBearing", "gains_of"]
 
@@ -27,9 +27,6 @@ _ROW_SHARE = 0.003  # rows do not share a load more evenly
 _SILENT = 0.15  # of what its column's taxels read
 _LOUD_SIGMAS = 40.0  # what a column must read to tell a silent taxel
 _LIT = 0.02  # of the strongest column: residuals of weaker ones say nothing
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class GainFit:
 
     gain: Floats
     gain_bound: Floats
-    pressed: Mask
+    pressed: Bools
     phase_rad: float
     phase_sigma_rad: float
     stiffness_n_per_mm: float
@@ -145,7 +142,7 @@ def _known(
     )
 
 
-def _silent(ramps: Ramps, idle: IdleFit) -> Mask:
+def _silent(ramps: Ramps, idle: IdleFit) -> Bools:
     """Live taxels (rows, cols) that read next to nothing where their column reads much."""
     live = idle.live
     total = (ramps.counts * ramps.samples[:, None, None]).sum(axis=0)
@@ -153,12 +150,12 @@ def _silent(ramps: Ramps, idle: IdleFit) -> Mask:
     middle = np.zeros(live.shape[1])
     for col in np.flatnonzero(live.any(axis=0)):
         middle[col] = np.median(total[live[:, col], col])
-    result: Mask = live & (middle > _LOUD_SIGMAS * noise) & (total < _SILENT * middle)
+    result: Bools = live & (middle > _LOUD_SIGMAS * noise) & (total < _SILENT * middle)
     return result
 
 
 def _rows(
-    ramps: Ramps, usable: Mask, column_counts: Floats, modelled: Floats, noise: float
+    ramps: Ramps, usable: Bools, column_counts: Floats, modelled: Floats, noise: float
 ) -> tuple[Floats, Floats]:
     """Gain of taxels over the mean of their column's usable ones, ± a share of it; (rows, cols).
 
@@ -178,7 +175,7 @@ def _saturates_n(
     presses: Sequence[PressAtBearing],
     ramps: Ramps,
     found: PressFit,
-    live: Mask,
+    live: Bools,
     full: Floats,
     expected: GainPriors,
 ) -> float | None:

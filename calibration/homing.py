@@ -8,15 +8,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.play import Backlash
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Floats
 
 __all__ = ["Homing", "SlideDescription", "homed"]
 
-Floats = NDArray[np.float64]
 
 _SURE = 5.0  # standard deviations
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.measurements import IdleMeasurement
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.errors import InputError
+from palpate.geometry import Bools, Floats
 
 __all__ = ["COVERAGE_SIGMAS", "LEAST_FRAMES", "IdleFit", "idle_of", "least_contact_force_n"]
 
@@ -33,9 +33,6 @@ _QUANTISATION = 1 / math.sqrt(12)  # standard deviation of rounding, counts
 _SMOOTHS = 0.4  # noise in counts that makes the mean of rounded counts true to a hundredth
 _TOUCHED_COLUMNS = 3  # of a light contact, wherever it stands between the columns
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, eq=False)
 class IdleFit:
@@ -53,7 +50,7 @@ class IdleFit:
     hot: tuple[tuple[int, int], ...]
 
     @property
-    def live(self) -> Mask:
+    def live(self) -> Bools:
         """Taxels that are neither dead nor hot, (rows, cols)."""
         live = np.ones(self.zero_counts.shape, dtype=bool)
         for row, col in (*self.dead, *self.hot):
@@ -145,7 +142,7 @@ def _is_suspicious(others: Floats, still: int, frames: int) -> bool:
     return math.erf(0.5 / (noise * math.sqrt(2))) ** frames < _NEVER
 
 
-def _drift(windows: list[_Window], live: Mask, noise: float) -> float:
+def _drift(windows: list[_Window], live: Bools, noise: float) -> float:
     """Bound on the speed of any live zero, counts/s, from lines and from what lies between them."""
     rounding = 1.0 if noise < _SMOOTHS else 0.0  # without noise a zero moves by a count before it shows
     speeds = [
@@ -167,5 +164,5 @@ def _drift(windows: list[_Window], live: Mask, noise: float) -> float:
     return max(long or [speed for _, speed in speeds])
 
 
-def _places(mask: Mask) -> tuple[tuple[int, int], ...]:
+def _places(mask: Bools) -> tuple[tuple[int, int], ...]:
     return tuple((int(row), int(col)) for row, col in np.argwhere(mask))

@@ -6,13 +6,10 @@ are pure functions of them. Servo angles count from Goal Position 2048, the serv
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from palpate.geometry import Counts, Floats, Ints
 
 __all__ = ["FREE", "IN", "OUT", "IdleMeasurement", "PressMeasurement", "StopMeasurement", "TouchMeasurement"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FREE, IN, OUT = 0, 1, 2
 """Legs of a press: before anything is felt, pressing on, going back."""
@@ -61,7 +58,7 @@ class IdleMeasurement:
     """An untouched array: counts (n, rows, cols) as read, at `time_s` (n,)."""
 
     finger: str
-    counts: NDArray[np.uint16]
+    counts: Counts
     time_s: Floats
 
 

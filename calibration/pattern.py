@@ -6,17 +6,16 @@ References are flat faces and discs. Whole arrays, n contacts at a time; `gains`
 columns read.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from palpate.geometry import Floats
+from palpate.geometry.plane import wrap_angle
 
 __all__ = ["Pattern", "approach", "pattern"]
 
 _IN_COLUMN, _IN_WHOLE = 4, 12  # nodes of Gauss's rule: pressure is smooth where there is any
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ def pattern(
     """
     half = _half_width(dent, curvature)
     whole = _quadrature(-half, half, dent, curvature, _IN_WHOLE)
-    middle = (columns_rad - towards_rad[:, None] + math.pi) % (2 * math.pi) - math.pi
+    middle = wrap_angle(columns_rad - towards_rad[:, None])
     low = np.clip(middle - pitch_rad / 2, -half[:, None], half[:, None])
     high = np.clip(middle + pitch_rad / 2, -half[:, None], half[:, None])
     by_column = _quadrature(low, high, dent[:, None], curvature[:, None], _IN_COLUMN)[0]

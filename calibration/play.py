@@ -10,17 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Backlash", "backlash_of", "combined"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _SLICES = 8  # of the force, each of which weighs the same
 _FEWEST_SLICES = 4  # that both legs must have met

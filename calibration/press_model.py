@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.pattern import approach, pattern
 from palpate.calibration.ramps import LEVELS, PressAtBearing, Ramps
+from palpate.geometry import Floats
 
 __all__ = ["FixedParameters", "PressFit", "solve"]
 
@@ -29,8 +29,6 @@ _MOST_STEPS = 50
 _LEAST_GAIN = 1e-4  # of the sum of squares: less than any unknown's hundredth of a standard deviation
 _SHARED = 4  # unknowns of the finger as a whole, of which these are the places
 _PHASE, _FIRM, _SCALE, _CROSSTALK = range(_SHARED)
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.measurements import FREE, IN, PressMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["LEVELS", "PressAtBearing", "Ramps", "ramps_of", "telling"]
 
@@ -21,10 +21,6 @@ LEVELS = 16
 _WINDOW = 5  # samples within which a slide that moves must have got on by an encoder step
 _FEWEST = 8  # samples of a leg
 _FELT_SIGMAS = 8.0  # sum over the array that is a contact for sure
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +61,7 @@ class Ramps:
 
 
 def ramps_of(
-    presses: Sequence[PressAtBearing], live: Mask, full: Floats, noise: float, mm_per_rad: float
+    presses: Sequence[PressAtBearing], live: Bools, full: Floats, noise: float, mm_per_rad: float
 ) -> Ramps:
     """Cut each press's way in into `LEVELS` levels of equal travel.
 
@@ -86,7 +82,7 @@ def ramps_of(
 
 
 def telling(
-    presses: Sequence[PressAtBearing], live: Mask, full: Floats, noise: float, mm_per_rad: float
+    presses: Sequence[PressAtBearing], live: Bools, full: Floats, noise: float, mm_per_rad: float
 ) -> list[PressAtBearing]:
     """Presses that moved and felt enough, or all if these are fewer than half.
 
@@ -97,8 +93,8 @@ def telling(
 
 
 def _parts(
-    press: PressMeasurement, live: Mask, full: Floats, noise: float, mm_per_rad: float
-) -> tuple[Mask, Mask]:
+    press: PressMeasurement, live: Bools, full: Floats, noise: float, mm_per_rad: float
+) -> tuple[Bools, Bools]:
     """Samples (n,) of a slide that moves: those of its free way, and those that count as pressing."""
     total = press.counts[:, live].sum(axis=1)
     felt = total > _FELT_SIGMAS * noise * np.sqrt(live.sum())
@@ -106,11 +102,11 @@ def _parts(
     return _moving(press, FREE, mm_per_rad), _moving(press, IN, mm_per_rad) & felt & within
 
 
-def _enough(free: Mask, chosen: Mask) -> bool:
+def _enough(free: Bools, chosen: Bools) -> bool:
     return bool(free.sum() >= _FEWEST and chosen.sum() >= _FEWEST)
 
 
-def _ramp(press: PressMeasurement, live: Mask, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
+def _ramp(press: PressMeasurement, live: Bools, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
     place = mm_per_rad * press.slide_rad
     free, chosen = _parts(press, live, full, noise, mm_per_rad)
     if not _enough(free, chosen):
@@ -144,7 +140,7 @@ def _ramp(press: PressMeasurement, live: Mask, full: Floats, noise: float, mm_pe
     )
 
 
-def _moving(press: PressMeasurement, leg: int, mm_per_rad: float) -> Mask:
+def _moving(press: PressMeasurement, leg: int, mm_per_rad: float) -> Bools:
     """Samples (n,) of a leg in which the slide moves outwards, by the steps round each of them."""
     there = np.flatnonzero(press.leg == leg)
     result = np.zeros(len(press.leg), dtype=bool)

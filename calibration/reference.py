@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+
+from palpate.geometry import Floats
 
 __all__ = ["Reference", "ReferenceDisc", "ReferencePlate"]
-
-Floats = NDArray[np.float64]
 
 
 class Reference(Protocol):

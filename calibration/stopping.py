@@ -10,16 +10,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from palpate.calibration.measurements import StopMeasurement
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Floats
 
 __all__ = ["AtSpeed", "StopLatency", "overshoot_of"]
 
-Floats = NDArray[np.float64]
 
 _FEWEST = 3  # stops that are faster than a touch
 _FASTER = 1.5  # times as fast as a touch, to count

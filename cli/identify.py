@@ -21,15 +21,13 @@ from palpate.config.loading import source_name
 from palpate.config.results import to_json
 from palpate.errors import counted
 from palpate.files.writing import check_place, write_text
-from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
+from palpate.recognizer import Catalogue, Grip, Recognition
 from palpate.rig.bench import outside, place, set_up
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.reachability_text import finding_lines, untouched_lines
-from palpate.rig.conversion import models_of
 from palpate.rig.emulated.calibrated_truth import placement_seen
 from palpate.rig.emulated.scene_reachability import scene_lines
-from palpate.rig.identification.loop import Outcome
 from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.session.inputs import keep_inputs
@@ -39,6 +37,7 @@ from palpate.rig.session.signals import HeldInterrupts
 from palpate.views.answer import answer_lines
 from palpate.views.recognition import contacts_json
 from palpate.views.run import identification_picture
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 __all__ = ["run_identify"]
 
@@ -77,7 +76,7 @@ def run_identify(
         check_place(picture)
     bench = set_up(on_bench.described, lying, seed)
     placement = placement_seen(on_bench, lying, seed, bench.emulated)
-    catalogue = Catalogue(models_of(objects_file))
+    catalogue = Catalogue(objects_file.objects)
     started = datetime.now(UTC).replace(microsecond=0)
     job = Job(rig_file, catalogue, placement, Strategy(strategy), seed, on_bench.calibration, started)
     sources = [on_bench.path, objects_source, on_bench.calibration_path, scene]
@@ -108,7 +107,10 @@ def run_identify(
                 _print(out, advice, picture or folder / "picture.svg")
     if run.late_failure is not None:
         raise run.late_failure
-    resolved = run.result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
+    resolved = run.result.outcome in (
+        IdentificationVerdict.IDENTIFIED,
+        IdentificationVerdict.INDISTINGUISHABLE,
+    )
     return 0 if resolved else 1
 
 

@@ -12,7 +12,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -23,6 +23,7 @@ from typer.exceptions import TyperException
 from palpate.cli import devices, objects
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
+from palpate.vocabulary import Strategy
 
 __all__ = ["ExitCode", "app", "main"]
 
@@ -48,14 +49,6 @@ class ExitCode(IntEnum):
     HUNG_UP = 128 + signal.SIGHUP
     INTERRUPTED = 128 + signal.SIGINT
     TERMINATED = 128 + signal.SIGTERM
-
-
-class Strategy(StrEnum):
-    """Names of `recognizer.Strategy`, which is only imported by commands that need it."""
-
-    PLANNED = "planned"
-    RANDOM = "random"
-    ROTATE = "rotate"
 
 
 RigOption = Annotated[

@@ -9,16 +9,17 @@ from palpate.config import load_contacts, load_objects, shipped_objects
 from palpate.config.loading import source_name
 from palpate.config.results import to_json
 from palpate.files.writing import check_place, write_text
-from palpate.recognizer import Catalogue, Strategy, Verdict
+from palpate.recognizer import Catalogue
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.heights import check_known, fingers_of
 from palpate.rig.catalogue.reachability_text import finding_lines
-from palpate.rig.conversion import grips_of, models_of
+from palpate.rig.conversion import grips_of
 from palpate.rig.identification.next_grip import plan_for
 from palpate.views.explanation import Felt, explain, explanation_lines
 from palpate.views.grip_result import grip_out
 from palpate.views.plan_picture import plan_picture
 from palpate.views.plan_table import print_plan
+from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = ["run_plan"]
 
@@ -41,7 +42,7 @@ def run_plan(
     felt = Felt(grips_of(load_contacts(contacts)))
     check_known(objects_file.objects, [*rig_file.fingers, *fingers_of(felt.contacts)])
     print_notices(finding_lines(rig_file, objects_file.objects, source_name(objects_source)))
-    catalogue = Catalogue(models_of(objects_file))
+    catalogue = Catalogue(objects_file.objects)
     if picture is not None:
         check_place(picture)
     planned = plan_for(rig_file, catalogue, felt.contacts, Strategy(strategy), seed)
@@ -49,7 +50,7 @@ def run_plan(
         write_text(picture, plan_picture(planned, felt, f"{contacts.name} on rig {rig_file.name}"))
     if json:
         typer.echo(to_json(grip_out(planned)))
-    elif planned.recognition.verdict is Verdict.NONE:
+    elif planned.recognition.verdict is RecognitionVerdict.NONE:
         _print_none(catalogue, felt)
     else:
         print_plan(planned, Terminal(highlight=False, markup=False, emoji=False))

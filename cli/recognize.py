@@ -9,11 +9,11 @@ import typer
 from palpate.config import load_contacts, load_objects
 from palpate.config.results import to_json
 from palpate.files.writing import write_text
-from palpate.recognizer import Catalogue, Hypothesis, Recognition, Verdict, recognise
+from palpate.recognizer import Catalogue, Hypothesis, Recognition, recognise
 from palpate.recognizer.explanation import Why, why
 from palpate.recognizer.statistics import MemoCounts, memo_counts
 from palpate.rig.catalogue.heights import check_known, fingers_of
-from palpate.rig.conversion import grips_of, models_of
+from palpate.rig.conversion import grips_of
 from palpate.views.explanation import (
     Explanation,
     Felt,
@@ -25,6 +25,7 @@ from palpate.views.explanation import (
     why_out,
 )
 from palpate.views.recognition import recognition_out, recognition_picture
+from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["run_recognize"]
 
@@ -49,12 +50,14 @@ def run_recognize(
     objects_file = load_objects(objects)
     felt = Felt(grips_of(load_contacts(contacts)))
     check_known(objects_file.objects, fingers_of(felt.contacts))
-    catalogue = Catalogue(models_of(objects_file))
+    catalogue = Catalogue(objects_file.objects)
     named = None if asked is None else state_named(catalogue, asked)
     begin = time.perf_counter()
     recognition = recognise(catalogue, felt.contacts, max_spurious)
     seconds = time.perf_counter() - begin
-    explanation = explain(catalogue, felt, max_spurious) if recognition.verdict is Verdict.NONE else None
+    explanation = (
+        explain(catalogue, felt, max_spurious) if recognition.verdict is RecognitionVerdict.NONE else None
+    )
     because = None if named is None else why(catalogue, felt.contacts, *named)
     memo = memo_counts(catalogue, felt.contacts) if statistics else None
     if picture is not None:
@@ -71,7 +74,7 @@ def run_recognize(
         _print_why(because, felt)
         for line in () if memo is None else _memo_lines(memo):
             typer.echo(line)
-    return 0 if recognition.verdict is Verdict.UNIQUE else 1
+    return 0 if recognition.verdict is RecognitionVerdict.UNIQUE else 1
 
 
 def _memo_lines(memo: MemoCounts) -> list[str]:

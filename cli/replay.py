@@ -12,15 +12,15 @@ import typer
 from palpate.config.replay_result import DifferenceOut, EndOut, ReplayOut
 from palpate.config.results import to_json
 from palpate.errors import InputError, counted
-from palpate.recognizer import Catalogue, Strategy
+from palpate.recognizer import Catalogue
 from palpate.rig.bench import place
-from palpate.rig.conversion import models_of
 from palpate.rig.emulated.calibrated_truth import placement_seen
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
 from palpate.rig.session.log import LOG_NAME
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.replay import Replayed, replay
 from palpate.rig.session.run import Job
+from palpate.vocabulary import Strategy
 
 __all__ = ["run_replay"]
 
@@ -60,7 +60,7 @@ def _job(file: SessionFile, folder: Path) -> Job:
         raise InputError(f'{file.path}: line 1: "scene" must be true or false')
     on_bench, objects, given = kept_inputs(folder, scene=scene, calibration=calibrated_run(file))
     placement = placement_seen(on_bench, place(on_bench.described, objects, given, seed), seed)
-    models = Catalogue(models_of(objects))
+    models = Catalogue(objects.objects)
     started = None if on_bench.calibration is None else _started(file)
     return Job(on_bench.rig, models, placement, Strategy(strategy), seed, on_bench.calibration, started)
 

@@ -29,7 +29,7 @@ from palpate.config.calibration_finger import (
 from palpate.config.calibration_overlay import calibrated, check_calibration, geometry_sha256
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contacts
-from palpate.config.objects_file import ObjectModel, ObjectsFile, Polygon, Section, State, load_objects
+from palpate.config.objects_file import ObjectsFile, load_objects
 from palpate.config.rig_checks import ARM_MARGIN_MM
 from palpate.config.rig_file import RigFile, load_rig
 from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TipConfig
@@ -55,20 +55,16 @@ __all__ = [
     "FingerCalibration",
     "FingerConfig",
     "JointConfig",
-    "ObjectModel",
     "ObjectsFile",
     "Overshoot",
     "PlaceCalibration",
-    "Polygon",
     "PositionParts",
     "Residuals",
     "RigFile",
     "Scene",
-    "Section",
     "SlideCalibration",
     "SlideFingerConfig",
     "StageConfig",
-    "State",
     "TactileCalibration",
     "TipConfig",
     "TouchResidual",

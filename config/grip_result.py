@@ -2,9 +2,8 @@
 
 from typing import Literal
 
-from palpate.config.identification_result import StrategyName
-from palpate.config.recognition_result import RecognitionVerdict
 from palpate.config.results import BoundsOut, ConfigurationOut, Interval, Out, Rounded
+from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = ["ApproachOut", "AssumptionsOut", "GripOut", "PossibleOut", "PredictionOut"]
 
@@ -70,7 +69,7 @@ class GripOut(Out):
     """
 
     format: Literal["palpate/grip@1"] = "palpate/grip@1"
-    strategy: StrategyName
+    strategy: Strategy
     verdict: RecognitionVerdict
     fine: bool
     hypotheses: tuple[PossibleOut, ...]

@@ -4,33 +4,15 @@ from enum import StrEnum
 from typing import Literal
 
 from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 __all__ = [
     "AlternativeOut",
     "CalibrationUsedOut",
     "IdentificationOut",
-    "IdentificationVerdict",
     "Relation",
-    "StrategyName",
     "TruthOut",
 ]
-
-
-class IdentificationVerdict(StrEnum):
-    """How a run on the bench ended."""
-
-    IDENTIFIED = "identified"
-    INDISTINGUISHABLE = "indistinguishable"
-    UNKNOWN = "unknown"
-    UNRESOLVED = "unresolved"
-
-
-class StrategyName(StrEnum):
-    """How grips are chosen (memo §3.2)."""
-
-    PLANNED = "planned"
-    RANDOM = "random"
-    ROTATE = "rotate"
 
 
 class Relation(StrEnum):
@@ -111,7 +93,7 @@ class IdentificationOut(Out):
     bounds: BoundsOut | None
     alternatives: tuple[AlternativeOut, ...]
     symmetry_order: int
-    strategy: StrategyName
+    strategy: Strategy
     grips: int
     touches: int
     contacts: int = 0

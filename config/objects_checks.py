@@ -9,13 +9,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.config.fields import Point
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.config.outlines import outline_problem, polygons_problem
 from palpate.config.problems import Place
 from palpate.files.limits import OUTLINES
+from palpate.geometry import Floats
 
 __all__ = ["NOUNS", "Finding", "heights_in_words", "objects_problems"]
 
@@ -159,5 +159,5 @@ def _outline_problems(outline: list[Point], place: Place) -> Iterator[Finding]:
         yield (place if point is None else (*place, point)), what
 
 
-def _array(outline: list[Point]) -> NDArray[np.float64]:
+def _array(outline: list[Point]) -> Floats:
     return np.array(outline, dtype=np.float64).reshape(-1, 2)

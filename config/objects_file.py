@@ -12,7 +12,6 @@ import os
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.config.fields import Point
 from palpate.config.loading import Source, load_json, source_name
@@ -21,14 +20,11 @@ from palpate.config.objects_tables import ObjectsFileText, ObjectText, StateText
 from palpate.config.problems import Problem, place_in_words, refuse
 from palpate.files import confined
 from palpate.files.limits import UNCONFINED_BYTES
+from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
 
 __all__ = [
     "FLAT",
-    "ObjectModel",
     "ObjectsFile",
-    "Polygon",
-    "Section",
-    "State",
     "checked_objects",
     "load_objects",
     "load_objects_text",
@@ -36,58 +32,6 @@ __all__ = [
 
 FLAT = "flat"
 """Name of the only state of an object given in the short form."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Polygon:
-    """Outer outline and holes: arrays of shape (n, 2), mm, object frame, read-only, in the file's order."""
-
-    outer: NDArray[np.float64]
-    holes: tuple[NDArray[np.float64], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """What a finger at a height in `z_mm` = (from, to), mm above the support plane, can touch."""
-
-    z_mm: tuple[float, float]
-    polygons: tuple[Polygon, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class State:
-    """A way to rest on the support plane; `probability` and `tipping_angle_rad` where known.
-
-    `heights_mm`: ranges of height (from, to), ascending, at which the sections are known, None: everywhere.
-    Where they are known and there is no section, there is nothing. `top_mm`: how high the part is.
-    """
-
-    name: str
-    sections: tuple[Section, ...]
-    probability: float | None = None
-    tipping_angle_rad: float | None = None
-    height_mm: float | None = None
-    heights_mm: tuple[tuple[float, float], ...] | None = None
-
-    @property
-    def top_mm(self) -> float:
-        """Height above which there is nothing."""
-        return max(part.z_mm[1] for part in self.sections) if self.height_mm is None else self.height_mm
-
-    def known_at(self, height_mm: float) -> bool:
-        """Whether it is known what a finger at a height can touch; above the part that is nothing."""
-        if self.heights_mm is None or height_mm > self.top_mm:
-            return True
-        return any(low <= height_mm <= high for low, high in self.heights_mm)
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectModel:
-    """A known object; its true outline is within `tolerance_mm` of the model's."""
-
-    name: str
-    states: tuple[State, ...]
-    tolerance_mm: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,9 +54,8 @@ def load_objects(source: Source) -> ObjectsFile:
         return _loaded(source)
     objects = confined(source_name(source), "divide it", _loaded, source)
     for model in objects.objects:
-        for polygon in (p for state in model.states for section in state.sections for p in section.polygons):
-            for outline in (polygon.outer, *polygon.holes):
-                outline.setflags(write=False)
+        for ring in (ring for state in model.states for section in state.sections for ring in section.rings):
+            ring.setflags(write=False)
     return objects
 
 
@@ -165,7 +108,7 @@ def _state(state: StateText) -> State:
     return State(state.name, sections, state.probability, state.tipping_angle, state.height, heights)
 
 
-def _array(outline: list[Point]) -> NDArray[np.float64]:
+def _array(outline: list[Point]) -> Floats:
     array = np.array(outline, dtype=np.float64).reshape(-1, 2)
     array.setflags(write=False)
     return array

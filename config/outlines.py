@@ -7,7 +7,8 @@ turning points silently would renumber the edges that recognition reports.
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+
+from palpate.geometry import Floats
 
 __all__ = ["MIN_EDGE_MM", "outline_problem", "polygons_problem"]
 
@@ -21,7 +22,7 @@ Found = tuple[int | None, str]
 """Index of the offending point (None: the whole outline) and what is wrong with it."""
 
 
-def outline_problem(points: NDArray[np.float64]) -> Found | None:
+def outline_problem(points: Floats) -> Found | None:
     """Say what keeps the outline through `points` (shape (n, 2), mm) from being simple, if anything."""
     if len(points) < 3:
         return None, f"has {len(points)} points; an outline needs at least 3"
@@ -37,7 +38,7 @@ def outline_problem(points: NDArray[np.float64]) -> Found | None:
 
 
 def polygons_problem(
-    polygons: list[tuple[NDArray[np.float64], list[NDArray[np.float64]]]],
+    polygons: list[tuple[Floats, list[Floats]]],
 ) -> tuple[int, int | None, str] | None:
     """Check simple outlines against each other: (polygon, hole or None, what is wrong), or None.
 
@@ -74,14 +75,14 @@ def _earlier(tree: shapely.STRtree, shape: shapely.Polygon, number: int) -> list
     return sorted(met[met < number].tolist())
 
 
-def _repeated(points: NDArray[np.float64], first: int) -> Found:
+def _repeated(points: Floats, first: int) -> Found:
     last = len(points) - 1
     if first == last:
         return last, "repeats point 0; an outline closes by itself, leave the last point out"
     return first + 1, f"repeats point {first}; leave one of them out"
 
 
-def _crossing(points: NDArray[np.float64]) -> str:
+def _crossing(points: Floats) -> str:
     """Name the first two edges that meet where they should not, and the place."""
     edges = shapely.linestrings(np.stack([points, np.roll(points, -1, axis=0)], axis=1))
     tree = shapely.STRtree(edges)

@@ -1,9 +1,9 @@
 """Result of `palpate recognize`: `palpate/recognition@1`."""
 
-from enum import StrEnum
 from typing import Literal
 
 from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
+from palpate.vocabulary import RecognitionVerdict
 
 __all__ = [
     "ExplanationOut",
@@ -13,20 +13,11 @@ __all__ = [
     "LevelOut",
     "MemoOut",
     "RecognitionOut",
-    "RecognitionVerdict",
     "SlideOut",
     "StatisticsOut",
     "StepOut",
     "WhyOut",
 ]
-
-
-class RecognitionVerdict(StrEnum):
-    """What the contacts say about the catalogue."""
-
-    UNIQUE = "unique"
-    AMBIGUOUS = "ambiguous"
-    NONE = "none"
 
 
 class InterpretationOut(Out):

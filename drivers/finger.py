@@ -9,15 +9,13 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from palpate.geometry import Floats
 
 __all__ = ["TICK_RAD", "Body", "FingerKinematics", "Line", "Servos", "Turn"]
 
 TICK_RAD = 2 * math.pi / 4096
 """Encoder step of a servo (e-Manual)."""
 
-Floats = NDArray[np.float64]
 
 Servos = tuple[float, float]
 """Angles of a finger's two servos (rad), counted from Goal Position 2048, the one next to the base first."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.drivers.finger import TICK_RAD, Body, Line, Servos
+from palpate.geometry.plane import wrap_angle
 
 __all__ = ["SlideKinematics"]
 
@@ -76,8 +77,7 @@ class SlideKinematics:
 
     def servos_rad(self, line: Line, travel_mm: float) -> Servos:
         """Aim and slide; the line must pass through the base, as all of a slide's do."""
-        turn = line.direction_rad - self.heading_rad
-        aim = (turn + math.pi) % (2 * math.pi) - math.pi
+        aim = wrap_angle(line.direction_rad - self.heading_rad)
         distance = Line(self.base_mm, line.direction_rad).travel_mm(line.point_mm(travel_mm))
         return self.aim_servo_rad(aim), self.slide_servo_rad(distance)
 

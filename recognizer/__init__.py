@@ -10,13 +10,12 @@ from palpate.recognizer.explanation import fits_something
 from palpate.recognizer.grips import Candidate, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.measurement_model import Resolution
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.planner import plan_grip
 from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
 from palpate.recognizer.rays import Approach
-from palpate.recognizer.recognition import Recognition, Verdict, recognise
-from palpate.recognizer.strategy import Strategy, checking_grip, next_grip, used_by
+from palpate.recognizer.recognition import Recognition, recognise
+from palpate.recognizer.strategy import checking_grip, next_grip, used_by
 
 __all__ = [
     "Approach",
@@ -30,18 +29,12 @@ __all__ = [
     "Grip",
     "Hypothesis",
     "NormalRange",
-    "ObjectModel",
-    "Polygon",
     "Prediction",
     "Predictions",
     "Reachable",
     "Recognition",
     "Resolution",
-    "Section",
     "Slide",
-    "State",
-    "Strategy",
-    "Verdict",
     "chance_of_agreeing",
     "checking_grip",
     "fits_something",

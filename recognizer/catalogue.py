@@ -10,12 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.geometry import Floats, Ints, ObjectModel, State
 from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edge_sets import outline_set, pairing_set
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
-from palpate.recognizer.model import ObjectModel, State
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
 from palpate.recognizer.strips import StripForest, strip_forest

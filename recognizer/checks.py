@@ -10,9 +10,8 @@ import numpy as np
 import shapely
 
 from palpate.errors import InputError
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats, ObjectModel, Polygon, Section
 from palpate.recognizer.contact import LARGEST_MM
-from palpate.recognizer.model import ObjectModel, Polygon, Section
 
 __all__ = ["check_model"]
 
@@ -37,13 +36,11 @@ def check_model(item: ObjectModel) -> None:
 
 
 def _check_section(section: Section, place: str) -> None:
-    if not (math.isfinite(section.z_lo_mm) and math.isfinite(section.z_hi_mm)):
+    low, high = section.z_mm
+    if not (math.isfinite(low) and math.isfinite(high)):
         raise InputError(f"{place}: the heights of a cross section must be finite")
-    if section.z_lo_mm > section.z_hi_mm:
-        raise InputError(
-            f"{place}: a cross section must run upwards, "
-            f"not from {section.z_lo_mm:g} to {section.z_hi_mm:g} mm"
-        )
+    if low > high:
+        raise InputError(f"{place}: a cross section must run upwards, not from {low:g} to {high:g} mm")
     if not section.polygons:
         raise InputError(f"{place}: a cross section has no polygon: at least one is needed")
     for polygon in section.polygons:
@@ -51,7 +48,7 @@ def _check_section(section: Section, place: str) -> None:
 
 
 def _check_polygon(polygon: Polygon, place: str) -> None:
-    for ring in (polygon.outer, *polygon.holes):
+    for ring in polygon.rings:
         _check_ring(ring, place)
     shape = shapely.Polygon(polygon.outer, polygon.holes)
     if not shape.is_valid:

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints, Section
+from palpate.geometry.plane import rotation_matrix
+from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow
-from palpate.recognizer.model import Section
-from palpate.recognizer.segments import cross
 from palpate.recognizer.simplification import coarsened
 from palpate.recognizer.tolerance_band import touchable_edges
 
@@ -138,10 +138,10 @@ def _section_at(item: CatalogueState, height_mm: float) -> Section | None:
 
     Where two sections meet, the finger meets whichever stands out.
     """
-    at_height = [s for s in item.state.sections if s.z_lo_mm <= height_mm <= s.z_hi_mm]
+    at_height = item.state.sections_at(height_mm)
     if not at_height:
         return None
-    return Section(height_mm, height_mm, tuple(polygon for s in at_height for polygon in s.polygons))
+    return Section((height_mm, height_mm), tuple(polygon for s in at_height for polygon in s.polygons))
 
 
 def _by_normal(grown: GrownSection) -> GrownSection:
@@ -181,8 +181,7 @@ def _turned_onto_edges(part: GrownSection, chosen: Bools, order: int) -> bool:
     edges = np.column_stack([part.start, part.end])
     tree = cKDTree(edges)
     for step in range(1, order):
-        cos, sin = math.cos(2 * math.pi * step / order), math.sin(2 * math.pi * step / order)
-        turn = np.array([[cos, sin], [-sin, cos]])
+        turn = rotation_matrix(-2 * math.pi * step / order)
         image = np.column_stack([part.start[chosen] @ turn, part.end[chosen] @ turn])
         away, match = tree.query(image)
         leaning = np.abs(cross(part.direction[chosen] @ turn, part.direction[match]))

@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
-from palpate.recognizer.model import State
+from palpate.geometry import Bools, Floats, Ints, State
+from palpate.recognizer.ranges import expand_ranges
 
 __all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet"]
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.prediction import Predictions
 

@@ -13,10 +13,10 @@ from itertools import combinations
 import numpy as np
 
 from palpate.errors import InputError
+from palpate.geometry import ObjectModel
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.hypotheses import Hypothesis
-from palpate.recognizer.model import ObjectModel
 from palpate.recognizer.recognition import anchor_of, intervals_of, recognise
 from palpate.recognizer.region import Cells, build_cells
 from palpate.recognizer.sweep import unblocked

@@ -6,12 +6,12 @@ harder than distances to the earlier contacts and costs the same however many of
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.region import Cells
-from palpate.recognizer.segments import point_segment_distance
 from palpate.recognizer.tree import (
     Interpretations,
     LevelCount,

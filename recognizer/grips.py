@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.measurement_model import Resolution, felt, likeness
 from palpate.recognizer.poses import witness_poses
 from palpate.recognizer.prediction import Predictions, joined_predictions, predict

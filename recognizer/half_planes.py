@@ -9,7 +9,7 @@ C + A cos θ + B sin θ ≥ 0: one arc of θ.
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet

@@ -11,11 +11,11 @@ from typing import overload
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
-from palpate.recognizer.segments import cross
 from palpate.recognizer.sinusoid_bounds import largest
 from palpate.recognizer.witness_search import Question, Regions, position_boxes
 

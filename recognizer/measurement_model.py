@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays, in_object_frame, near_edges, side

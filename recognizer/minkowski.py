@@ -14,8 +14,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import shapely
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.model import Section
+from palpate.geometry import Bools, Floats, Ints, Section
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.outline_arcs import facet_turn, with_exact_arcs
 
 __all__ = ["GrownSection", "Ring", "grow", "oriented_rings"]
@@ -164,7 +164,7 @@ def _skirt(source: Ring, radius_mm: float, turn_rad: float) -> list[shapely.Poly
         for k in range(len(ring))
     ]
     for k in range(len(ring)):
-        turn = (angle[k] - angle[k - 1] + np.pi) % (2 * np.pi) - np.pi
+        turn = wrap_angle(angle[k] - angle[k - 1])
         if turn <= 1e-12:
             continue
         count = math.ceil(turn / turn_rad)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.geometry import Floats, Ints
 
 __all__ = ["facet_turn", "with_exact_arcs"]
 

@@ -10,10 +10,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.geometry import Bools, Floats, Ints, Singles
+from palpate.geometry.segments import cross, distance_range
 from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.segments import cross, distance_range
+from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.strips import strip_forest
 
 __all__ = ["PairTable"]
@@ -131,9 +132,7 @@ class PairTable:
         edge_a = (self._first.first[state] + within // width).astype(np.int32)
         return edge_a, (self._second.first[state] + within % width).astype(np.int32)
 
-    def _distances(
-        self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _distances(self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]) -> tuple[Singles, Singles]:
         shortest, longest = np.empty(len(edge_a), np.float32), np.empty(len(edge_a), np.float32)
         for begin in range(0, len(edge_a), _AT_ONCE):
             part = slice(begin, begin + _AT_ONCE)
@@ -142,9 +141,7 @@ class PairTable:
             longest[part] = np.nextafter(far.astype(np.float32), np.float32(np.inf))
         return shortest, longest
 
-    def _bearings(
-        self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _bearings(self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]) -> tuple[Singles, Singles]:
         bearing, sector = np.empty(len(edge_a), np.float32), np.empty(len(edge_a), np.float32)
         for begin in range(0, len(edge_a), _AT_ONCE):
             part = slice(begin, begin + _AT_ONCE)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.grips import Foreseen, Grip, Reachable, fits, foreseen, grip_of
 from palpate.recognizer.measurement_model import Felt, Resolution, felt, likeness
 from palpate.recognizer.poses import Goals, Pairs, Poses, pairs_to_tell_apart, sampled_poses

@@ -29,8 +29,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.visibility import Pieces, blocked, walked
 
 __all__ = [

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.hypotheses import Bounds, Hypotheses
 from palpate.recognizer.region import Cells, joined_cells
 

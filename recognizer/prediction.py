@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Hypotheses

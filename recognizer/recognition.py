@@ -7,12 +7,11 @@ Further contacts extend the surviving interpretations; nothing is started again.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.extension import split_into_runs
@@ -29,19 +28,12 @@ from palpate.recognizer.null_branch import (
 from palpate.recognizer.region import Cells, Intervals, stepped
 from palpate.recognizer.tree import Interpretations, LevelCount
 from palpate.recognizer.witness_search import Question, settled, witnessed_cells
+from palpate.vocabulary import RecognitionVerdict
 
-__all__ = ["Recognition", "Verdict", "anchor_of", "intervals_of", "recognise"]
+__all__ = ["Recognition", "anchor_of", "intervals_of", "recognise"]
 
 _FINE_CELLS, _MOST_FINE = 24, 8
 _MOST_CELLS = 60_000
-
-
-class Verdict(Enum):
-    """What the contacts leave (docs/recogniser.md, "Hypotheses")."""
-
-    UNIQUE = "unique"
-    AMBIGUOUS = "ambiguous"
-    NONE = "none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,11 +53,11 @@ class Recognition:
     max_spurious: int = 0
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> RecognitionVerdict:
         """Unique if one hypothesis is left, whatever its extent."""
         if not self.hypotheses:
-            return Verdict.NONE
-        return Verdict.UNIQUE if len(self.hypotheses) == 1 else Verdict.AMBIGUOUS
+            return RecognitionVerdict.NONE
+        return RecognitionVerdict.UNIQUE if len(self.hypotheses) == 1 else RecognitionVerdict.AMBIGUOUS
 
     def extend(self, contacts: Sequence[Contact]) -> "Recognition":
         """The same with further contacts and misses; keeps only what survives them."""

@@ -13,10 +13,11 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import all_half_planes
+from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.sinusoid_bounds import largest
 from palpate.recognizer.three_contact_test import triple_hull
 from palpate.recognizer.tree import Interpretations

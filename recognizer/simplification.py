@@ -9,9 +9,11 @@ enclosed in a strip).
 import numpy as np
 import shapely
 
-from palpate.recognizer.arrays import Floats, Ints, expand_ranges, wrap_angle
+from palpate.geometry import Floats, Ints
+from palpate.geometry.plane import wrap_angle
+from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.minkowski import GrownSection
-from palpate.recognizer.segments import point_segment_distance
+from palpate.recognizer.ranges import expand_ranges
 
 __all__ = ["coarsened"]
 

@@ -6,7 +6,7 @@ that position constraints say of θ has this form, because positions in the obje
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
 
 __all__ = ["largest", "within_waves"]
 

@@ -12,13 +12,14 @@ from itertools import combinations
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.segments import distance_range
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.pockets import conservative_pockets
+from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.region import build_cells, stepped
-from palpate.recognizer.segments import distance_range
 from palpate.recognizer.sweep import unblocked
 from palpate.recognizer.three_contact_test import triple_hull
 from palpate.recognizer.tree import Interpretations

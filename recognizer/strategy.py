@@ -5,11 +5,11 @@ it touched last, as if the hand turned a little in contact. `planned`: what tell
 """
 
 from collections.abc import Sequence
-from enum import Enum
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.evidence import unnoticed_shift_mm
 from palpate.recognizer.grips import Candidate, Foreseen, Grip, Reachable, fits, foreseen, grip_of
@@ -19,22 +19,15 @@ from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
 from palpate.recognizer.prediction import joined_predictions
 from palpate.recognizer.rays import aside, lines_of
 from palpate.recognizer.recognition import Recognition
+from palpate.vocabulary import Strategy
 
-__all__ = ["Strategy", "checking_grip", "next_grip", "used_by"]
+__all__ = ["checking_grip", "next_grip", "used_by"]
 
 _SAME_LINE_MM, _SAME_LINE_RAD = 1.0, 0.01
 _ASIDE_MM = 3.0  # a touch nearer to an earlier one than this says little new
 _LEVER_MM = 50.0  # makes turns and distances comparable, to see whose approach a contact was
 _CHECKS = 2  # touches that confirm an answer
 _SQUARE = 0.5  # cosine: a check meets its surface at least this squarely
-
-
-class Strategy(Enum):
-    """How the next grip is chosen."""
-
-    PLANNED = "planned"
-    RANDOM = "random"
-    ROTATE = "rotate"
 
 
 def next_grip(

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
+from palpate.geometry.segments import distance_range
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.segments import distance_range
 
 __all__ = ["StripForest", "strip_forest"]
 

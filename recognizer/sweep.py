@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet

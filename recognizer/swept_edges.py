@@ -9,10 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.segments import capsule_interval
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Rays, near_edges, side
-from palpate.recognizer.segments import capsule_interval
 from palpate.recognizer.strips import StripForest
 
 __all__ = ["Capsules", "capsules_of"]

@@ -8,8 +8,8 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import affinity
 
-from palpate.recognizer.arrays import Floats
-from palpate.recognizer.model import Section, State
+from palpate.geometry import Floats, Section, State
+from palpate.geometry.plane import rotation_matrix
 
 __all__ = ["centroid", "symmetry_order"]
 
@@ -69,8 +69,7 @@ class _Shape:
         agree: between vertices that fall on each other edges may still run differently.
         """
         angle = 2 * math.pi / order
-        cos, sin = math.cos(angle), math.sin(angle)
-        turn = np.array([[cos, sin], [-sin, cos]])
+        turn = rotation_matrix(-angle)
         for some in (self.points[:1], self.points):
             away, _ = self.tree.query(some @ turn, distance_upper_bound=2 * tolerance_mm)
             if not np.all(away <= tolerance_mm):

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.geometry import Floats, Ints
+from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.segments import cross
 from palpate.recognizer.sinusoid_bounds import within_waves
 
 __all__ = ["triple_hull"]

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.recognizer.arrays import Bools, Floats, Ints
+from palpate.geometry import Bools, Floats, Ints, Section
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.minkowski import GrownSection, Ring, grow, oriented_rings
-from palpate.recognizer.model import Section
 from palpate.recognizer.outline_arcs import facet_turn
 from palpate.recognizer.simplification import coarsened
 
@@ -138,7 +138,7 @@ def _about_vertices(sides: _Sides, radius_mm: float, turn_rad: float) -> Touchab
     angle = np.arctan2(sides.leg[:, 1], sides.leg[:, 0]) - np.pi / 2
     before, tilt_before = np.roll(angle, 1), np.roll(sides.tilt, 1)
     off = np.maximum(sides.off, np.roll(sides.off, 1))
-    bend = (angle - before + np.pi) % (2 * np.pi) - np.pi
+    bend = wrap_angle(angle - before)
     width = np.minimum(bend + sides.tilt + tilt_before, 2 * np.pi)
     at = np.flatnonzero((width > 0) & (np.maximum(sides.tilt, tilt_before) < np.pi))
     count = np.ceil(width[at] / turn_rad).astype(np.int64)

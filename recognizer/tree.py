@@ -11,12 +11,13 @@ from itertools import combinations
 import numpy as np
 
 from palpate.errors import InputError
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.segments import distance_range
 from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.segments import distance_range
+from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.three_contact_test import triple_hull
 from palpate.recognizer.two_contact_test import chord_hull
 

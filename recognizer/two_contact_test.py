@@ -9,10 +9,10 @@ the work.
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats, Ints
+from palpate.geometry import Floats, Ints
+from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.segments import cross
 from palpate.recognizer.sinusoid_bounds import within_waves
 
 __all__ = ["chord_hull"]

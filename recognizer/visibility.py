@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, wrap_angle
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
+from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.segments import point_segment_distance
 
 __all__ = ["Outline", "Pieces", "blocked", "walked"]
 

@@ -10,11 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.recognizer.arrays import Bools, Floats, Ints, expand_ranges
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
 from palpate.recognizer.null_branch import ignored
+from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.region import Cells, Intervals, joined_cells, probed, refined
 from palpate.recognizer.sinusoid_bounds import largest
 from palpate.recognizer.sweep import clear_of_outline, unblocked
@@ -202,15 +204,8 @@ def _best(value: Floats, first: Ints, label: Ints) -> Ints:
 def _turned_cells(cells: Cells, branch: _Branch) -> Cells:
     polygon = cells.polygon
     if np.any(branch.angle != 0):
-        polygon = _turned(polygon, branch.angle[:, None])
+        polygon = rotate(polygon, branch.angle[:, None])
     return Cells(cells.node, cells.state, cells.lo - branch.shift, cells.hi - branch.shift, polygon)
-
-
-def _turned(vector: Floats, angle: Floats) -> Floats:
-    """Vectors (…, 2) turned by angles (…)."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    x, y = vector[..., 0], vector[..., 1]
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
 
 
 def _eligible(question: Question, found: Witnessed, first: Ints, label: Ints, refinable: Bools) -> Ints:
@@ -238,10 +233,10 @@ def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, elig
         none = np.empty(0, np.int64)
         return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool), none)
     middle = turned.middle
-    spot = _turned(np.where(found.holds[:, None], found.spot, found.cells.centre), branch.angle)
-    place = np.column_stack([middle * _LEVER_MM, _turned(turned.centre, middle)])
+    spot = rotate(np.where(found.holds[:, None], found.spot, found.cells.centre), branch.angle)
+    place = np.column_stack([middle * _LEVER_MM, rotate(turned.centre, middle)])
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
-    tried = np.column_stack([middle * _LEVER_MM, _turned(spot, middle)])
+    tried = np.column_stack([middle * _LEVER_MM, rotate(spot, middle)])
     off = np.linalg.norm(tried - mean[label], axis=1)
     # Any cell that holds comes before all that do not; of those the largest comes first.
     rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))

@@ -11,7 +11,6 @@ from palpate.config import (
     ContactsFile,
     FingerConfig,
     JointConfig,
-    ObjectsFile,
     RigFile,
     SlideFingerConfig,
 )
@@ -21,17 +20,7 @@ from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.drivers.two_link import ArmKinematics, Joint
 from palpate.errors import InputError
-from palpate.recognizer import (
-    Contact,
-    Finger,
-    Goals,
-    NormalRange,
-    ObjectModel,
-    Polygon,
-    Resolution,
-    Section,
-    State,
-)
+from palpate.recognizer import Contact, Finger, Goals, NormalRange, Resolution
 
 __all__ = [
     "arm_kinematics",
@@ -41,7 +30,6 @@ __all__ = [
     "goals_of",
     "grips_of",
     "kinematics_of",
-    "models_of",
     "mounting_of",
     "resolution_of",
     "slide_kinematics",
@@ -53,27 +41,6 @@ __all__ = [
 _NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
 _STOP_S = 0.010  # from the goal that stops a servo to its standing still
 _CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
-
-
-def models_of(objects: ObjectsFile) -> list[ObjectModel]:
-    """The catalogue's objects as the recogniser wants them."""
-    return [
-        ObjectModel(
-            item.name,
-            tuple(
-                State(
-                    state.name,
-                    tuple(
-                        Section(*section.z_mm, tuple(Polygon(p.outer, p.holes) for p in section.polygons))
-                        for section in state.sections
-                    ),
-                )
-                for state in item.states
-            ),
-            item.tolerance_mm,
-        )
-        for item in objects.objects
-    ]
 
 
 def grips_of(file: ContactsFile) -> list[list[Contact]]:

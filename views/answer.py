@@ -3,13 +3,9 @@
 import math
 from collections.abc import Sequence
 
-from palpate.config.identification_result import (
-    AlternativeOut,
-    CalibrationUsedOut,
-    IdentificationOut,
-    IdentificationVerdict,
-)
+from palpate.config.identification_result import AlternativeOut, CalibrationUsedOut, IdentificationOut
 from palpate.errors import counted
+from palpate.vocabulary import IdentificationVerdict
 
 __all__ = ["answer_lines"]
 

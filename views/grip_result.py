@@ -3,11 +3,10 @@
 import math
 
 from palpate.config.grip_result import ApproachOut, AssumptionsOut, GripOut, PossibleOut, PredictionOut
-from palpate.config.identification_result import StrategyName
-from palpate.config.recognition_result import RecognitionVerdict
-from palpate.recognizer import Grip, Hypothesis, Prediction, Strategy
+from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.next_grip import Planned
 from palpate.rig.identification.result import bounds_out, configuration_out
+from palpate.vocabulary import Strategy
 
 __all__ = ["grip_out", "outward_normals"]
 
@@ -17,8 +16,8 @@ def grip_out(planned: Planned) -> GripOut:
     grip, recognition = planned.grip, planned.recognition
     foresees = planned.strategy is Strategy.PLANNED
     return GripOut(
-        strategy=StrategyName(planned.strategy.value),
-        verdict=RecognitionVerdict(recognition.verdict.value),
+        strategy=planned.strategy,
+        verdict=recognition.verdict,
         fine=planned.fine,
         hypotheses=tuple(_possible(item) for item in recognition.hypotheses),
         approaches=() if grip is None else tuple(_approach(planned, grip, row) for row in planned.rows),

@@ -4,15 +4,14 @@ Everything drawn is known as sample points with weights. A label tries positions
 anchor and takes the one that covers the least weight, nearest first; labels placed earlier cannot be covered.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from palpate.views.svg import Floats
+from palpate.geometry import Floats
+from palpate.geometry.plane import points_in_polygon
 
-__all__ = ["Box", "LabelPlacer", "enclosed"]
+__all__ = ["Box", "LabelPlacer"]
 
 _SAMPLE = 3.0  # spacing of sample points in SVG units: less than the smallest label's height
 _RADII = (0.0, 10.0, 20.0, 32.0, 46.0, 62.0, 80.0, 100.0, 125.0)
@@ -45,18 +44,6 @@ class Box:
         apart_x = abs(self.x - other.x) - (self.width + other.width) / 2
         apart_y = abs(self.y - other.y) - (self.height + other.height) / 2
         return apart_x < margin and apart_y < margin
-
-
-def enclosed(points: Floats, rings: Sequence[Floats]) -> NDArray[np.bool_]:
-    """Which points (n, 2) the rings, each (m, 2), enclose by the even-odd rule."""
-    crossings = np.zeros(len(points), dtype=np.int64)
-    for ring in rings:
-        for (x1, y1), (x2, y2) in zip(ring.tolist(), np.roll(ring, -1, axis=0).tolist(), strict=True):
-            if y1 != y2:
-                spans = (points[:, 1] >= min(y1, y2)) & (points[:, 1] < max(y1, y2))
-                crossings += spans & (points[:, 0] < x1 + (points[:, 1] - y1) * (x2 - x1) / (y2 - y1))
-    odd: NDArray[np.bool_] = crossings % 2 == 1
-    return odd
 
 
 class LabelPlacer:
@@ -93,7 +80,7 @@ class LabelPlacer:
         high = np.max([ring.max(axis=0) for ring in rings], axis=0)
         grid = np.meshgrid(*(np.arange(low[k], high[k], 2 * _SAMPLE) for k in range(2)))
         points = np.column_stack([part.ravel() for part in grid])
-        self._add(points[enclosed(points, rings)], weight)
+        self._add(points[points_in_polygon(points, rings)], weight)
 
     def place(self, anchor: Floats, width: float, height: float, *, clear: float, towards: float) -> Box:
         """Claim a place for a label, at least `clear` from its anchor, best in direction `towards` (rad)."""

@@ -6,9 +6,10 @@ Shared by the terminal (`plan_table`) and the picture, which therefore say the s
 import math
 from collections.abc import Sequence
 
-from palpate.recognizer import Grip, Prediction, Strategy, Verdict
+from palpate.recognizer import Grip, Prediction
 from palpate.rig.identification.next_grip import Planned
 from palpate.views.grip_result import outward_normals
+from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = [
     "SHOWN",
@@ -78,7 +79,7 @@ def certainty(planned: Planned) -> list[str]:
     if planned.hopeless:
         more = [] if grip is None else ["the grip can only place them more finely"]
         return ["nothing within reach tells apart what is left", *more]
-    if recognition.verdict is Verdict.UNIQUE:
+    if recognition.verdict is RecognitionVerdict.UNIQUE:
         return [_about_one(planned)]
     if grip is None:
         return ["no grip: no approach that is left promises to tell anything apart"]

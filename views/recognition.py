@@ -1,9 +1,6 @@
 """A recognition as JSON values, as a picture, and its contacts as a file. The end of the data's way."""
 
-import math
 from collections.abc import Sequence
-
-import numpy as np
 
 from palpate.config.recognition_result import (
     HypothesisOut,
@@ -11,12 +8,12 @@ from palpate.config.recognition_result import (
     LevelOut,
     MemoOut,
     RecognitionOut,
-    RecognitionVerdict,
     SlideOut,
     StatisticsOut,
 )
-from palpate.recognizer import Contact, Hypothesis, Recognition, State
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
+from palpate.geometry.plane import rotation_matrix
+from palpate.recognizer import Contact, Hypothesis, Recognition
 from palpate.recognizer.statistics import MemoCounts
 from palpate.rig.identification.result import bounds_out, configuration_out
 from palpate.views.scene import picture
@@ -38,7 +35,7 @@ def recognition_out(
 ) -> RecognitionOut:
     """The recognition as `palpate/recognition@1`; `seconds` is what it took."""
     return RecognitionOut(
-        verdict=RecognitionVerdict(recognition.verdict.value),
+        verdict=recognition.verdict,
         hypotheses=tuple(hypothesis_out(item) for item in recognition.hypotheses),
         statistics=StatisticsOut(
             levels=tuple(
@@ -153,15 +150,8 @@ def still_possible(item: Hypothesis) -> picture.OtherHypothesis:
 def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
     """Outlines of the lowest section, in W, at the hypothesis's configuration."""
     at = item.configuration
-    turn = np.array(
-        [[math.cos(at.theta_rad), -math.sin(at.theta_rad)], [math.sin(at.theta_rad), math.cos(at.theta_rad)]]
-    )
-    return tuple(ring @ turn.T + [at.x_mm, at.y_mm] for ring in _lowest_rings(item.state.state))
-
-
-def _lowest_rings(state: State) -> list[Floats]:
-    section = min(state.sections, key=lambda part: part.z_lo_mm)
-    return [ring for polygon in section.polygons for ring in (polygon.outer, *polygon.holes)]
+    section = min(item.state.state.sections, key=lambda part: part.z_mm[0])
+    return tuple(ring @ rotation_matrix(at.theta_rad).T + [at.x_mm, at.y_mm] for ring in section.rings)
 
 
 def touch_of(grip: int, contact: Contact) -> picture.Touch:

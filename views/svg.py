@@ -7,11 +7,9 @@ picture can be pasted into a page beside others and looks the same in a browser,
 import unicodedata
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
+from palpate.geometry import Floats
 
 __all__ = [
-    "Floats",
     "element",
     "escape",
     "number",
@@ -23,7 +21,6 @@ __all__ = [
     "wrap",
 ]
 
-Floats = NDArray[np.float64]
 
 _NARROW = frozenset("fijlrtI.,:;'|!()[]{}-/ ·")
 _WIDE = frozenset("mwMW@%—…")

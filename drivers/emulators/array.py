@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.emulators.array_self_test import examine
 from palpate.drivers.emulators.array_zero import Taring
@@ -40,6 +39,7 @@ from palpate.drivers.tactile.messages import (
 from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
 from palpate.drivers.tactile.protocol import VERSION, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.transport.wire import Emission
+from palpate.geometry import Floats
 
 __all__ = ["EmulatedArray"]
 
@@ -100,7 +100,7 @@ class EmulatedArray:
             return None
         return self._start_s + (self._samples + 1) * self._period_s
 
-    def sample(self, now: float, force_n: NDArray[np.float64]) -> None:
+    def sample(self, now: float, force_n: Floats) -> None:
         """Sample forces (N per taxel, shape (rows, cols)) at `now` and queue the frame.
 
         Does nothing while the array does not stream. Raises ValueError on another shape.

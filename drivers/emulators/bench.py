@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.emulators.mechanics import (
     ArmMechanics,
@@ -24,10 +23,11 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.tip import Outline, Press, press, separation_mm
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.wire import Device
+from palpate.geometry import Floats
+from palpate.geometry.plane import wrap_angle
 
 __all__ = ["Bench", "EmulatedFinger", "SampledArray"]
 
-Floats = NDArray[np.float64]
 
 _STEP_S = 1e-3
 
@@ -140,7 +140,7 @@ class EmulatedFinger:
         columns = np.asarray(d.columns)
         pitch = columns[1] - columns[0]
         middle = self.facing_rad + self.truth.array_heading_rad
-        seen = (touch.angle - middle + math.pi) % (2 * math.pi) - math.pi
+        seen = wrap_angle(touch.angle - middle)
         slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(np.int64)
         on_array = (slot >= 0) & (slot < d.cols)
         by_column = np.bincount(slot[on_array], touch.by_ray_n[on_array], minlength=d.cols)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.geometry import Floats
 
 __all__ = [
     "ArmMechanics",
@@ -25,7 +25,6 @@ __all__ = [
     "SlideMechanics",
 ]
 
-Floats = NDArray[np.float64]
 
 _MM_PER_M = 1000.0
 _STOP_N_PER_MM = 2000.0  # a slide's hard stop is a stiff spring

@@ -8,9 +8,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.messages import Description
+from palpate.geometry import Counts, Floats
 
 __all__ = ["Taxels"]
 
@@ -51,7 +51,7 @@ class Taxels:
         self._hot = tuple(hot)
 
     @property
-    def gain(self) -> NDArray[np.float64]:
+    def gain(self) -> Floats:
         """True relative gain of every taxel, shape (rows, cols): the truth that calibration looks for."""
         return self._gain_counts / self.description.counts_per_n
 
@@ -60,9 +60,7 @@ class Taxels:
         """Taxels (row, column) that are stuck at 0."""
         return self._dead
 
-    def counts(
-        self, force_n: NDArray[np.float64], now: float | NDArray[np.float64] = 0.0
-    ) -> NDArray[np.uint16]:
+    def counts(self, force_n: Floats, now: float | Floats = 0.0) -> Counts:
         """Counts at `now` (s) for forces (N per taxel), both of shape (rows, cols).
 
         For n instants `now` has shape (n,), forces and counts (n, rows, cols).
@@ -89,14 +87,14 @@ class Taxels:
             counts[..., row, col] = d.max_count
         return counts.astype("<u2")
 
-    def _wandering(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _wandering(self, rate: float) -> tuple[Floats, Floats, Floats]:
         """Size (counts), angular speed (1/s) and phase of each zero's wandering; a round takes 1 to 5 min."""
         shape = self._gain_counts.shape
         speed = 2 * math.pi / self._rng.uniform(60.0, 300.0, shape)
         return rate / speed, speed, self._rng.uniform(0.0, 2 * math.pi, shape)
 
 
-def _exchange(count: int, share: float) -> NDArray[np.float64]:
+def _exchange(count: int, share: float) -> Floats:
     """Return the change that neighbours in a line of `count` work on each other, shape (count, count)."""
     matrix = np.zeros((count, count))
     for i in range(count - 1):

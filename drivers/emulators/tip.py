@@ -11,13 +11,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+
+from palpate.geometry import Floats, Ints
 
 __all__ = ["Outline", "Press", "press", "separation_mm"]
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
 _STEP_RAD = 2 * math.pi / _RAYS

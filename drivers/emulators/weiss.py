@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.weiss_device import EmulatedWeiss, Texels
+from palpate.drivers.emulators.weiss_device import EmulatedWeiss
 from palpate.drivers.tactile.weiss_codec import Dialect, Packet
 from palpate.drivers.tactile.weiss_commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
 from palpate.drivers.tactile.weiss_messages import (
@@ -24,6 +24,7 @@ from palpate.drivers.tactile.weiss_messages import (
     MatrixInfo,
     SystemInfo,
 )
+from palpate.geometry import Counts
 
 __all__ = ["BOOT_NOISE", "EmulatedDsa", "EmulatedWts"]
 
@@ -38,7 +39,7 @@ _Carry = tuple[int, Callable[[bytes, float], None]]
 """How many bytes of parameters a command has, at least, and what carries it out."""
 
 
-def _as_it_is(texels: Texels) -> Texels:
+def _as_it_is(texels: Counts) -> Counts:
     return texels
 
 
@@ -58,7 +59,7 @@ class EmulatedWts(EmulatedWeiss):
         baudrate: int = 115200,
         powered_s: float = _LONG_AGO_S,
         tick_s: float = 1e-3,
-        to_device: Callable[[Texels], Texels] = _as_it_is,
+        to_device: Callable[[Counts], Counts] = _as_it_is,
         tag: str = "emulated",
     ) -> None:
         super().__init__(
@@ -75,7 +76,7 @@ class EmulatedWts(EmulatedWeiss):
         self.threshold = 0
         self.gain = 0x80
         self.tag = tag.encode("latin-1")
-        self.zero: Texels | None = None
+        self.zero: Counts | None = None
         self._commands: dict[int, tuple[int | None, Callable[[bytes, float], None]]] = {
             WtsCommand.LOOP: (None, lambda data, now: self._done(WtsCommand.LOOP, now, data)),
             WtsCommand.READ_FRAME: (1, self._read_frame),
@@ -116,7 +117,7 @@ class EmulatedWts(EmulatedWeiss):
             short = len(data) < size
             self._answer(command, WtsStatus.NOT_ENOUGH_PARAMS if short else WtsStatus.CMD_FORMAT_ERROR, now)
 
-    def _read(self, texels: Texels) -> Texels:
+    def _read(self, texels: Counts) -> Counts:
         if self.zero is not None:
             texels = np.maximum(texels.astype(np.int32) - self.zero, 0).astype(np.uint16)
         return np.where(texels < self.threshold, 0, texels).astype(np.uint16)
@@ -133,7 +134,7 @@ class EmulatedWts(EmulatedWeiss):
             return
         compressed = bool(data[0] & COMPRESSED)
 
-        def send(texels: Texels, at: float) -> None:
+        def send(texels: Counts, at: float) -> None:
             self._done(WtsCommand.READ_FRAME, at, self._frame(texels, at, compressed=compressed))
 
         self._scan(now, send)
@@ -156,7 +157,7 @@ class EmulatedWts(EmulatedWeiss):
             self._done(WtsCommand.TARE, now)
             return
 
-        def keep(texels: Texels, at: float) -> None:
+        def keep(texels: Counts, at: float) -> None:
             self.zero = texels
             self._done(WtsCommand.TARE, at)
 
@@ -204,7 +205,7 @@ class EmulatedDsa(EmulatedWeiss):
         scan_s: float = 1 / 30,
         baudrate: int = 115200,
         powered_s: float = _LONG_AGO_S,
-        to_device: Callable[[Texels], Texels] = _as_it_is,
+        to_device: Callable[[Counts], Counts] = _as_it_is,
         descriptor: str = "emulated",
     ) -> None:
         super().__init__(
@@ -246,7 +247,7 @@ class EmulatedDsa(EmulatedWeiss):
         else:
             carry_out(data, now)
 
-    def _read(self, texels: Texels) -> Texels:
+    def _read(self, texels: Counts) -> Counts:
         parts = [
             texels if number == self._touched else np.zeros(matrix.cells, np.uint16)
             for number, matrix in enumerate(self.matrices)
@@ -292,7 +293,7 @@ class EmulatedDsa(EmulatedWeiss):
         else:
             self._scan(now, lambda texels, at: self._single(texels, at, compressed=compressed))
 
-    def _single(self, texels: Texels, now: float, *, compressed: bool) -> None:
+    def _single(self, texels: Counts, now: float, *, compressed: bool) -> None:
         self._send(Packet(FRAME, self._frame(texels, now, compressed=compressed)), now)
 
     def _set_threshold(self, data: bytes, now: float) -> None:

@@ -7,18 +7,15 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.tactile.weiss_codec import Decoder, Dialect, Packet, encode
 from palpate.drivers.tactile.weiss_messages import FRAME, frame_payload
 from palpate.drivers.transport.wire import Emission, wire_time_s
+from palpate.geometry import Counts, Floats
 
-__all__ = ["EmulatedWeiss", "Texels"]
+__all__ = ["EmulatedWeiss"]
 
-Texels = NDArray[np.uint16]
 
 _INTERRUPTED_S = 0.1  # a command whose rest takes longer is given up
 _LONGEST_COMMAND = 256
@@ -43,7 +40,7 @@ class EmulatedWeiss(ABC):
         baudrate: int,
         powered_s: float,
         tick_s: float,
-        to_device: Callable[[Texels], Texels],
+        to_device: Callable[[Counts], Counts],
     ) -> None:
         self.taxels = taxels
         self._advance = advance
@@ -58,7 +55,7 @@ class EmulatedWeiss(ABC):
         self._period_s: float | None = None
         self._next_s = 0.0
         self._compressed = False
-        self._once: tuple[float, Callable[[Texels, float], None]] | None = None
+        self._once: tuple[float, Callable[[Counts, float], None]] | None = None
 
     @property
     def description(self) -> Description:
@@ -76,7 +73,7 @@ class EmulatedWeiss(ABC):
         due += [] if self._once is None else [self._once[0]]
         return min(due) if due else None
 
-    def sample(self, now: float, force_n: NDArray[np.float64]) -> None:
+    def sample(self, now: float, force_n: Floats) -> None:
         """Scan forces (N per taxel, shape (rows, cols) of the description) at `now`."""
         texels = self._read(self._to_device(self.taxels.counts(force_n, now)).ravel())
         if self._once is not None and now >= self._once[0]:
@@ -116,7 +113,7 @@ class EmulatedWeiss(ABC):
         """Carry out a command and answer it."""
 
     @abstractmethod
-    def _read(self, texels: Texels) -> Texels:
+    def _read(self, texels: Counts) -> Counts:
         """What the device makes of the counts of its texels, in its own order."""
 
     def _start(self, period_s: float, now: float, *, compressed: bool) -> None:
@@ -126,11 +123,11 @@ class EmulatedWeiss(ABC):
     def _stop(self) -> None:
         self._period_s = None
 
-    def _scan(self, now: float, use: Callable[[Texels, float], None]) -> None:
+    def _scan(self, now: float, use: Callable[[Counts, float], None]) -> None:
         """Do one scan more, and give what it reads and its instant to `use`."""
         self._once = (now + self._scan_s, use)
 
-    def _frame(self, texels: Texels, now: float, *, compressed: bool) -> bytes:
+    def _frame(self, texels: Counts, now: float, *, compressed: bool) -> bytes:
         stamp = round((now - self._powered_s) / self._tick_s)
         return frame_payload(stamp, texels, compressed=compressed)
 

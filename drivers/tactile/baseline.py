@@ -16,10 +16,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from palpate.errors import InputError
+from palpate.geometry import Bools, Counts, Floats, Ints
 
 __all__ = ["Baseline", "BaselineTracker", "Zeros", "tared"]
 
@@ -31,10 +31,6 @@ _AROUND = np.ones((3, 3), dtype=bool)
 _ENOUGH_FRAMES = 8  # to judge the noise
 _NEVER = 1e-6  # chance for a live taxel to read the same all the time
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
@@ -42,7 +38,7 @@ class Baseline:
 
     mean: Floats
     noise_counts: float
-    usable: Mask
+    usable: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +53,7 @@ class Zeros:
     block_of: Ints
 
 
-def tared(counts: NDArray[np.uint16], max_count: int, noise_counts: float, usable: Mask | None) -> Baseline:
+def tared(counts: Counts, max_count: int, noise_counts: float, usable: Bools | None) -> Baseline:
     """The baseline from still, untouched frames (n, rows, cols).
 
     `noise_counts` is the calibration's, taken where there are too few frames to measure it. A taxel that
@@ -117,7 +113,7 @@ class BaselineTracker:
         result: Floats = self.bound + self._drift * self._passed(time_s)
         return result
 
-    def follow(self, counts: NDArray[np.uint16], time_s: Floats) -> Zeros:
+    def follow(self, counts: Counts, time_s: Floats) -> Zeros:
         """Go on through frames (n, rows, cols), sampled at `time_s` (n,), touched or not.
 
         A block's zeros are those known from the frames before it, so that a recording gives what a live run

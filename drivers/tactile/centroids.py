@@ -13,14 +13,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.baseline import SIGMAS
+from palpate.geometry import Bools, Floats
 
 __all__ = ["Load", "Unseen", "centroids"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +32,8 @@ class Load:
     force_n: Floats
     noise_n: Floats
     drift_n: Floats
-    patch: Mask
-    around: Mask
+    patch: Bools
+    around: Bools
     soft_n: Floats
     gain_spread: Floats
 

@@ -8,20 +8,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.patches import TipCalibration
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Columns", "Runs", "columns_of", "runs_of"]
 
 _TEMPLATE_ERROR = 0.01  # of the strongest column, what templates cannot resolve ...
 _TEMPLATE_PITCH_RAD = math.radians(13.5)  # ... in columns this far apart
 _LEAST_COVERED = 0.3  # of the load: a column of which less can be seen is not seen
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +30,12 @@ class Columns:
     """
 
     taxel_n: Floats
-    usable: Mask
+    usable: Bools
     force_n: Floats
     variance: Floats
     noise_n: Floats
     floor_n: Floats
-    seen: Mask
+    seen: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +47,14 @@ class Runs:
 
     first: Ints
     last: Ints
-    found: Mask
+    found: Bools
     count: Ints
-    other: Mask
+    other: Bools
 
 
 def columns_of(
     counts: Floats,
-    usable: Mask,
+    usable: Bools,
     n_per_count: Floats,
     noise_counts: float,
     drift_counts: Floats | None,
@@ -97,7 +93,7 @@ def columns_of(
     return Columns(taxel_n, usable, force, variance, noise_n, floor, seen)
 
 
-def _gain_variance(share: Floats, usable: Mask, covered: Floats, spreads: Floats) -> Floats:
+def _gain_variance(share: Floats, usable: Bools, covered: Floats, spreads: Floats) -> Floats:
     """Variance (n, c) of columns' forces through their taxels' gains, relative.
 
     Gains are anywhere within their `spreads` (r, c), each by itself, so that the rows that carry a column's
@@ -135,11 +131,11 @@ def runs_of(columns: Columns) -> Runs:
     alive = np.bincount(flat.ravel(), columns.seen.ravel(), size).reshape(n, c + 1) > 0
     alive[:, 0] = False
     best = np.where(alive, total, -np.inf).argmax(axis=1)
-    found: Mask = np.logical_or.reduce(alive, axis=1)
-    inside: Mask = (label == best[:, None]) & found[:, None]
+    found: Bools = np.logical_or.reduce(alive, axis=1)
+    inside: Bools = (label == best[:, None]) & found[:, None]
     first = inside.argmax(axis=1)
     last = c - 1 - inside[:, ::-1].argmax(axis=1)
-    other: Mask = np.take_along_axis(alive, label, axis=1) & ~inside
+    other: Bools = np.take_along_axis(alive, label, axis=1) & ~inside
     return Runs(first, last, found, alive.sum(axis=1), other)
 
 
@@ -154,7 +150,7 @@ def _bend(force: Floats, calibration: TipCalibration) -> Floats:
     return bend
 
 
-def _strongest(taxel_n: Floats, whole: Mask) -> Floats:
+def _strongest(taxel_n: Floats, whole: Bools) -> Floats:
     """The strongest of the columns that can be seen whole, as a share of the strongest of all, (n,)."""
     column = taxel_n.sum(axis=1)
     most = np.maximum(column.max(axis=1), 1e-12)
@@ -174,9 +170,9 @@ def _fitted_rows(taxel_n: Floats, usable: Floats) -> Floats:
     return rows
 
 
-def _row_shares(taxel_n: Floats, usable: Mask, noise_n: float) -> Floats:
+def _row_shares(taxel_n: Floats, usable: Bools, noise_n: float) -> Floats:
     """Share of the load that each row carries, shape (n, r), from columns whose rows can all be seen."""
-    whole: Mask = np.logical_and.reduce(usable, axis=1)
+    whole: Bools = np.logical_and.reduce(usable, axis=1)
     rows = np.einsum("nrc,nc->nr", taxel_n, whole.astype(float))
     least = 10 * noise_n * np.sqrt(np.maximum(whole.sum(axis=1), 1))
     weak = (rows.max(axis=1) < least) | (_strongest(taxel_n, whole) < 0.5)

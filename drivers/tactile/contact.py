@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, tared
 from palpate.drivers.tactile.cylinder import CylinderTip
@@ -27,14 +26,11 @@ from palpate.drivers.tactile.pads import Taxels, pad_patches
 from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, joined
 from palpate.drivers.tactile.surface import Surface, surface_of
 from palpate.errors import InputError
+from palpate.geometry import Bools, Counts, Floats
 
 __all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
 
 _PIECE = 4096  # frames at once
-
-Floats = NDArray[np.float64]
-Counts = NDArray[np.uint16]
-Mask = NDArray[np.bool_]
 
 
 class ContactExtractor:
@@ -152,7 +148,7 @@ class ContactExtractor:
         return zeros.mean[zeros.block_of], zeros.bound[zeros.block_of]
 
     def _patches(
-        self, counts: Floats, doubt_counts: Floats | None, full: Mask, *, exact: bool = False
+        self, counts: Floats, doubt_counts: Floats | None, full: Bools, *, exact: bool = False
     ) -> Patches:
         """Patches from counts above zero (n, r, c), within `doubt_counts`; `full`: at the largest count."""
         full &= self._baseline.usable

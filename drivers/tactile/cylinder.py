@@ -7,7 +7,6 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
@@ -18,6 +17,7 @@ from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
 from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
 from palpate.drivers.tactile.unobserved_load import beyond, by_shape
 from palpate.errors import InputError
+from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["MISFIT_LIMIT", "MISFIT_SLACK", "CylinderTip"]
 
@@ -29,10 +29,6 @@ _GAINS_SHARE = 0.4  # of the gains' spread: so much may a patch's force be off b
 _LEAST_DEPTH = 0.012  # tip radii; softer contacts only on larger tips
 _BESIDE = 2  # columns on either side of a run that may belong to it
 _BEYOND_RAD = math.radians(60.0)  # how far a patch may go on beyond the array
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 class CylinderTip:
@@ -97,8 +93,8 @@ class CylinderTip:
         self,
         counts: Floats,
         doubt_counts: Floats | None,
-        usable: Mask,
-        full: Mask,
+        usable: Bools,
+        full: Bools,
         noise_counts: float,
         *,
         exact: bool,
@@ -154,7 +150,7 @@ class CylinderTip:
         width = self._pitch * self._description.tip_radius_mm
         return width * (float(np.diff(self._heights).mean()) if len(self._heights) > 1 else width)
 
-    def _flags(self, columns: Columns, runs: Runs, span: Mask, usable: Mask, full: Mask) -> Ints:
+    def _flags(self, columns: Columns, runs: Runs, span: Bools, usable: Bools, full: Bools) -> Ints:
         near = span.copy()
         near[:, 1:] |= span[:, :-1]
         near[:, :-1] |= span[:, 1:]
@@ -176,13 +172,13 @@ class CylinderTip:
         self,
         columns: Columns,
         runs: Runs,
-        span: Mask,
-        beside: Mask,
+        span: Bools,
+        beside: Bools,
         flags: Ints,
-        touched: Mask,
+        touched: Bools,
         *,
         exact: bool,
-    ) -> tuple[Floats, Floats, Mask]:
+    ) -> tuple[Floats, Floats, Bools]:
         """Middle and half of the range of normals (n,), and where it is the patch's extent."""
         cut = (flags & PatchFlag.TRUNCATED.bit) > 0
         past = np.where(cut, 2.0, 0.5)
@@ -222,7 +218,7 @@ class CylinderTip:
         ends = np.maximum(force[:, 0] * (runs.first == 0), force[:, -1] * (runs.last == last))
         return np.where(ends < 0.5 * force.max(axis=1), 2 * np.maximum(ends, 0.0), np.inf)
 
-    def _variance(self, columns: Columns, runs: Runs, span: Mask) -> Floats:
+    def _variance(self, columns: Columns, runs: Runs, span: Bools) -> Floats:
         """Variance (n, c) of what belongs to the patch; infinite where another one is."""
         result: Floats = np.where(_widened(runs.other, 1) & ~span, np.inf, columns.variance)
         return result
@@ -233,7 +229,7 @@ class CylinderTip:
         profile = Profile(columns.force_n[i], variance[i], first, last, missing)
         return self._templates.match(profile, MISFIT_SLACK)
 
-    def _centroid(self, columns: Columns, span: Mask, beside: Mask, flags: Ints) -> tuple[Floats, Floats]:
+    def _centroid(self, columns: Columns, span: Bools, beside: Bools, flags: Ints) -> tuple[Floats, Floats]:
         """Direction of the load's centroid and its bound, both (n,) rad."""
         c, pitch = self._calibration, self._pitch
         total = np.maximum(np.where(span, columns.force_n, 0.0).sum(axis=1), 1e-12)
@@ -251,10 +247,10 @@ class CylinderTip:
         shift = (c.crosstalk + c.crosstalk_bound) * pitch * np.maximum(first + last, 0.0) / total
         saturated = (flags & PatchFlag.SATURATED.bit)[:, None] > 0
         suspect = ~columns.usable.all(axis=1)  # what is left of a saturated column says nothing of its force
-        blind: Mask = span & np.where(saturated, suspect, ~columns.seen)
+        blind: Bools = span & np.where(saturated, suspect, ~columns.seen)
         return centroids(load, self._columns, pitch / 2, shift, self._unseen(blind, columns, error, span))
 
-    def _unseen(self, blind: Mask, columns: Columns, error_n: Floats, span: Mask) -> Unseen:
+    def _unseen(self, blind: Bools, columns: Columns, error_n: Floats, span: Bools) -> Unseen:
         """Columns whose load is unknown, and what lies beyond the array's edges."""
         pitch, place = self._pitch, self._columns
         n = len(blind)
@@ -272,7 +268,7 @@ class CylinderTip:
             high.append(np.maximum(near, far))
         return Unseen(np.stack(most, axis=1), np.stack(low, axis=1), np.stack(high, axis=1))
 
-    def _height(self, columns: Columns, span: Mask) -> tuple[Floats, Floats]:
+    def _height(self, columns: Columns, span: Bools) -> tuple[Floats, Floats]:
         """Centroid along the tip and its bound, mm: half a row, and the gain errors and noise of the rows."""
         z = self._heights
         patch = columns.taxel_n * span[:, None, :]
@@ -290,7 +286,9 @@ class CylinderTip:
         half = 0.5 * float(np.diff(z).max()) if len(z) > 1 else 0.0
         return centre, half + reach + SIGMAS * np.hypot(gain, noise) / total
 
-    def _force_bound(self, columns: Columns, span: Mask, beside: Mask, doubt_counts: Floats | None) -> Floats:
+    def _force_bound(
+        self, columns: Columns, span: Bools, beside: Bools, doubt_counts: Floats | None
+    ) -> Floats:
         """Bound of the force (n,) N: gain errors of taxels, at most their common limit, noise and drift."""
         spread = self._spreads / (1 - self._spreads)  # of a gain: its force may be wrong by this share
         patch = columns.taxel_n * beside[:, None, :]
@@ -312,7 +310,7 @@ class CylinderTip:
 
 
 def _profiles(
-    columns: Columns, span: Mask, beside: Mask, variance: Floats, missing: Floats, at: Ints
+    columns: Columns, span: Bools, beside: Bools, variance: Floats, missing: Floats, at: Ints
 ) -> Profiles:
     """What the slabs are asked about frames `at`."""
     force = np.where(beside, columns.force_n, 0.0)[at]
@@ -338,7 +336,7 @@ def _profiles(
 
 
 def _past_edge(
-    force_n: Floats, variance: Floats, edge: int, inner: int, loaded: Mask
+    force_n: Floats, variance: Floats, edge: int, inner: int, loaded: Bools
 ) -> tuple[Floats, Floats]:
     """Load beyond a column at the array's edge where it is `loaded` (n,), and how far out: N, columns."""
     outer = np.maximum(force_n[:, edge] + SIGMAS * np.sqrt(variance[:, edge]), 0.0)
@@ -347,7 +345,7 @@ def _past_edge(
     return load, cells
 
 
-def _widened(mask: Mask, by: int) -> Mask:
+def _widened(mask: Bools, by: int) -> Bools:
     """Columns within `by` of those in `mask`, (n, c)."""
     wide = mask.copy()
     for step in range(1, by + 1):

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.errors import DeviceError
+from palpate.geometry import Floats
 
 __all__ = ["MAX_TAXELS", "REALS_PER_TAXEL", "Description", "Shape", "unusable_places"]
 
@@ -77,7 +77,7 @@ class Description:
         """How many taxels there are."""
         return self.rows * self.cols
 
-    def positions_mm(self) -> NDArray[np.float64]:
+    def positions_mm(self) -> Floats:
         """Taxel centres, shape (rows, cols, 3), mm, tip frame.
 
         Raises DeviceError if the array is free and its geometry has not been fetched.
@@ -93,21 +93,21 @@ class Description:
         out[..., 2] = np.asarray(self.row_heights_mm)[:, None]
         return out
 
-    def normals(self) -> NDArray[np.float64]:
+    def normals(self) -> Floats:
         """Outward unit normals of the taxels, shape (rows, cols, 3), tip frame.
 
         Raises DeviceError if the array is free and its geometry has not been fetched.
         """
         if self.shape is Shape.FREE:
             normals = self._places()[..., 3:]
-            unit: NDArray[np.float64] = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+            unit: Floats = normals / np.linalg.norm(normals, axis=-1, keepdims=True)
             return unit
         angles = np.full(self.cols, -math.pi / 2) if self.shape is Shape.FLAT else np.asarray(self.columns)
         out = np.zeros((self.rows, self.cols, 3))
         out[..., 0], out[..., 1] = np.cos(angles), np.sin(angles)
         return out
 
-    def _places(self) -> NDArray[np.float64]:
+    def _places(self) -> Floats:
         if not self.geometry:
             raise DeviceError(
                 f"the places of the {self.taxels} taxels of array {self.unique_id.hex()} are not known; "

@@ -6,10 +6,8 @@ Stands between the drivers (`array`, `weiss`) and all who use frames. `devices` 
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from palpate.drivers.tactile.messages import Description
+from palpate.geometry import Counts
 
 __all__ = ["ArrayCounters", "ArrayDriver", "TactileFrame"]
 
@@ -26,7 +24,7 @@ class TactileFrame:
     sequence: int
     device_time_s: float
     host_time_s: float
-    counts: NDArray[np.uint16]
+    counts: Counts
     tared: bool = False
 
 

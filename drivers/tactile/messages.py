@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.description import MAX_TAXELS, REALS_PER_TAXEL, Description, Shape
+from palpate.geometry import Counts
 
 __all__ = [
     "MAX_LISTED",
@@ -227,7 +227,7 @@ class Frame:
     taxels: bytes
 
     @property
-    def counts(self) -> NDArray[np.uint16]:
+    def counts(self) -> Counts:
         """Read-only array, shape (rows, cols)."""
         return np.frombuffer(self.taxels, dtype="<u2").reshape(self.rows, self.cols)
 

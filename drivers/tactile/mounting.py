@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.messages import Description, Shape
+from palpate.geometry import Counts
 
 __all__ = ["Corner", "Mounting"]
 
@@ -41,11 +41,11 @@ class Mounting:
     first: Corner = Corner.LOWER_LEFT
     upright: bool = False
 
-    def to_tip(self, cells: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def to_tip(self, cells: Counts) -> Counts:
         """From the matrix as the device counts (its rows, its columns) to the tip's (rows, columns)."""
         return np.ascontiguousarray(self._flipped(cells.T if self.upright else cells))
 
-    def to_device(self, taxels: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def to_device(self, taxels: Counts) -> Counts:
         """The other way round."""
         flipped = self._flipped(taxels)
         return np.ascontiguousarray(flipped.T if self.upright else flipped)
@@ -97,7 +97,7 @@ class Mounting:
             raise ValueError(problem)
         return found
 
-    def _flipped(self, taxels: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    def _flipped(self, taxels: Counts) -> Counts:
         rows = slice(None, None, -1 if self.first in (Corner.UPPER_LEFT, Corner.UPPER_RIGHT) else 1)
         cols = slice(None, None, -1 if self.first in (Corner.LOWER_RIGHT, Corner.UPPER_RIGHT) else 1)
         return taxels[rows, cols]

@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_filter
 
 from palpate.drivers.tactile.baseline import SIGMAS
@@ -17,6 +16,8 @@ from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known, spread_out, untouched
 from palpate.drivers.tactile.surface import Surface
 from palpate.drivers.tactile.unobserved_load import beyond, by_crosstalk, by_shape
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import wrap_angle
 
 __all__ = ["Taxels", "pad_patches"]
 
@@ -26,10 +27,6 @@ _FLAT_RAD = math.radians(1.0)
 _IN_FRAME = np.zeros((3, 3, 3), dtype=bool)
 _IN_FRAME[1] = True
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
@@ -38,10 +35,10 @@ class _Patch:
     side.
     """
 
-    cells: Mask
-    around: Mask
-    others: Mask
-    cut: Mask
+    cells: Bools
+    around: Bools
+    others: Bools
+    cut: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +51,8 @@ class Taxels:
     force_n: Floats
     noise_n: Floats
     drift_n: Floats
-    usable: Mask
-    full: Mask
+    usable: Bools
+    full: Bools
 
     def frames(self, which: Ints) -> "Taxels":
         """Some of the frames."""
@@ -137,7 +134,7 @@ def _strongest(taxels: Taxels, surface: Surface, calibration: TipCalibration) ->
     return _Patch(cells, around, others, _cut(taxels, cells, surface, calibration))
 
 
-def _cut(taxels: Taxels, cells: Mask, surface: Surface, calibration: TipCalibration) -> Mask:
+def _cut(taxels: Taxels, cells: Bools, surface: Surface, calibration: TipCalibration) -> Bools:
     """Where a patch's cells on a side bear more than crosstalk from the next ones explains, (4, n)."""
     n = len(cells)
     force, doubt = taxels.force_n.reshape(n, -1), taxels.doubt_n.reshape(n, -1)
@@ -156,12 +153,12 @@ def _cut(taxels: Taxels, cells: Mask, surface: Surface, calibration: TipCalibrat
     return out
 
 
-def _shown_together(taxels: Taxels) -> Mask:
+def _shown_together(taxels: Taxels) -> Bools:
     """Cells whose mean with their eight neighbours is above the noise: broad, weak load."""
     mean = uniform_filter(taxels.force_n, (3, 3), axes=(1, 2), mode="constant")
     noise = uniform_filter(taxels.noise_n, (3, 3), axes=(1, 2), mode="constant") / 3
     drift = uniform_filter(taxels.drift_n, (3, 3), axes=(1, 2), mode="constant")
-    result: Mask = mean > SIGMAS * noise + drift
+    result: Bools = mean > SIGMAS * noise + drift
     return result
 
 
@@ -238,7 +235,7 @@ def _beyond_sides(
     force, noise = taxels.force_n.reshape(n, -1), taxels.noise_n.reshape(n, -1)
     drift, spread = taxels.drift_n.reshape(n, -1), calibration.spreads.ravel()
 
-    def line(at: Mask) -> tuple[Floats, Floats]:
+    def line(at: Bools) -> tuple[Floats, Floats]:
         load = np.where(at, np.maximum(force, 0.0), 0.0)
         doubt = SIGMAS * np.sqrt(np.where(at, noise**2 + (spread * load) ** 2 / 3, 0.0).sum(axis=1))
         return np.where(at, force, 0.0).sum(axis=1), doubt + np.where(at, drift, 0.0).sum(axis=1)
@@ -261,7 +258,7 @@ def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats,
     weight = np.where(found.cells, np.maximum(force, 0.0), 0.0)
     azimuth = np.nan_to_num(surface.azimuth_rad)
     middle = np.arctan2(weight @ np.sin(azimuth), weight @ np.cos(azimuth))
-    away = (azimuth[None, :] - middle[:, None] + math.pi) % (2 * math.pi) - math.pi
+    away = wrap_angle(azimuth[None, :] - middle[:, None])
     low = np.where(found.cells, away, np.inf).min(axis=1)
     high = np.where(found.cells, away, -np.inf).max(axis=1)
     if surface.turn_rad < _FLAT_RAD:  # told taxel by taxel, but flat all the same
@@ -274,7 +271,7 @@ def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats,
     return middle + (low + high) / 2, half, high - low + 2 * step
 
 
-def _flags(found: _Patch, seen: Mask, full: Mask) -> Ints:
+def _flags(found: _Patch, seen: Bools, full: Bools) -> Ints:
     """Bits of `PatchFlag`, (n,)."""
     cut = found.cut.any(axis=0)
     single = (found.cells & seen).sum(axis=1) == 1

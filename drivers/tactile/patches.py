@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.geometry import Bools, Floats, Ints
+
 __all__ = [
     "ContactPatch",
     "PatchFlag",
@@ -22,9 +24,6 @@ __all__ = [
     "spread_out",
     "untouched",
 ]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 class PatchFlag(enum.Enum):
@@ -63,7 +62,7 @@ class TipCalibration:
     stiffness_bound: float = 0.2
     crosstalk: float = 0.075
     crosstalk_bound: float = 0.03
-    usable: Mask | None = None
+    usable: Bools | None = None
     drift_counts_per_s: float = 0.0
 
     @property
@@ -112,7 +111,7 @@ class Patches:
     `PatchFlag.bit`).
     """
 
-    touched: Mask
+    touched: Bools
     angle_rad: Floats
     angle_half_range_rad: Floats
     centroid_rad: Floats
@@ -147,7 +146,7 @@ def known(patches: Patches) -> Patches:
     return _kept(patches, patches.touched)
 
 
-def spread_out(patches: Patches, rows: NDArray[np.int64], count: int) -> Patches:
+def spread_out(patches: Patches, rows: Ints, count: int) -> Patches:
     """The same as rows of `count` frames, of which the others are not touched."""
     out = untouched(count)
     for f in fields(Patches):
@@ -169,7 +168,7 @@ def joined(pieces: Sequence[Patches]) -> Patches:
     return Patches(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Patches)})
 
 
-def _kept(patches: Patches, keep: Mask) -> Patches:
+def _kept(patches: Patches, keep: Bools) -> Patches:
     out: dict[str, Any] = {}
     for f in fields(Patches):
         values = getattr(patches, f.name)

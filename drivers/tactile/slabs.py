@@ -15,9 +15,9 @@ import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.templates import TemplateSet
+from palpate.geometry import Bools, Floats, Ints, Singles
 
 __all__ = ["WINDOW_SIGMAS", "Matches", "Profiles", "Slabs"]
 
@@ -30,11 +30,6 @@ _AT_ONCE = 1 << 17  # misfits that fit a processor's cache
 _SIDEWAYS = 2  # columns: as far as the widest window reaches, in whole ones
 _GRAIN = 0.03  # of the strongest column: templates alike within half of it are one
 _TAIL = 1e-4  # of a template's force: less than this in an outer column is left off
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +57,7 @@ class Matches:
     low: Floats
     high: Floats
     misfit: Floats
-    one_edge: Mask
+    one_edge: Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +73,7 @@ class _Slab:
     high: Singles
     least_n: Singles
     most_n: Singles
-    one_edge: Mask
+    one_edge: Bools
 
     def rows(self, which: slice | Ints) -> "_Slab":
         """Some of the templates."""

@@ -6,14 +6,12 @@ Beside `pads`, which finds patches of such cells.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.messages import Description, Shape
+from palpate.geometry import Bools, Floats
+from palpate.geometry.plane import wrap_angle
 
 __all__ = ["Surface", "surface_of"]
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +31,8 @@ class Surface:
     area_mm2: Floats
     azimuth_rad: Floats
     turn_rad: float
-    sides: Mask
-    inner: Mask
+    sides: Bools
+    inner: Bools
     step_mm: Floats
 
 
@@ -51,7 +49,7 @@ def surface_of(description: Description) -> Surface:
     level = np.hypot(normal[..., 0], normal[..., 1])
     azimuth = np.where(level > 0.2, np.arctan2(normal[..., 1], normal[..., 0]), np.nan)
     turns = np.concatenate([np.diff(azimuth, axis=axis).ravel() for axis in (0, 1)] + [np.zeros(1)])
-    turns = np.abs((turns + np.pi) % (2 * np.pi) - np.pi)
+    turns = np.abs(wrap_angle(turns))
     row, col = np.indices((d.rows, d.cols)).reshape(2, -1)
     return Surface(
         flat=d.shape is Shape.FLAT,

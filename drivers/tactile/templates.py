@@ -19,6 +19,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.geometry import Bools, Floats, Singles
+
 __all__ = ["Match", "Profile", "TemplateSet", "template_set"]
 
 _REACH_RAD = math.radians(75.0)  # of a template on either side of its middle; no contact reaches as far
@@ -38,10 +40,6 @@ _NOTCH_TURNS = tuple(
 )
 _NOTCH_SHARES = (1.0, 0.7, 0.45, 0.2)
 _REFERENCE_DEPTH = 0.1  # tip radii at which linear and foundation stiffness agree
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,12 @@ by the same ratio.
 """
 
 import numpy as np
-from numpy.typing import NDArray
+
+from palpate.geometry import Floats
 
 __all__ = ["beyond", "by_crosstalk", "by_shape"]
 
 _STEADY = 0.9  # a ratio above it may go on for ever
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def by_crosstalk(shown_n: Floats, least_share: float) -> Floats:

@@ -10,7 +10,6 @@ from collections.abc import Collection
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from serial.serialutil import SerialBase
 
 from palpate.drivers.tactile.frame_times import FrameTimes
@@ -31,6 +30,7 @@ from palpate.drivers.tactile.weiss_messages import (
 )
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, printable
+from palpate.geometry import Counts
 
 __all__ = ["BOOT_ATTEMPTS", "WeissArray", "text_of"]
 
@@ -248,7 +248,7 @@ class WeissArray(ABC):
         self._misshapen += 1
         self._stream.refuse(reason)
 
-    def _on_tip(self, raw: RawFrame) -> NDArray[np.uint16]:
+    def _on_tip(self, raw: RawFrame) -> Counts:
         number = self._mounting.matrix
         matrix = self._matrices[number]
         first = sum(other.cells for other in self._matrices[:number])

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from palpate.geometry import Counts
 
 __all__ = [
     "COMPRESSED",
@@ -149,7 +150,7 @@ class RawFrame:
     """One sample: the device's own clock, and `texels` (cells,) uint16 in the device's order."""
 
     timestamp: int
-    texels: NDArray[np.uint16]
+    texels: Counts
 
 
 def status_of(payload: bytes) -> int | None:
@@ -162,7 +163,7 @@ def frame_size(cells: int) -> int:
     return _FRAME_HEAD.size + 2 * cells
 
 
-def frame_payload(timestamp: int, texels: NDArray[np.uint16], *, compressed: bool) -> bytes:
+def frame_payload(timestamp: int, texels: Counts, *, compressed: bool) -> bytes:
     """Bytes of a frame. Raises ValueError if a texel has more than 12 bits."""
     data = compress(texels) if compressed else texels
     head = _FRAME_HEAD.pack(timestamp & 0xFFFFFFFF, COMPRESSED if compressed else 0)
@@ -183,7 +184,7 @@ def parse_frame(payload: bytes, cells: int) -> RawFrame:
     return RawFrame(timestamp, texels)
 
 
-def compress(texels: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def compress(texels: Counts) -> Counts:
     """Run-length units for `texels` (n,). Raises ValueError if one has more than 12 bits."""
     if not len(texels):
         return np.zeros(0, np.uint16)
@@ -197,7 +198,7 @@ def compress(texels: NDArray[np.uint16]) -> NDArray[np.uint16]:
     return (counts << 12 | np.repeat(texels[starts], pieces)).astype(np.uint16)
 
 
-def expand(units: NDArray[np.uint16]) -> NDArray[np.uint16]:
+def expand(units: Counts) -> Counts:
     """Texels that run-length units stand for; a unit may stand for none."""
     return np.repeat(units & MAX_TEXEL, units >> 12).astype(np.uint16)
 

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from palpate.config import ObjectModel
 from palpate.config.objects_checks import heights_in_words
 from palpate.errors import InputError
+from palpate.geometry import ObjectModel
 from palpate.recognizer import Contact
 
 __all__ = ["FingerAt", "HasHeight", "check_known", "fingers_of"]

@@ -18,10 +18,11 @@ from palpate.cad.resting_surface import Surface, surface_of
 from palpate.cad.sections import sections_of
 from palpate.cad.slicing import regions_of, sliced
 from palpate.cad.stable import LeftOut, stable_states
-from palpate.cad.values import CrossSection, Floats, Solid, StableState
+from palpate.cad.values import CrossSection, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
 from palpate.config.objects_tables import StateText
 from palpate.errors import InputError
+from palpate.geometry import Floats
 from palpate.rig.catalogue.objects_text import (
     NEGLIGIBLE_MM,
     bound_mm,

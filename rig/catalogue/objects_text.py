@@ -8,11 +8,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from palpate.cad.values import CrossSection, Floats, Region
+from palpate.cad.values import CrossSection, Region
 from palpate.config.import_result import FrameOut
 from palpate.config.objects_tables import PolygonText, SectionText
 from palpate.config.outlines import MIN_EDGE_MM
 from palpate.config.results import DECIMALS
+from palpate.geometry import Floats
 
 __all__ = [
     "NEGLIGIBLE_MM",

@@ -6,8 +6,9 @@ Beside every command that takes a rig and objects, before anything is compared o
 from collections.abc import Sequence
 from itertools import groupby
 
-from palpate.config import ObjectModel, RigFile
+from palpate.config import RigFile
 from palpate.errors import InputError, counted
+from palpate.geometry import ObjectModel
 from palpate.rig.catalogue.finger_model import at_heights, contact_bound_mm, heights_in_words
 from palpate.rig.catalogue.reachability import HOPELESS, OF_SECTION, Finding, Trouble, findings_of
 

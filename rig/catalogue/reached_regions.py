@@ -12,7 +12,8 @@ import shapely
 from shapely import affinity
 
 from palpate.cad.congruence_search import Motion
-from palpate.rig.catalogue.region_measures import Floats, measures
+from palpate.geometry import Floats
+from palpate.rig.catalogue.region_measures import measures
 
 __all__ = ["Reached", "surely_within"]
 

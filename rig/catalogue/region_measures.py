@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-__all__ = ["Floats", "measures", "within_reach"]
+from palpate.geometry import Bools, Floats
 
-Floats = NDArray[np.float64]
+__all__ = ["measures", "within_reach"]
+
 
 _ROUNDING = 1e-9
 
@@ -36,17 +36,17 @@ def measures(regions: Sequence[shapely.Geometry]) -> Floats:
     return result
 
 
-def within_reach(first: Floats, second: Floats, within_mm: Floats) -> NDArray[np.bool_]:
+def within_reach(first: Floats, second: Floats, within_mm: Floats) -> Bools:
     """Whether some motion may bring two regions within a distance of each other; False is certain.
 
     `first` and `second` (..., 6) of `measures`, `within_mm` (...). Nothing and something never are.
     """
     fits = _holds(first, second, within_mm) & _holds(second, first, within_mm)
-    both: NDArray[np.bool_] = fits & ((first[..., 2] == 0) == (second[..., 2] == 0))
+    both: Bools = fits & ((first[..., 2] == 0) == (second[..., 2] == 0))
     return both
 
 
-def _holds(inner: Floats, outer: Floats, within_mm: Floats) -> NDArray[np.bool_]:
+def _holds(inner: Floats, outer: Floats, within_mm: Floats) -> Bools:
     """Whether the measures leave room for `inner` inside of `outer` grown by a distance."""
     area, perimeter, parts, hull_area, hull_perimeter, radius = np.moveaxis(outer, -1, 0)
     disc = np.pi * within_mm**2
@@ -59,7 +59,5 @@ def _holds(inner: Floats, outer: Floats, within_mm: Floats) -> NDArray[np.bool_]
         ],
         axis=-1,
     )
-    result: NDArray[np.bool_] = np.all(
-        inner[..., [0, 3, 4, 5]] <= most * (1 + _ROUNDING) + _ROUNDING, axis=-1
-    )
+    result: Bools = np.all(inner[..., [0, 3, 4, 5]] <= most * (1 + _ROUNDING) + _ROUNDING, axis=-1)
     return result

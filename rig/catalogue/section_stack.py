@@ -10,7 +10,8 @@ from functools import cached_property
 
 import shapely
 
-from palpate.config import ObjectsFile, Section, State
+from palpate.config import ObjectsFile
+from palpate.geometry import Section, State
 
 __all__ = ["Level", "Range", "Resting", "joined_ranges", "region_at", "resting"]
 
@@ -83,8 +84,7 @@ def resting(objects: ObjectsFile) -> tuple[Resting, ...]:
 
 def region_at(state: State, z_mm: float) -> shapely.Geometry:
     """What the sections have at a height, without the levels of all the others; empty for nothing."""
-    here = [section for section in state.sections if section.z_mm[0] <= z_mm <= section.z_mm[1]]
-    return shapely.union_all([_region(section) for section in here])
+    return shapely.union_all([_region(section) for section in state.sections_at(z_mm)])
 
 
 def joined_ranges(ranges: Sequence[Range]) -> tuple[Range, ...]:
@@ -104,7 +104,7 @@ def _region(section: Section) -> shapely.Geometry:
 
 
 def _edge_count(section: Section) -> int:
-    return sum(len(ring) for item in section.polygons for ring in (item.outer, *item.holes))
+    return sum(len(ring) for ring in section.rings)
 
 
 def _same(first: shapely.Geometry, second: shapely.Geometry) -> bool:

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats, Polygon, Section, State
 from palpate.recognizer.catalogue import SYMMETRY_TOLERANCE_MM
-from palpate.recognizer.model import Polygon, Section, State
 from palpate.recognizer.symmetry import centroid, symmetry_order
 from palpate.rig.catalogue.section_stack import Resting
 
@@ -33,7 +32,7 @@ def symmetry_of_state(state: Resting) -> Symmetry:
 
 
 def _symmetry(parts: list[tuple[float, float, shapely.Geometry]]) -> Symmetry:
-    state = State("", tuple(Section(low, high, _polygons(region)) for low, high, region in parts))
+    state = State("", tuple(Section((low, high), _polygons(region)) for low, high, region in parts))
     centre = centroid(state)
     return Symmetry(symmetry_order(state, centre, SYMMETRY_TOLERANCE_MM), centre)
 

@@ -16,9 +16,10 @@ import numpy as np
 import shapely
 
 from palpate.cad.congruence_search import Motion, apart_mm
+from palpate.geometry import Floats
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
 from palpate.rig.catalogue.reached_regions import Reached
-from palpate.rig.catalogue.region_measures import Floats, measures, within_reach
+from palpate.rig.catalogue.region_measures import measures, within_reach
 from palpate.rig.catalogue.section_stack import Resting
 from palpate.rig.catalogue.tip_reach import filled
 

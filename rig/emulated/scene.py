@@ -11,9 +11,10 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.config import ObjectModel, ObjectsFile, Scene, Section, State, load_objects
+from palpate.config import ObjectsFile, Scene, load_objects
 from palpate.drivers.emulators.tip import Outline
 from palpate.errors import InputError
+from palpate.geometry import ObjectModel, Section, State
 
 __all__ = ["Placement", "draw_placement", "outline_at", "placement_of", "rings_of"]
 

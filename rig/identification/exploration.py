@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.geometry import Floats
 from palpate.recognizer import Contact, used_by
-from palpate.recognizer.arrays import Floats
 from palpate.recognizer.rays import aside, lines_of
 from palpate.rig.reach.approaches import Reach
 

@@ -10,7 +10,6 @@ may have been moved; the search then begins again with that grip.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from functools import cached_property
 
 import numpy as np
@@ -22,8 +21,6 @@ from palpate.recognizer import (
     Grip,
     Hypothesis,
     Recognition,
-    Strategy,
-    Verdict,
     chance_of_agreeing,
     checking_grip,
     fits_something,
@@ -40,8 +37,9 @@ from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, p
 from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 
-__all__ = ["Carry", "Identification", "Outcome", "identify", "search"]
+__all__ = ["Carry", "Identification", "identify", "search"]
 
 Carry = Callable[[Sequence[tuple[int, float]], Callable[[Stage], None]], Sequence[Touch]]
 """Carries out a grip: reachable approaches (by index) with how far each may go (mm); tells its stages."""
@@ -52,15 +50,6 @@ _IDLE_TOUCHES = 3  # as many without gain, and more will not help
 _MOST_MOVES = 1
 _MOST_CHECKS = 2  # in a row: where they do not notice small shifts, further ones would not either
 _VAIN = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
-
-
-class Outcome(Enum):
-    """How a run on the bench ended (`palpate/identification@1`)."""
-
-    IDENTIFIED = "identified"
-    INDISTINGUISHABLE = "indistinguishable"
-    UNKNOWN = "unknown"
-    UNRESOLVED = "unresolved"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +63,7 @@ class Identification:
     the rest of the workspace.
     """
 
-    outcome: Outcome
+    outcome: IdentificationVerdict
     recognition: Recognition | None
     grips: tuple[tuple[Touch, ...], ...]
     ruled_out: tuple[tuple[int, Hypothesis], ...]
@@ -160,7 +149,7 @@ def search(
 
 
 def _searched(state: _Search) -> Identification:
-    outcome = Outcome.UNRESOLVED
+    outcome = IdentificationVerdict.UNRESOLVED
     while len(state.grips) < state.rig.search.max_grips:
         verdict, grip = _next(state)
         if verdict is not None:
@@ -181,16 +170,16 @@ def _searched(state: _Search) -> Identification:
     )
 
 
-def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
+def _next(state: _Search) -> tuple[IdentificationVerdict | None, list[tuple[int, float]]]:
     """The verdict if there is one already, else the next grip."""
-    if state.recognition is not None and state.recognition.verdict is Verdict.NONE:
+    if state.recognition is not None and state.recognition.verdict is RecognitionVerdict.NONE:
         if not _may_have_moved(state):
-            return Outcome.UNKNOWN, []
+            return IdentificationVerdict.UNKNOWN, []
         _begin_again(state)
     recognition = state.recognition
     if recognition is None:
         grip = _explore(state)
-        return None if grip else Outcome.UNRESOLVED, grip
+        return None if grip else IdentificationVerdict.UNRESOLVED, grip
     answer = _answer(state, recognition)
     settled = answer is not None and _is_settled(state, recognition)
     if settled and _is_confirmed(state):
@@ -198,11 +187,11 @@ def _next(state: _Search) -> tuple[Outcome | None, list[tuple[int, float]]]:
     plan = None if settled else _plan(state, recognition, one_class=answer is not None)
     if plan is None or (answer is not None and _is_vain(state, plan)):
         if _is_confirmed(state):
-            return answer or Outcome.UNRESOLVED, []
+            return answer or IdentificationVerdict.UNRESOLVED, []
         plan = _check(state, recognition)
         state.checks += 1
     if plan is None:
-        return Outcome.UNRESOLVED, []
+        return IdentificationVerdict.UNRESOLVED, []
     state.observers.planned(len(state.grips) + 1, plan)
     return None, list(zip(plan.indices, plan.travels_mm, strict=True))
 
@@ -220,13 +209,13 @@ def _explore(state: _Search) -> list[tuple[int, float]]:
     return sweeping_grip(state.reach, contacts, left, state.discs) or exploring_grip(state.reach, contacts)
 
 
-def _answer(state: _Search, recognition: Recognition) -> Outcome | None:
+def _answer(state: _Search, recognition: Recognition) -> IdentificationVerdict | None:
     """What could be said if it is confirmed: one hypothesis is left, or some that nothing tells apart."""
-    if recognition.verdict is Verdict.UNIQUE:
-        return Outcome.IDENTIFIED
+    if recognition.verdict is RecognitionVerdict.UNIQUE:
+        return IdentificationVerdict.IDENTIFIED
     used = used_by(recognition.contacts, state.reach.candidates)
     same = twins(recognition, state.reach, resolution_of(state.rig), used)
-    return Outcome.INDISTINGUISHABLE if same.all() else None
+    return IdentificationVerdict.INDISTINGUISHABLE if same.all() else None
 
 
 def _is_settled(state: _Search, recognition: Recognition) -> bool:
@@ -273,15 +262,15 @@ def _is_confirmed(state: _Search) -> bool:
     return steady and state.chance <= limits.stranger_chance
 
 
-def _at_the_end(state: _Search) -> Outcome:
+def _at_the_end(state: _Search) -> IdentificationVerdict:
     """Verdict when no further grip may be made."""
     recognition = state.recognition
     if recognition is None:
-        return Outcome.UNRESOLVED
-    if recognition.verdict is Verdict.NONE:
-        return Outcome.UNRESOLVED if _may_have_moved(state) else Outcome.UNKNOWN
+        return IdentificationVerdict.UNRESOLVED
+    if recognition.verdict is RecognitionVerdict.NONE:
+        return IdentificationVerdict.UNRESOLVED if _may_have_moved(state) else IdentificationVerdict.UNKNOWN
     answer = _answer(state, recognition)
-    return answer if answer is not None and _is_confirmed(state) else Outcome.UNRESOLVED
+    return answer if answer is not None and _is_confirmed(state) else IdentificationVerdict.UNRESOLVED
 
 
 def _may_have_moved(state: _Search) -> bool:

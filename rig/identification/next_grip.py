@@ -10,22 +10,21 @@ import numpy as np
 
 from palpate.config import RigFile
 from palpate.errors import InputError
+from palpate.geometry import Bools
 from palpate.recognizer import (
     Catalogue,
     Contact,
     Grip,
     Recognition,
     Resolution,
-    Strategy,
-    Verdict,
     next_grip,
     recognise,
     twins,
     used_by,
 )
-from palpate.recognizer.arrays import Bools
 from palpate.rig.conversion import finger_of, goals_of, resolution_of
 from palpate.rig.reach.approaches import reach_of
+from palpate.vocabulary import RecognitionVerdict, Strategy
 
 __all__ = ["Planned", "plan_for", "sets_alike"]
 
@@ -63,9 +62,9 @@ class Planned:
     @property
     def is_help(self) -> bool:
         """Whether the grip may change the answer, or the answer needs no change."""
-        if self.recognition.verdict is Verdict.NONE or self.hopeless:
+        if self.recognition.verdict is RecognitionVerdict.NONE or self.hopeless:
             return False
-        return self.grip is not None or (self.recognition.verdict is Verdict.UNIQUE and self.fine)
+        return self.grip is not None or (self.recognition.verdict is RecognitionVerdict.UNIQUE and self.fine)
 
 
 def plan_for(
@@ -78,12 +77,12 @@ def plan_for(
     _check_fingers(rig, contacts)
     recognition = recognise(catalogue, contacts)
     resolution, goals = resolution_of(rig), goals_of(rig)
-    if recognition.verdict is Verdict.NONE:
+    if recognition.verdict is RecognitionVerdict.NONE:
         return Planned(rig, strategy, recognition, None, resolution, (), False)
     reach = reach_of(rig)
     rng = np.random.default_rng([seed, 2])
     # As `identify` does: a grip that may be the last one meets the part from two sides.
-    fingers = 2 if recognition.verdict is Verdict.UNIQUE else 1
+    fingers = 2 if recognition.verdict is RecognitionVerdict.UNIQUE else 1
     grip = next_grip(strategy, recognition, reach, resolution, goals, rng, fingers)
     used = used_by(recognition.contacts, reach.candidates)
     fine = all(goals.met_by(item.bounds) for item in recognition.hypotheses)

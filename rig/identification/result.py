@@ -7,17 +7,16 @@ from palpate.config.identification_result import (
     AlternativeOut,
     CalibrationUsedOut,
     IdentificationOut,
-    IdentificationVerdict,
     Relation,
-    StrategyName,
     TruthOut,
 )
 from palpate.config.results import BoundsOut, ConfigurationOut
-from palpate.recognizer import Hypothesis, Strategy
+from palpate.recognizer import Hypothesis
 from palpate.recognizer.hypotheses import Bounds, Configuration
 from palpate.rig.emulated.answer_error import Comparison, compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification
+from palpate.vocabulary import Strategy
 
 __all__ = ["bounds_out", "configuration_out", "hypotheses_of", "identification_out"]
 
@@ -38,14 +37,14 @@ def identification_out(
     first = hypotheses[0] if hypotheses else None
     truth = None if placement is None else compare(placement, hypotheses)
     return IdentificationOut(
-        verdict=IdentificationVerdict(result.outcome.value),
+        verdict=result.outcome,
         object=first and first.state.object_name,
         state=first and first.state.state.name,
         configuration=None if first is None else configuration_out(first.configuration),
         bounds=None if first is None else bounds_out(first.bounds),
         alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
         symmetry_order=1 if first is None else first.state.symmetry_order,
-        strategy=StrategyName(strategy.value),
+        strategy=strategy,
         grips=len(result.grips),
         touches=result.touches,
         contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.recognizer import Approach, Catalogue, Contact, State, used_by
+from palpate.geometry import State
+from palpate.recognizer import Approach, Catalogue, Contact, used_by
 from palpate.rig.reach.approaches import Reach
 
 __all__ = ["Disc", "discs_at", "is_swept", "places_left", "sweeping_grip"]
@@ -109,8 +110,8 @@ def _planned_corridor(approach: Approach, disc: Disc) -> shapely.Geometry:
 
 def _inscribed_mm(state: State, height_mm: float) -> float:
     """Radius of a disc that fits inside the section at a height; 0 if there is none."""
-    here = [item for item in state.sections if item.z_lo_mm <= height_mm <= item.z_hi_mm]
-    region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for item in here for p in item.polygons])
+    polygons = [p for section in state.sections_at(height_mm) for p in section.polygons]
+    region = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in polygons])
     if region.is_empty:
         return 0.0
     # The circle that is found lies inside for certain, and is at most the tolerance smaller than the largest.

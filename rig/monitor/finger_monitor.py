@@ -9,12 +9,12 @@ from dataclasses import dataclass, fields
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.drivers.tactile.contact import ContactExtractor, ContactPatch
 from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.clock import Clock
+from palpate.geometry import Bools, Counts, Floats
 
 __all__ = ["SILENT_S", "FingerView", "MonitoredFinger", "TareState"]
 
@@ -24,8 +24,6 @@ SILENT_S = 0.5
 _NEWEST = 4  # frames that are looked at together
 _TARE_FRAMES = 16
 _RATE_WINDOW_S = 2.0
-
-Mask = NDArray[np.bool_]
 
 
 class TareState(Enum):
@@ -52,11 +50,11 @@ class FingerView:
     port: str
     description: Description
     tare: TareState
-    counts: NDArray[np.uint16] | None
-    taxel_n: NDArray[np.float64]
-    saturated: Mask
-    dead: Mask
-    hot: Mask
+    counts: Counts | None
+    taxel_n: Floats
+    saturated: Bools
+    dead: Bools
+    hot: Bools
     force_n: float | None
     patch: ContactPatch | None
     rate_hz: float

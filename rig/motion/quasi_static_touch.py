@@ -15,7 +15,7 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.finger import TICK_RAD
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
-from palpate.recognizer.arrays import Ints
+from palpate.geometry import Ints
 from palpate.rig.motion.approach_state import Run
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import measure_at_rest

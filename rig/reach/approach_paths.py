@@ -9,7 +9,7 @@ import numpy as np
 from palpate.config import ArmFingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.finger import Body, Line
 from palpate.drivers.slide_finger import SlideKinematics
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
 from palpate.rig.conversion import arm_kinematics, array_bound_rad, slide_kinematics
 from palpate.rig.drives import AIM_SPEED_RAD_S, ARM_AIM_SPEED_MM_S
 from palpate.rig.reach.standby_poses import body_of

@@ -12,8 +12,8 @@ import numpy as np
 
 from palpate.config import ClosingConfig, RigFile
 from palpate.drivers.finger import FingerKinematics, Line
+from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer import Approach, Candidate
-from palpate.recognizer.arrays import Bools, Floats, Ints
 from palpate.rig.conversion import dent_allowance_mm, finger_of, kinematics_of, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD
 from palpate.rig.reach.approach_paths import Way, joined

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.config import ArmFingerConfig, RigFile
 from palpate.drivers.finger import Turn
 from palpate.errors import InputError
-from palpate.recognizer.arrays import Bools, Floats
+from palpate.geometry import Bools, Floats
 from palpate.rig.reach.approach_paths import Way, joined, ways_of
 from palpate.rig.reach.standby_poses import Waiting, clear_aims, free_ranges, waiting_of
 from palpate.rig.reach.swept_volume import Pieces, gap_mm, longest_way_mm, polygon_gap_mm

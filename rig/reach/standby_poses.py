@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.config import ArmFingerConfig, FingerConfig
 from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
-from palpate.recognizer.arrays import Bools, Floats
+from palpate.geometry import Bools, Floats
 from palpate.rig.conversion import arm_kinematics, slide_kinematics, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.reach.swept_volume import Pieces, gaps_mm, pieces_of, polygon_gap_mm

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.drivers.finger import Body
-from palpate.recognizer.arrays import Bools, Floats, Ints
-from palpate.recognizer.segments import distance_range
+from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry.plane import points_in_polygon
+from palpate.geometry.segments import distance_range
 
 __all__ = ["Pieces", "Swept", "gap_mm", "gaps_mm", "longest_way_mm", "pieces_of", "polygon_gap_mm"]
 
@@ -106,7 +107,7 @@ def polygon_gap_mm(pieces: Pieces, corners: Floats) -> Floats:
     """Free space (s,) between pieces and a polygon with corners (c, 2); negative for what is inside."""
     ends = np.roll(corners, -1, axis=0)
     edges = Pieces(corners, ends, np.zeros(len(corners)), np.zeros(len(corners), np.int64))
-    return np.where(_inside(pieces.start, corners), -pieces.half_width, gap_mm(pieces, edges))
+    return np.where(points_in_polygon(pieces.start, [corners]), -pieces.half_width, gap_mm(pieces, edges))
 
 
 def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[Pieces], Bools]) -> Floats:
@@ -150,14 +151,3 @@ def _steps(points: Floats) -> Floats:
     """Lengths (m - 1, k) of steps between points (m, k, 2)."""
     length: Floats = np.hypot(*np.moveaxis(np.diff(points, axis=0), 2, 0))
     return length
-
-
-def _inside(points: Floats, corners: Floats) -> Bools:
-    """Whether points (s, 2) are inside a polygon: a ray to +x crosses an odd number of edges."""
-    x, y = points[:, None, 0], points[:, None, 1]
-    a, b = corners, np.roll(corners, -1, axis=0)
-    spans = (a[:, 1] > y) != (b[:, 1] > y)
-    rise = np.where(a[:, 1] == b[:, 1], 1.0, b[:, 1] - a[:, 1])
-    at = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / rise
-    result: Bools = np.sum(spans & (x < at), axis=1) % 2 == 1
-    return result

@@ -4,7 +4,6 @@ The object that was identified is a thing of known shape: at its best pose its c
 from its outline than the calibration explains (`calibration.agreement`).
 """
 
-import math
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -21,11 +20,13 @@ from palpate.calibration.agreement import (
 )
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut
-from palpate.recognizer import Hypothesis, Verdict
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
+from palpate.geometry.plane import rotation_matrix
+from palpate.recognizer import Hypothesis
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.contact_from_touch import dent_range_mm, is_of_two_edges
 from palpate.rig.motion.guarded_approach import Touch
+from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["calibration_used", "session_agreement"]
 
@@ -42,7 +43,7 @@ def session_agreement(
     """
     recognition = result.recognition
     promises = None if calibration is None else promises_of(calibration, at_rest=True)
-    if promises is None or recognition is None or recognition.verdict is not Verdict.UNIQUE:
+    if promises is None or recognition is None or recognition.verdict is not RecognitionVerdict.UNIQUE:
         return None
     since = result.moved_before[-1] - 1 if result.moved_before else 0
     touches = [touch for grip in result.grips[since:] for touch in grip if _is_clear(touch)]
@@ -83,11 +84,11 @@ def _agreement(
     radius = np.array([touch.contact.finger.tip_radius_mm for touch in touches])
     at = found.configuration
     middle = np.array([at.x_mm, at.y_mm])
-    middle = middle + _turn(at.theta_rad) @ found.state.origin_mm
+    middle = middle + rotation_matrix(at.theta_rad) @ found.state.origin_mm
 
     def gaps(pose: Floats) -> tuple[Floats, Floats]:
         """Distances (n,) of centres from the outline less the radius, and outward normals (n, 2) in W."""
-        turn = _turn(at.theta_rad + pose[2] / _ARM_MM)
+        turn = rotation_matrix(at.theta_rad + pose[2] / _ARM_MM)
         own = (centre - middle - pose[:2]) @ turn + found.state.origin_mm
         nearest = np.array([_nearest(outline, p) for outline, p in zip(outlines, own, strict=True)])
         away = own - nearest
@@ -123,13 +124,7 @@ def _dent_mm(touch: Touch, rig: RigFile) -> float:
 
 def _edges_at(found: Hypothesis, height_mm: float) -> Floats:
     """Edges (m, 2, 2) of the object at a height: start and end, in its own frame; none where nothing is."""
-    rings = [
-        ring
-        for section in found.state.state.sections
-        if section.z_lo_mm <= height_mm <= section.z_hi_mm
-        for polygon in section.polygons
-        for ring in (polygon.outer, *polygon.holes)
-    ]
+    rings = [ring for section in found.state.state.sections_at(height_mm) for ring in section.rings]
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     return np.concatenate(edges) if edges else np.empty((0, 2, 2))
 
@@ -141,8 +136,3 @@ def _nearest(edges: Floats, point: Floats) -> Floats:
     places = start + np.clip(share, 0.0, 1.0)[:, None] * along
     result: Floats = places[np.hypot(*(places - point).T).argmin()]
     return result
-
-
-def _turn(angle_rad: float) -> Floats:
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    return np.array([[c, -s], [s, c]])

@@ -7,7 +7,7 @@ from datetime import datetime
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.errors import PalpateError
-from palpate.recognizer import Catalogue, Strategy
+from palpate.recognizer import Catalogue
 from palpate.rig.background import BackgroundCall
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification, identify
@@ -16,6 +16,7 @@ from palpate.rig.identification.result import identification_out
 from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.session.calibration_drift import calibration_used
 from palpate.rig.session.environment import Outside
+from palpate.vocabulary import Strategy
 
 __all__ = ["Job", "WholeRun", "carry_out"]
 

@@ -8,7 +8,6 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from palpate.cad.curves import Arc, bulge, line
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
@@ -17,7 +16,6 @@ from palpate.cad.size import size_problem
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
 
-Floats = NDArray[np.float64]
 SHEET = Sheet("part.dxf", "inch", (1 / 25.4, 1 / 25.4))
 
 

@@ -7,13 +7,11 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from palpate.cad.curves import TURN_RAD, Arc, Bezier, Curve, bulge, chords, hull, line, mapped, spline
 from palpate.errors import InputError
-
-Floats = NDArray[np.float64]
+from palpate.geometry import Floats
 
 numbers = st.floats(-20, 20).map(lambda value: round(value, 3))
 points = st.tuples(numbers, numbers)

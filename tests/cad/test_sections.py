@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from shared_files import cad_file
 
 from palpate.cad.sections import sections_of
-from palpate.cad.values import CrossSection, Floats, Solid, StableState
+from palpate.cad.values import CrossSection, Solid, StableState
 from palpate.errors import InputError
+from palpate.geometry import Floats
 
 UPRIGHT = np.eye(3)
 

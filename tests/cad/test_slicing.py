@@ -7,8 +7,9 @@ from scipy.spatial.transform import Rotation
 
 from palpate.cad.resting_surface import Surface, surface_of
 from palpate.cad.slicing import area_of, regions_of, sliced
-from palpate.cad.values import Floats, Region, Solid, StableState
+from palpate.cad.values import Region, Solid, StableState
 from palpate.errors import InputError
+from palpate.geometry import Floats
 
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from palpate.cad.hausdorff_bound import Outline, Pieces, need, outline_of
-from palpate.cad.values import Floats
+from palpate.geometry import Floats
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
 DOWN, RIGHT = (0.0, -1.0), (1.0, 0.0)

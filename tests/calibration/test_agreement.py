@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.stats import chi2
 from truth_calibration import truth_calibration
 
@@ -17,9 +16,9 @@ from palpate.calibration.agreement import (
     promises_of,
 )
 from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.geometry import Floats
 from palpate.rig.emulated.devices import emulate
 
-Floats = NDArray[np.float64]
 RIG: RigFile = load_rig(shipped_rig())
 PROMISES = [ContactUncertainty(0.012, 0.02, 0.0, 0.03, 3.29)] * 3
 

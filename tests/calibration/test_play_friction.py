@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from servo_console import Console
 
 from palpate.calibration.friction import friction_of
@@ -16,17 +15,15 @@ from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
+from palpate.geometry import Floats, Ints
 
-Floats = NDArray[np.float64]
 MM_PER_RAD = 100 / (2 * np.pi)
 TOUCH_MM = 60.0  # where a tip without play begins to be dented
 STIFFNESS = 3.0
 DENT_MM = 1.2
 
 
-def press_of(
-    drive_mm: Floats, leg: NDArray[np.int64], mm_per_rad: float, current_a: Floats
-) -> PressMeasurement:
+def press_of(drive_mm: Floats, leg: Ints, mm_per_rad: float, current_a: Floats) -> PressMeasurement:
     """The press that a servo with encoder steps reports for a drive at `drive_mm`."""
     slide = np.round(drive_mm / mm_per_rad / TICK_RAD) * TICK_RAD
     return PressMeasurement("f1", 0, 0.0, slide, current_a, leg, np.zeros((len(leg), 1, 1)))

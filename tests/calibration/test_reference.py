@@ -7,12 +7,10 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.calibration.references import placings_for
-
-Floats = NDArray[np.float64]
+from palpate.geometry import Floats
 
 FEW = settings(max_examples=40, deadline=None)
 STEP_MM = 1e-5

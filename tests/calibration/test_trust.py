@@ -4,11 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from touched_references import (
     SIGMA_MM,
     SPECS,
-    Floats,
     Laid,
     models,
     nearly,
@@ -23,8 +21,7 @@ from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
-
-Ints = NDArray[np.int64]
+from palpate.geometry import Floats, Ints
 
 PLATES = np.array([False, False, True, True])
 

@@ -17,8 +17,9 @@ from shapely import affinity
 from shared_files import cad_file
 from solids import ELL, WEDGE, mesh_file, prism
 
-from palpate.config import ObjectModel, State, load_objects
+from palpate.config import load_objects
 from palpate.config.schema import schema_text
+from palpate.geometry import ObjectModel, State
 
 Ask = Callable[..., Ended]
 

@@ -12,11 +12,11 @@ from palpate.config.recognition_result import (
     InterpretationOut,
     LevelOut,
     RecognitionOut,
-    RecognitionVerdict,
     StatisticsOut,
 )
 from palpate.config.results import BoundsOut, ConfigurationOut, to_json
 from palpate.errors import InputError
+from palpate.vocabulary import RecognitionVerdict
 
 TOUCH: dict[str, Any] = {
     "finger": "f1",

@@ -12,14 +12,7 @@ import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.config import (
-    load_contacts,
-    load_objects,
-    load_rig,
-    load_scene,
-    shipped_objects,
-    shipped_rig,
-)
+from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
 from palpate.errors import InputError
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 import shapely
-from numpy.typing import NDArray
 from shapely import affinity
 
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.geometry import Floats
 
 EDGES = {"tr-1": 22, "tr-2": 26, "tr-3": 14, "grip": 14, "gator": 49, "hand": 66}
 """Edge counts of Memo 705, Table I (tr-1 lists half of its edges there)."""
@@ -14,7 +14,7 @@ EDGES = {"tr-1": 22, "tr-2": 26, "tr-3": 14, "grip": 14, "gator": 49, "hand": 66
 ORDERS = {"tr-1": 2}
 
 
-def outlines() -> dict[str, NDArray[np.float64]]:
+def outlines() -> dict[str, Floats]:
     return {
         model.name: model.states[0].sections[0].polygons[0].outer
         for model in load_objects(shipped_objects()).objects

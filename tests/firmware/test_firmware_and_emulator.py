@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from cobs import cobs
 from firmware_bench import Bench, Makeup
-from numpy.typing import NDArray
 from wire_messages import (
     ACK,
     DESCRIBE,
@@ -30,6 +29,7 @@ from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.tactile.description import Description
 from palpate.drivers.tactile.messages import Describe
 from palpate.drivers.tactile.protocol import Decoder
+from palpate.geometry import Counts, Floats
 
 SIZE = (2, 3)
 LARGEST = 4095
@@ -45,7 +45,7 @@ class Skin:
         self.description = description
         self.raw = np.zeros(SIZE, np.uint16)
 
-    def counts(self, force_n: NDArray[np.float64], now: float = 0.0) -> NDArray[np.uint16]:  # noqa: ARG002
+    def counts(self, force_n: Floats, now: float = 0.0) -> Counts:  # noqa: ARG002
         return np.full(SIZE, LARGEST, np.uint16) if force_n.any() else self.raw
 
 

@@ -37,6 +37,7 @@ from palpate.drivers.tactile import Shape, TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.errors import DeviceError
+from palpate.geometry import Counts
 
 SIP = 65536
 
@@ -165,7 +166,7 @@ def test_tare_over_the_line(checked: Path) -> None:
     assert [found.time_us for found in frames] == [ack.time_us + 1000 * k for k in range(1, 21)]
 
 
-def collect(array: TactileArray, sips: Sips, wanted: int) -> tuple[NDArray[np.uint32], NDArray[np.uint16]]:
+def collect(array: TactileArray, sips: Sips, wanted: int) -> tuple[NDArray[np.uint32], Counts]:
     """Numbers and counts of frames until so many have come or are known to be lost."""
     numbers, counts = [], []
     while array.counters.frames + array.counters.lost < wanted:

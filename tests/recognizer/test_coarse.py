@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from shapely_bench import flat, grip, holding_truth, place
 
-from palpate.recognizer.arrays import wrap_angle
+from palpate.geometry import ObjectModel, Polygon, Section
+from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger, NormalRange
 from palpate.recognizer.minkowski import GrownSection, grow
-from palpate.recognizer.model import ObjectModel, Polygon, Section
 from palpate.recognizer.recognition import recognise
 from palpate.recognizer.simplification import coarsened
 
@@ -32,7 +32,7 @@ def grown(kind: str, vertices: int, radius: float) -> GrownSection:
     """An outline with a hole and a second polygon within the hole, each of its own number of vertices."""
     hole, inner = ring(kind, vertices // 3, 0.6, 1), ring(kind, vertices // 5, 0.3, 2)
     polygons = (Polygon(ring(kind, vertices), (hole,)), Polygon(inner))
-    return grow(Section(0.0, 20.0, polygons), radius, 0.1)
+    return grow(Section((0.0, 20.0), polygons), radius, 0.1)
 
 
 def stated(original: GrownSection, coarse: GrownSection) -> np.ndarray:
@@ -122,7 +122,7 @@ def test_outlines_of_few_edges_stay_as_they_are(radius: float) -> None:
 def test_small_rings_keep_their_corners() -> None:
     """A square hole in a fine outline has four edges before and after."""
     hole = np.array([(-9, -9), (9, -9), (9, 9), (-9, 9)], dtype=float)
-    section = Section(0.0, 20.0, (Polygon(ring("noisy", 800), (hole,)),))
+    section = Section((0.0, 20.0), (Polygon(ring("noisy", 800), (hole,)),))
     original = grow(section, 0.0, 0.1)
     coarse = coarsened(original, 100)
     inside = np.hypot(*coarse.start.T) < 15

@@ -23,9 +23,9 @@ from shapely_bench import (
 )
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Recognition, recognise
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 
 RADII = (0.0, 1.0, 5.0, 8.0)
 BOUNDS = (0.0, 0.01, 0.3, 1.0)
@@ -203,7 +203,7 @@ def stepped() -> ObjectModel:
     base = ring_polygon((-30, -20), (34, -20), (34, 16), (10, 16), (10, 24), (-30, 24))
     hole = np.array([(-6, -6), (6, -6), (8, 6), (-6, 6)], dtype=float)
     top = Polygon(np.array([(-20, -12), (20, -14), (16, 12), (-18, 10)], dtype=float), (hole,))
-    return ObjectModel("stepped", (State("on-base", (Section(0, 10, (base,)), Section(10, 25, (top,)))),))
+    return ObjectModel("stepped", (State("on-base", (Section((0, 10), (base,)), Section((10, 25), (top,)))),))
 
 
 @pytest.mark.parametrize("seed", range(12))

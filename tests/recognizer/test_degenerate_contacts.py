@@ -8,7 +8,8 @@ import pytest
 from plain_square import FINGER, SQUARE, STRAIGHT, three_sides, touching
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
-from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Verdict, recognise
+from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
+from palpate.vocabulary import RecognitionVerdict
 
 
 def test_coincident_contacts_say_no_more_than_one() -> None:
@@ -21,21 +22,21 @@ def test_coincident_contacts_say_no_more_than_one() -> None:
 
 def test_contradicting_contacts_leave_nothing() -> None:
     contacts = [touching("a", (-100.0, 0.0), (-25.0, 0.0)), touching("b", (900.0, 0.0), (400.0, 0.0))]
-    assert recognise(Catalogue([SQUARE]), contacts).verdict is Verdict.NONE
+    assert recognise(Catalogue([SQUARE]), contacts).verdict is RecognitionVerdict.NONE
 
 
 def test_a_normal_against_the_approach_leaves_nothing() -> None:
     wrong = replace(touching("a", (-100.0, 0.0), (-25.0, 0.0)), normal=NormalRange(-0.1, 0.1))
     found = recognise(Catalogue([SQUARE]), [wrong, touching("b", (100.0, 0.0), (25.0, 0.0))])
-    assert found.verdict is Verdict.NONE
-    assert found.extend([touching("c", (0.0, 100.0), (0.0, 25.0))]).verdict is Verdict.NONE
+    assert found.verdict is RecognitionVerdict.NONE
+    assert found.extend([touching("c", (0.0, 100.0), (0.0, 25.0))]).verdict is RecognitionVerdict.NONE
 
 
 def test_a_finger_at_a_height_where_nothing_is() -> None:
     high = replace(touching("a", (-100.0, 0.0), (-25.0, 0.0)), finger=Finger(5.0, 80.0))
-    assert recognise(Catalogue([SQUARE]), [high]).verdict is Verdict.NONE
+    assert recognise(Catalogue([SQUARE]), [high]).verdict is RecognitionVerdict.NONE
     both = [touching("b", (100.0, 0.0), (25.0, 0.0)), high]
-    assert recognise(Catalogue([SQUARE]), both).verdict is Verdict.NONE
+    assert recognise(Catalogue([SQUARE]), both).verdict is RecognitionVerdict.NONE
 
 
 def test_no_travel_at_all() -> None:
@@ -119,7 +120,7 @@ def test_normal_ranges_without_width() -> None:
     assert holding_truth(found, STRAIGHT) is not None
     assert found.hypotheses[0].bounds.orientation_half_rad < 1e-6
     tilted = replace(contacts[1], normal=NormalRange(0.2, 0.2))
-    assert recognise(catalogue, [contacts[0], tilted, contacts[2]]).verdict is Verdict.NONE
+    assert recognise(catalogue, [contacts[0], tilted, contacts[2]]).verdict is RecognitionVerdict.NONE
 
 
 def test_a_bound_as_large_as_the_object() -> None:
@@ -146,7 +147,7 @@ def test_a_path_that_starts_inside_the_object() -> None:
     """A finger cannot have come out of the solid: that leaves no configuration in which it does."""
     outside, *contacts = three_sides()
     known = recognise(Catalogue([SQUARE]), [*contacts, outside])
-    assert known.verdict is not Verdict.NONE
+    assert known.verdict is not RecognitionVerdict.NONE
     inside = recognise(Catalogue([SQUARE]), [*contacts, touching("a", (0.0, 3.0), (-25.0, 3.0))])
     assert holding_truth(inside, STRAIGHT) is None
     miss = Contact("m", FINGER, False, (0.0, 0.0), (1.0, 0.0), 0.3)

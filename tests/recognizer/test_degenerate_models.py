@@ -9,8 +9,8 @@ import shapely
 from plain_square import SQUARE, SQUARE_RING, STRAIGHT, sections, three_sides
 from shapely_bench import Placed, flat, grip, holding_truth, place, touch
 
+from palpate.geometry import ObjectModel, Polygon
 from palpate.recognizer import Catalogue, Contact, Finger, recognise
-from palpate.recognizer.model import ObjectModel, Polygon
 
 
 def circle(vertices: int, radius: float = 40.0) -> np.ndarray:

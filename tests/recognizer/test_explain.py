@@ -11,7 +11,8 @@ import pytest
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
 from palpate.errors import InputError
-from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, ObjectModel, State, recognise
+from palpate.geometry import ObjectModel, State
+from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
 from palpate.recognizer.explanation import Reason, Why, moved, suspects, why
 
 RECTANGLE = flat("rectangle", [(-30, -12), (30, -12), (30, 12), (-30, 12)])

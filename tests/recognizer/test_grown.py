@@ -5,8 +5,8 @@ import pytest
 import shapely
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines
 
+from palpate.geometry import Polygon, Section
 from palpate.recognizer.minkowski import GrownSection, grow
-from palpate.recognizer.model import Polygon, Section
 
 FACET_ERROR_MM = 0.1
 NOTCHED = [(0, 0), (40, 0), (40, 30), (24, 30), (20, 12), (16, 30), (0, 30)]
@@ -16,7 +16,7 @@ SQUARE = [(0, 0), (20, 0), (20, 20), (0, 20)]
 
 def section(outer: object, *holes: object) -> Section:
     rings = tuple(np.asarray(hole, dtype=float) for hole in holes)
-    return Section(0.0, 20.0, (Polygon(np.asarray(outer, dtype=float), rings),))
+    return Section((0.0, 20.0), (Polygon(np.asarray(outer, dtype=float), rings),))
 
 
 def true_boundary(of: Section, radius: float) -> shapely.Geometry:

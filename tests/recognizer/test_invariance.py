@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, holding_truth, outlines, place
 
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, NormalRange, Recognition, recognise
 from palpate.recognizer.contact import Contact, Finger
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 
 FEW = settings(max_examples=12, deadline=None)
 
@@ -138,7 +138,7 @@ def test_scaling_everything_scales_the_answer(seed: int, factor: float) -> None:
     def scaled(item: ObjectModel) -> ObjectModel:
         section = item.states[0].sections[0]
         ring = Polygon(section.polygons[0].outer * factor)
-        return ObjectModel(item.name, (State("flat", (Section(0.0, 20.0, (ring,)),)),))
+        return ObjectModel(item.name, (State("flat", (Section((0.0, 20.0), (ring,)),)),))
 
     contacts = [
         replace(

@@ -21,8 +21,8 @@ import shapely
 from campaign_checks import in_polygons
 from shapely_bench import flat
 
+from palpate.geometry import Bools, Floats
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
-from palpate.recognizer.arrays import Bools, Floats
 from palpate.recognizer.statistics import memo_counts
 
 LIBM = ctypes.CDLL(ctypes.util.find_library("m"))

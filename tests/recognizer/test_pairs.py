@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
 
+from palpate.geometry import ObjectModel
+from palpate.geometry.segments import distance_range
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.model import ObjectModel
-from palpate.recognizer.segments import distance_range
 from palpate.recognizer.tree import Interpretations, first_level, next_level, second_level
 
 THIN, THICK = Finger(0.0, 10.0), Finger(5.0, 10.0)

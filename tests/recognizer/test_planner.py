@@ -9,11 +9,10 @@ from decisive_grips import poses_in
 from reach_ring import FINGER, GOALS, RESOLUTION, Ring, model_of, normal_at, ring, some_recognition, travel_of
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
+from palpate.geometry import ObjectModel
 from palpate.recognizer import (
     Catalogue,
-    ObjectModel,
     Recognition,
-    Strategy,
     checking_grip,
     next_grip,
     plan_grip,
@@ -24,6 +23,7 @@ from palpate.recognizer import (
 from palpate.recognizer.measurement_model import felt, likeness
 from palpate.recognizer.pockets import exact_pockets
 from palpate.recognizer.poses import witness_poses
+from palpate.vocabulary import Strategy
 
 L_SHAPE = [(0, 0), (50, 0), (50, 20), (20, 20), (20, 40), (0, 40)]
 

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
 
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.pockets import (
     conservative_pockets,
     exact_pockets,
@@ -30,7 +30,7 @@ SPIRAL += [(15, 45), (55, 45), (55, 5), (0, 5)]
 
 
 def edges_of(*polygons: Polygon, finger: Finger = POINT, tolerance: float = 0.0) -> EdgeSet:
-    state = State("flat", (Section(0.0, 20.0, polygons),))
+    state = State("flat", (Section((0.0, 20.0), polygons),))
     return Catalogue([ObjectModel("part", (state,), tolerance)]).edges(finger)
 
 

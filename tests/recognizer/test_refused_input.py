@@ -9,8 +9,8 @@ from plain_square import SQUARE, SQUARE_RING, sections, three_sides, touching
 from shapely_bench import flat
 
 from palpate.errors import InputError
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 
 
 def test_an_empty_catalogue_is_refused() -> None:
@@ -91,7 +91,7 @@ def test_models_without_states_sections_or_polygons_are_refused_by_name() -> Non
     for model in (
         ObjectModel("odd", ()),
         ObjectModel("odd", (State("flat", ()),)),
-        ObjectModel("odd", (State("flat", (Section(0.0, 20.0, ()),)),)),
+        ObjectModel("odd", (State("flat", (Section((0.0, 20.0), ()),)),)),
         sections("odd", Polygon(SQUARE_RING), z_hi=math.nan),
         sections("odd", Polygon(SQUARE_RING), z_hi=-1.0),
     ):

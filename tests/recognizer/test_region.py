@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 
+from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.region import Cells, Intervals, build_cells, probed, refined, stepped
-from palpate.recognizer.segments import point_segment_distance
 from palpate.recognizer.tree import Interpretations, first_level, next_level
 
 MODELS = outlines(SHIPPED_OBJECTS)

@@ -11,8 +11,9 @@ import pytest
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
 from palpate.errors import InputError
-from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, Verdict, recognise
+from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
 from palpate.recognizer.half_planes import half_planes
+from palpate.vocabulary import RecognitionVerdict
 
 KINDS = ("moved", "normal", "on the way")
 
@@ -176,7 +177,7 @@ def test_a_contact_above_every_object_can_only_be_spurious() -> None:
     for k in range(4):
         felt = list(contacts)
         felt[k] = replace(felt[k], finger=Finger(5.0, 100.0))
-        assert recognise(shipped(), felt).verdict is Verdict.NONE
+        assert recognise(shipped(), felt).verdict is RecognitionVerdict.NONE
         item = holding_truth(recognise(shipped(), felt, 1), placed)
         assert item is not None
         assert item.spurious == (felt[k].name,)

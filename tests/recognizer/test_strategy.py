@@ -11,7 +11,6 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 from palpate.recognizer import (
     Catalogue,
     Finger,
-    Strategy,
     chance_of_agreeing,
     checking_grip,
     next_grip,
@@ -21,6 +20,7 @@ from palpate.recognizer import (
     used_by,
 )
 from palpate.recognizer.grips import fits, foreseen
+from palpate.vocabulary import Strategy
 
 
 def test_used_candidates_are_those_along_a_path_and_no_others() -> None:

@@ -8,13 +8,13 @@ import pytest
 import shapely
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, touch
 
-from palpate.recognizer.arrays import wrap_angle
+from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.geometry.plane import wrap_angle
+from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.recognition import Recognition, recognise
-from palpate.recognizer.segments import point_segment_distance
 from palpate.recognizer.strips import StripForest
 
 FLAT = 10**9
@@ -37,7 +37,7 @@ def framed() -> ObjectModel:
     plate = Polygon(np.array([(-45, -30), (40, -30), (48, 4), (30, 30), (-45, 26)], dtype=float), holes)
     inner = Polygon(np.array([(-28, -8), (-14, -10), (-16, 6), (-26, 8)], dtype=float))
     beside = Polygon(np.array([(-20, 34), (10, 34), (4, 46), (-16, 44)], dtype=float))
-    section = Section(0.0, 20.0, (plate, inner, beside))
+    section = Section((0.0, 20.0), (plate, inner, beside))
     return ObjectModel("framed", (State("flat", (section,)),))
 
 
@@ -46,7 +46,7 @@ def ring_of_teeth() -> ObjectModel:
     a = 2 * np.pi * np.arange(48) / 48
     unit = np.column_stack([np.cos(a), np.sin(a)])
     outer = np.where(np.arange(48) % 4 < 2, 42.0, 34.0)[:, None] * unit
-    section = Section(0.0, 20.0, (Polygon(outer, (20.0 * unit[::4],)),))
+    section = Section((0.0, 20.0), (Polygon(outer, (20.0 * unit[::4],)),))
     return ObjectModel("teeth", (State("flat", (section,)),))
 
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place, stop, until_touched
 
+from palpate.geometry import ObjectModel
 from palpate.recognizer import recognise, witness_search
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
-from palpate.recognizer.model import ObjectModel
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sweep import sweep, unblocked

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from palpate.recognizer.model import Polygon, Section, State
+from palpate.geometry import Polygon, Section, State
 from palpate.recognizer.symmetry import centroid, symmetry_order
 
 
@@ -13,7 +13,7 @@ def state(*sections: list[tuple[float, float]] | np.ndarray) -> State:
     return State(
         "flat",
         tuple(
-            Section(10.0 * k, 10.0 * (k + 1), (Polygon(np.asarray(ring, dtype=float)),))
+            Section((10.0 * k, 10.0 * (k + 1)), (Polygon(np.asarray(ring, dtype=float)),))
             for k, ring in enumerate(sections)
         ),
     )
@@ -66,13 +66,13 @@ def test_a_displaced_boss_breaks_symmetry() -> None:
 def test_a_hole_counts() -> None:
     outer = np.array([(-20, -20), (20, -20), (20, 20), (-20, 20)], dtype=float)
     hole = np.array([(-8, -3), (8, -3), (8, 3), (-8, 3)], dtype=float)
-    holed = State("flat", (Section(0.0, 10.0, (Polygon(outer, (hole,)),)),))
+    holed = State("flat", (Section((0.0, 10.0), (Polygon(outer, (hole,)),)),))
     assert order(holed) == 2
 
 
 def test_two_parts_that_change_places() -> None:
     part = np.array([(10, 0), (20, 0), (10, 15)], dtype=float)
-    both = State("flat", (Section(0.0, 10.0, (Polygon(part), Polygon(-part))),))
+    both = State("flat", (Section((0.0, 10.0), (Polygon(part), Polygon(-part))),))
     assert order(both) == 2
 
 

@@ -11,12 +11,12 @@ import pytest
 import shapely
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, holding_truth, outlines, place, touch
 
-from palpate.recognizer.arrays import wrap_angle
+from palpate.geometry import ObjectModel
+from palpate.geometry.plane import wrap_angle
+from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
-from palpate.recognizer.model import ObjectModel
 from palpate.recognizer.recognition import recognise
-from palpate.recognizer.segments import point_segment_distance
 
 TOLERANCES = (0.05, 0.2, 0.5)
 RADII = (0.0, 1.0, 5.0, 8.0)

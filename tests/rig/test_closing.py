@@ -9,7 +9,7 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from touched import run_checked
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
-from palpate.recognizer.segments import distance_range
+from palpate.geometry.segments import distance_range
 from palpate.rig.bench import connect
 
 

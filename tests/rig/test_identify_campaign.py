@@ -8,10 +8,9 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 
 from palpate.config import ObjectsFile, load_objects, shipped_objects
 from palpate.recognizer import Catalogue
-from palpate.rig.conversion import models_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement
-from palpate.rig.identification.loop import Outcome
+from palpate.vocabulary import IdentificationVerdict
 
 NAMES = ("tr-1", "tr-2", "tr-3", "grip", "gator", "hand")
 PLACES = {11: (12.0, -7.0, 2.5), 12: (-15.0, 9.0, -0.7)}
@@ -20,13 +19,13 @@ PLACES = {11: (12.0, -7.0, 2.5), 12: (-15.0, 9.0, -0.7)}
 @pytest.fixture(scope="module")
 def shipped() -> tuple[ObjectsFile, Catalogue]:
     objects = load_objects(shipped_objects())
-    return objects, Catalogue(models_of(objects))
+    return objects, Catalogue(objects.objects)
 
 
 @pytest.fixture(scope="module")
 def real_parts() -> tuple[ObjectsFile, Catalogue]:
     objects = load_objects(SHARED_OUTLINES)
-    return objects, Catalogue(models_of(objects))
+    return objects, Catalogue(objects.objects)
 
 
 @pytest.mark.slow
@@ -36,7 +35,7 @@ def test_shipped_objects(shipped: tuple[ObjectsFile, Catalogue], name: str, seed
     (model,) = [item for item in objects.objects if item.name == name]
     session = emulated_session(seed=seed, placement=Placement(model, model.states[0], *PLACES[seed]))
     result = identify_checked(session, catalogue)
-    assert result.outcome is Outcome.IDENTIFIED
+    assert result.outcome is IdentificationVerdict.IDENTIFIED
     assert result.recognition is not None
     (only,) = result.recognition.hypotheses
     assert only.state.object_name == name
@@ -56,4 +55,4 @@ def test_real_parts_among_all_of_them(real_parts: tuple[ObjectsFile, Catalogue],
     objects, catalogue = real_parts
     session = emulated_session(seed=seed, objects=objects)
     result = identify_checked(session, catalogue)
-    assert result.outcome in (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
+    assert result.outcome in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)

@@ -7,14 +7,14 @@ import pytest
 from emulated_session import EmulatedSession, emulated_session, identify_checked
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.recognizer import Catalogue, Grip, Recognition, Strategy
+from palpate.recognizer import Catalogue, Grip, Recognition
 from palpate.rig.bench import connect
-from palpate.rig.conversion import models_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
-from palpate.rig.identification.loop import Identification, Outcome, identify
+from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Observer, Observers
 from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 OBJECTS = load_objects(shipped_objects())
 PLACE = (6.0, -8.0, 1.1)
@@ -65,7 +65,7 @@ def ended(
     with connect(session.bench_rig) as hand:
         hand.prepare()
         result = identify(
-            hand, Catalogue(models_of(catalogue)), Observers(record=record), strategy=strategy, seed=1
+            hand, Catalogue(catalogue.objects), Observers(record=record), strategy=strategy, seed=1
         )
     assert not any(session.torque().values())
     return result
@@ -78,7 +78,7 @@ def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
     pusher = Pusher(session, placement_of(name), 1)
     result = ended(session, record=pusher)
     assert result.moved_before == (2,)
-    assert result.outcome is Outcome.IDENTIFIED
+    assert result.outcome is IdentificationVerdict.IDENTIFIED
     assert result.recognition is not None
     assert compare(pusher.placement, result.recognition.hypotheses).inside_bounds
     assert not compare(placement_of(name), result.recognition.hypotheses).inside_bounds
@@ -89,7 +89,7 @@ def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
 def test_a_part_outside_the_catalogue_is_unknown(name: str) -> None:
     others = ObjectsFile(tuple(item for item in OBJECTS.objects if item.name != name))
     result = ended(emulated_session(seed=22, placement=placement_of(name)), others)
-    assert result.outcome is Outcome.UNKNOWN
+    assert result.outcome is IdentificationVerdict.UNKNOWN
     assert result.recognition is not None
     assert not result.recognition.hypotheses
 
@@ -98,7 +98,7 @@ def test_a_part_outside_the_catalogue_is_unknown(name: str) -> None:
 @pytest.mark.parametrize("strategy", [Strategy.RANDOM, Strategy.ROTATE])
 def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
     result = ended(emulated_session(seed=23, placement=placement_of("hand")), strategy=strategy)
-    assert result.outcome in (Outcome.IDENTIFIED, Outcome.UNRESOLVED)
+    assert result.outcome in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.UNRESOLVED)
     assert result.recognition is not None
     assert compare(placement_of("hand"), result.recognition.hypotheses).inside_bounds
 
@@ -110,5 +110,5 @@ def test_wires_that_flip_and_lose_change_no_answer(seed: int) -> None:
     assert rig.emulation is not None
     bad = rig.emulation.model_copy(update={"flipped_bytes": 0.0005, "lost_packets": 0.005})
     session = emulated_session(seed=seed, rig=rig.model_copy(update={"emulation": bad}))
-    result = identify_checked(session, Catalogue(models_of(OBJECTS)))
-    assert result.outcome is Outcome.IDENTIFIED
+    result = identify_checked(session, Catalogue(OBJECTS.objects))
+    assert result.outcome is IdentificationVerdict.IDENTIFIED

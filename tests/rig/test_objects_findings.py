@@ -14,25 +14,15 @@ from odd_parts import OUTLINE, objects_file, part
 from shapely_bench import Placed
 from simulated_touches import SimulatedTouches
 
-from palpate.config import (
-    ObjectModel,
-    ObjectsFile,
-    Polygon,
-    RigFile,
-    Section,
-    State,
-    load_objects,
-    load_rig,
-    shipped_objects,
-    shipped_rig,
-)
+from palpate.config import RigFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.errors import InputError
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 from palpate.rig.catalogue.reachability import HOPELESS, Finding, Trouble, findings_of
 from palpate.rig.catalogue.reachability_text import finding_lines, untouched_lines
-from palpate.rig.conversion import models_of
-from palpate.rig.identification.loop import Outcome, search
+from palpate.rig.identification.loop import search
 from palpate.rig.reach.approaches import reach_of
+from palpate.vocabulary import IdentificationVerdict
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 BENCH = load_rig(shipped_rig())
@@ -183,12 +173,11 @@ def test_what_a_search_identifies_is_never_hopeless() -> None:
         long, wide = np.exp(rng.uniform(np.log(1.0), np.log([350.0, 120.0])))
         ring = [[0, 0], [long, 0], [long * rng.uniform(0.2, 1), wide], [0, wide * rng.uniform(0.2, 1)]]
         model = drawn((np.array(ring) - np.mean(ring, axis=0)).tolist())
-        (simulated,) = models_of(ObjectsFile((model,)))
         away = rng.uniform(-20, 20, 2)
-        placed = Placed(simulated, float(away[0]), float(away[1]), float(rng.uniform(-3, 3)))
+        placed = Placed(model, float(away[0]), float(away[1]), float(rng.uniform(-3, 3)))
         touches = SimulatedTouches(reach, placed, rng)
-        result = search(BENCH, reach, touches, Catalogue([simulated]), seed=seed)
-        if result.outcome is Outcome.IDENTIFIED:
+        result = search(BENCH, reach, touches, Catalogue([model]), seed=seed)
+        if result.outcome is IdentificationVerdict.IDENTIFIED:
             identified += 1
             assert not {item.trouble for item in findings_of(BENCH, [model])} & HOPELESS, seed
     assert identified >= 15

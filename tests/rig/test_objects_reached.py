@@ -5,19 +5,19 @@ import math
 import numpy as np
 import pytest
 import shapely
-from numpy.typing import NDArray
 from stacked_parts import polygon, rectangle
 
 from palpate.cad.congruence_search import Motion, apart_mm
+from palpate.geometry import Floats
 from palpate.rig.catalogue.reached_regions import Reached, surely_within
 
 HOLE = np.array(polygon(8, 5.0))
 
 
-def star(rng: np.random.Generator) -> NDArray[np.float64]:
+def star(rng: np.random.Generator) -> Floats:
     """Forty corners, about 20 mm from the origin."""
     angles = np.arange(40) * 2 * math.pi / 40
-    ring: NDArray[np.float64] = np.column_stack([np.cos(angles), np.sin(angles)])
+    ring: Floats = np.column_stack([np.cos(angles), np.sin(angles)])
     return ring * (20 + rng.uniform(-2, 2, (40, 1)))
 
 

@@ -22,16 +22,18 @@ from simulated_touches import SimulatedTouches, as_foretold
 
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.errors import OutputError
-from palpate.recognizer import Catalogue, Grip, ObjectModel, Recognition, Strategy
-from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.geometry import ObjectModel
+from palpate.recognizer import Catalogue, Grip, Recognition
+from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Observers
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import reach_of
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 RIG = load_rig(shipped_rig())
 REACH = reach_of(RIG)
 SIX = outlines(SHIPPED_OBJECTS)
-ANSWERS = (Outcome.IDENTIFIED, Outcome.INDISTINGUISHABLE)
+ANSWERS = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 
 
 @dataclass
@@ -102,21 +104,21 @@ def held(result: Identification, placed: Placed) -> bool:
 @pytest.mark.parametrize("strategy", Strategy)
 def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy) -> None:
     catalogue = Catalogue(SIX)
-    ends: Counter[Outcome] = Counter()
+    ends: Counter[IdentificationVerdict] = Counter()
     for seed in range(40):
         table = Table(placed_by(seed, SIX), seed=seed)
         result = search(RIG, REACH, table, catalogue, strategy=strategy, seed=seed)
         ends[result.outcome] += 1
         assert held(result, table.placed), seed
-        assert result.outcome in (*ANSWERS, Outcome.UNRESOLVED)
+        assert result.outcome in (*ANSWERS, IdentificationVerdict.UNRESOLVED)
         assert len(result.grips) <= RIG.search.max_grips
-        if result.outcome is Outcome.IDENTIFIED:
+        if result.outcome is IdentificationVerdict.IDENTIFIED:
             assert result.recognition is not None
             assert len(result.recognition.hypotheses) == 1
             assert result.foretold >= 2
-    assert ends[Outcome.IDENTIFIED] >= (38 if strategy is Strategy.PLANNED else 25)
+    assert ends[IdentificationVerdict.IDENTIFIED] >= (38 if strategy is Strategy.PLANNED else 25)
     if strategy is Strategy.PLANNED:
-        assert not ends[Outcome.UNRESOLVED]
+        assert not ends[IdentificationVerdict.UNRESOLVED]
 
 
 @needs_shared_outlines
@@ -181,11 +183,11 @@ def test_what_is_not_in_the_catalogue_is_unknown() -> None:
         flat("wedge", [(0, 0), (58, 0), (0, 26)]),
     ]  # fmt: skip
     catalogue = Catalogue(SIX)
-    ends: Counter[Outcome] = Counter()
+    ends: Counter[IdentificationVerdict] = Counter()
     for seed in range(40):
         result = search(RIG, REACH, Table(placed_by(seed, strangers), seed=seed), catalogue, seed=seed)
         ends[result.outcome] += 1
-    assert ends[Outcome.UNKNOWN] >= 38, ends
+    assert ends[IdentificationVerdict.UNKNOWN] >= 38, ends
 
 
 @needs_shared_outlines
@@ -196,13 +198,13 @@ def test_real_parts_are_unknown_to_a_catalogue_of_others() -> None:
         search(RIG, REACH, Table(placed_by(seed, parts), seed=seed), catalogue, seed=seed).outcome
         for seed in range(60)
     )
-    assert ends[Outcome.UNKNOWN] >= 57, ends
+    assert ends[IdentificationVerdict.UNKNOWN] >= 57, ends
 
 
 def test_nothing_on_the_table_stays_unresolved() -> None:
     far = Placed(SIX[0], 900.0, 900.0, 0.0)
     result = search(RIG, REACH, Table(far), Catalogue(SIX))
-    assert result.outcome is Outcome.UNRESOLVED
+    assert result.outcome is IdentificationVerdict.UNRESOLVED
     assert result.recognition is None
     assert 1 <= len(result.grips) <= RIG.search.max_grips
 
@@ -212,7 +214,7 @@ def test_too_few_grips_leave_it_unresolved_with_what_is_possible() -> None:
     for seed in range(6):
         table = Table(placed_by(seed, SIX), seed=seed)
         result = search(with_search(max_grips=1), REACH, table, Catalogue(models), seed=seed)
-        assert result.outcome is Outcome.UNRESOLVED
+        assert result.outcome is IdentificationVerdict.UNRESOLVED
         assert len(result.grips) == 1
 
 
@@ -223,7 +225,7 @@ def test_exact_twins_end_indistinguishable() -> None:
         rng = np.random.default_rng([seed, 0])
         table = Table(Placed(SIX[5], 0.0, 0.0, float(rng.uniform(-3, 3))), seed=seed)
         result = search(RIG, REACH, table, catalogue, seed=seed)
-        assert result.outcome is Outcome.INDISTINGUISHABLE
+        assert result.outcome is IdentificationVerdict.INDISTINGUISHABLE
         assert result.recognition is not None
         assert {item.state.object_name for item in result.recognition.hypotheses} == {SIX[5].name, "twin"}
         assert held(result, table.placed)

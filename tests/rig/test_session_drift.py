@@ -24,21 +24,17 @@ from palpate.config import (
     load_rig,
     shipped_rig,
 )
-from palpate.config.identification_result import (
-    CalibrationUsedOut,
-    IdentificationOut,
-    IdentificationVerdict,
-    StrategyName,
-)
+from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Catalogue
 from palpate.rig.emulated.devices import emulate
-from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.rig.identification.loop import Identification, search
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.session.calibration_drift import calibration_used, session_agreement
 from palpate.views.answer import answer_lines
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())
@@ -134,7 +130,7 @@ def test_a_finger_that_moved_within_its_bound_is_mostly_noticed(
     for seed in SEEDS:
         result = session(rig, reach, seed, (0.13, 0.075))
         found = session_agreement(result, rig, file)
-        if result.outcome is Outcome.IDENTIFIED:
+        if result.outcome is IdentificationVerdict.IDENTIFIED:
             assert found is not None
             identified += 1
             noticed += found.drifted
@@ -186,7 +182,7 @@ def ended(verdict: IdentificationVerdict, drifted: bool | None) -> Identificatio
         bounds=None,
         alternatives=(),
         symmetry_order=1,
-        strategy=StrategyName.PLANNED,
+        strategy=Strategy.PLANNED,
         grips=2,
         touches=5,
         foretold=0,

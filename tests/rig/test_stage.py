@@ -15,10 +15,9 @@ from palpate.config import RigFile, load_objects, shipped_objects, shipped_rig
 from palpate.errors import DeviceError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
-from palpate.rig.conversion import models_of
-from palpate.rig.identification.loop import Outcome
 from palpate.rig.motion.guarded_approach import Stage, close_fingers
 from palpate.rig.reach.approaches import Close, Reach, reach_of
+from palpate.vocabulary import IdentificationVerdict
 
 STAGE = {
     "centre_mm": [3.0, -2.0],
@@ -156,5 +155,5 @@ def test_a_dead_stage_ends_the_run_with_torque_off() -> None:
 def test_a_rig_with_a_stage_identifies() -> None:
     objects = load_objects(shipped_objects())
     session = emulated_session(seed=4, rig=RIG, objects=objects)
-    result = identify_checked(session, Catalogue(models_of(objects)))
-    assert result.outcome is Outcome.IDENTIFIED
+    result = identify_checked(session, Catalogue(objects.objects))
+    assert result.outcome is IdentificationVerdict.IDENTIFIED

@@ -11,23 +11,16 @@ import shapely
 from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
 from touch_check import check_touch
 
-from palpate.config import (
-    ArmFingerConfig,
-    ObjectsFile,
-    RigFile,
-    load_objects,
-    load_rig,
-    shipped_objects,
-)
+from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.drivers.two_link import ArmKinematics
 from palpate.errors import DeviceError, InputError
+from palpate.geometry.segments import distance_range
 from palpate.recognizer import Catalogue
-from palpate.recognizer.segments import distance_range
 from palpate.rig.bench import connect, place
-from palpate.rig.conversion import arm_kinematics, models_of
-from palpate.rig.identification.loop import Outcome
+from palpate.rig.conversion import arm_kinematics
 from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
 from palpate.rig.reach.approaches import Close, reach_of
+from palpate.vocabulary import IdentificationVerdict
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml"
 ARMS = load_rig(EXAMPLE)
@@ -128,8 +121,8 @@ def test_an_approach_is_carried_out_within_its_bound() -> None:
 def test_arms_identify(seed: int) -> None:
     objects = load_objects(shipped_objects())
     session = emulated_session(seed=seed, rig=ARMS, objects=objects)
-    result = identify_checked(session, Catalogue(models_of(objects)))
-    assert result.outcome is Outcome.IDENTIFIED
+    result = identify_checked(session, Catalogue(objects.objects))
+    assert result.outcome is IdentificationVerdict.IDENTIFIED
 
 
 def test_a_dead_elbow_ends_the_run_with_torque_off() -> None:

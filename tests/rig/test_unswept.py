@@ -13,10 +13,12 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines
 from simulated_touches import SimulatedTouches
 
 from palpate.config import RigFile, load_rig, shipped_rig
-from palpate.recognizer import Catalogue, Contact, Finger, ObjectModel, Polygon, Section, State
-from palpate.rig.identification.loop import Identification, Outcome, search
+from palpate.geometry import ObjectModel, Polygon, Section, State
+from palpate.recognizer import Catalogue, Contact, Finger
+from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
 from palpate.rig.reach.approaches import reach_of
+from palpate.vocabulary import IdentificationVerdict
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RIG = load_rig(shipped_rig())
@@ -43,7 +45,7 @@ def miss(start: tuple[float, float], end: tuple[float, float], bound: float = 0.
 @pytest.mark.parametrize("rig", [RIG, ARMS], ids=["shipped", "arms"])
 def test_an_empty_table_is_swept_within_the_grips_of_the_rig(rig: RigFile) -> None:
     result = searched(NOWHERE, SIX, rig=rig)
-    assert result.outcome is Outcome.UNRESOLVED
+    assert result.outcome is IdentificationVerdict.UNRESOLVED
     assert result.swept
     assert len(result.grips) < rig.search.max_grips
     assert not any(touch.contact.touched for grip in result.grips for touch in grip)
@@ -120,8 +122,8 @@ def test_a_part_thinner_than_its_tolerance_is_not_ruled_out() -> None:
 def test_states_at_other_heights_need_fingers_there() -> None:
     """Two fingers' heights: a state counts as ruled out once it is at one of them."""
     square = (Polygon(np.array([(0.0, 0.0), (60.0, 0.0), (60.0, 60.0), (0.0, 60.0)])),)
-    low = ObjectModel("low", (State("s", (Section(0.0, 15.0, square),)),))
-    high = ObjectModel("high", (State("s", (Section(15.5, 30.0, square),)),))
+    low = ObjectModel("low", (State("s", (Section((0.0, 15.0), square),)),))
+    high = ObjectModel("high", (State("s", (Section((15.5, 30.0), square),)),))
     discs = discs_at(Catalogue([low, high]), {10.0, 20.0, 50.0})
     assert {height: disc.states for height, disc in discs.items()} == {10.0: {0}, 20.0: {1}}
     nothing, room = shapely.Polygon(), shapely.Point(0, 0).buffer(50)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from serial.serialutil import SerialBase
 
+from palpate.geometry import Counts
+
 __all__ = ["ArrayHost", "Sips", "array_host", "expected_counts", "read_quiet", "read_until"]
 
 _PATIENCE_S = 20.0
@@ -64,9 +66,7 @@ def array_host(program: Path, *options: object) -> Iterator[ArrayHost]:
         host.kill()
 
 
-def expected_counts(
-    numbers: NDArray[np.uint32], rows: int, columns: int, depth: int = 16
-) -> NDArray[np.uint16]:
+def expected_counts(numbers: NDArray[np.uint32], rows: int, columns: int, depth: int = 16) -> Counts:
     """What frames with these numbers hold, shape (frames, rows, columns).
 
     The formula is that of `board_pattern` in firmware/host/board.h.

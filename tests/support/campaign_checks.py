@@ -8,8 +8,8 @@ from campaign_objects import catalogue_of
 from campaign_trials import Trial
 from shapely_bench import Placed, equivalent_configurations, holding_truth
 
+from palpate.geometry import Bools, Floats
 from palpate.recognizer import Hypothesis, Recognition, recognise
-from palpate.recognizer.arrays import Bools, Floats
 
 _CELL_SLACK_MM, _CELL_SLACK_RAD = 1e-6, 1e-9
 _ROUNDING_MM2 = 1e-9

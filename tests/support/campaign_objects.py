@@ -14,8 +14,8 @@ import shapely
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines, unit
 from shared_files import SHARED_OUTLINES
 
-from palpate.recognizer import Catalogue, ObjectModel, Polygon, Section, State
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
+from palpate.recognizer import Catalogue
 
 FAMILIES = ("memo", "parts", "own", "loose")
 TOLERANCE_MM = 0.25  # of the family "loose"
@@ -131,8 +131,10 @@ def _stepped() -> ObjectModel:
     base = Polygon(_ring((-30, -20), (34, -20), (34, 16), (10, 16), (10, 24), (-30, 24)))
     hole = _ring((-6, -6), (-6, 6), (8, 6), (6, -6))
     top = Polygon(_ring((-20, -12), (20, -14), (16, 12), (-18, 10)), (hole,))
-    low, high = Section(0, 10, (base,)), Section(10, 25, (top,))
-    return ObjectModel("stepped", (State("on-base", (low, high)), State("on-end", (Section(0, 40, (top,)),))))
+    low, high = Section((0, 10), (base,)), Section((10, 25), (top,))
+    return ObjectModel(
+        "stepped", (State("on-base", (low, high)), State("on-end", (Section((0, 40), (top,)),)))
+    )
 
 
 def _islands() -> ObjectModel:
@@ -144,7 +146,7 @@ def _islands() -> ObjectModel:
     post = Polygon(_ring((10, 18), (18, 18), (22, 26), (10, 30)))
     bridge = Polygon(_ring((-40, -15), (30, -15), (30, -5), (-40, -5)))
     return ObjectModel(
-        "islands", (State("flat", (Section(0, 10, (left, right, post)), Section(10, 20, (bridge,)))),)
+        "islands", (State("flat", (Section((0, 10), (left, right, post)), Section((10, 20), (bridge,)))),)
     )
 
 
@@ -152,7 +154,7 @@ def _frame() -> ObjectModel:
     """A ring wide enough for a tip to come down in it."""
     hole = _ring((-32, -22), (-30, 22), (4, 24), (32, 18), (32, -22))
     outer = _ring((-42, -32), (42, -32), (42, 28), (10, 34), (-42, 32))
-    return ObjectModel("frame", (State("flat", (Section(0, 20, (Polygon(outer, (hole,)),)),)),))
+    return ObjectModel("frame", (State("flat", (Section((0, 20), (Polygon(outer, (hole,)),)),)),))
 
 
 def _comb() -> ObjectModel:

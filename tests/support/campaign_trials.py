@@ -17,8 +17,8 @@ from campaign_objects import FAMILIES, displaced, objects_of, placed_anyhow
 from shapely_bench import Placed, unit
 from shapely_contacts import first_contact, true_normal
 
+from palpate.geometry import Floats
 from palpate.recognizer import Contact, Finger, NormalRange
-from palpate.recognizer.arrays import Floats
 
 BOUNDS_MM = (0.0, 0.01, 0.1, 0.3, 1.0, 2.0)
 NORMALS_DEG = (1.0, 3.0, 10.0, 25.0, 45.0, 90.0, None)

@@ -15,12 +15,12 @@ from shapely_bench import Placed, outlines, place_within, placed_as, turned
 from simulated_touches import SimulatedTouches, as_foretold
 
 from palpate.config import load_rig, shipped_rig
+from palpate.geometry import ObjectModel
 from palpate.recognizer import (
     Catalogue,
     Contact,
     Grip,
     Hypothesis,
-    ObjectModel,
     Recognition,
     plan_grip,
     recognise,

@@ -29,14 +29,14 @@ from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.emulators.tip import Outline
 from palpate.errors import DeviceError, OutputError, SafetyStop
-from palpate.recognizer import Catalogue, Strategy
+from palpate.recognizer import Catalogue
 from palpate.rig.bench import outside
 from palpate.rig.commissioning.rig_prober import HandProber
-from palpate.rig.conversion import models_of
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.reference_table import EmulatedTable
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.run import Job, carry_out
+from palpate.vocabulary import Strategy
 
 __all__ = ["COMMANDS", "FAULTS", "Cell", "Fault", "Outcome", "cells", "problems", "run_cell"]
 
@@ -78,7 +78,7 @@ class _Observing:
 def _identify(host: Host, folder: Path) -> None:
     session = host.session
     objects = load_objects(shipped_objects())
-    job = Job(session.rig, Catalogue(models_of(objects)), session.placement, Strategy.PLANNED, SEED, None)
+    job = Job(session.rig, Catalogue(objects.objects), session.placement, Strategy.PLANNED, SEED, None)
     with SessionLog(folder, session.clock, {}, stalled_s=0.3) as log:
         host.log = log
         carry_out(job, outside(session.bench_rig, log), log, [_Observing(host)])  # type: ignore[list-item]

@@ -3,8 +3,8 @@
 import numpy as np
 from shapely_bench import Placed, flat
 
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Contact, Finger
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 
 FINGER = Finger(5.0, 10.0)
 SQUARE_RING = np.array([(-20.0, -20.0), (20.0, -20.0), (20.0, 20.0), (-20.0, 20.0)])
@@ -28,4 +28,4 @@ def three_sides(bound: float = 0.3) -> list[Contact]:
 
 def sections(name: str, *polygons: Polygon, z_hi: float = 20.0) -> ObjectModel:
     """An object with one section of several polygons."""
-    return ObjectModel(name, (State("flat", (Section(0.0, z_hi, polygons),)),))
+    return ObjectModel(name, (State("flat", (Section((0.0, z_hi), polygons),)),))

@@ -9,6 +9,7 @@ import shapely
 from shapely import ops
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, outlines, place, stop
 
+from palpate.geometry import Bools, Floats, Ints, ObjectModel
 from palpate.recognizer import (
     Approach,
     Candidate,
@@ -17,12 +18,10 @@ from palpate.recognizer import (
     Finger,
     Goals,
     Hypothesis,
-    ObjectModel,
     Recognition,
     Resolution,
     recognise,
 )
-from palpate.recognizer.arrays import Bools, Floats, Ints
 
 RESOLUTION = Resolution(1.0, math.radians(12))
 GOALS = Goals(1.0, math.radians(1.0))

@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 from shapely import affinity, ops
 
+from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.hypotheses import Hypothesis
-from palpate.recognizer.model import ObjectModel, Polygon, Section, State
 from palpate.recognizer.recognition import Recognition
 
 SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
@@ -25,7 +25,7 @@ How = ParamSpec("How")
 
 def flat(name: str, outline: object, height_mm: float = 20.0) -> ObjectModel:
     """An object with one state and one section."""
-    section = Section(0.0, height_mm, (Polygon(np.asarray(outline, dtype=float)),))
+    section = Section((0.0, height_mm), (Polygon(np.asarray(outline, dtype=float)),))
     return ObjectModel(name, (State("flat", (section,)),))
 
 
@@ -51,8 +51,7 @@ class Placed:
         """Where the object is at a height: all of its sections there."""
         parts = [
             shapely.Polygon(polygon.outer, polygon.holes)
-            for section in self.model.states[0].sections
-            if section.z_lo_mm <= height <= section.z_hi_mm
+            for section in self.model.states[0].sections_at(height)
             for polygon in section.polygons
         ]
         rotated = affinity.rotate(shapely.union_all(parts), self.theta, origin=(0, 0), use_radians=True)

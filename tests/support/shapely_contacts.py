@@ -8,7 +8,7 @@ import math
 import numpy as np
 import shapely
 
-from palpate.recognizer.arrays import Floats
+from palpate.geometry import Floats
 
 _GRAZING_MM = 3e-9  # no approach is drawn to pass at just this distance
 

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.gains import PressAtBearing
 from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement, PressMeasurement
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import Outline, press
 from palpate.drivers.tactile.messages import Description, Shape
+from palpate.geometry import Floats
 
 ROWS, COLS, PITCH = 8, 20, math.radians(13.5)
 MM_PER_RAD = 100.0 / (2 * math.pi)
@@ -115,9 +115,7 @@ class PressingFinger:
             made, told, bearing_sigma_rad, 0.0 if disc_mm is None else 1 / disc_mm, NEWTON_PER_A
         )
 
-    def _felt(
-        self, way: NDArray[np.float64], bearing: float, disc_mm: float | None, aim: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _felt(self, way: Floats, bearing: float, disc_mm: float | None, aim: float) -> tuple[Floats, Floats]:
         """Forces (n, rows, cols) N on taxels and (n,) N against the travel, which has direction `aim`.
 
         A face's outline has its own direction, so that there the aim is what the bearing makes it.
@@ -139,7 +137,7 @@ class PressingFinger:
         return felt, push
 
 
-def by_column(angle: NDArray[np.float64], by_ray: NDArray[np.float64], middle: float) -> NDArray[np.float64]:
+def by_column(angle: Floats, by_ray: Floats, middle: float) -> Floats:
     """Sort rays into columns as the emulated bench does; `middle`: where the array's middle looks."""
     seen = (angle - middle + math.pi) % (2 * math.pi) - math.pi
     slot = np.floor((seen - DESCRIPTION.columns[0]) / PITCH + 0.5).astype(np.int64)

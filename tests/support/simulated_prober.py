@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.measurements import (
     FREE,
@@ -26,12 +25,11 @@ from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.drivers.emulators.tip import Outline, press, separation_mm
 from palpate.drivers.finger import TICK_RAD
+from palpate.geometry import Counts, Floats
 from palpate.rig.commissioning.calibration import ConnectedRig
 from palpate.rig.commissioning.rig_prober import approaches_of
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.reference_table import outline_of
-
-Floats = NDArray[np.float64]
 
 FORCE_N = 0.35
 FRICTION_A, CURRENT_STEP_A, NM_PER_A = 0.028, 2.69e-3, 4.1 / 2.3
@@ -225,7 +223,7 @@ class SimulatedProber:
             counts,
         )
 
-    def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> NDArray[np.uint16]:
+    def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> Counts:
         return self._world.fingers[finger].array.taxels.counts(force_n, time_s)
 
     def _way(self, item: SlideApproach) -> int:

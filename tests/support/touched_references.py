@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.calibration.finger_fit import FingerModel, ReferencePlacement, Touches
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import SlideFingerConfig, load_rig
-
-Floats = NDArray[np.float64]
+from palpate.geometry import Floats
 
 FRESH = load_rig(Path(__file__).resolve().parents[2] / "examples" / "fresh-rig.toml")
 SPECS = [finger for finger in FRESH.fingers if isinstance(finger, SlideFingerConfig)]

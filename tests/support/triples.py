@@ -9,8 +9,8 @@ from itertools import product
 
 import numpy as np
 
-from palpate.recognizer.arrays import Floats, Ints
-from palpate.recognizer.segments import cross
+from palpate.geometry import Floats, Ints
+from palpate.geometry.segments import cross
 
 
 def _pair_triples() -> list[tuple[int, int, int]]:

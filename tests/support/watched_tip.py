@@ -1,7 +1,6 @@
 """An emulated array on a mock wire that feels what the test says, watched by the host."""
 
 import numpy as np
-from numpy.typing import NDArray
 from tactile_tip import COLS, DESCRIPTION, ROWS
 
 from palpate.drivers.emulators.array import EmulatedArray
@@ -11,6 +10,7 @@ from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
+from palpate.geometry import Floats
 from palpate.rig.monitor.finger_monitor import MonitoredFinger
 
 BAUDRATE = 4_000_000
@@ -20,7 +20,7 @@ class WatchedTip:
     """`taxels_n` presses from now on; after `silent_from_s` the array samples nothing any more."""
 
     def __init__(self, rate_hz: float = 200.0, **faults: list[tuple[int, int]]) -> None:
-        self.taxels_n: NDArray[np.float64] = np.zeros((ROWS, COLS))
+        self.taxels_n: Floats = np.zeros((ROWS, COLS))
         self.silent_from_s = np.inf
         self.clock = VirtualClock()
         errors = {"gain_spread": 0.1, "offset_counts": 20.0, "crosstalk": 0.075}

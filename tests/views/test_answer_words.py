@@ -9,17 +9,12 @@ import pytest
 from command import Ended, run_here
 from json_schema import violations
 
-from palpate.config.identification_result import (
-    AlternativeOut,
-    IdentificationOut,
-    IdentificationVerdict,
-    Relation,
-    StrategyName,
-)
+from palpate.config.identification_result import AlternativeOut, IdentificationOut, Relation
 from palpate.config.results import BoundsOut, ConfigurationOut
 from palpate.config.schema import schema_text
 from palpate.errors import counted
 from palpate.views.answer import answer_lines
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 AT = ConfigurationOut(x=1.0, y=2.0, theta=0.5)
 BOUNDS = BoundsOut(x=(0.5, 1.5), y=(1.5, 2.5), theta=(0.4, 0.6))
@@ -42,7 +37,7 @@ def ended(verdict: IdentificationVerdict, **values: Any) -> IdentificationOut:
     rest: dict[str, Any] = {
         "alternatives": (),
         "symmetry_order": 1,
-        "strategy": StrategyName.PLANNED,
+        "strategy": Strategy.PLANNED,
         "grips": 2,
         "touches": 5,
         "foretold": 0,

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from palpate.config import load_objects, shipped_objects
-from palpate.views.label_placement import Box, LabelPlacer, enclosed
+from palpate.geometry import Floats
+from palpate.geometry.plane import points_in_polygon
+from palpate.views.label_placement import Box, LabelPlacer
 from palpate.views.scene.approaches import lanes
 from palpate.views.scene.frame import View, nice_step, view_of
 from palpate.views.scene.picture import (
@@ -22,7 +24,7 @@ from palpate.views.scene.picture import (
     Touch,
     draw,
 )
-from palpate.views.svg import Floats, number, shorten, text_width, wrap
+from palpate.views.svg import number, shorten, text_width, wrap
 
 NS = "{http://www.w3.org/2000/svg}"
 SQUARE = np.array([[-20.0, -10.0], [20.0, -10.0], [20.0, 10.0], [-20.0, 10.0]])
@@ -201,9 +203,9 @@ def test_labels_keep_clear_of_lines_and_of_each_other() -> None:
     assert not any(one.overlaps(two) for one, two in combinations(boxes, 2))
 
 
-def test_enclosed_follows_the_even_odd_rule() -> None:
+def test_points_in_polygon_follow_the_even_odd_rule() -> None:
     points = np.array([[0.0, 0.0], [10.0, 0.0], [30.0, 0.0]])
-    assert enclosed(points, [SQUARE, HOLE]).tolist() == [False, True, False]
+    assert points_in_polygon(points, [SQUARE, HOLE]).tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize(("span", "step"), [(10.0, 2.0), (1.0, 0.2), (260.0, 50.0), (99.0, 10.0)])

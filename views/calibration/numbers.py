@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_finger import (
@@ -20,6 +19,7 @@ from palpate.config.calibration_finger import (
     PlaceCalibration,
     TactileCalibration,
 )
+from palpate.geometry import Bools
 
 __all__ = ["RowGroup", "at_most", "finger_tables", "never_pressed", "plus_minus", "residuals_mm", "summary"]
 
@@ -72,10 +72,10 @@ def residuals_mm(file: CalibrationFile, finger: str) -> tuple[list[float], list[
     return fitted, [touch.residual_mm for touch in used if touch.held_out]
 
 
-def never_pressed(tactile: TactileCalibration) -> NDArray[np.bool_]:
+def never_pressed(tactile: TactileCalibration) -> Bools:
     """Which taxels (rows, columns) no press has reached: their gain is 1, with the widest bound of all."""
     gain, bound = np.array(tactile.gain), np.array(tactile.gain_bound)
-    result: NDArray[np.bool_] = (gain == 1.0) & (bound == bound.max())
+    result: Bools = (gain == 1.0) & (bound == bound.max())
     for taxel in tactile.unusable:
         result[taxel.row, taxel.col] = False
     return result

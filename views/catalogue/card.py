@@ -13,6 +13,7 @@ import shapely
 from shapely import affinity
 
 from palpate.errors import counted
+from palpate.geometry import Floats
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range
 from palpate.rig.catalogue.symmetry import Symmetry, symmetry_of_region
@@ -34,7 +35,7 @@ from palpate.views.catalogue.style import (
 )
 from palpate.views.scene.frame import nice_step
 from palpate.views.scene.style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
-from palpate.views.svg import Floats, element, path_data, shorten, shorten_middle, text, text_width
+from palpate.views.svg import element, path_data, shorten, shorten_middle, text, text_width
 
 __all__ = ["Told", "Twins", "draw_card", "ranges_words"]
 

@@ -10,7 +10,8 @@ from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import ArrayCounters
 from palpate.drivers.tactile.messages import Shape
 from palpate.errors import counted
-from palpate.rig.monitor.finger_monitor import FingerView, Mask, TareState
+from palpate.geometry import Bools
+from palpate.rig.monitor.finger_monitor import FingerView, TareState
 
 __all__ = ["age_words", "flag_words", "line_of", "out_of", "place_words", "summary_of", "taxel_words"]
 
@@ -125,5 +126,5 @@ def _patch_out(patch: ContactPatch) -> PatchOut:
     )
 
 
-def _places(mask: Mask) -> tuple[tuple[int, int], ...]:
+def _places(mask: Bools) -> tuple[tuple[int, int], ...]:
     return tuple((int(row), int(column)) for row, column in np.argwhere(mask))

@@ -7,7 +7,9 @@ import math
 
 import numpy as np
 
-from palpate.views.label_placement import LabelPlacer, enclosed
+from palpate.geometry import Floats
+from palpate.geometry.plane import points_in_polygon
+from palpate.views.label_placement import LabelPlacer
 from palpate.views.scene.approaches import approach_labels, draw_approach
 from palpate.views.scene.frame import View, grid, scale_bar, ticks
 from palpate.views.scene.marks import badge, draw_base, last_shown, leader, sector
@@ -30,7 +32,7 @@ from palpate.views.scene.style import (
     TRUTH,
 )
 from palpate.views.scene.values import Picture, Pose, Touch
-from palpate.views.svg import Floats, element, escape, number, path_data, shorten, text, text_width
+from palpate.views.svg import element, escape, number, path_data, shorten, text, text_width
 
 __all__ = ["draw_view"]
 
@@ -275,7 +277,7 @@ def _other_badges(picture: Picture, view: View, placer: LabelPlacer) -> str:
         inside = np.all(np.abs(own - middle) < np.array([frame.width, frame.height]) / 2 - 12, axis=1)
         points = own[inside] if inside.any() else own
         if picture.found:
-            open_points = points[~enclosed(points, rivals[: len(picture.found)])]
+            open_points = points[~points_in_polygon(points, rivals[: len(picture.found)])]
             points = open_points if len(open_points) else points
         points = _thinned(points, 200)
         crowd = _thinned(np.vstack([*rivals, *drawn[:index], *drawn[index + 1 :], middle[None]]), 3000)

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from palpate.geometry import Floats
 from palpate.views.label_placement import Box
 from palpate.views.scene.style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
 from palpate.views.scene.values import Picture, PlannedApproach, Touch
-from palpate.views.svg import Floats, element, number, text
+from palpate.views.svg import element, number, text
 
 __all__ = ["View", "grid", "nice_step", "scale_bar", "ticks", "view_of"]
 

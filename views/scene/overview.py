@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from palpate.geometry import Floats
 from palpate.views.scene.frame import View
 from palpate.views.scene.marks import arrow_head, heading
 from palpate.views.scene.style import (
@@ -17,7 +18,7 @@ from palpate.views.scene.style import (
     Column,
 )
 from palpate.views.scene.values import Picture
-from palpate.views.svg import Floats, element, path_data, shorten, text
+from palpate.views.svg import element, path_data, shorten, text
 
 __all__ = ["whole_table"]
 

@@ -7,8 +7,8 @@ picture can be drawn from a live session, from a log and from a recognition with
 import math
 from dataclasses import dataclass
 
+from palpate.geometry import Floats
 from palpate.views.scene.style import BADGES, HUES
-from palpate.views.svg import Floats
 
 __all__ = ["FingerBase", "Foretold", "OtherHypothesis", "Picture", "PlannedApproach", "Pose", "Touch"]
 

@@ -1,13 +1,10 @@
-"""The array types that the recogniser passes about, and the few index tricks that several stages share."""
+"""Ranges of indices unrolled into flat arrays: several stages look at a run of neighbours for each row."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Bools", "Floats", "Ints", "expand_ranges", "wrap_angle"]
+from palpate.geometry import Ints
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+__all__ = ["expand_ranges"]
 
 
 def expand_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
@@ -21,9 +18,3 @@ def expand_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
     total = int(ends[-1]) if len(ends) else 0
     index = np.arange(total) + np.repeat(first - (ends - count), count)
     return owner, index
-
-
-def wrap_angle(angle: Floats) -> Floats:
-    """The same angles (rad, any shape) in [−π, π)."""
-    wrapped: Floats = (angle + np.pi) % (2 * np.pi) - np.pi
-    return wrapped

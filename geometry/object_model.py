@@ -1,0 +1,81 @@
+"""Object model: what is known of an object beforehand, as stable states and their cross sections.
+
+A state is one stable way in which an object rests on the support plane: a stack of cross sections parallel
+to that plane (memo §1.2 and §3.1). Recognition treats states as separate objects. Models are read from files
+by `palpate.config`, or made directly from arrays.
+"""
+
+from dataclasses import dataclass
+
+from palpate.geometry.arrays import Floats
+
+__all__ = ["ObjectModel", "Polygon", "Section", "State"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygon:
+    """Simple polygon with holes: rings of shape (n, 2), mm, object frame, open, in either direction.
+
+    Edge k of a ring runs from vertex k to vertex k + 1, the last one back to vertex 0.
+    """
+
+    outer: Floats
+    holes: tuple[Floats, ...] = ()
+
+    @property
+    def rings(self) -> tuple[Floats, ...]:
+        """The outer ring and those of the holes."""
+        return (self.outer, *self.holes)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Cross section at heights `z_mm` = (from, to), mm above the support plane, both included."""
+
+    z_mm: tuple[float, float]
+    polygons: tuple[Polygon, ...]
+
+    @property
+    def rings(self) -> tuple[Floats, ...]:
+        """Rings of all polygons, each outer one before its holes: the order in which edges are counted."""
+        return tuple(ring for polygon in self.polygons for ring in polygon.rings)
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Stable state: a way to rest on the support plane; `probability` and `tipping_angle_rad` where known.
+
+    `heights_mm`: ranges of height (from, to), ascending, at which the sections are known, None: everywhere.
+    Within them a height without a section is free. `height_mm`: height of the part; None: its sections'.
+    """
+
+    name: str
+    sections: tuple[Section, ...]
+    probability: float | None = None
+    tipping_angle_rad: float | None = None
+    height_mm: float | None = None
+    heights_mm: tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def top_mm(self) -> float:
+        """Height above which there is nothing."""
+        return max(part.z_mm[1] for part in self.sections) if self.height_mm is None else self.height_mm
+
+    def known_at(self, height_mm: float) -> bool:
+        """Whether the section at a height is known; above the part it is: there is none."""
+        if self.heights_mm is None or height_mm > self.top_mm:
+            return True
+        return any(low <= height_mm <= high for low, high in self.heights_mm)
+
+    def sections_at(self, height_mm: float) -> tuple[Section, ...]:
+        """Sections at a height: two where one ends and the next begins, none where nothing is that high."""
+        return tuple(part for part in self.sections if part.z_mm[0] <= height_mm <= part.z_mm[1])
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectModel:
+    """Known object; its true outline is within `tolerance_mm` of the modelled one."""
+
+    name: str
+    states: tuple[State, ...]
+    tolerance_mm: float = 0.0

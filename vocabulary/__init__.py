@@ -1,0 +1,33 @@
+"""Closed sets of words that files, results, the command line and computations share: one enum a concept.
+
+They import nothing, so that the command line can list their values without loading what computes.
+"""
+
+from enum import StrEnum
+
+__all__ = ["IdentificationVerdict", "RecognitionVerdict", "Strategy"]
+
+
+class RecognitionVerdict(StrEnum):
+    """How many hypotheses explain the contacts (docs/recogniser.md, "Hypotheses")."""
+
+    UNIQUE = "unique"
+    AMBIGUOUS = "ambiguous"
+    NONE = "none"
+
+
+class IdentificationVerdict(StrEnum):
+    """How a run on the bench ended."""
+
+    IDENTIFIED = "identified"
+    INDISTINGUISHABLE = "indistinguishable"
+    UNKNOWN = "unknown"
+    UNRESOLVED = "unresolved"
+
+
+class Strategy(StrEnum):
+    """How grips are chosen (memo §3.2)."""
+
+    PLANNED = "planned"
+    RANDOM = "random"
+    ROTATE = "rotate"
