@@ -35,7 +35,7 @@ from palpate.rig.bench import outside, set_up
 from palpate.rig.catalogue.cad_import import Wanted, import_file
 from palpate.rig.catalogue.heights import check_known
 from palpate.rig.emulated.scene import draw_placement
-from palpate.rig.session.run import Job, carry_out
+from palpate.rig.session.run import IdentificationJob, run_identification
 from palpate.vocabulary import Strategy
 
 INCHES = ("angle_block", "featuretype")
@@ -117,9 +117,9 @@ def identified(rig: RigFile, catalogue: Catalogue, item: Lying, seed: int) -> tu
     )
     bench = set_up(rig, lying, seed)
     begin = time.perf_counter()
-    out = carry_out(Job(rig, catalogue, lying, Strategy.PLANNED, seed, None), outside(bench)).out(
-        wall_seconds=0.0, session=None
-    )
+    out = run_identification(
+        IdentificationJob(rig, catalogue, lying, Strategy.PLANNED, seed, None), outside(bench)
+    ).out(wall_seconds=0.0, session=None)
     truth = out.truth
     right = truth is not None and truth.named and truth.inside_bounds
     right = right and out.verdict.value in {"identified", "indistinguishable"}

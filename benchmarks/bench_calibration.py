@@ -45,7 +45,7 @@ from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.answer_error import in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.preconditions import check_known_well
-from palpate.rig.session.run import Job, carry_out
+from palpate.rig.session.run import IdentificationJob, run_identification
 from palpate.vocabulary import Strategy
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
@@ -112,8 +112,10 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
     begin = time.perf_counter()
     try:
         check_known_well(used, RIG.name)
-        job = Job(used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC))
-        out = carry_out(job, outside(bench)).out(wall_seconds=0.0, session=None)
+        job = IdentificationJob(
+            used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC)
+        )
+        out = run_identification(job, outside(bench)).out(wall_seconds=0.0, session=None)
     except PalpateError as error:
         return {"part": lying.model.name, "verdict": "refused", "why": str(error)}
     truth = out.truth

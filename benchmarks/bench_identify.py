@@ -17,7 +17,7 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,8 +36,7 @@ from palpate.rig.conversion import resolution_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, draw_placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.observers import Observers
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.identification.observers import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
@@ -114,33 +113,25 @@ class Watch:
         self._bench, self._job = bench, job
         self._plan: Grip | None = None
 
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Nothing to note."""
+    def __call__(self, event: Event) -> None:
+        """Compare touches with their prediction, push the part once, keep the first recognition."""
+        match event:
+            case PlanEvent():
+                self._plan = event.plan
+            case TouchEvent():
+                self._touched(event)
+            case RecognitionEvent() if self.after_first is None:
+                self.after_first = event.recognition
 
-    def moved(self, grip: int) -> None:
-        """Nothing to note."""
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        """Keep what is foretold."""
-        del grip
-        self._plan = plan
-
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """Compare with what was foretold; push the part after the first grip."""
+    def _touched(self, event: TouchEvent) -> None:
         if self._plan is not None and not self._job.push_mm:
             self.unforeseen += sum(
                 not any(as_foretold(touch.contact, item) for item in self._plan.predictions.of_approach(row))
-                for row, touch in enumerate(touches)
+                for row, touch in enumerate(event.touches)
             )
         self._plan = None
-        if grip == 1 and self._job.push_mm:
+        if event.grip == 1 and self._job.push_mm:
             self._push()
-
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """Keep the first."""
-        del grip
-        if self.after_first is None:
-            self.after_first = recognition
 
     def _push(self) -> None:
         bearing = np.random.default_rng([self._job.seed, 7]).uniform(0, 2 * math.pi)

@@ -21,18 +21,25 @@ from palpate.config.loading import source_name
 from palpate.config.results import to_json
 from palpate.errors import counted
 from palpate.files.writing import check_place, write_text
-from palpate.recognizer import Catalogue, Grip, Recognition
+from palpate.recognizer import Catalogue, Recognition
 from palpate.rig.bench import outside, place, set_up
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.reachability_text import finding_lines, untouched_lines
 from palpate.rig.emulated.calibrated_truth import placement_seen
 from palpate.rig.emulated.scene_reachability import scene_lines
+from palpate.rig.identification.observers import (
+    Event,
+    MoveEvent,
+    PlanEvent,
+    RecognitionEvent,
+    StageEvent,
+    TouchEvent,
+)
 from palpate.rig.identification.preconditions import check_known_well
-from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.session.inputs import keep_inputs
 from palpate.rig.session.log import SessionLog, session_folder
-from palpate.rig.session.run import Job, WholeRun, carry_out
+from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
 from palpate.rig.session.signals import HeldInterrupts
 from palpate.views.answer import answer_lines
 from palpate.views.recognition import contacts_json
@@ -78,7 +85,9 @@ def run_identify(
     placement = placement_seen(on_bench, lying, seed, bench.emulated)
     catalogue = Catalogue(objects_file.objects)
     started = datetime.now(UTC).replace(microsecond=0)
-    job = Job(rig_file, catalogue, placement, Strategy(strategy), seed, on_bench.calibration, started)
+    job = IdentificationJob(
+        rig_file, catalogue, placement, Strategy(strategy), seed, on_bench.calibration, started
+    )
     sources = [on_bench.path, objects_source, on_bench.calibration_path, scene]
     name = _session_name(sources, seed, strategy, emulated=rig_file.emulated)
     folder = session_folder(sessions, name)
@@ -94,7 +103,7 @@ def run_identify(
             keep_inputs(folder, on_bench, objects_source, scene)
             with HeldInterrupts() as held:
                 recorded = outside(bench, log, latency_s, held.check)
-                run = carry_out(job, recorded, log, [progress], progress.notice)
+                run = run_identification(job, recorded, log, [progress], progress.notice)
             out = run.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
             log.event("result", result=out.model_dump(mode="json"))
         _write_results(run, out, folder, picture)
@@ -114,7 +123,9 @@ def run_identify(
     return 0 if resolved else 1
 
 
-def _write_results(run: WholeRun, out: IdentificationOut, folder: Path, picture: Path | None) -> None:
+def _write_results(
+    run: IdentificationRun, out: IdentificationOut, folder: Path, picture: Path | None
+) -> None:
     """Write picture, answer and contacts into the session's folder, and the picture where it is wanted."""
     drawn = identification_picture(run.result, run.job.placement, run.job.rig, _facts(out))
     if picture is not None:
@@ -146,37 +157,36 @@ class Progress:
         """The operator should know or do something now."""
         self._console.print(text)
 
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Fingers began something."""
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        match event:
+            case StageEvent(grip, stage):
+                self._now(f"grip {grip}: {stage.value}")
+            case PlanEvent(grip, plan):
+                self._now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
+            case TouchEvent(grip, touches):
+                contacts = [touch.contact for touch in touches]
+                each = (f"{item.name} {'touched' if item.touched else 'missed'}" for item in contacts)
+                self._console.print(f"grip {grip}: {', '.join(each)}")
+            case RecognitionEvent():
+                self._console.print(f"        {_hypotheses(event.recognition)}")
+            case MoveEvent():
+                self._console.print(
+                    "        contradicts earlier grips: the part may have moved, they are dropped"
+                )
+
+    def _now(self, text: str) -> None:
         if self._status is not None:
-            self._status.update(f"grip {grip}: {stage.value}")
+            self._status.update(text)
 
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """A grip was carried out."""
-        felt = ", ".join(
-            f"{touch.contact.name} {'touched' if touch.contact.touched else 'missed'}" for touch in touches
-        )
-        self._console.print(f"grip {grip}: {felt}")
 
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """All contacts so far were understood."""
-        del grip
-        names = [item.state.object_name for item in recognition.hypotheses]
-        distinct = list(dict.fromkeys(names))
-        shown = ", ".join(distinct[:_NAMES_SHOWN])
-        more = f" and {len(distinct) - _NAMES_SHOWN} more" if len(distinct) > _NAMES_SHOWN else ""
-        count = "1 hypothesis" if len(names) == 1 else f"{len(names)} hypotheses"
-        self._console.print(f"        {count}{': ' if names else ''}{shown}{more}")
-
-    def moved(self, grip: int) -> None:
-        """The part seems to have been moved."""
-        del grip
-        self._console.print("        contradicts earlier grips: the part may have moved, they are dropped")
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        """The next grip was chosen."""
-        if self._status is not None:
-            self._status.update(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
+def _hypotheses(recognition: Recognition) -> str:
+    """How many hypotheses are left, and the first of their objects' names."""
+    names = [item.state.object_name for item in recognition.hypotheses]
+    distinct = list(dict.fromkeys(names))
+    shown = ", ".join(distinct[:_NAMES_SHOWN])
+    more = f" and {len(distinct) - _NAMES_SHOWN} more" if len(distinct) > _NAMES_SHOWN else ""
+    return f"{counted(len(names), 'hypothesis', 'hypotheses')}{': ' if names else ''}{shown}{more}"
 
 
 def _session_name(

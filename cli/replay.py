@@ -19,7 +19,7 @@ from palpate.rig.session.inputs import calibrated_run, kept_inputs
 from palpate.rig.session.log import LOG_NAME
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.replay import Replayed, replay
-from palpate.rig.session.run import Job
+from palpate.rig.session.run import IdentificationJob
 from palpate.vocabulary import Strategy
 
 __all__ = ["run_replay"]
@@ -48,7 +48,7 @@ def run_replay(session: Path, *, json: bool) -> int:
     return 0 if out.same else 1
 
 
-def _job(file: SessionFile, folder: Path) -> Job:
+def _job(file: SessionFile, folder: Path) -> IdentificationJob:
     seed, strategy = file.header.get("seed"), file.header.get("strategy")
     scene: Any = file.header.get("scene", False)
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
@@ -62,7 +62,9 @@ def _job(file: SessionFile, folder: Path) -> Job:
     placement = placement_seen(on_bench, place(on_bench.described, objects, given, seed), seed)
     models = Catalogue(objects.objects)
     started = None if on_bench.calibration is None else _started(file)
-    return Job(on_bench.rig, models, placement, Strategy(strategy), seed, on_bench.calibration, started)
+    return IdentificationJob(
+        on_bench.rig, models, placement, Strategy(strategy), seed, on_bench.calibration, started
+    )
 
 
 def _started(file: SessionFile) -> datetime:

@@ -32,7 +32,14 @@ from palpate.recognizer import (
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
 from palpate.rig.identification.grip_evidence import extent_of, foretold_by, survives, unnoticed_mm
-from palpate.rig.identification.observers import Observers
+from palpate.rig.identification.observers import (
+    MoveEvent,
+    Observers,
+    PlanEvent,
+    RecognitionEvent,
+    StageEvent,
+    TouchEvent,
+)
 from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
 from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
 from palpate.rig.motion.hand import Hand
@@ -192,7 +199,7 @@ def _next(state: _Search) -> tuple[IdentificationVerdict | None, list[tuple[int,
         state.checks += 1
     if plan is None:
         return IdentificationVerdict.UNRESOLVED, []
-    state.observers.planned(len(state.grips) + 1, plan)
+    state.observers(PlanEvent(len(state.grips) + 1, plan))
     return None, list(zip(plan.indices, plan.travels_mm, strict=True))
 
 
@@ -289,7 +296,7 @@ def _begin_again(state: _Search) -> None:
     state.idle = state.foretold = 0
     state.checks = 0
     state.chance, state.unnoticed_mm = 1.0, math.inf
-    state.observers.moved(number)
+    state.observers(MoveEvent(number))
     _understand(state, [touch.contact for touch in state.grips[-1]])
 
 
@@ -298,12 +305,12 @@ def _carry_out(state: _Search, grip: Sequence[tuple[int, float]]) -> None:
     number = len(state.grips) + 1
 
     def tell(stage: Stage) -> None:
-        state.observers.stage(number, stage)
+        state.observers(StageEvent(number, stage))
 
     state.observers.check()
     touches = tuple(state.carry(grip, tell))
     state.grips.append(touches)
-    state.observers.touches(number, touches)
+    state.observers(TouchEvent(number, touches))
     _understand(state, [touch.contact for touch in touches])
 
 
@@ -316,7 +323,7 @@ def _understand(state: _Search, contacts: Sequence[Contact]) -> None:
     else:
         state.recognition = before.extend(contacts)
         _compare(state, before, state.recognition, contacts)
-    state.observers.recognised(len(state.grips), state.recognition)
+    state.observers(RecognitionEvent(len(state.grips), state.recognition))
 
 
 def _compare(state: _Search, before: Recognition, after: Recognition, contacts: Sequence[Contact]) -> None:

@@ -1,56 +1,90 @@
-"""Observers of a run: told what happens as it happens, beside the thread that drives devices."""
+"""Events of an identification, and observers: called with each, beside the thread that drives devices."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
+from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from palpate.errors import PalpateError
 from palpate.recognizer import Grip, Recognition
 from palpate.rig.background import BackgroundCall
 from palpate.rig.motion.guarded_approach import Stage, Touch
 
-__all__ = ["Observer", "Observers"]
+__all__ = [
+    "Event",
+    "MoveEvent",
+    "Observer",
+    "Observers",
+    "PlanEvent",
+    "RecognitionEvent",
+    "StageEvent",
+    "TouchEvent",
+]
 
 
-class Observer(Protocol):
-    """Told what happens, as it happens: progress display, session log."""
+@dataclass(frozen=True, eq=False)
+class StageEvent:
+    """Fingers began a stage of a grip. Grips count from 1."""
 
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Fingers began something."""
-        ...
+    grip: int
+    stage: Stage
 
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """A grip was carried out."""
-        ...
 
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """All contacts so far were understood."""
-        ...
+@dataclass(frozen=True, eq=False)
+class TouchEvent:
+    """A grip was carried out: a touch for each of its fingers, misses included."""
 
-    def planned(self, grip: int, plan: Grip) -> None:
-        """The next grip was chosen to tell hypotheses apart."""
-        ...
+    grip: int
+    touches: Sequence[Touch]
 
-    def moved(self, grip: int) -> None:
-        """The part seems to have been moved before this grip: what was felt earlier counts no more."""
-        ...
+
+@dataclass(frozen=True, eq=False)
+class RecognitionEvent:
+    """All contacts so far were interpreted."""
+
+    grip: int
+    recognition: Recognition
+
+
+@dataclass(frozen=True, eq=False)
+class PlanEvent:
+    """The next grip was chosen by what the hypotheses predict of it."""
+
+    grip: int
+    plan: Grip
+
+
+@dataclass(frozen=True, eq=False)
+class MoveEvent:
+    """The part seems to have been moved before this grip: earlier contacts no longer count."""
+
+    grip: int
+
+
+Event = StageEvent | TouchEvent | RecognitionEvent | PlanEvent | MoveEvent
+Observer = Callable[[Event], None]
 
 
 class Observers:
     """Several observers as one that neither raises nor waits. Use as a context manager.
 
-    One that has raised is told nothing more, and ends the run at its next grip (`check`); at the end of the
+    One that has raised is called no more, and ends the run before its next grip (`check`); at the end of the
     run it is `late_failure`. One that does not return misses what follows.
     """
 
     def __init__(self, observers: Sequence[Observer] = (), record: Observer | None = None) -> None:
-        """`record` is told on the calling thread, first; it must neither raise nor wait."""
+        """`record` is called on the calling thread, first; it must neither raise nor wait."""
         self._record = record
         self._beside = [
-            BackgroundCall(f"observer {type(observer).__name__}", partial(_tell, observer))
-            for observer in observers
+            BackgroundCall(f"observer {type(observer).__name__}", observer) for observer in observers
         ]
+
+    def __call__(self, event: Event) -> None:
+        """Pass an event on."""
+        if self._record is not None:
+            self._record(event)
+        for observer in self._beside:
+            observer(event)
 
     def __enter__(self) -> Self:
         return self
@@ -71,33 +105,3 @@ class Observers:
         """OutputError if an observer has raised, to be reported beside the result of a complete run."""
         failures = (observer.late_failure for observer in self._beside)
         return next((failure for failure in failures if failure is not None), None)
-
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Fingers began something."""
-        self._tell(lambda observer: observer.stage(grip, stage))
-
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """A grip was carried out."""
-        self._tell(lambda observer: observer.touches(grip, touches))
-
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """All contacts so far were understood."""
-        self._tell(lambda observer: observer.recognised(grip, recognition))
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        """The next grip was chosen."""
-        self._tell(lambda observer: observer.planned(grip, plan))
-
-    def moved(self, grip: int) -> None:
-        """The part seems to have been moved before this grip."""
-        self._tell(lambda observer: observer.moved(grip))
-
-    def _tell(self, what: Callable[[Observer], None]) -> None:
-        if self._record is not None:
-            what(self._record)
-        for observer in self._beside:
-            observer(what)
-
-
-def _tell(observer: Observer, what: Callable[[Observer], None]) -> None:
-    what(observer)

@@ -1,4 +1,4 @@
-"""What a session says of itself, event by event: what `identify` tells its observers, as JSON values.
+"""Events of a session as JSON values: those of an identification, and those of its run.
 
 Written by the session log and compared by a replay. `docs/session-log.md` lists the events.
 """
@@ -6,15 +6,22 @@ Written by the session log and compared by a replay. `docs/session-log.md` lists
 import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from palpate.recognizer import Grip, Hypothesis, Recognition
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.recognizer import Grip, Hypothesis
+from palpate.rig.identification.observers import (
+    Event,
+    MoveEvent,
+    PlanEvent,
+    RecognitionEvent,
+    StageEvent,
+    TouchEvent,
+)
 
 __all__ = ["SessionEvents", "plain"]
 
@@ -26,42 +33,47 @@ class SessionEvents(ABC):
     def event(self, kind: str, /, **values: object) -> None:
         """Take one event."""
 
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Fingers began something."""
-        self.event("stage", grip=grip, stage=stage)
+    def __call__(self, event: Event) -> None:
+        """Take an event of the identification."""
+        kind, values = _values(event)
+        self.event(kind, **values)
 
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        """What a grip felt."""
-        self.event("touches", grip=grip, touches=touches)
 
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """What all contacts so far allow."""
-        self.event(
-            "recognised",
-            grip=grip,
-            verdict=recognition.verdict,
-            levels=recognition.levels,
-            hypotheses=[_hypothesis(item) for item in recognition.hypotheses],
-        )
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        """The next grip and what it is expected to feel."""
-        approaches = [
-            {
-                "finger_index": item.finger_index,
-                "approach": item.approach,
-                "travel_mm": travel,
-                "predictions": plan.predictions.of_approach(row),
+def _values(event: Event) -> tuple[str, dict[str, object]]:
+    """The event's name and values in the log."""
+    match event:
+        case StageEvent():
+            return "stage", {"grip": event.grip, "stage": event.stage}
+        case TouchEvent():
+            return "touches", {"grip": event.grip, "touches": event.touches}
+        case RecognitionEvent(grip, recognition):
+            return "recognised", {
+                "grip": grip,
+                "verdict": recognition.verdict,
+                "levels": recognition.levels,
+                "hypotheses": [_hypothesis(item) for item in recognition.hypotheses],
             }
-            for row, (item, travel) in enumerate(zip(plan.candidates, plan.travels_mm, strict=True))
-        ]
-        self.event(
-            "planned", grip=grip, decisive=plan.decisive, remaining=plan.remaining, approaches=approaches
-        )
+        case PlanEvent(grip, plan):
+            return "planned", {
+                "grip": grip,
+                "decisive": plan.decisive,
+                "remaining": plan.remaining,
+                "approaches": _approaches(plan),
+            }
+        case MoveEvent():
+            return "moved", {"grip": event.grip}
 
-    def moved(self, grip: int) -> None:
-        """What was felt before this grip counts no more."""
-        self.event("moved", grip=grip)
+
+def _approaches(plan: Grip) -> list[dict[str, object]]:
+    return [
+        {
+            "finger_index": item.finger_index,
+            "approach": item.approach,
+            "travel_mm": travel,
+            "predictions": plan.predictions.of_approach(row),
+        }
+        for row, (item, travel) in enumerate(zip(plan.candidates, plan.travels_mm, strict=True))
+    ]
 
 
 def _hypothesis(item: Hypothesis) -> dict[str, object]:

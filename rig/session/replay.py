@@ -15,7 +15,7 @@ from palpate.errors import PalpateError
 from palpate.rig.session.environment import Outside
 from palpate.rig.session.events import SessionEvents, plain
 from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.run import Job, WholeRun, carry_out
+from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
 
 __all__ = ["Replayed", "first_difference", "replay", "replay_with"]
 
@@ -33,17 +33,17 @@ class Replayed:
     received_bytes: int
     difference: str | None
     complete: bool
-    run: WholeRun | None
+    run: IdentificationRun | None
 
 
-def replay(file: SessionFile, job: Job, latency_s: float) -> Replayed:
+def replay(file: SessionFile, job: IdentificationJob, latency_s: float) -> Replayed:
     """Run an `identify` again; `latency_s` is what the bus's adapter was allowed then.
 
     Raises only what comes from outside of the recording: a new interrupt.
     """
 
-    def again(replayer: Replayer, events: SessionEvents) -> WholeRun:
-        run = carry_out(job, Outside(replayer.clock, replayer.open, latency_s), events)
+    def again(replayer: Replayer, events: SessionEvents) -> IdentificationRun:
+        run = run_identification(job, Outside(replayer.clock, replayer.open, latency_s), events)
         out = run.out(wall_seconds=0.0, session=None)
         events.event("result", result=out.model_dump(mode="json"))
         return run
@@ -52,7 +52,7 @@ def replay(file: SessionFile, job: Job, latency_s: float) -> Replayed:
 
 
 def replay_with(
-    file: SessionFile, bus: str, again: Callable[[Replayer, SessionEvents], WholeRun | None]
+    file: SessionFile, bus: str, again: Callable[[Replayer, SessionEvents], IdentificationRun | None]
 ) -> Replayed:
     """Run `again` against a recording and compare how it ends; `bus` is the port that speaks Dynamixel."""
     replayer = Replayer(file.entries, lambda port, data: _packet_in_words(data) if port == bus else "")

@@ -18,11 +18,11 @@ from palpate.rig.session.calibration_drift import calibration_used
 from palpate.rig.session.environment import Outside
 from palpate.vocabulary import Strategy
 
-__all__ = ["Job", "WholeRun", "carry_out"]
+__all__ = ["IdentificationJob", "IdentificationRun", "run_identification"]
 
 
 @dataclass(frozen=True, eq=False)
-class Job:
+class IdentificationJob:
     """What a run starts from; `placement`, in the answer's frame, is only compared with it.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
@@ -40,13 +40,13 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class WholeRun:
+class IdentificationRun:
     """What came of a run, and the rig's own time (s) at its end.
 
     `late_failure`: an observer or the display failed at the end; that has no part in the result.
     """
 
-    job: Job
+    job: IdentificationJob
     result: Identification
     emulated: bool
     rig_seconds: float
@@ -73,13 +73,13 @@ class WholeRun:
         return calibration_used(self.result, job.rig, job.calibration, job.started)
 
 
-def carry_out(
-    job: Job,
+def run_identification(
+    job: IdentificationJob,
     outside: Outside,
     record: Observer | None = None,
     observers: Sequence[Observer] = (),
     notice: Callable[[str], None] = lambda _: None,
-) -> WholeRun:
+) -> IdentificationRun:
     """Connect, identify, disconnect. `notice` is told what the operator should do now.
 
     `record` is told on this thread, in step with ports and clock; `observers` and `notice` beside it. Raises
@@ -95,4 +95,4 @@ def carry_out(
         result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated
     late = observed.late_failure or notice_beside.late_failure
-    return WholeRun(job, result, emulated, outside.clock.now(), late)
+    return IdentificationRun(job, result, emulated, outside.clock.now(), late)

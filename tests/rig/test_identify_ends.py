@@ -1,19 +1,17 @@
 """How `identify` ends on emulated devices: moved parts, unknown parts, the other strategies."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import pytest
 from emulated_session import EmulatedSession, emulated_session, identify_checked
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.recognizer import Catalogue, Grip, Recognition
+from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import Placement, outline_at
 from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.observers import Observer, Observers
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.identification.observers import Event, Observer, Observers, TouchEvent
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
 OBJECTS = load_objects(shipped_objects())
@@ -28,27 +26,14 @@ class Pusher:
     placement: Placement
     after: int
 
-    def stage(self, grip: int, stage: Stage) -> None:
-        """Not looked at."""
-
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        del touches
-        if grip != self.after:
+    def __call__(self, event: Event) -> None:
+        if not isinstance(event, TouchEvent) or event.grip != self.after:
             return
         self.placement = replace(
             self.placement, x_mm=self.placement.x_mm + 4.0, y_mm=self.placement.y_mm - 3.0
         )
         for finger in self.session.bench.fingers:
             finger.put(outline_at(self.placement, finger.truth.height_mm))
-
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        """Not looked at."""
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        """Not looked at."""
-
-    def moved(self, grip: int) -> None:
-        """Not looked at."""
 
 
 def placement_of(name: str) -> Placement:

@@ -1,10 +1,10 @@
 """The loop over many searches, with touches simulated by shapely: how it ends, and that it always does."""
 
 import math
+import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from threading import Event
 
 import numpy as np
 import pytest
@@ -23,9 +23,9 @@ from simulated_touches import SimulatedTouches, as_foretold
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.errors import OutputError
 from palpate.geometry import ObjectModel
-from palpate.recognizer import Catalogue, Grip, Recognition
+from palpate.recognizer import Catalogue, Grip
 from palpate.rig.identification.loop import Identification, search
-from palpate.rig.identification.observers import Observers
+from palpate.rig.identification.observers import Event, MoveEvent, Observers, PlanEvent
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
@@ -37,27 +37,21 @@ ANSWERS = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISH
 
 
 @dataclass
-class Told:
-    """What observers were told."""
+class Events:
+    """Keeps every event."""
 
-    events: list[str] = field(default_factory=list)
-    plans: list[Grip] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
 
-    def stage(self, grip: int, stage: Stage) -> None:
-        self.events.append(f"stage {grip} {stage.value}")
+    def __call__(self, event: Event) -> None:
+        self.events.append(event)
 
-    def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-        self.events.append(f"touches {grip}: {len(touches)}")
+    @property
+    def plans(self) -> list[Grip]:
+        return [event.plan for event in self.events if isinstance(event, PlanEvent)]
 
-    def recognised(self, grip: int, recognition: Recognition) -> None:
-        self.events.append(f"recognised {grip}: {len(recognition.hypotheses)}")
-
-    def planned(self, grip: int, plan: Grip) -> None:
-        self.events.append(f"planned {grip}")
-        self.plans.append(plan)
-
-    def moved(self, grip: int) -> None:
-        self.events.append(f"moved {grip}")
+    @property
+    def moves(self) -> list[int]:
+        return [event.grip for event in self.events if isinstance(event, MoveEvent)]
 
 
 def placed_by(seed: int, models: Sequence[ObjectModel]) -> Placed:
@@ -144,8 +138,8 @@ def test_a_part_that_was_pushed_is_noticed(push_after: int) -> None:
     for seed in range(30):
         first = placed_by(seed, SIX)
         table = Table(first, pushed(first, seed), push_after, seed)
-        told = Told()
-        result = search(RIG, REACH, table, catalogue, Observers(record=told), seed=seed)
+        events = Events()
+        result = search(RIG, REACH, table, catalogue, Observers(record=events), seed=seed)
         if table.grips <= push_after:
             continue  # it was over before the push
         runs += 1
@@ -155,7 +149,7 @@ def test_a_part_that_was_pushed_is_noticed(push_after: int) -> None:
         if result.moved_before:
             (number,) = result.moved_before
             assert number > push_after
-            assert f"moved {number}" in told.events
+            assert events.moves == [number]
     assert runs >= 20
     assert noticed >= 0.9 * runs
 
@@ -232,11 +226,10 @@ def test_exact_twins_end_indistinguishable() -> None:
 
 
 def test_an_observer_that_fails_at_the_end_leaves_the_answer() -> None:
-    over = Event()
+    over = threading.Event()
 
-    class Late(Told):
-        def touches(self, grip: int, touches: Sequence[Touch]) -> None:
-            del grip, touches
+    class Late:
+        def __call__(self, _: Event) -> None:
             over.wait(30.0)
             raise OSError(28, "No space left on device")
 
@@ -253,10 +246,10 @@ def test_random_is_repeatable_and_differs_by_seed() -> None:
     catalogue = Catalogue(SIX)
 
     def ways(seed: int) -> list[tuple[int, ...]]:
-        told = Told()
+        events = Events()
         table = Table(placed_by(3, SIX), seed=3)
-        search(RIG, REACH, table, catalogue, Observers(record=told), strategy=Strategy.RANDOM, seed=seed)
-        return [plan.indices for plan in told.plans]
+        search(RIG, REACH, table, catalogue, Observers(record=events), strategy=Strategy.RANDOM, seed=seed)
+        return [plan.indices for plan in events.plans]
 
     assert ways(1) == ways(1)
     assert ways(1) != ways(2)
@@ -266,9 +259,9 @@ def test_touches_come_out_as_some_hypothesis_foretold() -> None:
     catalogue = Catalogue(SIX)
     checked = 0
     for seed in range(20):
-        table, told = Table(placed_by(seed, SIX), seed=seed), Told()
-        result = search(RIG, REACH, table, catalogue, Observers(record=told), seed=seed)
-        for plan, touches in zip(told.plans, result.grips[-len(told.plans) :], strict=True):
+        table, events = Table(placed_by(seed, SIX), seed=seed), Events()
+        result = search(RIG, REACH, table, catalogue, Observers(record=events), seed=seed)
+        for plan, touches in zip(events.plans, result.grips[-len(events.plans) :], strict=True):
             for row, touch in enumerate(touches):
                 assert any(as_foretold(touch.contact, item) for item in plan.predictions.of_approach(row))
                 checked += 1

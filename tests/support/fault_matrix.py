@@ -35,7 +35,7 @@ from palpate.rig.commissioning.rig_prober import HandProber
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.reference_table import EmulatedTable
 from palpate.rig.session.log import SessionLog
-from palpate.rig.session.run import Job, carry_out
+from palpate.rig.session.run import IdentificationJob, run_identification
 from palpate.vocabulary import Strategy
 
 __all__ = ["COMMANDS", "FAULTS", "Cell", "Fault", "Outcome", "cells", "problems", "run_cell"]
@@ -65,23 +65,17 @@ class Host:
 # ---------------------------------------------------------------------------------------------- commands
 
 
-class _Observing:
-    """An observer that does what the fault says."""
-
-    def __init__(self, host: Host) -> None:
-        self._host = host
-
-    def __getattr__(self, name: str) -> Callable[..., None]:
-        return lambda *_: self._host.observer()
-
-
 def _identify(host: Host, folder: Path) -> None:
     session = host.session
     objects = load_objects(shipped_objects())
-    job = Job(session.rig, Catalogue(objects.objects), session.placement, Strategy.PLANNED, SEED, None)
+    job = IdentificationJob(
+        session.rig, Catalogue(objects.objects), session.placement, Strategy.PLANNED, SEED, None
+    )
     with SessionLog(folder, session.clock, {}, stalled_s=0.3) as log:
         host.log = log
-        carry_out(job, outside(session.bench_rig, log), log, [_Observing(host)])  # type: ignore[list-item]
+        run = run_identification(job, outside(session.bench_rig, log), log, [lambda _: host.observer()])
+    if run.late_failure is not None:
+        raise run.late_failure
 
 
 def _calibrate(host: Host, _folder: Path) -> None:
@@ -548,7 +542,8 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "an observer raises, or standard output is closed or full",
         lambda h: _observe(h, lambda: _raise(OSError(28, "No space left on device"))),
-        "it is told nothing more; the run ends before its next grip, torque off",
+        "it is told nothing more; the run ends before its next grip, torque off; after the last one, "
+        "the answer comes first",
         "`output error: observer … failed …`, exit code 5",
         OUTPUT,
         r"observer .* failed: OSError",
