@@ -85,7 +85,7 @@ class Exchange:
         """Make the SDK's handler usable again after whatever interrupted it."""
         self._handler.is_using = False
 
-    def wider(self, blocks: Mapping[int, Block], *, fast: bool = False) -> dict[int, Block]:
+    def wider(self, blocks: Mapping[int, Block], *, fast: bool = False) -> Mapping[int, Block]:
         """What to read instead of `blocks`, so that no other answer can be taken for the answer to it.
 
         The same question takes lengths in turn, more of them while answers get lost or come late or twice.
@@ -96,7 +96,7 @@ class Exchange:
         found = self._outstanding.wider(blocks, now, variants=variants, fast=fast)
         if found is None:
             self.settle([BROADCAST_ID] if fast else blocks)
-            return dict(blocks)
+            return blocks
         return found
 
     def may_be_stale(self, dxl_id: int, size: int = ACK) -> bool:

@@ -93,8 +93,8 @@ def guarded_loop(
 
     Servos are read in every `read_every`-th period, streaming movers' in each. Raises SafetyStop for a goal
     out of range, with nothing sent, and what `pause`, `read` and the movers raise. The loop leaves torque
-    as it is, also when it raises: the caller switches it off (`torque_off_all`; on a rig, the end of
-    `Hand`'s block).
+    as it is, also when it raises: the caller switches it off, on a rig `Hand.__exit__` at the end of its
+    `with` block, in a script of its own a `finally` with `torque_off_all`.
     """
     _write(bus, {mover: mover.start(now()) for mover in movers})
     _look(read, movers, now)

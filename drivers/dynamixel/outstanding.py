@@ -8,6 +8,7 @@ has come that does not fit.
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from palpate.drivers.dynamixel.control_table import GOAL_PWM, REALTIME_TICK
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
@@ -47,9 +48,10 @@ class Outstanding:
     def note(self, dxl_id: int, size: int, question: Question | None, now: float) -> None:
         """Something was asked; its answer has `size` bytes of parameters."""
         owed = self._owed.get((dxl_id, size))
-        if owed is not None and owed.until_s > now and owed.question != question:
-            question = None
-        self._owed[dxl_id, size] = _Owed(question, now + self._horizon_s)
+        if owed is None:
+            owed = self._owed[dxl_id, size] = _Owed(question, now)
+        owed.question = question if owed.until_s <= now or owed.question == question else None
+        owed.until_s = now + self._horizon_s
 
     def expects(self, dxl_id: int, size: int, now: float) -> bool:
         """Whether an answer of this length may come: if it was not asked for now, it was before."""
@@ -81,7 +83,7 @@ class Outstanding:
 
     def wider(
         self, blocks: Mapping[int, Block], now: float, *, variants: int = 1, fast: bool = False
-    ) -> dict[int, Block] | None:
+    ) -> Mapping[int, Block] | None:
         """Blocks with `blocks` in them, of lengths that tell their answers from all outstanding.
 
         Of the first `variants` such lengths the one that was used least recently. Blocks that are all alike
@@ -99,26 +101,30 @@ class Outstanding:
 
     def _all_wider(
         self, blocks: Mapping[int, Block], now: float, variants: int, fast: bool
-    ) -> dict[int, Block] | None:
+    ) -> Mapping[int, Block] | None:
         """All of them wider by the same number of bytes."""
         spare = min(_WIDEST if first < _INDIRECT else _WIDEST_INDIRECT for first, _ in blocks.values())
-        found: list[tuple[float, dict[int, Block]]] = []
+        asked = tuple(blocks.items())
+        best: tuple[float, Mapping[int, Block]] | None = None
         for extra in range(spare + 1):
-            wide = {dxl_id: _widened(block, extra) for dxl_id, block in blocks.items()}
-            last_s = self._last_use_s(wide, now, fast)
-            if last_s is not None:
-                found.append((last_s, wide))
-                if last_s == 0.0 or len(found) == variants:
-                    break
-        return min(found, key=lambda item: item[0])[1] if found else None
+            wide, owed = _widened(asked, extra, fast)
+            last_s = self._last_use_s(owed, now)
+            if last_s is None:
+                continue
+            if best is None or last_s < best[0]:
+                best = last_s, wide
+            variants -= 1
+            if last_s == 0.0 or not variants:
+                break
+        return best and best[1]
 
-    def _last_use_s(self, blocks: Mapping[int, Block], now: float, fast: bool) -> float | None:
+    def _last_use_s(self, asked: Mapping[tuple[int, int], Question], now: float) -> float | None:
         """When answers of these lengths were last asked for, 0 if none is outstanding; None: to else."""
         last_s = 0.0
-        for key, question in questions(blocks, fast=fast).items():
-            owed = self._owed.get(key)
+        for key, question in asked.items():
             if key[1] == PING:
                 return None
+            owed = self._owed.get(key)
             if owed is None or owed.until_s <= now:
                 continue
             if owed.question != question:
@@ -127,23 +133,34 @@ class Outstanding:
         return last_s
 
 
-def questions(blocks: Mapping[int, Block], *, fast: bool = False) -> dict[tuple[int, int], Question]:
+def questions(blocks: Mapping[int, Block], *, fast: bool = False) -> Mapping[tuple[int, int], Question]:
     """What is asked when blocks are read, by the servo and the length of the answer."""
+    return _questions(tuple(blocks.items()), fast)
+
+
+@lru_cache(maxsize=1024)  # control loops ask the same a hundred times a second
+def _questions(asked: Question, fast: bool) -> Mapping[tuple[int, int], Question]:
     if fast:
-        size = fast_frame_size([size for _, size in blocks.values()])
-        return {(BROADCAST_ID, size): tuple(blocks.items())}
-    return {(dxl_id, block[1]): ((dxl_id, block),) for dxl_id, block in blocks.items()}
+        return {(BROADCAST_ID, fast_frame_size([size for _, (_, size) in asked])): asked}
+    return {(dxl_id, block[1]): ((dxl_id, block),) for dxl_id, block in asked}
+
+
+@lru_cache(maxsize=1024)
+def _widened(
+    asked: Question, extra: int, fast: bool
+) -> tuple[Mapping[int, Block], Mapping[tuple[int, int], Question]]:
+    """Blocks that are wider by some bytes, and the questions that they are."""
+    wide = tuple(
+        (dxl_id, (first if first < _INDIRECT else first - extra, size + extra))
+        for dxl_id, (first, size) in asked
+    )
+    return dict(wide), _questions(wide, fast)
 
 
 def part(data: bytes, wide: Block, block: Block) -> bytes:
     """The bytes of a block among those of a wider one."""
     begin = block[0] - wide[0]
     return data[begin : begin + block[1]]
-
-
-def _widened(block: Block, extra: int) -> Block:
-    first, size = block
-    return (first if first < _INDIRECT else first - extra), size + extra
 
 
 def _overlap(one: Block, other: Block) -> bool:
