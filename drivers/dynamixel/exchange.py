@@ -219,9 +219,7 @@ class Exchange:
             self._note_trouble()
         lost = Lost.DAMAGED if frame else Lost.SILENT
         return {
-            dxl_id: StatusPacket(dxl_id, part.error, part.params)
-            if part is not None and part.dxl_id == dxl_id
-            else lost
+            dxl_id: part if part is not None and part.dxl_id == dxl_id else lost
             for dxl_id, part in zip(blocks, parts, strict=True)
         }
 

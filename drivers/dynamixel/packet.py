@@ -25,14 +25,13 @@ __all__ = [
     "ALERT_BIT",
     "BROADCAST_ID",
     "MAX_ID",
-    "FastBlock",
+    "DamagedPacket",
     "Instruction",
     "InstructionPacket",
     "Parser",
     "StatusErrorCode",
     "StatusPacket",
     "crc16",
-    "encode_fast_status",
     "encode_instruction",
     "encode_status",
     "parse_fast_status",
@@ -115,12 +114,10 @@ class StatusPacket:
 
 
 @dataclass(frozen=True, slots=True)
-class FastBlock:
-    """One servo's part of the answer to a fast read. `error` is the error byte as in a `StatusPacket`."""
+class DamagedPacket:
+    """A whole instruction packet with a wrong CRC, and the ID that stands in it."""
 
     dxl_id: int
-    error: int = 0
-    params: bytes = b""
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -166,27 +163,7 @@ def encode_status(packet: StatusPacket) -> bytes:
     return _frame(packet.dxl_id, bytes((_STATUS, packet.error)) + packet.params)
 
 
-def encode_fast_status(blocks: Sequence[FastBlock]) -> list[bytes]:
-    """Bytes that each servo sends in answer to a fast read; the first one's begin with the header.
-
-    Raises ValueError without blocks, or if the frame would be longer than a servo takes.
-    """
-    if not blocks:
-        raise ValueError("the answer to a fast read has at least one block")
-    head = _fast_head([len(block.params) for block in blocks])
-    pieces = []
-    crc = 0
-    for block in blocks:
-        piece = head + bytes((block.error, block.dxl_id)) + block.params
-        head = b""
-        crc = crc16(piece, crc)
-        tail = crc.to_bytes(2, "little")
-        crc = crc16(tail, crc)
-        pieces.append(piece + tail)
-    return pieces
-
-
-def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[FastBlock | None]:
+def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[StatusPacket | None]:
     """Blocks of the answer to a fast read of `lengths` bytes from each servo, in the order of the request.
 
     `frame` begins with the header and may be cut short; what follows the last block is ignored. From the
@@ -194,7 +171,7 @@ def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[FastBlock | 
     All are None if the frame's head is not that of the answer to such a request. Which ID a block should have
     is the caller's to check. Raises ValueError if the answer would be longer than a servo takes.
     """
-    blocks: list[FastBlock | None] = [None] * len(lengths)
+    blocks: list[StatusPacket | None] = [None] * len(lengths)
     end = _PREFIX + 1
     head = frame[:end]
     if not lengths or head != _fast_head(lengths):
@@ -207,7 +184,7 @@ def parse_fast_status(frame: bytes, lengths: Sequence[int]) -> list[FastBlock | 
         if len(block) < end - start or block[-2:] != crc.to_bytes(2, "little"):
             break
         crc = crc16(block[-2:], crc)
-        blocks[index] = FastBlock(block[1], block[0], block[2:-2])
+        blocks[index] = StatusPacket(block[1], block[0], block[2:-2])
     return blocks
 
 
@@ -231,65 +208,46 @@ def _check_length(length: int) -> None:
 
 
 class Parser:
-    """Finds packets in a stream that may start, stop and break anywhere.
+    """Finds packets in a stream that may start, stop and break anywhere; skips garbage between them.
 
-    `dropped_bytes` counts bytes that belonged to no valid packet, `crc_failures` the complete packets among
-    them whose CRC was wrong. After a wrong CRC the search goes on right behind that header, so a packet that
-    begins inside a damaged one is still found.
+    After a wrong CRC the search goes on right behind that header, so that a packet that begins inside a
+    damaged one is still found.
     """
 
     def __init__(self) -> None:
-        self.dropped_bytes = 0
-        self.crc_failures = 0
         self._buffer = bytearray()
 
-    def feed(self, data: bytes) -> list[InstructionPacket | StatusPacket]:
+    def feed(self, data: bytes) -> list[InstructionPacket | StatusPacket | DamagedPacket]:
         """Take more bytes and return the packets that they complete, in order."""
         self._buffer += data
-        packets: list[InstructionPacket | StatusPacket] = []
+        packets: list[InstructionPacket | StatusPacket | DamagedPacket] = []
         while (frame := self._next_frame()) is not None:
+            whole = crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little")
+            del self._buffer[: len(frame) if whole else 1]
             body = unstuff(frame[_PREFIX:-2])
             if body[0] != _STATUS:
-                packets.append(InstructionPacket(frame[4], body[0], body[1:]))
-            elif len(body) >= 2:
+                instruction = InstructionPacket(frame[4], body[0], body[1:])
+                packets.append(instruction if whole else DamagedPacket(frame[4]))
+            elif whole and len(body) >= 2:
                 packets.append(StatusPacket(frame[4], body[1], body[2:]))
-            else:
-                self.dropped_bytes += len(frame)
         return packets
 
     def reset(self) -> None:
-        """Forget an unfinished packet, as a servo does when the line falls silent; its bytes are dropped."""
-        self._drop(len(self._buffer))
+        """Forget an unfinished packet, as a servo does when the line falls silent."""
+        self._buffer.clear()
 
     def _next_frame(self) -> bytes | None:
+        """The next complete frame, still in the buffer; what stands before it is dropped."""
         buffer = self._buffer
         while True:
             start = buffer.find(_HEADER)
-            self._drop(start if start >= 0 else len(buffer) - _header_overlap(buffer))
-            if len(buffer) < _PREFIX:
+            # without a header the last bytes may be the beginning of one
+            del buffer[: start if start >= 0 else max(0, len(buffer) - len(_HEADER) + 1)]
+            if start < 0 or len(buffer) < _PREFIX:
                 return None
             length = int.from_bytes(buffer[5:7], "little")
             if not 3 <= length <= _LONGEST or buffer[4] in (0xFD, 0xFF):
-                self._drop(1)
+                del buffer[0]
                 continue
             end = _PREFIX + length
-            if len(buffer) < end:
-                return None
-            frame = bytes(buffer[:end])
-            if crc16(frame[:-2]) == int.from_bytes(frame[-2:], "little"):
-                del buffer[:end]
-                return frame
-            self.crc_failures += 1
-            self._drop(1)
-
-    def _drop(self, count: int) -> None:
-        self.dropped_bytes += count
-        del self._buffer[:count]
-
-
-def _header_overlap(buffer: bytearray) -> int:
-    """Length of the longest end of `buffer` that could begin a header."""
-    for size in range(min(len(_HEADER) - 1, len(buffer)), 0, -1):
-        if buffer.endswith(_HEADER[:size]):
-            return size
-    return 0
+            return bytes(buffer[:end]) if len(buffer) >= end else None

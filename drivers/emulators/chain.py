@@ -17,12 +17,13 @@ from collections.abc import Callable, Sequence
 
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
+    DamagedPacket,
     Instruction,
     InstructionPacket,
+    Parser,
     encode_status,
 )
 from palpate.drivers.emulators.group_packets import FastFrame, ReadRequest, read_requests, write_requests
-from palpate.drivers.emulators.receiver import Receiver
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.wire import Emission, wire_time_s
 
@@ -72,7 +73,7 @@ class ServoChain:
         self._advance = advance
         self._baudrate = baudrate
         self._skip_missing = skip_missing
-        self._receivers: dict[int, Receiver] = {}
+        self._parsers: dict[int, Parser] = {}
         self._last_s = 0.0
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
@@ -90,15 +91,15 @@ class ServoChain:
         self._last_s = now
         line = _Line(now, baudrate)
         for rate in sorted({servo.baudrate for servo in self._servos}):
-            receiver = self._receivers.setdefault(rate, Receiver())
+            parser = self._parsers.setdefault(rate, Parser())
             if not _understood(rate, baudrate):
-                receiver.reset()
+                parser.reset()
                 continue
-            for packet in receiver.feed(data):
+            for packet in parser.feed(data):
                 line.now = max(line.now, now)
                 if isinstance(packet, InstructionPacket):
                     self._dispatch(packet, line)
-                else:
+                elif isinstance(packet, DamagedPacket):
                     self._answer_damaged(packet.dxl_id, line)
         return line.emissions
 
@@ -114,8 +115,8 @@ class ServoChain:
         return None
 
     def _forget_unfinished(self) -> None:
-        for receiver in self._receivers.values():
-            receiver.reset()
+        for parser in self._parsers.values():
+            parser.reset()
 
     def _listening(self, baudrate: int) -> list[EmulatedServo]:
         """Those that understand the rate, in order of IDs."""
@@ -174,14 +175,13 @@ def _answer(servo: EmulatedServo, packet: InstructionPacket, line: _Line) -> Non
 
 def _read_fast(requests: Sequence[ReadRequest], by_id: dict[int, EmulatedServo], line: _Line) -> None:
     """One frame without pauses: the manual shows it as if one servo sent it, after its return delay."""
-    frame = FastFrame(requests)
+    frame = FastFrame([request.length for request in requests])
     for k, request in enumerate(requests):
         servo = by_id.get(request.dxl_id)
         block = servo.answer_fast(request.address, request.length) if servo else None
         if servo is None or block is None:
             return
-        error, data = block
-        line.send(0.0 if k else servo.return_delay_s, frame.part(request.dxl_id, error, data))
+        line.send(0.0 if k else servo.return_delay_s, frame.part(block))
 
 
 def _understood(rate: int, baudrate: int) -> bool:

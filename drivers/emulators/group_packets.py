@@ -11,7 +11,7 @@ without byte stuffing; every CRC is taken over all bytes before it, CRCs include
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from palpate.drivers.dynamixel.packet import BROADCAST_ID, Instruction, InstructionPacket, crc16
+from palpate.drivers.dynamixel.packet import BROADCAST_ID, Instruction, InstructionPacket, StatusPacket, crc16
 
 __all__ = ["FastFrame", "ReadRequest", "WriteRequest", "read_requests", "write_requests"]
 
@@ -39,14 +39,15 @@ class WriteRequest:
 class FastFrame:
     """The answer to a fast read as it grows, servo by servo."""
 
-    def __init__(self, requests: Sequence[ReadRequest]) -> None:
-        length = 1 + sum(request.length + _FAST_BLOCK for request in requests)
+    def __init__(self, lengths: Sequence[int]) -> None:
+        """`lengths`: bytes that are read from each servo."""
+        length = 1 + sum(lengths) + _FAST_BLOCK * len(lengths)
         self._sent = b"\xff\xff\xfd\x00" + bytes((BROADCAST_ID, length & 0xFF, length >> 8 & 0xFF, 0x55))
         self._begun = False
 
-    def part(self, dxl_id: int, error: int, data: bytes) -> bytes:
+    def part(self, answer: StatusPacket) -> bytes:
         """The bytes that the next servo sends; the first one sends the head too."""
-        block = bytes((error, dxl_id)) + data
+        block = bytes((answer.error, answer.dxl_id)) + answer.params
         block += crc16(self._sent + block).to_bytes(2, "little")
         sent = block if self._begun else self._sent + block
         self._sent += block

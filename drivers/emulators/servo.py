@@ -179,14 +179,14 @@ class EmulatedServo:
             data, code = b"", refusal.code
         return StatusPacket(self.dxl_id, self._alert | code, data)
 
-    def answer_fast(self, address: int, length: int) -> tuple[int, bytes] | None:
-        """Error byte and data of this servo's part of a fast read; None if it takes no part.
+    def answer_fast(self, address: int, length: int) -> StatusPacket | None:
+        """Answer this servo's part of a fast read; None if it takes no part.
 
         Older firmware does not know the instruction. A part has its length, even if the servo refuses: it
         is filled with zeros then, which the manual does not say.
         """
         answer = self.answer_block(address, length) if self._unit.extended else None
-        return None if answer is None else (answer.error, answer.params.ljust(length, b"\0"))
+        return answer and replace(answer, params=answer.params.ljust(length, b"\0"))
 
     def take_block(self, address: int, data: bytes) -> None:
         """Carry out this servo's part of a sync or bulk write, which is never answered."""

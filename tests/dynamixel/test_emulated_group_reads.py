@@ -13,7 +13,6 @@ from palpate.drivers.dynamixel.packet import (
     encode_instruction,
 )
 from palpate.drivers.emulators.chain import ServoChain
-from palpate.drivers.emulators.group_packets import FastFrame, ReadRequest
 from palpate.drivers.emulators.servo import EmulatedServo
 
 POSITION = (132, 4)
@@ -38,23 +37,6 @@ def chain_of(
 ) -> tuple[ServoChain, list[EmulatedServo]]:
     servos = [EmulatedServo(dxl_id, **({"firmware": 45} | options)) for dxl_id in ids]  # type: ignore[arg-type]
     return ServoChain(servos, lambda _: None, skip_missing=skip_missing), servos
-
-
-# -- the manual's examples ------------------------------------------------------------------------------
-
-
-def test_fast_sync_read_of_the_manual() -> None:
-    frame = FastFrame([ReadRequest(dxl_id, *POSITION) for dxl_id in (3, 7, 4)])
-    assert frame.part(3, 0, b"\xa6\0\0\0") == bytes.fromhex("FFFFFD00 FE 1900 55 00 03 A6000000 8408")
-    assert frame.part(7, 0, b"\x1f\x08\0\0") == bytes.fromhex("00 07 1F080000 16CA")
-    assert frame.part(4, 0, b"\xff\x03\0\0") == bytes.fromhex("00 04 FF030000 D19E")
-
-
-def test_fast_bulk_read_of_the_manual() -> None:
-    frame = FastFrame([ReadRequest(3, *POSITION), ReadRequest(7, 124, 2), ReadRequest(4, 146, 1)])
-    assert frame.part(3, 0, b"\xa6\0\0\0") == bytes.fromhex("FFFFFD00 FE 1400 55 00 03 A6000000 67A4")
-    assert frame.part(7, 0, b"\xa5\x01") == bytes.fromhex("00 07 A501 2474")
-    assert frame.part(4, 0, b"\x1f") == bytes.fromhex("00 04 1F D9C1")
 
 
 # -- on the wire ------------------------------------------------------------------------------------------

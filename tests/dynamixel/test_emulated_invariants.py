@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.dynamixel.manual import MODEL_NAMES, Access, Area, TableItem, table_of
-from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, encode_instruction
-from palpate.drivers.emulators.receiver import Receiver
+from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, Parser, encode_instruction
 from palpate.drivers.emulators.servo import EmulatedServo
 
 FIRMWARE = 52
@@ -139,9 +138,9 @@ def test_noise_round_a_packet_never_hides_it(noise: bytes, cuts: list[int]) -> N
     stream = noise.replace(b"\xff\xff\xfd\0", b"") + encode_instruction(packet)
     if b"\xff\xff\xfd\0" in stream[:-10]:
         return
-    receiver = Receiver()
+    parser = Parser()
     found = []
     ends = [*sorted(cut for cut in cuts if cut < len(stream)), len(stream)]
     for begin, end in zip([0, *ends], ends, strict=False):
-        found += receiver.feed(stream[begin:end])
+        found += parser.feed(stream[begin:end])
     assert found == [packet]

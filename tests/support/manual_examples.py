@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
-    FastBlock,
     Instruction,
     InstructionPacket,
     StatusPacket,
@@ -40,7 +39,7 @@ class FastExample:
 
     section: str
     printed: tuple[str, ...]
-    meaning: tuple[FastBlock, ...]
+    meaning: tuple[StatusPacket, ...]
 
     @property
     def pieces(self) -> list[bytes]:
@@ -196,7 +195,7 @@ EXCHANGES: tuple[Exchange, ...] = (
                 "00 07 1F 08 00 00 16 CA",
                 "00 04 FF 03 00 00 D1 9E",
             ),
-            (FastBlock(3, 0, _u32(166)), FastBlock(7, 0, _u32(2079)), FastBlock(4, 0, _u32(1023))),
+            (StatusPacket(3, 0, _u32(166)), StatusPacket(7, 0, _u32(2079)), StatusPacket(4, 0, _u32(1023))),
         ),
     ),
     Exchange(  # Present Input Voltage of one, Present Temperature of the other
@@ -236,7 +235,7 @@ EXCHANGES: tuple[Exchange, ...] = (
                 "00 07 A5 01 24 74",
                 "00 04 1F D9 C1",
             ),
-            (FastBlock(3, 0, _u32(166)), FastBlock(7, 0, _u16(421)), FastBlock(4, 0, bytes([31]))),
+            (StatusPacket(3, 0, _u32(166)), StatusPacket(7, 0, _u16(421)), StatusPacket(4, 0, bytes([31]))),
         ),
     ),
 )

@@ -16,6 +16,7 @@ from itertools import count
 
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
+    DamagedPacket,
     Instruction,
     InstructionPacket,
     Parser,
@@ -24,7 +25,6 @@ from palpate.drivers.dynamixel.packet import (
     encode_status,
 )
 from palpate.drivers.emulators.group_packets import FastFrame, read_requests, write_requests
-from palpate.drivers.emulators.receiver import Receiver
 from palpate.drivers.transport.clock import VirtualClock
 
 __all__ = ["REGISTERS", "Kind", "Spoil", "SpoilingPort"]
@@ -113,7 +113,7 @@ class SpoilingPort:
         self._number = count()
         self._events: list[tuple[float, int, bool, bytes, bool]] = []
         self._received = bytearray()
-        self._receiver = Receiver()
+        self._receiver = Parser()
         self._heard_s = self._answering_s = 0.0
         self._held_s = [0.0, 0.0]
 
@@ -182,7 +182,7 @@ class SpoilingPort:
     def _run(self, now: float) -> None:
         while self._events and self._events[0][0] <= now:
             due, _, out, data, damaged = heapq.heappop(self._events)
-            if damaged and Parser().feed(data):
+            if damaged and any(not isinstance(packet, DamagedPacket) for packet in Parser().feed(data)):
                 self.let_through_s.append(due)
             if out:
                 self._hear(data, due)
@@ -199,7 +199,7 @@ class SpoilingPort:
         for packet in self._receiver.feed(data):
             if isinstance(packet, InstructionPacket):
                 self._obey(packet, now)
-            elif packet.dxl_id in self.servos:
+            elif isinstance(packet, DamagedPacket) and packet.dxl_id in self.servos:
                 self._answer(packet.dxl_id, StatusErrorCode.CRC_ERROR)
 
     def _send(self, data: bytes) -> None:
@@ -241,12 +241,12 @@ class SpoilingPort:
 
     def _answer_fast(self, packet: InstructionPacket, now: float) -> None:
         requests = read_requests(packet)
-        frame, parts = FastFrame(requests), b""
+        frame, parts = FastFrame([request.length for request in requests]), b""
         for request in requests:
             if request.dxl_id not in self.servos:
                 break
             error, data = self.servos[request.dxl_id].read(request.address, request.length, now)
-            parts += frame.part(request.dxl_id, error, data.ljust(request.length, b"\0"))
+            parts += frame.part(StatusPacket(request.dxl_id, error, data.ljust(request.length, b"\0")))
         if parts:
             self._send(parts)
 
