@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from fault_matrix import FAULTS, LOOKED, Cell, Outcome, cells, problems, run_cell
 from fault_page import write_page
 
-from palpate.drivers.dynamixel import control_table, guarded, servo, state
+from palpate.drivers.dynamixel import bus, control_table, guarded, servo, state
 from palpate.drivers.transport import record
 from palpate.rig.motion import array_guard, finger_movers, hand
 from palpate.rig.session import log
@@ -65,8 +65,8 @@ def without_torque_check() -> None:
 
 def without_alerts() -> None:
     """Hardware errors in states are not raised."""
-    whole = state.States.all
-    state.States.all = lambda self: whole(  # type: ignore[method-assign]
+    whole = bus.GroupRead.all
+    bus.GroupRead.all = lambda self: whole(  # type: ignore[method-assign]
         replace(self, errors={i: e for i, e in self.errors.items() if not hasattr(e, "carried_out")})
     )
 

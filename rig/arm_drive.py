@@ -105,7 +105,7 @@ class ArmDrive:
         """Write modes and limits; until a way begins, currents are those for where the arm must start."""
         for servo, limits in self.limits().items():
             limits.write(servo)
-            servo.no_profile()
+            servo.clear_profile()
         k = self._kinematics
         angle = math.atan2(k.base_mm[1], k.base_mm[0])
         self._limit([on_circle(self._wait_mm, angle)])

@@ -1,5 +1,6 @@
 """`palpate stop`: torque off on every servo, now, also beside a palpate that is using the port."""
 
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 
@@ -10,9 +11,9 @@ from palpate.cli.terminal import Terminal
 from palpate.config.results import to_json
 from palpate.config.stop_result import StopOut, StoppedServoOut
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.stop import Confirmation, confirm_off, tell_all_off
+from palpate.drivers.dynamixel.torque import broadcast_torque_off, confirm_torque_off
 from palpate.drivers.transport.port import PortTaken
-from palpate.errors import InputError, counted
+from palpate.errors import DeviceError, InputError, counted
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_place, servos_of
 
 __all__ = ["run_stop", "stop"]
@@ -42,7 +43,7 @@ def stop(place: BusEndpoint, baudrate: int) -> StopOut:
     told = 0
     while True:
         with closing(_bus(place, baudrate, shared=True)) as bus:
-            tell_all_off(bus, place.clock, _TIMES)
+            broadcast_torque_off(bus, place.clock, _TIMES)
             told += _TIMES
         try:
             bus = _bus(place, baudrate, shared=False)
@@ -52,30 +53,34 @@ def stop(place: BusEndpoint, baudrate: int) -> StopOut:
             return _out(place, baudrate, told, None)
         with closing(bus):
             owned = [servo.dxl_id for servo in servos_of(place.rig)]
-            return _out(place, baudrate, told, confirm_off(bus, sorted({*owned, *bus.ping_all()})))
+            return _out(
+                place, baudrate, told, confirm_torque_off(bus, sorted({*owned, *bus.broadcast_ping()}))
+            )
 
 
 def _bus(place: BusEndpoint, baudrate: int, *, shared: bool) -> Bus:
     return Bus(place.open(baudrate, shared=shared), place.clock, baudrate, latency_s=place.latency_s)
 
 
-def _out(place: BusEndpoint, baudrate: int, told: int, confirmations: list[Confirmation] | None) -> StopOut:
+def _out(
+    place: BusEndpoint, baudrate: int, told: int, problems: Mapping[int, DeviceError | None] | None
+) -> StopOut:
     owners = {servo.dxl_id: servo.owner for servo in servos_of(place.rig)}
     servos = tuple(
         StoppedServoOut(
-            id=item.dxl_id,
-            owner=owners.get(item.dxl_id),
-            off=item.is_off,
-            problem=None if item.problem is None else str(item.problem),
+            id=dxl_id,
+            owner=owners.get(dxl_id),
+            off=problem is None,
+            problem=None if problem is None else str(problem),
         )
-        for item in confirmations or []
+        for dxl_id, problem in (problems or {}).items()
     )
     return StopOut(
         port=place.port,
         emulated=place.emulated,
         baudrate_bps=baudrate,
         told=told,
-        taken=confirmations is None,
+        taken=problems is None,
         confirmed=bool(servos) and all(servo.off for servo in servos),
         servos=servos,
     )

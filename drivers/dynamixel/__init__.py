@@ -3,7 +3,7 @@
 from palpate.drivers.dynamixel.bus import Bus, GroupRead, Ping
 from palpate.drivers.dynamixel.control_table import HardwareError, OperatingMode
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.failures import (
+from palpate.drivers.dynamixel.errors import (
     DamagedAnswer,
     HardwareAlert,
     NotAnswering,
@@ -13,8 +13,9 @@ from palpate.drivers.dynamixel.failures import (
     StatusError,
 )
 from palpate.drivers.dynamixel.models import Model, model_named, model_numbered, models_known
-from palpate.drivers.dynamixel.servo import Servo, stop_at, torque_off_all, write_goals
-from palpate.drivers.dynamixel.state import ServoState, StateReader, States
+from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
+from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.dynamixel.torque import disable_torque
 
 __all__ = [
     "Bus",
@@ -33,12 +34,11 @@ __all__ = [
     "Servo",
     "ServoState",
     "StateReader",
-    "States",
     "StatusError",
+    "disable_torque",
     "model_named",
     "model_numbered",
     "models_known",
     "stop_at",
-    "torque_off_all",
     "write_goals",
 ]

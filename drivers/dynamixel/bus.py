@@ -9,12 +9,12 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.control_table import (
     HARDWARE_ERROR_STATUS,
-    ITEMS,
     RETURN_DELAY_TIME,
     RETURN_DELAY_UNIT_S,
     TORQUE_ENABLE,
@@ -22,8 +22,7 @@ from palpate.drivers.dynamixel.control_table import (
     Item,
 )
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, combine_losses
-from palpate.drivers.dynamixel.failures import (
+from palpate.drivers.dynamixel.errors import (
     AnsweringLate,
     DamagedAnswer,
     HardwareAlert,
@@ -34,6 +33,7 @@ from palpate.drivers.dynamixel.failures import (
     WrongLength,
     raise_first,
 )
+from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, combine_losses
 from palpate.drivers.dynamixel.group import read_group
 from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
@@ -43,6 +43,8 @@ from palpate.drivers.transport.port import PORT_ERRORS
 from palpate.errors import DeviceError
 
 __all__ = ["Bus", "GroupRead", "Ping"]
+
+_T = TypeVar("_T")
 
 _LONGEST_NUMBER = 4  # bytes of the longest single item
 _WRITES = 3  # how often an item is written that reads otherwise afterwards
@@ -58,20 +60,20 @@ class Ping:
 
 
 @dataclass(frozen=True, slots=True)
-class GroupRead:
-    """What several servos answered: for each id its values, or an error.
+class GroupRead(Generic[_T]):
+    """What several servos answered: for each id what was read, or an error.
 
     A servo that reports a hardware error is in both: what it measured holds, and its error is a
     HardwareAlert.
     """
 
-    values: Mapping[int, Mapping[Item, int]]
+    values: Mapping[int, _T]
     errors: Mapping[int, DeviceError]
 
-    def all(self) -> dict[int, dict[Item, int]]:
-        """Every servo's values. Raises NotAnswering for all that are silent, or the first other error."""
+    def all(self) -> dict[int, _T]:
+        """What every servo answered. Raises NotAnswering for all silent ones, or the first other error."""
         raise_first(tuple(self.errors.values()))
-        return {dxl_id: dict(values) for dxl_id, values in self.values.items()}
+        return dict(self.values)
 
 
 class Bus:
@@ -127,21 +129,17 @@ class Bus:
             self._check(answer, "a ping", alert=False)
         return _told(answer)
 
-    def ping_all(self, wanted: Sequence[int] = range(MAX_ID + 1)) -> dict[int, Ping]:
+    def broadcast_ping(self, wanted: Sequence[int] = range(MAX_ID + 1)) -> dict[int, Ping]:
         """Ping everybody at once. Ends when all `wanted` have answered, or the highest of them is overdue.
 
         Servos with one id between them damage each other's answers, so that neither may be found.
         """
         with self._exchanging():
-            found = self._exchange.ping_all(wanted)
+            found = self._exchange.broadcast_ping(wanted)
         return {answer.dxl_id: _told(answer) for answer in found if len(answer.params) == 3}
 
-    def read(self, dxl_id: int, item: Item) -> int:
-        """Read one item."""
-        return self.read_alerting(dxl_id, item, alert=True)
-
-    def read_alerting(self, dxl_id: int, item: Item, *, alert: bool = False) -> int:
-        """Read one item even of a servo that reports a hardware error; with `alert`, raise HardwareAlert."""
+    def read(self, dxl_id: int, item: Item, *, alert: bool = True) -> int:
+        """Read one item. `alert`: raise HardwareAlert if the servo reports a hardware error."""
         _check_id(dxl_id)
         with self._exchanging():
             answer = self._read(dxl_id, (item.address, item.size))
@@ -188,30 +186,33 @@ class Bus:
 
     def hardware_error(self, dxl_id: int) -> HardwareError:
         """Read Hardware Error Status, which works while the servo is alerting."""
-        return HardwareError(self.read_alerting(dxl_id, HARDWARE_ERROR_STATUS))
+        return HardwareError(self.read(dxl_id, HARDWARE_ERROR_STATUS, alert=False))
 
-    def sync_read(self, dxl_ids: Sequence[int], first: Item, last: Item, *, fast: bool = False) -> GroupRead:
-        """Read all items from `first` to `last` of several servos in one instruction, at one instant.
+    def sync_read(self, dxl_ids: Sequence[int], item: Item, *, fast: bool = False) -> GroupRead[int]:
+        """Read an item of several servos in one instruction, at one instant.
 
         `fast`: with Fast Sync Read, which all of them must know (`Model.answers_fast`). Raises PortFailed
         only: each servo has a value or an error.
         """
-        block = (first.address, last.address + last.size - first.address)
-        answers = self.read_blocks(dict.fromkeys(dxl_ids, block), fast=fast)
-        items = [item for item in ITEMS if first.address <= item.address <= last.address]
-        return self.sorted_out(
-            answers,
-            lambda _, raw: {
-                item: item.decode(raw[item.address - first.address :][: item.size]) for item in items
-            },
-            f"to read {first.name} to {last.name}",
-        )
+        return self.bulk_read(dict.fromkeys(dxl_ids, item), fast=fast)
 
-    def bulk_read(self, items: Mapping[int, Item], *, fast: bool = False) -> GroupRead:
+    def bulk_read(self, items: Mapping[int, Item], *, fast: bool = False) -> GroupRead[int]:
         """Read an item of its own of each servo in one instruction; otherwise as `sync_read`."""
         blocks = {dxl_id: (item.address, item.size) for dxl_id, item in items.items()}
-        answers = self.read_blocks(blocks, fast=fast)
-        return self.sorted_out(answers, lambda i, raw: {items[i]: items[i].decode(raw)}, "a bulk read")
+        values: dict[int, int] = {}
+        errors: dict[int, DeviceError] = {}
+        for dxl_id, answer in self.read_blocks(blocks, fast=fast).items():
+            if isinstance(answer, DeviceError):
+                errors[dxl_id] = answer
+                continue
+            if answer.error_number == 0:
+                values[dxl_id] = items[dxl_id].decode(answer.params)
+            try:
+                with self._exchanging():
+                    self._check(answer, f"to read {items[dxl_id].name}")
+            except (HardwareAlert, StatusError) as error:
+                errors[dxl_id] = error
+        return GroupRead(values, errors)
 
     def read_blocks(
         self, blocks: Mapping[int, Block], *, fast: bool = False
@@ -229,28 +230,6 @@ class Bus:
             found = read_group(self._exchange, blocks, self._silent, tries, self.counts, fast=fast)
             return {dxl_id: self._or_error(dxl_id, block, found[dxl_id]) for dxl_id, block in blocks.items()}
 
-    def sorted_out(
-        self,
-        answers: Mapping[int, StatusPacket | DeviceError],
-        decode: Callable[[int, bytes], Mapping[Item, int]],
-        doing: str,
-    ) -> GroupRead:
-        """Answers as values and errors; the cause of an alert is read."""
-        values: dict[int, Mapping[Item, int]] = {}
-        errors: dict[int, DeviceError] = {}
-        for dxl_id, answer in answers.items():
-            if isinstance(answer, DeviceError):
-                errors[dxl_id] = answer
-                continue
-            if answer.error_number == 0:
-                values[dxl_id] = decode(dxl_id, answer.params)
-            try:
-                with self._exchanging():
-                    self._check(answer, doing)
-            except (HardwareAlert, StatusError) as error:
-                errors[dxl_id] = error
-        return GroupRead(values, errors)
-
     def sync_write(self, item: Item, values: Mapping[int, int]) -> None:
         """Write one item of several servos in one instruction. Servos do not confirm it."""
         params = _words(item.address, item.size)
@@ -260,7 +239,7 @@ class Bus:
         with self._exchanging():
             self._exchange.tell_group(values, params, (item.address, item.size))
 
-    def torque_off_everywhere(self) -> None:
+    def broadcast_torque_off(self) -> None:
         """Tell every servo on the wire, known or not, to switch torque off. Servos do not confirm it."""
         with self._exchanging():
             item = TORQUE_ENABLE

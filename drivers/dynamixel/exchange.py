@@ -223,7 +223,7 @@ class Exchange:
             for dxl_id, part in zip(blocks, parts, strict=True)
         }
 
-    def ping_all(self, wanted: Sequence[int]) -> list[StatusPacket]:
+    def broadcast_ping(self, wanted: Sequence[int]) -> list[StatusPacket]:
         """One ping to all: the answers until all `wanted` are there, or the highest of them is overdue."""
         self._note({(dxl_id, PING): None for dxl_id in wanted})
         self._send(BROADCAST_ID, Instruction.PING, b"")

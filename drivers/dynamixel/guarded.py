@@ -94,7 +94,7 @@ def guarded_loop(
     Servos are read in every `read_every`-th period, streaming movers' in each. Raises SafetyStop for a goal
     out of range, with nothing sent, and what `pause`, `read` and the movers raise. The loop leaves torque
     as it is, also when it raises: the caller switches it off, on a rig `Hand.__exit__` at the end of its
-    `with` block, in a script of its own a `finally` with `torque_off_all`.
+    `with` block, in a script of its own a `finally` with `disable_torque`.
     """
     _write(bus, {mover: mover.start(now()) for mover in movers})
     _look(read, movers, now)
@@ -243,7 +243,7 @@ def guarded_move(
     """Send servos to their goals; each stops where `felt` says that it touches, at a stall or a deadline.
 
     Raises SafetyStop for a goal out of range, with nothing sent, and what `read` raises. Torque must be on,
-    and stays on, also after an error: the caller switches it off with `torque_off_all`.
+    and stays on, also after an error: the caller switches it off with `disable_torque`.
     """
 
     def mover(servo: Servo, goal_rad: float) -> ServoMover:

@@ -32,7 +32,7 @@ def read_health(bus: Bus, servo: Servo, items: Iterable[str] = ()) -> Health:
     """Ask a servo whose firmware is known already (`Servo.check`). Raises what the bus raises."""
 
     def read(name: str) -> int:
-        return bus.read_alerting(servo.dxl_id, servo.item(name))
+        return bus.read(servo.dxl_id, servo.item(name), alert=False)
 
     low, high = read("Min Voltage Limit"), read("Max Voltage Limit")
     return Health(
@@ -48,4 +48,4 @@ def read_health(bus: Bus, servo: Servo, items: Iterable[str] = ()) -> Health:
 
 def read_items(bus: Bus, servo: Servo, items: Iterable[str]) -> dict[str, int]:
     """The values of some items, also of a servo that reports a hardware error."""
-    return {name: bus.read_alerting(servo.dxl_id, servo.item(name)) for name in items}
+    return {name: bus.read(servo.dxl_id, servo.item(name), alert=False) for name in items}

@@ -16,6 +16,7 @@ from types import MappingProxyType
 __all__ = [
     "BAUD_RATES",
     "BROADCAST_RESET_FIRMWARE",
+    "COMMON_ITEMS",
     "EXTENDED_FIRMWARE",
     "MODEL_NAMES",
     "Access",
@@ -94,7 +95,7 @@ _R = Access.R
 _S16 = (-0x8000, 0x7FFF)
 _S32 = (-0x8000_0000, 0x7FFF_FFFF)
 
-_COMMON: tuple[TableItem, ...] = (
+COMMON_ITEMS: tuple[TableItem, ...] = (
     _eeprom("Model Number", 0, 2, 0, 0, 0xFFFF, _R),
     _eeprom("Model Information", 2, 4, 0, 0, 0xFFFF_FFFF, _R),
     _eeprom("Firmware Version", 6, 1, 0, 0, 255, _R),
@@ -132,7 +133,7 @@ _COMMON: tuple[TableItem, ...] = (
     _ram("Feedforward 1st Gain", 90, 2, 0, 0, 16383),
     _ram("Bus Watchdog", 98, 1, 0, -1, 127),
     _ram("Goal PWM", 100, 2, 885, -885, 885),
-    _ram("Goal Current", 102, 2, 0, 0, 0),
+    _ram("Goal Current", 102, 2, 0, *_S16),
     _ram("Goal Velocity", 104, 4, 0, -2047, 2047),
     _ram("Profile Acceleration", 108, 4, 0, 0, 32767),
     _ram("Profile Velocity", 112, 4, 0, 0, 32767),
@@ -150,10 +151,11 @@ _COMMON: tuple[TableItem, ...] = (
     _ram("Present Temperature", 146, 1, 0, 0, 255, _R),
     _ram("Backup Ready", 147, 1, 0, 0, 1, _R),
 )
+"""Items of every model, as most models and firmwares have them, in order of address."""
 
 _Change = tuple[int, int, int]  # default, low, high
 
-# What each model has differently from _COMMON.
+# What each model has differently from COMMON_ITEMS.
 _OF_XL330: dict[str, _Change] = {
     "Model Number": (_XL330, 0, 0xFFFF),
     "Current Limit": (1750, 0, 1750),
@@ -212,7 +214,7 @@ def table_of(model_number: int, firmware: int) -> tuple[TableItem, ...] | None:
             absent |= {"Drive Mode", "Bus Watchdog"}
     changes["Drive Mode"] = (0, 0, drive_mode)
     changes["Firmware Version"] = (firmware, 0, 255)
-    items = [_changed(item, changes.get(item.name)) for item in _COMMON if item.name not in absent]
+    items = [_changed(item, changes.get(item.name)) for item in COMMON_ITEMS if item.name not in absent]
     items += _indirect_items(model_number, firmware)
     return tuple(sorted(items, key=lambda item: item.address))
 

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from palpate.drivers.dynamixel.control_table import GOAL_PWM, REALTIME_TICK
+from palpate.drivers.dynamixel.control_table import ITEMS
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from palpate.drivers.dynamixel.timing import fast_frame_size
 
@@ -28,7 +28,9 @@ PING = 3
 
 _INDIRECT = 168  # from here on there are indirect addresses, then what they show
 _WIDEST, _WIDEST_INDIRECT = 60, 40  # at least as many addresses follow, or come before
-_GOALS = range(GOAL_PWM.address, REALTIME_TICK.address)  # changing these changes nothing else
+_GOALS = range(
+    ITEMS["Goal PWM"].address, ITEMS["Realtime Tick"].address
+)  # changing these changes nothing else
 
 
 @dataclass(slots=True)

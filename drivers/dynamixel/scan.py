@@ -13,7 +13,7 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item
-from palpate.drivers.dynamixel.failures import DamagedAnswer, NotAnswering, StatusError
+from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, StatusError
 from palpate.drivers.dynamixel.models import model_numbered
 from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.transport.clock import Clock
@@ -100,7 +100,7 @@ def scan_rate(
     """Look for servos on an open port at one baud rate. Raises PortFailed."""
     bus = Bus(port, clock, baudrate, latency_s=latency_s)
     clock.sleep(_REST_S)
-    answers = bus.ping_all(dxl_ids)
+    answers = bus.broadcast_ping(dxl_ids)
     told: dict[int, Ping | None] = {i: ping for i, ping in answers.items() if i in dxl_ids}
     if bus.counts.damaged:
         for dxl_id in dxl_ids:
@@ -143,7 +143,7 @@ def _is_crowded(bus: Bus, port: SerialBase, clock: Clock, dxl_id: int) -> bool:
     for _ in range(_LOOKS):
         before = bus.counts.damaged
         with contextlib.suppress(NotAnswering, DamagedAnswer, StatusError):  # damage is counted
-            bus.read_alerting(dxl_id, _LIVE)
+            bus.read(dxl_id, _LIVE, alert=False)
         spoiled += bus.counts.damaged > before or _more_comes(bus, port, clock)
     return spoiled > _LOOKS // 2
 

@@ -93,7 +93,7 @@ class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no t
             self._release()
             raise
 
-    def read_again(self, data: bytes) -> None:
+    def push_back(self, data: bytes) -> None:
         """Let these bytes, which were read from the port, be read once more."""
         self._again = data + self._again
 
@@ -131,7 +131,7 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
         packet, result = super().rxPacket(port, fast_option)
         broken = packet
         while result == COMM_RX_CORRUPT and (start := bytes(packet).find(_HEADER, 1)) > 0:
-            port.read_again(bytes(packet[start:]))
+            port.push_back(bytes(packet[start:]))
             packet, result = super().rxPacket(port, fast_option)
         return (broken if result == COMM_RX_CORRUPT else packet), result
 

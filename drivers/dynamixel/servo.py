@@ -9,19 +9,18 @@ nearest tick and never clamped.
 import contextlib
 import copy
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import Item, OperatingMode
-from palpate.drivers.dynamixel.failures import DamagedAnswer, HardwareAlert, NotAnswering, NotConfirmed
+from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed
 from palpate.drivers.dynamixel.models import Model, model_named, model_numbered
 from palpate.errors import DeviceError, InputError, SafetyStop
 
-__all__ = ["Servo", "stop_at", "torque_off_all", "write_goals"]
+__all__ = ["Servo", "stop_at", "write_goals"]
 
 _CONFIRMATIONS = 5  # how often goals are written before they count as refused by the wire
-_OFF_ROUNDS = 4
 
 
 class Servo:
@@ -65,12 +64,12 @@ class Servo:
         self.model = model_numbered(answer.model_number, answer.firmware)
         level = self.item("Status Return Level")
         try:
-            quiet = self._bus.read_alerting(self.dxl_id, level) < ct.ANSWERS_ALL
+            quiet = self._bus.read(self.dxl_id, level, alert=False) < ct.ANSWERS_ALL
         except NotAnswering:
             quiet = True  # it answers pings alone
         if quiet:
             self._bus.write_unconfirmed(self.dxl_id, level, ct.ANSWERS_ALL)
-            self._bus.read_alerting(self.dxl_id, level)
+            self._bus.read(self.dxl_id, level, alert=False)
         return answer
 
     def item(self, name: str) -> Item:
@@ -111,7 +110,7 @@ class Servo:
         Raises ValueError for limits that the model cannot keep, DeviceError if an item does not stay written.
         """
         wanted = self.eeprom(mode, current_limit_a, velocity_limit_rad_s)
-        self.torque(on=False)
+        self.disable_torque()
         for name, value in wanted.items():
             self.keep(name, value)
 
@@ -152,14 +151,18 @@ class Servo:
         self.write("Profile Acceleration", acceleration)
         self.write("Profile Velocity", velocity)
 
-    def no_profile(self) -> None:
+    def clear_profile(self) -> None:
         """Follow every goal at once, as streamed goals need it."""
         self.write("Profile Acceleration", 0)
         self.write("Profile Velocity", 0)
 
-    def torque(self, *, on: bool) -> None:
-        """Switch torque on or off."""
-        self.write("Torque Enable", int(on))
+    def enable_torque(self) -> None:
+        """Switch torque on."""
+        self.write("Torque Enable", 1)
+
+    def disable_torque(self) -> None:
+        """Switch torque off."""
+        self.write("Torque Enable", 0)
 
     def set_goal_current_a(self, current_a: float) -> None:
         """Set the current of Current Control Mode, or the largest of Current-based Position Control Mode.
@@ -253,32 +256,6 @@ def stop_at(bus: Bus, goals_rad: Mapping[Servo, float]) -> None:
         for servo, rad in goals_rad.items()
     }
     _set_all(bus, wanted, confirm=True)
-
-
-def torque_off_all(bus: Bus, servos: Iterable[Servo]) -> list[DeviceError]:
-    """Switch torque off on every servo, each by itself whatever happens to the others.
-
-    Everybody on the wire is told at once first; then each is asked to confirm, and one that does not is
-    told again, with the others in between. Returns one error for every servo whose torque may still be on.
-    A servo that confirms while it reports a hardware error is off, and is not listed.
-    """
-    with contextlib.suppress(DeviceError):  # a port that fails here is reported by what follows
-        bus.torque_off_everywhere()
-    failed = {servo: error for servo in servos if (error := _torque_off(bus, servo)) is not None}
-    for _ in range(_OFF_ROUNDS - 1):
-        failed = {servo: error for servo in failed if (error := _torque_off(bus, servo)) is not None}
-    return list(failed.values())
-
-
-def _torque_off(bus: Bus, servo: Servo) -> DeviceError | None:
-    """What went wrong if torque may still be on."""
-    try:
-        bus.write(servo.dxl_id, servo.item("Torque Enable"), 0)
-    except HardwareAlert as alert:
-        return None if alert.carried_out else alert
-    except DeviceError as error:
-        return error
-    return None
 
 
 def _set_all(bus: Bus, wanted: Mapping[Servo, Mapping[str, int]], confirm: bool) -> None:

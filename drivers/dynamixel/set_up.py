@@ -13,7 +13,7 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.failures import DamagedAnswer, NotAnswering, NotConfirmed
+from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed
 from palpate.drivers.dynamixel.health import read_items
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.dynamixel.models import Model
@@ -103,7 +103,7 @@ def apply(
     with closing(wire.bus(at.baudrate)) as bus:
         servo = Servo(bus, at.dxl_id, model.name)
         servo.check()
-        servo.torque(on=False)
+        servo.disable_torque()
         for change in plain:
             servo.keep(change.item, change.wanted)
             written(change)

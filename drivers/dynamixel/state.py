@@ -8,18 +8,17 @@ which must not be taken for an angle: the block ends with Status Return Level, w
 
 import math
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from palpate.drivers.dynamixel import control_table as ct
-from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.bus import Bus, GroupRead
 from palpate.drivers.dynamixel.control_table import HardwareError, Item
-from palpate.drivers.dynamixel.failures import (
+from palpate.drivers.dynamixel.errors import (
     HardwareAlert,
     NotConfirmed,
     Restarted,
     StatusError,
-    raise_first,
 )
 from palpate.drivers.dynamixel.models import Indirect
 from palpate.drivers.dynamixel.outstanding import Block
@@ -28,7 +27,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s
 from palpate.errors import DeviceError, InputError
 
-__all__ = ["ServoState", "StateReader", "States"]
+__all__ = ["ServoState", "StateReader"]
 
 _SHOWN = (
     "Present Current",
@@ -53,19 +52,6 @@ class ServoState:
     torque_on: bool = True
     watchdog_tripped: bool = False
     hardware_error: HardwareError = _FINE
-
-
-@dataclass(frozen=True, slots=True)
-class States:
-    """States of those that answered, and for every other servo an error; one that alerts has both."""
-
-    found: Mapping[int, ServoState]
-    errors: Mapping[int, DeviceError]
-
-    def all(self) -> dict[int, ServoState]:
-        """Every servo's state. Raises NotAnswering for all that are silent, or the first other error."""
-        raise_first(tuple(self.errors.values()))
-        return dict(self.found)
 
 
 class StateReader:
@@ -103,23 +89,23 @@ class StateReader:
             return fast_read_time_s(sizes, baudrate) + max(return_delays_s, default=0.0)
         return group_read_time_s(sizes, baudrate) + sum(return_delays_s)
 
-    def read(self, servos: Sequence[Servo]) -> States:
+    def read(self, servos: Sequence[Servo]) -> GroupRead[ServoState]:
         """The state of some of the servos at one instant; with Fast Sync Read where all of them know it."""
         blocks: dict[int, Block] = {servo.dxl_id: (_place(servo).data, _LAYOUT.size) for servo in servos}
         answers = self._bus.read_blocks(blocks, fast=self._fast)
-        found: dict[int, ServoState] = {}
+        values: dict[int, ServoState] = {}
         errors: dict[int, DeviceError] = {}
         for dxl_id, answer in answers.items():
             state = self._state(self._servos[dxl_id], answer)
             if isinstance(state, DeviceError):
                 errors[dxl_id] = state
                 continue
-            found[dxl_id] = state
+            values[dxl_id] = state
             if state.hardware_error:
                 errors[dxl_id] = HardwareAlert(
                     dxl_id, self._bus.port_name, state.hardware_error, carried_out=True
                 )
-        return States(found, errors)
+        return GroupRead(values, errors)
 
     def _state(self, servo: Servo, answer: StatusPacket | DeviceError) -> ServoState | DeviceError:
         if isinstance(answer, DeviceError):

@@ -68,24 +68,17 @@ class Timing:
         return wire_time_s(sent + expected, self.baudrate) + return_delay_s + self.latency_s
 
 
-def group_read_time_s(
-    sizes: Sequence[int], baudrate: int, return_delay_s: float = 0.0, *, bulk: bool = False
-) -> float:
-    """Wire time of a sync or bulk read of blocks of `sizes` bytes, without any latency.
+def group_read_time_s(sizes: Sequence[int], baudrate: int) -> float:
+    """Wire time of a sync read of blocks of `sizes` bytes, without return delays or latency.
 
     Bytes are counted before stuffing.
     """
-    sent = _PACKET + (5 * len(sizes) if bulk else 4 + len(sizes))
-    answers = sum(_STATUS + size for size in sizes)
-    return wire_time_s(sent + answers, baudrate) + len(sizes) * return_delay_s
+    return wire_time_s(_PACKET + 4 + len(sizes) + sum(_STATUS + size for size in sizes), baudrate)
 
 
-def fast_read_time_s(
-    sizes: Sequence[int], baudrate: int, return_delay_s: float = 0.0, *, bulk: bool = False
-) -> float:
-    """Wire time of a fast sync or fast bulk read: one answer for all, after one return delay."""
-    sent = _PACKET + (5 * len(sizes) if bulk else 4 + len(sizes))
-    return wire_time_s(sent + fast_frame_size(sizes), baudrate) + return_delay_s
+def fast_read_time_s(sizes: Sequence[int], baudrate: int) -> float:
+    """Wire time of a fast sync read: one answer for all."""
+    return wire_time_s(_PACKET + 4 + len(sizes) + fast_frame_size(sizes), baudrate)
 
 
 def fast_frame_size(sizes: Sequence[int]) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from palpate.config.check_result import LoopOut, ServoCheckOut, SettingOut
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import RETURN_DELAY_UNIT_S
-from palpate.drivers.dynamixel.failures import PortFailed
+from palpate.drivers.dynamixel.errors import PortFailed
 from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
@@ -79,7 +79,7 @@ def check_loop(
     times_s: list[float] = []
     states: dict[int, ServoState] = {}
     while before - begin < LOOP_S:
-        states.update(reader.read(servos).found)
+        states.update(reader.read(servos).values)
         now = clock.now()
         times_s.append(now - before)
         before = now

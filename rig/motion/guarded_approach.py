@@ -9,7 +9,7 @@ free way so far is still evidence.
 from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 
-from palpate.drivers.dynamixel.failures import WatchdogTripped
+from palpate.drivers.dynamixel.errors import WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, Goals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Turn

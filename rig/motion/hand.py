@@ -15,10 +15,11 @@ from serial.serialutil import SerialBase
 
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.failures import PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.errors import PortFailed, WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, Goals, Mover, ServoMover, guarded_loop
-from palpate.drivers.dynamixel.servo import Servo, torque_off_all
+from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.finger import Servos, Turn
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import Clock
@@ -138,7 +139,7 @@ class Hand:
         raise interruption
 
     def _switch_off(self) -> list[DeviceError]:
-        failed = torque_off_all(self.bus, self._servos) if self._servos else []
+        failed = disable_torque(self.bus, self._servos) if self._servos else []
         if any(isinstance(error, PortFailed) for error in failed):
             failed = self._off_once_plugged_in(failed)
         for array in self._arrays:
@@ -159,7 +160,7 @@ class Hand:
                 self.bus.reconnect()
             except DeviceError:
                 continue
-            failed = torque_off_all(self.bus, self._servos)
+            failed = disable_torque(self.bus, self._servos)
             if not any(isinstance(error, PortFailed) for error in failed):
                 break
         return failed
@@ -179,7 +180,7 @@ class Hand:
             finger.drive.prepare()
             self._check_start(finger)
         for servo in self._servos:
-            servo.torque(on=True)
+            servo.enable_torque()
         self._driven = True
 
     @property

@@ -12,7 +12,7 @@ from recorded_ports import Listener
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus, Ping
 from palpate.drivers.dynamixel.control_table import HardwareError, Item, OperatingMode
-from palpate.drivers.dynamixel.failures import (
+from palpate.drivers.dynamixel.errors import (
     DamagedAnswer,
     HardwareAlert,
     NotAnswering,
@@ -20,9 +20,10 @@ from palpate.drivers.dynamixel.failures import (
     StatusError,
 )
 from palpate.drivers.dynamixel.packet import StatusErrorCode, StatusPacket, encode_status
-from palpate.drivers.dynamixel.servo import Servo, torque_off_all, write_goals
+from palpate.drivers.dynamixel.servo import Servo, write_goals
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.dynamixel.timing import group_read_time_s
+from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
@@ -102,7 +103,7 @@ class Bench:
         for servo in self.servos:
             servo.prepare(mode, current_limit_a=1.0, velocity_limit_rad_s=5.0)
             servo.set_profile(2.0, 20.0)
-            servo.torque(on=True)
+            servo.enable_torque()
 
 
 @pytest.fixture
@@ -124,41 +125,39 @@ def test_ping_and_check(bench: Bench) -> None:
 
 def test_a_silent_servo_is_named(bench: Bench) -> None:
     with pytest.raises(NotAnswering, match="servo 7 on mock://servos/bus does not answer") as caught:
-        bench.bus.read(7, ct.PRESENT_POSITION)
+        bench.bus.read(7, ct.ITEMS["Present Position"])
     assert caught.value.dxl_ids == (7,)
 
 
 def test_signed_items_survive_the_wire(bench: Bench) -> None:
     for value in (-1, -3, -769, 1_000_000):
-        bench.servos[0].torque(on=False)
-        bench.bus.write(11, ct.OPERATING_MODE, OperatingMode.EXTENDED_POSITION)
-        bench.bus.write(11, ct.GOAL_POSITION, value)
-        assert bench.bus.read(11, ct.GOAL_POSITION) == value
+        bench.servos[0].disable_torque()
+        bench.bus.write(11, ct.ITEMS["Operating Mode"], OperatingMode.EXTENDED_POSITION)
+        bench.bus.write(11, ct.ITEMS["Goal Position"], value)
+        assert bench.bus.read(11, ct.ITEMS["Goal Position"]) == value
     with pytest.raises(ValueError, match="Goal Current"):
-        bench.bus.write(11, ct.GOAL_CURRENT, 40_000)
+        bench.bus.write(11, ct.ITEMS["Goal Current"], 40_000)
 
 
 def test_values_that_look_like_headers_survive_the_wire(bench: Bench) -> None:
-    bench.bus.write(11, ct.OPERATING_MODE, OperatingMode.EXTENDED_POSITION)
+    bench.bus.write(11, ct.ITEMS["Operating Mode"], OperatingMode.EXTENDED_POSITION)
     value = int.from_bytes(bytes.fromhex("FFFFFDFF"), "little", signed=True)
-    bench.bus.write(11, ct.GOAL_POSITION, value)
-    assert bench.bus.read(11, ct.GOAL_POSITION) == value
-    assert bench.bus.sync_read([11], ct.GOAL_POSITION, ct.GOAL_POSITION).all()[11] == {
-        ct.GOAL_POSITION: value
-    }
+    bench.bus.write(11, ct.ITEMS["Goal Position"], value)
+    assert bench.bus.read(11, ct.ITEMS["Goal Position"]) == value
+    assert bench.bus.sync_read([11], ct.ITEMS["Goal Position"]).all() == {11: value}
 
 
 def test_prepare_writes_only_what_differs(bench: Bench) -> None:
     servo = bench.servos[0]
     servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
-    assert bench.bus.read(11, ct.OPERATING_MODE) == 5
-    assert bench.bus.read(11, ct.CURRENT_LIMIT) == 371  # 1 A in units of 2.69 mA, rounded down
+    assert bench.bus.read(11, ct.ITEMS["Operating Mode"]) == 5
+    assert bench.bus.read(11, ct.ITEMS["Current Limit"]) == 371  # 1 A in units of 2.69 mA, rounded down
     assert bench.bus.read(11, ct.RETURN_DELAY_TIME) == 0
-    servo.torque(on=True)
-    bench.bus.write(11, ct.PROFILE_VELOCITY, 33)
+    servo.enable_torque()
+    bench.bus.write(11, ct.ITEMS["Profile Velocity"], 33)
     servo.prepare(OperatingMode.CURRENT_BASED_POSITION, 1.0, 5.0)
     assert bench.bus.read(11, ct.TORQUE_ENABLE) == 0
-    assert bench.bus.read(11, ct.PROFILE_VELOCITY) == 33  # a rewritten mode would have reset it
+    assert bench.bus.read(11, ct.ITEMS["Profile Velocity"]) == 33  # a rewritten mode would have reset it
     with pytest.raises(ValueError, match="servo 11"):
         servo.prepare(OperatingMode.POSITION, 10.0)
 
@@ -225,7 +224,7 @@ def test_a_spoilt_answer_is_asked_for_again(bench: Bench, fault: str, error: typ
     impatient = Bench(retries=0)
     setattr(impatient.wire, fault, 1)
     states = impatient.reader.read(impatient.servos)
-    assert set(states.found) == {11, 13}
+    assert set(states.values) == {11, 13}
     assert [type(found) for found in states.errors.values()] == [error]
     with pytest.raises(error) as caught:
         states.all()
@@ -235,18 +234,18 @@ def test_a_spoilt_answer_is_asked_for_again(bench: Bench, fault: str, error: typ
 
 def test_a_spoilt_single_answer(bench: Bench) -> None:
     bench.wire.flip_answer = 0
-    assert bench.bus.read(11, ct.MODEL_NUMBER) == 1020
+    assert bench.bus.read(11, ct.ITEMS["Model Number"]) == 1020
     assert bench.bus.counts.damaged == bench.bus.counts.retries == 1
     impatient = Bench(retries=0)
     impatient.wire.flip_answer = 0
     with pytest.raises(DamagedAnswer, match="servo 11"):
-        impatient.bus.read(11, ct.MODEL_NUMBER)
-    assert impatient.bus.read(11, ct.MODEL_NUMBER) == 1020
+        impatient.bus.read(11, ct.ITEMS["Model Number"])
+    assert impatient.bus.read(11, ct.ITEMS["Model Number"]) == 1020
 
 
 def test_refusals_carry_the_manuals_name(bench: Bench) -> None:
     with pytest.raises(StatusError, match=r"servo 13 .* refused 5000 .*: Data Limit Error") as caught:
-        bench.bus.write(13, ct.GOAL_POSITION, 5000)
+        bench.bus.write(13, ct.ITEMS["Goal Position"], 5000)
     assert caught.value.code is StatusErrorCode.DATA_LIMIT_ERROR
 
 
@@ -264,19 +263,19 @@ def test_a_hardware_alert_carries_its_cause(bench: Bench) -> None:
         bench.states()
     assert caught.value.cause == HardwareError.OVERLOAD
     assert bench.bus.hardware_error(12) == HardwareError.OVERLOAD
-    assert torque_off_all(bench.bus, bench.servos) == []  # it confirmed, and is off
+    assert disable_torque(bench.bus, bench.servos) == []  # it confirmed, and is off
     bench.bus.reboot(12)
     with pytest.raises(NotAnswering):
         bench.bus.ping(12)
     bench.wait(0.5)
     bench.bus.ping(12)
-    bench.bus.read(12, ct.PRESENT_POSITION)
+    bench.bus.read(12, ct.ITEMS["Present Position"])
 
 
 def test_torque_goes_off_on_all_others(bench: Bench) -> None:
     bench.torque_on()
     bench.emulated[11].power_off()
-    errors = torque_off_all(bench.bus, bench.servos)
+    errors = disable_torque(bench.bus, bench.servos)
     assert [str(error).split(" on ")[0] for error in errors] == ["servo 11"]
     assert bench.bus.read(12, ct.TORQUE_ENABLE) == 0
     assert bench.bus.read(13, ct.TORQUE_ENABLE) == 0
@@ -287,7 +286,7 @@ def test_torque_goes_off_after_an_interrupt(bench: Bench) -> None:
     bench.wire.interrupt = True
     with pytest.raises(KeyboardInterrupt):
         bench.states()
-    assert torque_off_all(bench.bus, bench.servos) == []
+    assert disable_torque(bench.bus, bench.servos) == []
     assert all(bench.bus.read(dxl_id, ct.TORQUE_ENABLE) == 0 for dxl_id in bench.emulated)
 
 
@@ -295,7 +294,7 @@ def test_an_unplugged_port_is_named_and_comes_back(bench: Bench) -> None:
     bench.wire.unplugged = True
     with pytest.raises(PortFailed, match="mock://servos/bus failed: device disconnected"):
         bench.bus.ping(11)
-    assert len(torque_off_all(bench.bus, bench.servos)) == 3
+    assert len(disable_torque(bench.bus, bench.servos)) == 3
     bench.wire.unplugged = False
     assert bench.bus.ping(11).model_number == 1020
 
@@ -320,7 +319,9 @@ def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
 def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:
     bench.torque_on()  # sets Return Delay Time 0
     bench.wait(1.0)
-    bench.bus.sync_write(ct.LED, {11: 1})  # after an answer the bus listens before it speaks; not after this
+    bench.bus.sync_write(
+        ct.ITEMS["LED"], {11: 1}
+    )  # after an answer the bus listens before it speaks; not after this
     start = bench.clock.now()
     bench.states()
     assert bench.clock.now() - start == pytest.approx(group_read_time_s([14] * 3, BAUD), abs=1e-6)
@@ -331,7 +332,7 @@ def test_a_recorded_bus_has_the_packets_of_the_manual(bench: Bench) -> None:
     log = listener.heard
     url = bench.hub.attach("other", ServoChain([EmulatedServo(1)], lambda _: None), BAUD)
     bus = Bus(listener.on(open_port(url, BAUD)), bench.clock, BAUD)
-    assert bus.read(1, ct.PRESENT_POSITION) == 2048
+    assert bus.read(1, ct.ITEMS["Present Position"]) == 2048
     assert log[0][0] is Direction.SENT
     assert log[0][2] == bytes.fromhex("FF FF FD 00 01 07 00 02 84 00 04 00 1D 15")
     assert all(direction is Direction.RECEIVED for direction, _, _ in log[1:])

@@ -8,7 +8,7 @@ from dynamixel_sdk import COMM_SUCCESS, Protocol2PacketHandler
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.failures import AnsweringLate, NotAnswering, StatusError, WrongLength
+from palpate.drivers.dynamixel.errors import AnsweringLate, NotAnswering, StatusError, WrongLength
 from palpate.drivers.dynamixel.packet import InstructionPacket, StatusErrorCode, encode_instruction
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
 from palpate.drivers.dynamixel.timing import Timing
@@ -92,7 +92,7 @@ def late(seconds: float) -> Change:
 
 @pytest.mark.parametrize("seconds", [0.0005, 0.001, 0.0021, 0.005, 0.013, 0.04])
 def test_every_answer_comes_again_and_none_is_taken_for_another(host: Host, seconds: float) -> None:
-    held = {ct.PROFILE_VELOCITY: 100, ct.PROFILE_ACCELERATION: 7}
+    held = {ct.ITEMS["Profile Velocity"]: 100, ct.ITEMS["Profile Acceleration"]: 7}
     for item, value in held.items():
         host.bus.write(1, item, value)
     host.wire.change = lambda _number, answer: [answer, (answer[0] + seconds, answer[1])]
@@ -103,28 +103,28 @@ def test_every_answer_comes_again_and_none_is_taken_for_another(host: Host, seco
 def test_a_read_after_a_write_is_not_answered_by_a_read_before_it(host: Host) -> None:
     host.wire.change = lambda _number, answer: [answer, (answer[0] + 0.002, answer[1])]
     for value in range(1, 100):
-        host.bus.write(1, ct.PROFILE_VELOCITY, value)
-        assert host.bus.read(1, ct.PROFILE_VELOCITY) == value
+        host.bus.write(1, ct.ITEMS["Profile Velocity"], value)
+        assert host.bus.read(1, ct.ITEMS["Profile Velocity"]) == value
 
 
 def test_a_confirmation_that_comes_again_confirms_nothing_else(host: Host) -> None:
     """The second write is lost once; what the first one's confirmation says of it is not believed."""
     host.wire.change = lambda number, answer: [answer, (answer[0] + 0.0006, answer[1])][: 2 - (number > 0)]
     host.wire.lost_instructions = {1}
-    host.bus.write(1, ct.PROFILE_VELOCITY, 11)
-    host.bus.write(1, ct.PROFILE_VELOCITY, 22)
+    host.bus.write(1, ct.ITEMS["Profile Velocity"], 11)
+    host.bus.write(1, ct.ITEMS["Profile Velocity"], 22)
     assert host.wire.servos[1].answer_block(112, 4).params == (22).to_bytes(4, "little")  # type: ignore[union-attr]
 
 
 def test_a_refusal_that_comes_again_refuses_nothing_else(host: Host) -> None:
     host.wire.change = lambda number, answer: [answer, (answer[0] + 0.0006, answer[1])][: 2 - (number > 0)]
     with pytest.raises(StatusError):
-        host.bus.write(1, ct.GOAL_POSITION, 5000)
-    assert host.bus.read(1, ct.PROFILE_VELOCITY) == 0
+        host.bus.write(1, ct.ITEMS["Goal Position"], 5000)
+    assert host.bus.read(1, ct.ITEMS["Profile Velocity"]) == 0
     host.wire.answered = 0
     with pytest.raises(StatusError):
-        host.bus.write(1, ct.GOAL_POSITION, 5000)
-    host.bus.write(1, ct.PROFILE_VELOCITY, 5)
+        host.bus.write(1, ct.ITEMS["Goal Position"], 5000)
+    host.bus.write(1, ct.ITEMS["Profile Velocity"], 5)
     assert host.bus.ping(1).model_number == 1020
 
 
@@ -140,57 +140,57 @@ def test_a_servo_that_refuses_a_wider_read_is_asked_for_the_item_alone(host: Hos
         return read(address, length)
 
     table.read = narrow  # type: ignore[method-assign]
-    assert [host.bus.read(1, ct.PROFILE_VELOCITY) for _ in range(5)] == [0] * 5
+    assert [host.bus.read(1, ct.ITEMS["Profile Velocity"]) for _ in range(5)] == [0] * 5
 
 
 def test_answers_of_another_length_are_named_as_such(host: Host) -> None:
     read = host.wire.servos[2]._unit.table.read
     host.wire.servos[2]._unit.table.read = lambda address, _length: read(address, 2)  # type: ignore[method-assign]
-    found = host.bus.sync_read((1, 2, 3), ct.PROFILE_VELOCITY, ct.PROFILE_VELOCITY)
+    found = host.bus.sync_read((1, 2, 3), ct.ITEMS["Profile Velocity"])
     assert set(found.values) == {1, 3}
     with pytest.raises(WrongLength, match=r"servo 2 on \S+ answered with 2 bytes instead of 4.*model"):
         found.all()
     with pytest.raises(WrongLength, match=r"servo 2 .* answered with 2 bytes instead of "):
-        host.bus.read(2, ct.PROFILE_VELOCITY)
+        host.bus.read(2, ct.ITEMS["Profile Velocity"])
 
 
 @pytest.mark.parametrize("seconds", [0.02, 0.1, 0.12])
 def test_answers_of_a_busy_computer_are_waited_for(host: Host, seconds: float) -> None:
-    host.bus.write(1, ct.PROFILE_VELOCITY, 9)
+    host.bus.write(1, ct.ITEMS["Profile Velocity"], 9)
     host.wire.change = late(seconds)
-    assert host.bus.read(1, ct.PROFILE_VELOCITY) == 9
-    assert host.bus.read(1, ct.PROFILE_ACCELERATION) == 0
-    found = host.bus.sync_read((1, 2, 3), ct.PROFILE_VELOCITY, ct.PROFILE_VELOCITY).all()
-    assert [found[i][ct.PROFILE_VELOCITY] for i in (1, 2, 3)] == [9, 0, 0]
+    assert host.bus.read(1, ct.ITEMS["Profile Velocity"]) == 9
+    assert host.bus.read(1, ct.ITEMS["Profile Acceleration"]) == 0
+    found = host.bus.sync_read((1, 2, 3), ct.ITEMS["Profile Velocity"]).all()
+    assert [found[i] for i in (1, 2, 3)] == [9, 0, 0]
     assert host.bus.ping(2).model_number == 1020
 
 
 def test_answers_that_are_later_still_are_told_as_late(host: Host) -> None:
     host.wire.change = late(0.17)
     with pytest.raises(NotAnswering):
-        host.bus.read(1, ct.PROFILE_VELOCITY)
+        host.bus.read(1, ct.ITEMS["Profile Velocity"])
     with pytest.raises(
         AnsweringLate, match=r"servo 1 on \S+ answers too late.*computer busy.*latency"
     ) as told:
-        host.bus.read(1, ct.PROFILE_ACCELERATION)
+        host.bus.read(1, ct.ITEMS["Profile Acceleration"])
     assert "check" not in str(told.value)
 
 
 def test_one_silent_servo_beside_one_that_answers_is_not_waited_for(host: Host) -> None:
     host.wire.servos[2].power_off()
     begin = host.clock.now()
-    found = host.bus.sync_read((1, 2, 3), ct.PROFILE_VELOCITY, ct.PROFILE_VELOCITY)
+    found = host.bus.sync_read((1, 2, 3), ct.ITEMS["Profile Velocity"])
     assert set(found.errors) == {2}
     assert host.clock.now() - begin < 0.02
 
 
 @pytest.mark.parametrize("garbage", GARBAGE.values(), ids=GARBAGE)
 def test_a_false_header_loses_no_answer(host: Host, garbage: bytes) -> None:
-    host.bus.write(1, ct.PROFILE_VELOCITY, 77)
+    host.bus.write(1, ct.ITEMS["Profile Velocity"], 77)
     host.wire.change = lambda _number, answer: [(answer[0], garbage + answer[1])]
-    assert host.bus.read(1, ct.PROFILE_VELOCITY) == 77
-    found = host.bus.sync_read((1, 2, 3), ct.PROFILE_VELOCITY, ct.PROFILE_VELOCITY).all()
-    assert [found[i][ct.PROFILE_VELOCITY] for i in (1, 2, 3)] == [77, 0, 0]
+    assert host.bus.read(1, ct.ITEMS["Profile Velocity"]) == 77
+    found = host.bus.sync_read((1, 2, 3), ct.ITEMS["Profile Velocity"]).all()
+    assert [found[i] for i in (1, 2, 3)] == [77, 0, 0]
     assert host.bus.counts.retries == 0
 
 

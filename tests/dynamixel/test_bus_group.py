@@ -10,7 +10,7 @@ from dynamixel_sdk import GroupSyncRead
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import HardwareError
-from palpate.drivers.dynamixel.failures import (
+from palpate.drivers.dynamixel.errors import (
     HardwareAlert,
     NotAnswering,
     NotConfirmed,
@@ -18,9 +18,10 @@ from palpate.drivers.dynamixel.failures import (
     Restarted,
 )
 from palpate.drivers.dynamixel.packet import StatusPacket, encode_status
-from palpate.drivers.dynamixel.servo import Servo, stop_at, torque_off_all, write_goals
+from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.dynamixel.state import StateReader
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s, sync_write_time_s
+from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.faults import FaultRates, FaultyWire, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
@@ -71,7 +72,7 @@ class Wire:
     def took(self, action: Callable[[], object]) -> float:
         """Seconds on the wire; the pause in which the bus listens before it speaks again is not counted."""
         self.clock.sleep(1.0)
-        self.bus.sync_write(ct.LED, {1: 0})
+        self.bus.sync_write(ct.ITEMS["LED"], {1: 0})
         begin = self.clock.now()
         action()
         return self.clock.now() - begin
@@ -89,7 +90,7 @@ def test_a_silent_servo_costs_its_own_time_out_and_hides_nobody(silent: int) -> 
     assert took <= whole + timeout + asking_again + 1.1e-3  # a read waits for up to 1 ms in the port
     assert timeout < 2e-3, "the SDK waits 34 ms"
     states = wire.reader.read(wire.servos)
-    assert set(states.found) == set(wire.emulated) - {silent}
+    assert set(states.values) == set(wire.emulated) - {silent}
     assert [type(error) for error in states.errors.values()] == [NotAnswering]
     with pytest.raises(NotAnswering, match=rf"servo {silent} on mock://group\S*/bus does not answer"):
         states.all()
@@ -139,15 +140,15 @@ def test_all_silent_are_named() -> None:
 def test_an_alerting_servo_has_its_values_and_its_cause() -> None:
     wire = Wire()
     wire.emulated[2].report_hardware_error(OVERLOAD_BIT)
-    block = wire.bus.sync_read([1, 2, 3], ct.PRESENT_POSITION, ct.PRESENT_POSITION)
-    assert {dxl_id: values[ct.PRESENT_POSITION] for dxl_id, values in block.values.items()} == {
+    block = wire.bus.sync_read([1, 2, 3], ct.ITEMS["Present Position"])
+    assert block.values == {
         1: 2048,
         2: 2048,
         3: 2048,
     }
     assert list(block.errors) == [2]
     states = wire.reader.read(wire.servos)
-    assert states.found[2].hardware_error == HardwareError.OVERLOAD
+    assert states.values[2].hardware_error == HardwareError.OVERLOAD
     error = states.errors[2]
     assert isinstance(error, HardwareAlert)
     assert error.cause == HardwareError.OVERLOAD
@@ -159,7 +160,7 @@ def test_a_servo_that_was_without_power_for_a_moment_is_not_read_as_zero() -> No
     wire.emulated[3].power_off()
     wire.emulated[3].power_on()
     states = wire.reader.read(wire.servos)
-    assert 3 not in states.found
+    assert 3 not in states.values
     with pytest.raises(Restarted, match=r"servo 3 .* has restarted, with torque off"):
         states.all()
     wire.reader.arrange()
@@ -173,7 +174,7 @@ def test_fast_reads_are_used_where_the_firmware_has_them(firmware: int, model: s
     assert took == pytest.approx(fast_read_time_s([STATE] * 4, 1_000_000), abs=1e-6)
     wire.emulated[2].power_off()
     states = wire.reader.read(wire.servos)
-    assert set(states.found) == {1, 3, 4}
+    assert set(states.values) == {1, 3, 4}
     assert [type(error) for error in states.errors.values()] == [NotAnswering]
     later = wire.took(lambda: wire.reader.read(wire.servos))
     assert later < took + 3e-3, "the silent one is left out of the fast read"
@@ -193,9 +194,13 @@ def test_one_old_firmware_and_all_are_read_plainly() -> None:
 def test_bulk_reads_take_an_item_of_each() -> None:
     for firmware in (44, 45):
         wire = Wire(firmware=firmware)
-        items = {1: ct.PRESENT_INPUT_VOLTAGE, 2: ct.PRESENT_TEMPERATURE, 3: ct.PRESENT_POSITION}
+        items = {
+            1: ct.ITEMS["Present Input Voltage"],
+            2: ct.ITEMS["Present Temperature"],
+            3: ct.ITEMS["Present Position"],
+        }
         found = wire.bus.bulk_read(items, fast=firmware == 45).all()
-        assert {dxl_id: values[items[dxl_id]] for dxl_id, values in found.items()} == {1: 120, 2: 30, 3: 2048}
+        assert found == {1: 120, 2: 30, 3: 2048}
 
 
 @pytest.mark.parametrize(("firmware", "limit"), [(44, 1.3), (45, 1.3)])
@@ -239,26 +244,26 @@ def test_torque_goes_off_on_a_wire_that_loses_every_third_packet() -> None:
     for seed in range(20):
         wire = Wire()
         for servo in wire.servos:
-            servo.torque(on=True)
+            servo.enable_torque()
         wire.faulty._chance_out.bit_generator.advance(seed * 1000)  # type: ignore[attr-defined]
         wire.faulty.rates = WireRates(FaultRates(lost=0.2), FaultRates(lost=0.2))
-        assert torque_off_all(wire.bus, wire.servos) == []
+        assert disable_torque(wire.bus, wire.servos) == []
         assert not any(servo.answer_block(64, 1).params[0] for servo in wire.emulated.values())  # type: ignore[union-attr]
 
 
 def test_a_servo_that_answers_only_pings_is_made_to_answer() -> None:
     wire = Wire()
     for level in (0, 1):
-        wire.bus.write_unconfirmed(2, ct.STATUS_RETURN_LEVEL, level)
+        wire.bus.write_unconfirmed(2, ct.ITEMS["Status Return Level"], level)
         wire.servos[1].check()
-        wire.servos[1].torque(on=False)
-        assert wire.bus.read(2, ct.STATUS_RETURN_LEVEL) == 2
+        wire.servos[1].disable_torque()
+        assert wire.bus.read(2, ct.ITEMS["Status Return Level"]) == 2
 
 
 def test_a_ping_to_all_ends_when_all_that_are_wanted_have_answered() -> None:
     wire = Wire()
-    assert wire.took(lambda: wire.bus.ping_all(list(wire.emulated))) < 3e-3, "the SDK waits 0.81 s"
-    found = wire.bus.ping_all(range(20))
+    assert wire.took(lambda: wire.bus.broadcast_ping(list(wire.emulated))) < 3e-3, "the SDK waits 0.81 s"
+    found = wire.bus.broadcast_ping(range(20))
     assert {dxl_id: answer.model_number for dxl_id, answer in found.items()} == dict.fromkeys(
         wire.emulated, 1020
     )
@@ -288,7 +293,11 @@ def test_two_threads_do_not_speak_at_once() -> None:
         except DeviceError as error:
             wrong.append(error)
 
-    asked = [(ct.PRESENT_POSITION, 2048), (ct.PROFILE_VELOCITY, 0), (ct.CURRENT_LIMIT, 1193)]
+    asked = [
+        (ct.ITEMS["Present Position"], 2048),
+        (ct.ITEMS["Profile Velocity"], 0),
+        (ct.ITEMS["Current Limit"], 1193),
+    ]
     threads = [threading.Thread(target=work, args=pair) for pair in asked]
     for thread in threads:
         thread.start()
@@ -325,7 +334,7 @@ def test_a_wire_on_which_somebody_else_never_stops_does_not_hold_the_bus() -> No
     url = hub.attach("bus", Babbler(), 1_000_000)
     bus = Bus(open_port(url, 1_000_000), clock, 1_000_000, latency_s=LATENCY_S)
     with pytest.raises(NotAnswering):
-        bus.read(1, ct.PRESENT_POSITION)
-    assert set(bus.sync_read([1, 2, 3], ct.PRESENT_POSITION, ct.PRESENT_POSITION).errors) == {1, 2, 3}
-    assert set(bus.ping_all([1, 2])) <= {99}
+        bus.read(1, ct.ITEMS["Present Position"])
+    assert set(bus.sync_read([1, 2, 3], ct.ITEMS["Present Position"]).errors) == {1, 2, 3}
+    assert set(bus.broadcast_ping([1, 2])) <= {99}
     assert clock.now() < 3.0

@@ -9,7 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.failures import NotAnswering, StatusError
+from palpate.drivers.dynamixel.errors import NotAnswering, StatusError
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -38,8 +38,8 @@ class BusMachine(RuleBasedStateMachine):
         self.goal: dict[int, int] = {}
         self.limit = dict.fromkeys(IDS, 1193)
         for dxl_id in IDS:
-            self.bus.write(dxl_id, ct.OPERATING_MODE, ct.OperatingMode.EXTENDED_POSITION)
-            self.goal[dxl_id] = self.bus.read(dxl_id, ct.GOAL_POSITION)
+            self.bus.write(dxl_id, ct.ITEMS["Operating Mode"], ct.OperatingMode.EXTENDED_POSITION)
+            self.goal[dxl_id] = self.bus.read(dxl_id, ct.ITEMS["Goal Position"])
 
     def _advance(self, now: float) -> None:
         """The shafts stand still: only the registers matter here."""
@@ -56,18 +56,18 @@ class BusMachine(RuleBasedStateMachine):
 
     @rule(dxl_id=ids, goal=goals)
     def write_goal(self, dxl_id: int, goal: int) -> None:
-        if self._expect(dxl_id, lambda: self.bus.write(dxl_id, ct.GOAL_POSITION, goal)):
+        if self._expect(dxl_id, lambda: self.bus.write(dxl_id, ct.ITEMS["Goal Position"], goal)):
             self.goal[dxl_id] = goal
 
     @rule(chosen=st.dictionaries(ids, goals, min_size=1))
     def sync_write_goals(self, chosen: dict[int, int]) -> None:
-        self.bus.sync_write(ct.GOAL_POSITION, chosen)
+        self.bus.sync_write(ct.ITEMS["Goal Position"], chosen)
         self.goal.update({dxl_id: goal for dxl_id, goal in chosen.items() if dxl_id not in self.dead})
 
     @rule(dxl_id=ids, units=st.integers(0, 1193))
     def write_limit(self, dxl_id: int, units: int) -> None:
         def action() -> None:
-            self.bus.write(dxl_id, ct.CURRENT_LIMIT, units)
+            self.bus.write(dxl_id, ct.ITEMS["Current Limit"], units)
 
         if dxl_id in self.locked and dxl_id not in self.dead:
             with pytest.raises(StatusError) as caught:
@@ -100,16 +100,14 @@ class BusMachine(RuleBasedStateMachine):
     def a_sync_read_tells_all_or_names_the_dead(self) -> None:
         if self.dead:
             with pytest.raises(NotAnswering) as caught:
-                self.bus.sync_read(IDS, ct.GOAL_POSITION, ct.GOAL_POSITION).all()
+                self.bus.sync_read(IDS, ct.ITEMS["Goal Position"]).all()
             assert set(caught.value.dxl_ids) == self.dead
         alive = [dxl_id for dxl_id in IDS if dxl_id not in self.dead]
         if alive:
-            block = self.bus.sync_read(alive, ct.GOAL_POSITION, ct.GOAL_POSITION).all()
-            assert {dxl_id: block[dxl_id][ct.GOAL_POSITION] for dxl_id in alive} == {
-                dxl_id: self.goal[dxl_id] for dxl_id in alive
-            }
+            block = self.bus.sync_read(alive, ct.ITEMS["Goal Position"]).all()
+            assert block == {dxl_id: self.goal[dxl_id] for dxl_id in alive}
             for dxl_id in alive:
-                assert self.bus.read(dxl_id, ct.CURRENT_LIMIT) == self.limit[dxl_id]
+                assert self.bus.read(dxl_id, ct.ITEMS["Current Limit"]) == self.limit[dxl_id]
 
     def teardown(self) -> None:
         if hasattr(self, "bus"):

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.dynamixel.failures import HardwareAlert, StatusError
+from palpate.drivers.dynamixel.errors import HardwareAlert, StatusError
 from palpate.drivers.dynamixel.guarded import End, Guard, guarded_move
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
@@ -39,7 +39,7 @@ class Shafts:
             servo.prepare(OperatingMode.CURRENT_BASED_POSITION, current_limit_a=0.5)
             servo.set_goal_current_a(0.3)
             servo.set_profile(2.0, 20.0)
-            servo.torque(on=True)
+            servo.enable_torque()
 
     def _advance(self, now: float) -> None:
         while self.stepped_s + STEP_S <= now:
@@ -116,14 +116,14 @@ def test_a_goal_out_of_range_moves_nobody(shafts: Shafts) -> None:
 def test_the_other_operating_modes(shafts: Shafts) -> None:
     servo, shaft = shafts.servos[0], shafts.emulated[1]
     servo.prepare(OperatingMode.VELOCITY, 0.5, velocity_limit_rad_s=3.0)
-    servo.torque(on=True)
+    servo.enable_torque()
     servo.set_goal_velocity_rad_s(-1.5)
     shafts.clock.sleep(1.0)
     assert shafts.read([servo])[1].velocity_rad_s == pytest.approx(-1.5, abs=0.1)
     with pytest.raises(StatusError, match="Data Limit Error"):
         servo.set_goal_velocity_rad_s(4.0)
     servo.prepare(OperatingMode.CURRENT, 0.5)
-    servo.torque(on=True)
+    servo.enable_torque()
     begin = shaft.shaft_rad
     servo.set_goal_current_a(0.2)
     shafts.clock.sleep(0.3)
@@ -132,7 +132,7 @@ def test_the_other_operating_modes(shafts: Shafts) -> None:
     with pytest.raises(ValueError, match="servo 1"):
         servo.set_goal_current_a(-9.0)
     servo.prepare(OperatingMode.PWM, 0.5)
-    servo.torque(on=True)
+    servo.enable_torque()
     servo.set_goal_pwm(-0.5)
     shafts.clock.sleep(1.0)
     assert shafts.read([servo])[1].velocity_rad_s < -1.0

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from served_servos import BAUD, Served, served_servos
 
-from palpate.drivers.dynamixel import Bus, PortFailed, Servo, torque_off_all
+from palpate.drivers.dynamixel import Bus, PortFailed, Servo, disable_torque
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 
@@ -165,5 +165,5 @@ def test_a_port_that_goes_away_is_reported_by_name() -> None:
         for _ in range(2):
             with pytest.raises(PortFailed, match=f"{path} failed"):
                 bus.ping(5)
-        assert [type(error) for error in torque_off_all(bus, [Servo(bus, 5)])] == [PortFailed]
+        assert [type(error) for error in disable_torque(bus, [Servo(bus, 5)])] == [PortFailed]
         bus.close()

@@ -15,7 +15,7 @@ import pytest
 from command import log_events
 from emulated_session import EmulatedSession, emulated_session
 
-from palpate.drivers.dynamixel.failures import Restarted
+from palpate.drivers.dynamixel.errors import Restarted
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.errors import DeviceError, PalpateError, SafetyStop

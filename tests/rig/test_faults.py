@@ -200,7 +200,7 @@ def test_a_late_answer_is_not_believed_to_answer_the_next_question() -> None:
         bus.late_s = 0.04
         session.clock.after(0.002, recover)
         assert hand.bus.read(11, ct.RETURN_DELAY_TIME) == 250
-        assert hand.bus.read(11, ct.OPERATING_MODE) == 3
+        assert hand.bus.read(11, ct.ITEMS["Operating Mode"]) == 3
 
 
 @cache

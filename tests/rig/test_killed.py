@@ -39,18 +39,18 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
         clock = MonotonicClock()
         bus = Bus(open_port(told["ports"]["mock://bus"], 1_000_000), clock, 1_000_000, latency_s=0.1)
         try:
-            watchdogs = {dxl_id: bus.read(dxl_id, ct.BUS_WATCHDOG) for dxl_id in IDS}
+            watchdogs = {dxl_id: bus.read(dxl_id, ct.ITEMS["Bus Watchdog"]) for dxl_id in IDS}
             torque = {dxl_id: bus.read(dxl_id, ct.TORQUE_ENABLE) for dxl_id in IDS}
-            before = bus.sync_read(IDS, ct.PRESENT_VELOCITY, ct.PRESENT_POSITION).all()
+            before = bus.sync_read(IDS, ct.ITEMS["Present Position"]).all()
             time.sleep(0.5)
-            after = bus.sync_read(IDS, ct.PRESENT_VELOCITY, ct.PRESENT_POSITION).all()
+            speeds = bus.sync_read(IDS, ct.ITEMS["Present Velocity"]).all()
+            after = bus.sync_read(IDS, ct.ITEMS["Present Position"]).all()
         finally:
             bus.close()
         assert watchdogs == dict.fromkeys(IDS, -1), "tripped"
         assert torque == dict.fromkeys(IDS, 1), "Bus Watchdog stops motion; it does not switch torque off"
-        for dxl_id in IDS:
-            assert after[dxl_id][ct.PRESENT_VELOCITY] == 0
-            assert abs(after[dxl_id][ct.PRESENT_POSITION] - before[dxl_id][ct.PRESENT_POSITION]) <= 1
+        assert all(abs(after[dxl_id] - before[dxl_id]) <= 1 for dxl_id in IDS)
+        assert set(speeds.values()) == {0}
         lines = log.read_text(encoding="utf-8").splitlines()
         assert "session" in lines[0]
         assert not any(json.loads(line)["event"] == "end" for line in lines[:-1])

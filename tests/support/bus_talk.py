@@ -12,7 +12,7 @@ from spoiling_wire import Kind, Spoil, SpoilingPort
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import Item
-from palpate.drivers.dynamixel.failures import StatusError
+from palpate.drivers.dynamixel.errors import StatusError
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
 
@@ -21,12 +21,12 @@ __all__ = ["KINDS", "LOOPS", "Tally", "loop", "talk"]
 _ITEMS = {
     item.address: item
     for item in (
-        ct.GOAL_PWM,
-        ct.GOAL_CURRENT,
-        ct.GOAL_VELOCITY,
-        ct.PROFILE_ACCELERATION,
-        ct.PROFILE_VELOCITY,
-        ct.GOAL_POSITION,
+        ct.ITEMS["Goal PWM"],
+        ct.ITEMS["Goal Current"],
+        ct.ITEMS["Goal Velocity"],
+        ct.ITEMS["Profile Acceleration"],
+        ct.ITEMS["Profile Velocity"],
+        ct.ITEMS["Goal Position"],
     )
 }
 _IDS = (1, 2, 3)
@@ -126,14 +126,14 @@ class _Talk:
         self.clock.sleep((0.0, 0.001, 0.005)[number % 3])
         self.tally.calls += 1
         self._read_clocks(fast=number % 1000 < 500)
-        self.bus.sync_write(ct.GOAL_POSITION, dict.fromkeys(_IDS, 5))
+        self.bus.sync_write(ct.ITEMS["Goal Position"], dict.fromkeys(_IDS, 5))
         self.tally.instructions = self.bus.counts.instructions
 
     def _call(self, draw: float, dxl_id: int, item: Item, begin: float) -> None:
         if draw < 0.35:
             self._judge(dxl_id, item, self.bus.read(dxl_id, item), begin)
         elif draw < 0.42:
-            self._judge_clock(self.bus.read(dxl_id, ct.REALTIME_TICK), begin)
+            self._judge_clock(self.bus.read(dxl_id, ct.ITEMS["Realtime Tick"]), begin)
         elif draw < 0.60:
             self._write(dxl_id, item, begin)
         elif draw < 0.70:
@@ -148,7 +148,7 @@ class _Talk:
 
     def _read_some(self, draw: float, item: Item, begin: float) -> None:
         if draw < 0.85:
-            found = self.bus.sync_read(_IDS, item, item, fast=draw < 0.75)
+            found = self.bus.sync_read(_IDS, item, fast=draw < 0.75)
             items = dict.fromkeys(_IDS, item)
         elif draw < 0.87:
             self._read_clocks(fast=False)
@@ -157,15 +157,15 @@ class _Talk:
             items = {i: self.chance.choice(list(_ITEMS.values())) for i in _IDS}
             found = self.bus.bulk_read(items)
         self._count_failed(found.errors.values())
-        for i, values in found.values.items():
-            self._judge(i, items[i], values[items[i]], begin)
+        for i, value in found.values.items():
+            self._judge(i, items[i], value, begin)
 
     def _read_clocks(self, *, fast: bool) -> None:
         begin = self.clock.now()
-        clocks = self.bus.sync_read(_IDS, ct.REALTIME_TICK, ct.REALTIME_TICK, fast=fast)
+        clocks = self.bus.sync_read(_IDS, ct.ITEMS["Realtime Tick"], fast=fast)
         self._count_failed(clocks.errors.values())
-        for values in clocks.values.values():
-            self._judge_clock(values[ct.REALTIME_TICK], begin)
+        for value in clocks.values.values():
+            self._judge_clock(value, begin)
 
     def _write_some(self, item: Item) -> None:
         ids = self.chance.sample(_IDS, self.chance.randint(1, 3))

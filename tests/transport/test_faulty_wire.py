@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.drivers.dynamixel.bus import Bus, Ping
-from palpate.drivers.dynamixel.failures import NotAnswering, PortFailed
+from palpate.drivers.dynamixel.errors import NotAnswering, PortFailed
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaultyWire, WireRates
 from palpate.drivers.emulators.servo import EmulatedServo

@@ -1,4 +1,4 @@
-"""What can go wrong between host and servo, as errors that name the servo and the port."""
+"""Errors between host and servo; each names the servo and the port."""
 
 from collections.abc import Collection, Sequence
 
@@ -14,6 +14,7 @@ __all__ = [
     "NotConfirmed",
     "PortFailed",
     "Restarted",
+    "ServoError",
     "StatusError",
     "WatchdogTripped",
     "WrongLength",
@@ -26,19 +27,28 @@ class PortFailed(DeviceError):
 
     def __init__(self, port: str, cause: object) -> None:
         super().__init__(f"port {port} failed: {cause}; check that the adapter is still plugged in")
+
+
+class ServoError(DeviceError):
+    """Something is wrong with the servos `dxl_ids` on `port`."""
+
+    def __init__(self, dxl_ids: Sequence[int], port: str, message: str) -> None:
+        super().__init__(message)
+        self.dxl_ids = tuple(dxl_ids)
         self.port = port
 
 
-class NotAnswering(DeviceError):
+class NotAnswering(ServoError):
     """One or more servos gave no answer at all."""
 
     def __init__(self, dxl_ids: Sequence[int], port: str, message: str | None = None) -> None:
         verb = "does" if len(dxl_ids) == 1 else "do"
         super().__init__(
-            message or f"{_servos(dxl_ids)} on {port} {verb} not answer; check power, cable, id and baud rate"
+            dxl_ids,
+            port,
+            message
+            or f"{_servos(dxl_ids)} on {port} {verb} not answer; check power, cable, id and baud rate",
         )
-        self.dxl_ids = tuple(dxl_ids)
-        self.port = port
 
 
 class AnsweringLate(NotAnswering):
@@ -54,17 +64,17 @@ class AnsweringLate(NotAnswering):
         )
 
 
-class DamagedAnswer(DeviceError):
+class DamagedAnswer(ServoError):
     """An answer came in pieces, with a wrong CRC, of the wrong length, or was lost."""
 
     def __init__(self, dxl_ids: Sequence[int], port: str, message: str | None = None) -> None:
         super().__init__(
+            dxl_ids,
+            port,
             message
             or f"the answer of {_servos(dxl_ids)} on {port} was lost or damaged; "
-            "check cable, termination and that no two servos share an id"
+            "check cable, termination and that no two servos share an id",
         )
-        self.dxl_ids = tuple(dxl_ids)
-        self.port = port
 
 
 class WrongLength(DamagedAnswer):
@@ -80,28 +90,28 @@ class WrongLength(DamagedAnswer):
         )
 
 
-class NotConfirmed(DeviceError):
+class NotConfirmed(ServoError):
     """Servos do not hold what was written to them, however often it was sent."""
 
     def __init__(self, dxl_ids: Sequence[int], port: str, items: Sequence[str]) -> None:
         super().__init__(
+            dxl_ids,
+            port,
             f"{_servos(dxl_ids)} on {port} did not take {' and '.join(items)}; "
-            "check cable and termination, and whether another program uses the bus"
+            "check cable and termination, and whether another program uses the bus",
         )
-        self.dxl_ids = tuple(dxl_ids)
-        self.port = port
 
 
-class Restarted(DeviceError):
-    """A servo has forgotten what it was told: it was without power for a moment, or was rebooted."""
+class Restarted(ServoError):
+    """A servo has lost its settings: it was without power for a moment, or was rebooted."""
 
     def __init__(self, dxl_id: int, port: str) -> None:
         super().__init__(
+            [dxl_id],
+            port,
             f"servo {dxl_id} on {port} has restarted, with torque off and its turns forgotten; "
-            "check its supply and plug, then start again"
+            "check its supply and plug, then start again",
         )
-        self.dxl_id = dxl_id
-        self.port = port
 
 
 class WatchdogTripped(SafetyStop):
@@ -112,11 +122,9 @@ class WatchdogTripped(SafetyStop):
             f"servo {dxl_id} on {port} heard nothing for {watchdog_s:g} s and stopped by itself; "
             "check what keeps the computer or the cable busy"
         )
-        self.dxl_id = dxl_id
-        self.port = port
 
 
-class StatusError(DeviceError):
+class StatusError(ServoError):
     """A servo refused an instruction; `code` says why."""
 
     def __init__(self, dxl_id: int, port: str, number: int, doing: str) -> None:
@@ -127,13 +135,13 @@ class StatusError(DeviceError):
             self.code = None
             name = f"error {number}, which the e-Manual does not list"
         super().__init__(
-            f"servo {dxl_id} on {port} refused {doing}: {name}; see 'Error' in the e-Manual's Protocol 2.0"
+            [dxl_id],
+            port,
+            f"servo {dxl_id} on {port} refused {doing}: {name}; see 'Error' in the e-Manual's Protocol 2.0",
         )
-        self.dxl_id = dxl_id
-        self.port = port
 
 
-class HardwareAlert(DeviceError):
+class HardwareAlert(ServoError):
     """A servo reports a hardware error; `cause` is None if it could not be read.
 
     `carried_out` is True if the instruction itself was obeyed nevertheless.
@@ -147,11 +155,11 @@ class HardwareAlert(DeviceError):
                 " and ".join(str(flag.name).replace("_", " ").lower() for flag in cause) or "since cleared"
             )
         super().__init__(
+            [dxl_id],
+            port,
             f"servo {dxl_id} on {port} reports a hardware error ({words}); "
-            "remove the cause, then reboot the servo"
+            "remove the cause, then reboot the servo",
         )
-        self.dxl_id = dxl_id
-        self.port = port
         self.cause = cause
         self.carried_out = carried_out
 
