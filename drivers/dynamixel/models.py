@@ -21,11 +21,7 @@ __all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
 
 _NEWEST = 255
 _NEW_LAYOUT = 52  # firmware from which the X330s have the vendor's "_fw52" table
-_SIGNED = {
-    *("Homing Offset", "Bus Watchdog", "Goal PWM", "Goal Current", "Goal Velocity", "Goal Position"),
-    *("Present PWM", "Present Current", "Present Velocity", "Present Position"),
-    *("Velocity Trajectory", "Position Trajectory"),
-}
+_SIGNED = {name for name, item in ct.ITEMS.items() if item.signed}
 _EEPROM_END = 64  # of the X series; elsewhere nobody asks
 
 
