@@ -29,17 +29,17 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2, kstest
 
-from palpate.calibration.agreement import promises_of
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.agreement import contact_uncertainties
+from palpate.calibration.gauge import BasePose, align_to_nominal
 from palpate.calibration.run_record import RunRecord
-from palpate.config import CalibrationFile, calibrated, load_objects, load_rig, shipped_objects
+from palpate.config import CalibrationFile, apply_calibration, load_objects, load_rig, shipped_objects
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of
-from palpate.rig.commissioning.calibration_hand import connecting
+from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_references, calibrate
+from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.answer_error import in_hand_frame
@@ -76,7 +76,7 @@ def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | No
     )
     begin = time.perf_counter()
     world = SimulatedRig(rig, seed)
-    connect = world.connect if simulated else connecting(outside(bench), table, print)
+    connect = world.connect if simulated else rig_connector(outside(bench), table, print)
     keeper = Nothing() if records is None else RunRecordFile(records / f"{seed}.json")
     try:
         file = calibrate(job, connect, keeper, lambda _: None)
@@ -107,7 +107,7 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
     used, seen = rig, lying
     if file is not None:
         assert bench.mock is not None
-        used = calibrated(rig, file)
+        used = apply_calibration(rig, file)
         seen = in_hand_frame(lying, rig, [finger.truth for finger in bench.mock.rig.bench.fingers])
     begin = time.perf_counter()
     try:
@@ -136,13 +136,13 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
 def retouched(seed: int, file: CalibrationFile) -> dict[str, object]:
     """Whether a re-touch of the rig, which has not changed, agrees with its calibration."""
     drawn = load_rig(RIG)
-    rig, bench = calibrated(drawn, file), set_up(drawn, None, seed)
+    rig, bench = apply_calibration(drawn, file), set_up(drawn, None, seed)
     table = emulated_table(bench, seed + 1)
-    promises = promises_of(file, at_rest=False)
+    promises = contact_uncertainties(file, at_rest=False)
     assert table is not None
     assert promises is not None
-    disc = references_of(load_references(shipped_references()))[0]
-    with connecting(outside(bench), table, print)(rig, moving=True) as there:
+    disc = build_references(load_references(shipped_references()))[0]
+    with rig_connector(outside(bench), table, print)(rig, moving=True) as there:
         found = retouch(rig, there.prober, disc, promises).agreement
     return {
         "drifted": found.drifted,
@@ -156,7 +156,9 @@ def compared(bench: BenchRig, file: CalibrationFile) -> list[dict[str, object]]:
     assert bench.mock is not None
     fingers = bench.mock.rig.bench.fingers
     drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in bench.rig.fingers]
-    frame = hand_frame(drawn, [BasePose(item.truth.base_mm, item.truth.heading_rad) for item in fingers])
+    frame = align_to_nominal(
+        drawn, [BasePose(item.truth.base_mm, item.truth.heading_rad) for item in fingers]
+    )
     rows = []
     for item, found in zip(fingers, file.fingers, strict=True):
         truth, place, tactile = item.truth, found.place, found.tactile

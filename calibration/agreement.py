@@ -22,9 +22,9 @@ __all__ = [
     "Agreement",
     "ContactUncertainty",
     "SurfaceContacts",
-    "agreement_of",
-    "covariance_of",
-    "promises_of",
+    "compare_touches",
+    "contact_uncertainties",
+    "touch_covariance",
 ]
 
 
@@ -87,7 +87,7 @@ class Agreement:
         return self.chi_square > float(chdtri(self.freedom, FALSE_ALARMS))
 
 
-def promises_of(calibration: CalibrationFile, *, at_rest: bool) -> list[ContactUncertainty] | None:
+def contact_uncertainties(calibration: CalibrationFile, *, at_rest: bool) -> list[ContactUncertainty] | None:
     """What a calibration promises of every finger; None if it does not bound the contacts of all.
 
     `at_rest`: touches were measured with slides at rest, anywhere in an encoder step; else on the move, as
@@ -123,7 +123,7 @@ def _promise(
     )
 
 
-def covariance_of(surface: SurfaceContacts, promises: Sequence[ContactUncertainty]) -> Floats:
+def touch_covariance(surface: SurfaceContacts, promises: Sequence[ContactUncertainty]) -> Floats:
     """Covariance (n, n) of the distances of touches from the surface, mm²; `promises`: of every finger."""
     scatter, fit, along, across, sigmas = np.array(
         [(item.scatter_mm, item.fit_mm, item.along_mm, item.across_mm, item.sigmas) for item in promises]
@@ -137,7 +137,7 @@ def covariance_of(surface: SurfaceContacts, promises: Sequence[ContactUncertaint
     return result
 
 
-def agreement_of(residual_mm: Floats, slopes: Floats, covariance: Floats) -> Agreement | None:
+def compare_touches(residual_mm: Floats, slopes: Floats, covariance: Floats) -> Agreement | None:
     """Compare residuals (n,) mm, near the best pose, with their covariance (n, n); None if too few.
 
     `slopes` (n, k): derivatives of the residuals by the pose's k unknowns; what the pose can explain does not

@@ -18,16 +18,16 @@ from palpate.calibration.finger_fit import (
     Fit,
     ReferencePlacement,
     Touches,
-    predicted,
+    predict_residuals,
 )
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.gauge import BasePose, align_to_nominal
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Bools
 
-__all__ = ["check_fit", "check_still", "growth_mm"]
+__all__ = ["check_fit", "check_still", "estimate_growth"]
 
 
 _STILL_SIGMAS = 5.0
@@ -108,7 +108,7 @@ def check_fit(
         )
 
 
-def growth_mm(
+def estimate_growth(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     touches: Touches,
@@ -119,7 +119,7 @@ def growth_mm(
 
     The value of one more unknown, by linear least squares round the fit.
     """
-    rows = predicted(models, placings, touches, fit.values, fit.poses)[3]
+    rows = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
     used = touches.used & ~fit.outlier
     weight = 1 / touches.sigma_mm[used] ** 2
     slope = rows[used]
@@ -145,7 +145,7 @@ def _check_sizes(
             next(p.reference.tolerance_mm for p in placings if p.reference.name == each)
             for each in (names[0], name)
         )
-        found, sigma = growth_mm(models, placings, touches, fit, which)
+        found, sigma = estimate_growth(models, placings, touches, fit, which)
         if abs(found) > _SURE * sigma + tolerance:
             raise InputError(
                 f"the {name} seems {abs(found):.3f} ± {sigma:.3f} mm too {_sized(found)} all round "
@@ -158,7 +158,7 @@ def _check_bounds(specs: Sequence[SlideFingerConfig], models: Sequence[FingerMod
     sigma = np.sqrt(np.diag(fit.covariance))
     nominal = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
     found = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
-    frame = hand_frame(nominal, found)
+    frame = align_to_nominal(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
         radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm
         if abs(radius - spec.tip.radius_mm) > bound + 4 * float(sigma[k * COLUMNS + RADIUS]):

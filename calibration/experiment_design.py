@@ -18,12 +18,12 @@ from palpate.calibration.finger_fit import (
     Fit,
     ReferencePlacement,
     Touches,
-    predicted,
+    predict_residuals,
 )
 from palpate.calibration.prober import Probe, SlideApproach
 from palpate.geometry import Bools, Floats
 
-__all__ = ["PredictedTouches", "choose", "foresee", "towards"]
+__all__ = ["PredictedTouches", "choose_touches", "predict_touches", "probes_towards"]
 
 
 _MOST_OBLIQUE = math.radians(48.0)
@@ -59,7 +59,7 @@ class PredictedTouches:
         return result
 
 
-def foresee(
+def predict_touches(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     fit: Fit,
@@ -82,7 +82,7 @@ def foresee(
             np.ones(len(finger)),
             np.ones(len(finger), dtype=bool),
         )
-        return predicted(models, placings, touches, fit.values, fit.poses)
+        return predict_residuals(models, placings, touches, fit.values, fit.poses)
 
     shares = np.linspace(0.0, 1.0, _SAMPLES)
     gaps = np.array([at(lo + share * (hi - lo))[0] for share in shares])
@@ -108,7 +108,7 @@ def foresee(
     return PredictedTouches(np.where(meets, near, np.nan), oblique, room, rows)
 
 
-def choose(
+def choose_touches(
     foreseen: PredictedTouches,
     approaches: Sequence[SlideApproach],
     models: Sequence[FingerModel],
@@ -140,7 +140,7 @@ def choose(
     return grips
 
 
-def towards(
+def probes_towards(
     point_mm: tuple[float, float],
     aside_mm: float,
     approaches: Sequence[SlideApproach],

@@ -18,7 +18,7 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotation_matrix
 
 __all__ = ["AIM_PLAY", "BASE", "COLUMNS", "HEADING", "RADIUS", "SCALE", "ZERO"]
-__all__ += ["FingerModel", "Fit", "ReferencePlacement", "Touches", "fit_fingers", "predicted"]
+__all__ += ["FingerModel", "Fit", "ReferencePlacement", "Touches", "fit_fingers", "predict_residuals"]
 
 
 COLUMNS = 7
@@ -126,7 +126,7 @@ def fit_fingers(
     return problem.result(x, touches.used & ~outlier, outlier)
 
 
-def predicted(
+def predict_residuals(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     touches: Touches,

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.calibration.consistency import check_fit, check_still
-from palpate.calibration.experiment_design import choose
+from palpate.calibration.experiment_design import choose_touches
 from palpate.calibration.finger_fit import (
     COLUMNS,
     RADIUS,
@@ -24,11 +24,12 @@ from palpate.calibration.finger_fit import (
 from palpate.calibration.idle import COVERAGE_SIGMAS
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
-from palpate.calibration.reference_search import find, touches_of
+from palpate.calibration.reference import Reference
+from palpate.calibration.reference_search import locate_reference, touch_arrays
 from palpate.config import SlideFingerConfig
 from palpate.geometry import Bools
 
-__all__ = ["fitted", "held_out", "touch_placing"]
+__all__ = ["fit_touches", "hold_out", "plan_placements", "touch_placing"]
 
 
 _HELD_OUT_EVERY = (
@@ -38,6 +39,18 @@ _LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains do to 
 _LATE_MM = 0.005  # a tip creeps 1 mm in a second, and what was felt is a few milliseconds old
 _TYPICAL_MM = 0.012
 _COUNT = 6
+_AWAY = 0.4  # of the workspace's radius: where references lie
+
+
+def plan_placements(disc: Reference, plate: Reference, radius_mm: float) -> list[ReferencePlacement]:
+    """Where references are to lie: the disc on three sides of the middle, then the plate between these."""
+    away = min(_AWAY * radius_mm, radius_mm - max(disc.radius_mm, plate.radius_mm) - 10.0)
+    found = []
+    for reference, first in ((disc, math.pi / 2), (plate, -math.pi / 2)):
+        for k in range(3):
+            angle = first + 2 * math.pi / 3 * k
+            found.append(ReferencePlacement(reference, (away * math.cos(angle), away * math.sin(angle))))
+    return found
 
 
 def touch_placing(
@@ -59,10 +72,12 @@ def touch_placing(
     stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
     start = None
     if known:
-        start = fit_fingers(models, placings[:number], touches_of(known, models, placings, stiffness))
-    found = find(prober, models, placings, known, stiffness, start)
+        start = fit_fingers(models, placings[:number], touch_arrays(known, models, placings, stiffness))
+    found = locate_reference(prober, models, placings, known, stiffness, start)
     touched = list(found.touched)
-    grips = choose(found.foreseen, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT)
+    grips = choose_touches(
+        found.foreseen, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT
+    )
 
     def carried_out(grip: Sequence[Probe]) -> list[TouchMeasurement]:
         return [item for item in prober.touch(grip, number) if item is not None]
@@ -78,7 +93,7 @@ def touch_placing(
         check_still(first, again, models, placing)
         touched += again
     every = [*known, *touched]
-    touches = touches_of(every, models, placings, stiffness)
+    touches = touch_arrays(every, models, placings, stiffness)
     check_fit(
         specs,
         models,
@@ -89,7 +104,7 @@ def touch_placing(
     return touched
 
 
-def fitted(
+def fit_touches(
     specs: Sequence[SlideFingerConfig],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
@@ -101,14 +116,14 @@ def fitted(
     rest in the same part of a step again and again scatter by less than steps let expect. What repeats itself
     does not show in the scatter: the fit's poses take some of it in, the radii what is alike in all dents.
     """
-    touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
+    touches = touch_arrays(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     check_fit(specs, models, placings, touches, fit)
     share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
     fit = _with_dents_alike(specs, touches, fit_fingers(models, placings, touches, (fit.values, fit.poses)))
     without = fit_fingers(
-        models, placings, touches.with_used(~held_out(len(touched))), (fit.values, fit.poses)
+        models, placings, touches.with_used(~hold_out(len(touched))), (fit.values, fit.poses)
     )
     return touches, fit, without
 
@@ -128,7 +143,7 @@ def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit:
     return replace(fit, covariance=covariance)
 
 
-def held_out(count: int) -> Bools:
+def hold_out(count: int) -> Bools:
     """Which of `count` touches (count,) are foretold rather than fitted."""
     result: Bools = np.arange(count) % _HELD_OUT_EVERY == _HELD_OUT_EVERY - 1
     return result

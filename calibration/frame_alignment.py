@@ -24,7 +24,7 @@ from palpate.calibration.finger_fit import (
     Touches,
 )
 from palpate.calibration.finger_model import zero_in_file_mm
-from palpate.calibration.gauge import BasePose, RigidMotion, hand_frame
+from palpate.calibration.gauge import BasePose, RigidMotion, align_to_nominal
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import SlideApproach
 from palpate.config import SlideFingerConfig
@@ -41,7 +41,15 @@ from palpate.config.calibration_finger import (
 from palpate.drivers.finger import TICK_RAD
 from palpate.geometry import Bools, Floats
 
-__all__ = ["AlignedFit", "aim_of", "bounds_of", "headings_of", "in_hand", "place_of", "residuals_of"]
+__all__ = [
+    "AlignedFit",
+    "align_fit",
+    "bound_contacts",
+    "calibrate_aim",
+    "calibrate_place",
+    "estimate_array_headings",
+    "summarise_residuals",
+]
 
 
 _STEP = 1e-5
@@ -64,7 +72,7 @@ class AlignedFit:
         return self.covariance[at, at]
 
 
-def in_hand(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
+def align_fit(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
     """Move a fit's fingers into the hand frame.
 
     Where the rig stands, which cannot be known, goes out of the covariance.
@@ -84,14 +92,14 @@ def in_hand(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
 def _moved(nominal: Sequence[BasePose], flat: Floats) -> tuple[Floats, RigidMotion]:
     values = flat.reshape(-1, COLUMNS).copy()
     places = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
-    frame = hand_frame(nominal, places)
+    frame = align_to_nominal(nominal, places)
     for row, place in zip(values, places, strict=True):
         there = frame.place(place)
         row[BASE], row[HEADING] = there.base_mm, there.heading_rad
     return values.ravel(), frame
 
 
-def headings_of(
+def estimate_array_headings(
     touched: Sequence[TouchMeasurement], touches: Touches, models: Sequence[FingerModel], fit: Fit
 ) -> list[tuple[float, float]]:
     """Where each finger's array looks from the direction of travel, by normals of touches."""
@@ -100,16 +108,16 @@ def headings_of(
         own = np.flatnonzero((touches.finger == index) & ~fit.outlier)
         aim = (touches.aim_rad[own] - model.aim_zero_rad) / model.gear_ratio
         travel = fit.values[index, HEADING] + aim - touches.way[own] * fit.values[index, AIM_PLAY]
-        towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
+        probes_towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
         felt = np.array([touched[k].angle_rad for k in own.tolist()])
-        off = np.angle(np.exp(1j * (towards - travel - felt)))
+        off = np.angle(np.exp(1j * (probes_towards - travel - felt)))
         middle = float(np.median(off))
         spread = 1.4826 * float(np.median(np.abs(off - middle)))
         found.append((middle, 1.2533 * spread / math.sqrt(max(len(own), 1))))
     return found
 
 
-def place_of(
+def calibrate_place(
     model: FingerModel, hand: AlignedFit, index: int, heading: tuple[float, float]
 ) -> PlaceCalibration:
     """A finger's place; `heading`: of its array, with its deviation (rad)."""
@@ -131,7 +139,7 @@ def place_of(
     )
 
 
-def aim_of(before: AimCalibration, hand: AlignedFit, index: int) -> AimCalibration:
+def calibrate_aim(before: AimCalibration, hand: AlignedFit, index: int) -> AimCalibration:
     """What touches from both sides have shown of an aim's play."""
     play, sigma = hand.values[index, AIM_PLAY], math.sqrt(hand.of(index)[AIM_PLAY, AIM_PLAY])
     return AimCalibration(
@@ -142,7 +150,7 @@ def aim_of(before: AimCalibration, hand: AlignedFit, index: int) -> AimCalibrati
     )
 
 
-def bounds_of(
+def bound_contacts(
     model: FingerModel,
     hand: AlignedFit,
     index: int,
@@ -220,7 +228,7 @@ def _fit_mm(
     return float(np.abs(distance).max()), math.sqrt(max(float(variance.max()), 0.0))
 
 
-def residuals_of(
+def summarise_residuals(
     touches: Touches, fit: Fit, without: Fit, held_out: Bools, names: list[str], frame: RigidMotion
 ) -> Residuals:
     """How well touches agree; `without`: the fit that does not know those `held_out` (n,)."""

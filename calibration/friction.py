@@ -1,7 +1,7 @@
 """Friction of a slide, as the current that it takes to move without touching anything.
 
-From the free legs of presses (`measured.Press`) to what the calibration file says of the slide. The current's
-direction also tells whether the servo turns the way that the rig file says.
+Measured in the free legs of presses. The sign of the current also shows whether the servo turns the way that
+the rig file says.
 """
 
 from collections.abc import Sequence
@@ -14,33 +14,33 @@ from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Bools
 
-__all__ = ["Friction", "friction_of"]
+__all__ = ["Friction", "estimate_friction"]
 
 
 _WINDOW = 5  # samples over which a slide must have moved on by an encoder step
 _FEWEST = 8  # moving samples
-_SURE = 3.0  # standard errors from which on a current has a direction
+_SIGNIFICANT = 3.0  # standard errors from which on a current has a direction
 
 
 @dataclass(frozen=True)
 class Friction:
     """Current of a slide that moves out freely: middle value ± standard deviation of samples, A.
 
-    `way`: +1 if the current pushes the tip out, as it must; -1 if it pulls, so that the slide was pushed or
-    its direction is not what the rig file says; 0 if the current cannot be told from none.
+    `direction`: +1 if the current pushes the tip out, as it must; -1 if it pulls, so that the slide was
+    pushed or its direction is not what the rig file says; 0 if the current cannot be told from none.
     """
 
     current_a: float
     sigma_a: float
     samples: int
-    way: int
+    direction: int
 
 
-def friction_of(presses: Sequence[PressMeasurement], mm_per_rad: float) -> Friction:
+def estimate_friction(presses: Sequence[PressMeasurement], mm_per_rad: float) -> Friction:
     """Friction from the free legs of a finger's presses, by samples in which the slide moves out.
 
-    Median, and the deviation that a normal distribution with their quartiles would have: what it takes to
-    start, and where a carriage catches, are rare. Raises InputError if too few samples move.
+    Median, and the deviation that a normal distribution with their quartiles would have: stiction at
+    the start, and places where a carriage catches, are rare. Raises InputError if too few samples move.
     """
     moving = [press.current_a[_moves_out(press, mm_per_rad)] for press in presses]
     current = np.concatenate(moving) if moving else np.empty(0)
@@ -53,8 +53,8 @@ def friction_of(presses: Sequence[PressMeasurement], mm_per_rad: float) -> Frict
     middle = float(np.median(current))
     lower, upper = np.quantile(current, [0.25, 0.75])
     sigma = float(upper - lower) / 1.349
-    sure = abs(middle) > _SURE * sigma / np.sqrt(len(current))
-    return Friction(middle, sigma, len(current), int(np.sign(middle)) if sure else 0)
+    significant = abs(middle) > _SIGNIFICANT * sigma / np.sqrt(len(current))
+    return Friction(middle, sigma, len(current), int(np.sign(middle)) if significant else 0)
 
 
 def _moves_out(press: PressMeasurement, mm_per_rad: float) -> Bools:

@@ -1,89 +1,45 @@
-"""Gains of taxels, where an array's middle looks, stiffness and crosstalk, from presses on references.
+"""Gains of taxels, phase, stiffness and crosstalk of an array, from presses on references.
 
-The last of the fits of an array: presses and what `idle` found come in, what the rig file and the
-contact extractor need goes out. Columns come first (`press_model`); within a column the taxels share the
-load, as references stand higher than the array and touch it along all of its rows. A reference that
-leans would be taken for a slope of gains along the tip.
+Columns come first (`press_model`); within a column the taxels share the load, as references stand higher than
+the array and touch it along all of its rows. A reference that leans would be taken for a slope of gains along
+the tip.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit
+from palpate.calibration.idle import COVERAGE_SIGMAS, IdleFit, least_contact_force_n
 from palpate.calibration.measurements import IN
-from palpate.calibration.pattern import approach
-from palpate.calibration.press_model import FixedParameters, PressFit, solve
-from palpate.calibration.ramps import PressAtBearing, Ramps, ramps_of, telling
+from palpate.calibration.press_levels import PressAtBearing, PressLevels, average_levels, informative_presses
+from palpate.calibration.press_model import PressFit, fit_presses
+from palpate.calibration.pressure_distribution import dent_and_bearing
+from palpate.config import SlideFingerConfig, TactileCalibration, UnusableTaxel
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats
 
-__all__ = ["GainFit", "GainPriors", "PressAtBearing", "gains_of"]
+__all__ = ["fit_gains"]
 
 _ROW_SHARE = 0.003  # rows do not share a load more evenly
 _SILENT = 0.15  # of what its column's taxels read
 _LOUD_SIGMAS = 40.0  # what a column must read to tell a silent taxel
 _LIT = 0.02  # of the strongest column: residuals of weaker ones say nothing
+_LARGEST_CROSSTALK = 0.25
 
 
-@dataclass(frozen=True)
-class GainPriors:
-    """What is known of a finger before its presses are looked at.
+def fit_gains(
+    presses: Sequence[PressAtBearing], description: Description, idle: IdleFit, spec: SlideFingerConfig
+) -> TactileCalibration:
+    """Calibrate the array of one finger from its presses at several bearings.
 
-    `heading_rad` ± `heading_bound_rad`: where the array's middle looks, from the direction of travel.
-    `gain_spread`: bound on the error of a gain, as a share; `force_bound`: the same of the newtons that
-    currents tell, which all gains and the stiffness inherit. `current_step_a`: unit of Present Current.
-    """
-
-    tip_radius_mm: float
-    mm_per_rad: float
-    heading_rad: float = 0.0
-    heading_bound_rad: float = math.radians(5.0)
-    gain_spread: float = 0.4
-    force_bound: float = 0.0
-    current_step_a: float = 2.69e-3
-
-
-@dataclass(frozen=True, eq=False)
-class GainFit:
-    """What presses told of an array. Bounds hold in 99.9 % of cases, as shares of what they bound.
-
-    `gain` ± `gain_bound` (rows, cols): counts per N over what the array says; 1 ± the expected spread
-    where it was not `pressed`. `phase_rad` ± one `phase_sigma_rad`: where the array's middle looks, from
-    the direction of travel. `crosstalk` ± `crosstalk_bound`: share that each of four neighbours takes of
-    a taxel's force. `friction_a` (presses,). `residual_share`: root mean square of what columns read
-    besides what they should, as a share of the strongest. `unresponsive`: (row, col) of live taxels that
-    do not answer to load. `saturates_n`: least force on the tip with a taxel at its largest count, if
-    any was.
-    """
-
-    gain: Floats
-    gain_bound: Floats
-    pressed: Bools
-    phase_rad: float
-    phase_sigma_rad: float
-    stiffness_n_per_mm: float
-    stiffness_bound: float
-    crosstalk: float
-    crosstalk_bound: float
-    friction_a: Floats
-    residual_share: float
-    unresponsive: tuple[tuple[int, int], ...]
-    saturates_n: float | None
-
-
-def gains_of(
-    presses: Sequence[PressAtBearing], description: Description, idle: IdleFit, expected: GainPriors
-) -> GainFit:
-    """What the presses of one finger, at several bearings, say of its array.
-
-    Only the way in is looked at: there play is used up and friction always has the same sign. Presses that
-    met nothing where they should have are left out, as long as they are fewer than half. Raises InputError
-    without presses, for an array that is not bent round a cylinder, and for presses that move or feel too
-    little.
+    Bounds hold in 99.9 % of cases. A gain is counts per N over what the array says; of a taxel that was not
+    pressed it is 1, bounded by the rig file's `gain_spread`. The newtons are those that currents show, whose
+    scale all gains and the stiffness share. Only the way in is looked at: there the backlash is taken up and
+    friction always has the same sign. Presses that met nothing where they should have are left out, as long
+    as they are fewer than half. Raises InputError without presses, for an array that is not bent round a
+    cylinder, and for presses that move or load the array too little.
     """
     if not presses:
         raise InputError("gains of an array: there are no presses; press a reference at several bearings")
@@ -93,60 +49,47 @@ def gains_of(
             "by presses; give the gains of this one in the rig file"
         )
     full = description.max_count - 0.5 - idle.zero_counts
-    presses = telling(presses, idle.live, full, idle.noise_counts, expected.mm_per_rad)
-    ramps = ramps_of(presses, idle.live, full, idle.noise_counts, expected.mm_per_rad)
-    silent = _silent(ramps, idle)
+    used = informative_presses(presses, idle.live, full, idle.noise_counts, spec.slide.mm_per_rad)
+    levels = average_levels(used, idle.live, full, idle.noise_counts, spec.slide.mm_per_rad)
+    silent = _silent(levels, idle)
     usable = idle.live & ~silent
     rows_used = usable.sum(axis=0)
-    column_counts = (ramps.counts * usable).sum(axis=1) / np.maximum(rows_used, 1)
-    found = solve(presses, ramps, column_counts, _known(description, idle, expected, rows_used))
-    ratio, ratio_sigma = _rows(ramps, usable, column_counts, found.counts, idle.noise_counts)
-    sigma = np.hypot(found.gain_log_sigma, ratio_sigma)
-    bound = np.expm1(COVERAGE_SIGMAS * sigma) * (1 + expected.force_bound) + expected.force_bound
-    pressed = usable & (bound < expected.gain_spread)
+    column_counts = (levels.counts * usable).sum(axis=1) / np.maximum(rows_used, 1)
+    found = fit_presses(used, levels, column_counts, rows_used, idle.noise_counts, description, spec)
+    ratio, ratio_sigma = _rows(levels, usable, column_counts, found.counts, idle.noise_counts)
+    bound = np.expm1(COVERAGE_SIGMAS * np.hypot(found.gain_log_sigma, ratio_sigma))
+    pressed = usable & (bound < spec.array.gain_spread)
     lit = np.abs(found.counts) > _LIT * found.counts.max(axis=1, keepdims=True)
-    stiffness = math.expm1(COVERAGE_SIGMAS * found.stiffness_log_sigma)
-    return GainFit(
-        gain=np.where(pressed, found.gain * ratio, 1.0),
-        gain_bound=np.where(pressed, bound, expected.gain_spread),
-        pressed=pressed,
-        phase_rad=found.phase_rad,
-        phase_sigma_rad=found.phase_sigma_rad,
-        stiffness_n_per_mm=found.stiffness_n_per_mm,
-        stiffness_bound=stiffness * (1 + expected.force_bound) + expected.force_bound,
-        crosstalk=found.crosstalk,
-        crosstalk_bound=COVERAGE_SIGMAS * found.crosstalk_sigma,
-        friction_a=found.friction_a,
-        residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
-        unresponsive=tuple((int(row), int(col)) for row, col in np.argwhere(silent)),
-        saturates_n=_saturates_n(presses, ramps, found, idle.live, full, expected),
-    )
-
-
-def _known(
-    description: Description, idle: IdleFit, expected: GainPriors, rows_used: Floats
-) -> FixedParameters:
-    columns = np.asarray(description.columns, dtype=np.float64)
-    return FixedParameters(
-        columns_rad=columns,
-        pitch_rad=float(columns[1] - columns[0]),
-        rows=description.rows,
-        counts_per_n=description.counts_per_n,
-        radius_mm=expected.tip_radius_mm,
-        rows_used=rows_used.astype(np.float64),
+    faults = ((idle.dead, "dead"), (idle.hot, "hot"), (np.argwhere(silent).tolist(), "unresponsive"))
+    return TactileCalibration(
+        gain=np.where(pressed, found.gain * ratio, 1.0).tolist(),
+        gain_bound=np.where(pressed, bound, spec.array.gain_spread).tolist(),
+        unusable=[
+            UnusableTaxel.model_validate({"row": row, "col": col, "what": what})
+            for places, what in faults
+            for row, col in places
+        ],
         noise_counts=idle.noise_counts,
-        phase_rad=expected.heading_rad,
-        phase_sigma_rad=expected.heading_bound_rad / math.sqrt(3),
-        gain_sigma=expected.gain_spread / math.sqrt(3),
-        current_step_a=expected.current_step_a,
+        offset_counts=float(idle.zero_counts[idle.live].mean()),
+        drift_counts_per_s=idle.drift_counts_per_s,
+        crosstalk=min(max(found.crosstalk, 0.0), _LARGEST_CROSSTALK),
+        crosstalk_bound=COVERAGE_SIGMAS * found.crosstalk_sigma,
+        stiffness_n_per_mm=found.stiffness_n_per_mm,
+        stiffness_bound=math.expm1(COVERAGE_SIGMAS * found.stiffness_log_sigma),
+        least_contact_force_n=least_contact_force_n(idle, description.counts_per_n),
+        saturates_n=_saturates_n(used, levels, found, idle.live, full, spec),
+        phase_deg=math.degrees(found.phase_rad),
+        phase_sigma_deg=math.degrees(found.phase_sigma_rad),
+        presses=len(presses),
+        residual_share=float(np.sqrt((found.off[lit] ** 2).mean())),
     )
 
 
-def _silent(ramps: Ramps, idle: IdleFit) -> Bools:
+def _silent(levels: PressLevels, idle: IdleFit) -> Bools:
     """Live taxels (rows, cols) that read next to nothing where their column reads much."""
     live = idle.live
-    total = (ramps.counts * ramps.samples[:, None, None]).sum(axis=0)
-    noise = idle.noise_counts * math.sqrt(float(ramps.samples.sum()))
+    total = (levels.counts * levels.samples[:, None, None]).sum(axis=0)
+    noise = idle.noise_counts * math.sqrt(float(levels.samples.sum()))
     middle = np.zeros(live.shape[1])
     for col in np.flatnonzero(live.any(axis=0)):
         middle[col] = np.median(total[live[:, col], col])
@@ -155,16 +98,16 @@ def _silent(ramps: Ramps, idle: IdleFit) -> Bools:
 
 
 def _rows(
-    ramps: Ramps, usable: Bools, column_counts: Floats, modelled: Floats, noise: float
+    levels: PressLevels, usable: Bools, column_counts: Floats, modelled: Floats, noise: float
 ) -> tuple[Floats, Floats]:
     """Gain of taxels over the mean of their column's usable ones, ± a share of it; (rows, cols).
 
     Counts are weighed by what the model says of the column, which has no noise of its own in it.
     """
     weight = np.maximum(modelled, 0.0)
-    along = np.einsum("mc,mrc->rc", weight, ramps.counts)
+    along = np.einsum("mc,mrc->rc", weight, levels.counts)
     mean = np.einsum("mc,mc->c", weight, column_counts)
-    noise_of_sum = noise * np.sqrt(np.einsum("mc,m->c", weight**2, 1 / ramps.samples))
+    noise_of_sum = noise * np.sqrt(np.einsum("mc,m->c", weight**2, 1 / levels.samples))
     safe = np.maximum(mean, 1e-9)
     ratio = np.where(usable, along / safe, 1.0)
     sigma = np.hypot(_ROW_SHARE, noise_of_sum / safe / np.maximum(ratio, 0.1))
@@ -173,20 +116,20 @@ def _rows(
 
 def _saturates_n(
     presses: Sequence[PressAtBearing],
-    ramps: Ramps,
+    levels: PressLevels,
     found: PressFit,
     live: Bools,
     full: Floats,
-    expected: GainPriors,
+    spec: SlideFingerConfig,
 ) -> float | None:
     """Least force on the tip with a live taxel at its largest count, by the dent on the way in."""
     least = math.inf
     for at, start, touch, bearing in zip(
-        presses, ramps.start_mm, found.touch_mm, found.bearing_rad, strict=True
+        presses, levels.start_mm, found.touch_mm, found.bearing_rad, strict=True
     ):
         saturated = ((at.press.counts >= full) & live).any(axis=(1, 2)) & (at.press.leg == IN)
-        travel = expected.mm_per_rad * at.press.slide_rad[saturated] - start - touch
+        travel = spec.slide.mm_per_rad * at.press.slide_rad[saturated] - start - touch
         curvature = np.full(len(travel), at.curvature_per_mm)
-        dent, _ = approach(travel, np.full(len(travel), bearing), expected.tip_radius_mm, curvature)
+        dent, _ = dent_and_bearing(travel, np.full(len(travel), bearing), spec.tip.radius_mm, curvature)
         least = min(least, float(dent.min(initial=math.inf)) * found.stiffness_n_per_mm)
     return None if math.isinf(least) else least

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "hand_frame"]
+__all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "align_to_nominal"]
 
 HEADING_ARM_MM = 100.0
 """A heading counts like a point so far from its base; with several fingers it hardly matters."""
@@ -43,7 +43,7 @@ class RigidMotion:
         return BasePose(self.point_mm(place.base_mm), place.heading_rad + self.angle_rad)
 
 
-def hand_frame(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> RigidMotion:
+def align_to_nominal(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> RigidMotion:
     """The motion that brings `found` places nearest to `nominal` ones: from any frame to the hand frame.
 
     Least squares over bases and, as points `HEADING_ARM_MM` away, headings (Horn's closed form in the plane;

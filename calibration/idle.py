@@ -1,8 +1,4 @@
-"""What an untouched array tells of itself: zeros, noise, drift, and taxels that are stuck.
-
-The first of the fits of an array: recordings of it, with nothing near the tip, come in; `gains` takes
-what it says of noise and of stuck taxels.
-"""
+"""Zeros, noise, drift and stuck taxels of an array, from recordings of it with nothing near the tip."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +12,7 @@ from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats
 
-__all__ = ["COVERAGE_SIGMAS", "LEAST_FRAMES", "IdleFit", "idle_of", "least_contact_force_n"]
+__all__ = ["COVERAGE_SIGMAS", "LEAST_FRAMES", "IdleFit", "analyse_idle", "least_contact_force_n"]
 
 COVERAGE_SIGMAS = 3.3
 """Bounds are this many standard deviations: 99.9 % of a normal distribution."""
@@ -75,7 +71,7 @@ class _Window:
     spread: Floats
 
 
-def idle_of(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
+def analyse_idle(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
     """What idle recordings of one finger say, in any order but by one clock; `max_count`: the array's.
 
     Noise is the median of the live taxels' standard deviations about straight lines of ten seconds, and

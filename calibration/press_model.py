@@ -1,9 +1,9 @@
-"""What columns and the slide's current must read at the levels of presses, and the fit of all unknowns.
+"""Forward model of presses, what columns and the slide's current must read, and the fit of its unknowns.
 
-Between `ramps` and `gains`. Travel past first contact gives the dent, the dent and the bearing give the
-columns' shares (`pattern`), stiffness gives forces, gains give counts. Presses at different bearings
-move one patch over the columns, and each patch grows with its dent: both tell where the array's middle
-looks without knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
+Travel past first contact gives the dent, the dent and the bearing give the columns' shares
+(`pressure_distribution`), stiffness gives forces, gains give counts. Presses at different bearings move one
+patch over the columns, and each patch grows with its dent: both tell where the array's middle looks without
+knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
 """
 
 import math
@@ -11,12 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from palpate.calibration.pattern import approach, pattern
-from palpate.calibration.ramps import LEVELS, PressAtBearing, Ramps
-from palpate.geometry import Floats
+from palpate.calibration.press_levels import LEVELS, PressAtBearing, PressLevels
+from palpate.calibration.pressure_distribution import dent_and_bearing, distribute_pressure
+from palpate.config import SlideFingerConfig
+from palpate.drivers.dynamixel.models import model_named
+from palpate.drivers.tactile.messages import Description
+from palpate.geometry import Floats, Ints
 
-__all__ = ["FixedParameters", "PressFit", "solve"]
+__all__ = ["PressFit", "fit_presses"]
 
 _MODEL_SHARE = 0.005 * math.sqrt(LEVELS)  # of the strongest column; the levels of a press share their errors
 _WEAK = 0.2  # of a press's strongest level: levels below count as that one
@@ -24,42 +28,18 @@ _STEP = 1e-5  # of differences in place of derivatives
 _LEAST_DENT, _MOST_DENT = 1e-6, 0.9  # tip radii
 _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gives way besides the skin
 _CROSSTALK_SIGMA = 0.1
+_HEADING_BOUND_DEG = 5.0  # where the rig file gives none
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
-_MOST_STEPS = 50
-_LEAST_GAIN = 1e-4  # of the sum of squares: less than any unknown's hundredth of a standard deviation
 _SHARED = 4  # unknowns of the finger as a whole, of which these are the places
 _PHASE, _FIRM, _SCALE, _CROSSTALK = range(_SHARED)
-
-
-@dataclass(frozen=True, eq=False)
-class FixedParameters:
-    """What a fit is told of the finger.
-
-    `columns_rad` (cols,), `pitch_rad` and `rows`: the array's. `counts_per_n`: nominal, of a taxel.
-    `radius_mm`: the tip's. `rows_used` (cols,): how many rows the counts of a column are the mean of, 0
-    for a column that is not looked at. `phase_rad` ± `phase_sigma_rad` and 1 ± `gain_sigma`: what is
-    likely.
-    """
-
-    columns_rad: Floats
-    pitch_rad: float
-    rows: int
-    counts_per_n: float
-    radius_mm: float
-    rows_used: Floats
-    noise_counts: float
-    phase_rad: float
-    phase_sigma_rad: float
-    gain_sigma: float
-    current_step_a: float
 
 
 @dataclass(frozen=True, eq=False)
 class PressFit:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
-    `gain` (cols,) ± `gain_log_sigma`. `friction_a` (n,). `touch_mm` (n,): travel at first contact, from
-    each ramp's start; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
+    `gain` (cols,) ± `gain_log_sigma`. `touch_mm` (n,): travel at first contact, from each
+    press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
     cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
     """
 
@@ -71,26 +51,32 @@ class PressFit:
     stiffness_log_sigma: float
     crosstalk: float
     crosstalk_sigma: float
-    friction_a: Floats
     touch_mm: Floats
     bearing_rad: Floats
     counts: Floats
     off: Floats
 
 
-def solve(
-    presses: Sequence[PressAtBearing], ramps: Ramps, column_counts: Floats, known: FixedParameters
+def fit_presses(
+    presses: Sequence[PressAtBearing],
+    levels: PressLevels,
+    column_counts: Floats,
+    rows_used: Ints,
+    noise_counts: float,
+    description: Description,
+    spec: SlideFingerConfig,
 ) -> PressFit:
     """Least squares over all levels; `column_counts` (m, cols): mean over the rows that are used.
 
-    Sigmas are those of the levels' stated errors, or as much larger as the residuals are.
+    `rows_used` (cols,): how many rows that are, 0 for a column that is not looked at. Sigmas are those of the
+    levels' stated errors, or as much larger as the residuals are.
     """
-    model = _Model(presses, ramps, column_counts, known)
-    x = _descended(model)
+    model = _Model(presses, levels, column_counts, rows_used, noise_counts, description, spec)
+    x = least_squares(model.residuals, model.start(), model.jacobian, method="lm").x
     square = _squared(model.jacobian(x))
     misfit = max(1.0, model.misfit(model.residuals(x)))
     sigma = np.sqrt(misfit * np.diag(np.linalg.inv(square)))
-    gains, touch, bearing, friction = model.parts(x)
+    gains, touch, bearing, _ = model.parts(x)
     counts = model.counts(x)
     return PressFit(
         gain=np.exp(gains),
@@ -101,31 +87,11 @@ def solve(
         stiffness_log_sigma=float(sigma[_FIRM]),
         crosstalk=float(x[_CROSSTALK]),
         crosstalk_sigma=float(sigma[_CROSSTALK]),
-        friction_a=friction,
         touch_mm=touch,
         bearing_rad=bearing,
         counts=counts,
-        off=np.where(known.rows_used > 0, (column_counts - counts) / model.strongest, 0.0),
+        off=np.where(rows_used > 0, (column_counts - counts) / model.strongest, 0.0),
     )
-
-
-def _descended(model: "_Model") -> Floats:
-    """Where the sum of squares is least, by Levenberg and Marquardt's shortened steps."""
-    x = model.start()
-    off = model.residuals(x)
-    damping = 1e-3
-    for _ in range(_MOST_STEPS):
-        slopes = model.jacobian(x)
-        square, down = _squared(slopes), slopes.T @ off
-        tried = x - np.linalg.solve(square + damping * np.diag(np.diag(square)), down)
-        there = model.residuals(tried)
-        gained = float(off @ off - there @ there)
-        if gained > 0:
-            x, off = tried, there
-        if abs(gained) < _LEAST_GAIN:
-            break
-        damping *= 0.1 if gained > 0 else 10.0
-    return x
 
 
 def _squared(slopes: Floats) -> Floats:
@@ -142,42 +108,54 @@ class _Model:
     """
 
     def __init__(
-        self, presses: Sequence[PressAtBearing], ramps: Ramps, column_counts: Floats, known: FixedParameters
+        self,
+        presses: Sequence[PressAtBearing],
+        levels: PressLevels,
+        column_counts: Floats,
+        rows_used: Ints,
+        noise_counts: float,
+        description: Description,
+        spec: SlideFingerConfig,
     ) -> None:
-        self._known = known
-        self._ramps = ramps
-        self._read = column_counts
+        self._levels, self._read, self._rows_used = levels, column_counts, rows_used
+        self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
+        self._phase_rad = math.radians(spec.array.heading_deg)
+        self._phase_sigma = math.radians(spec.array.heading_bound_deg or _HEADING_BOUND_DEG) / math.sqrt(3)
+        self._gain_sigma = spec.array.gain_spread / math.sqrt(3)
         self._bearing = np.array([p.bearing_rad for p in presses])
         self._bearing_sigma = np.array([p.bearing_sigma_rad for p in presses])
-        self._curvature = np.array([p.curvature_per_mm for p in presses])[ramps.press]
-        self._newton_per_a = np.array([p.newton_per_a for p in presses])[ramps.press]
-        cols = len(known.columns_rad)
+        self._curvature = np.array([p.curvature_per_mm for p in presses])[levels.press]
+        self._newton_per_a = np.array([p.newton_per_a for p in presses])[levels.press]
+        cols = description.cols
         self._cols, self._presses = cols, len(presses)
         self._exchange = np.eye(cols, k=1) + np.eye(cols, k=-1)
         self._exchange -= np.diag(self._exchange.sum(axis=0))
-        self._counts_per_n = known.counts_per_n / known.rows
+        self._counts_per_n = description.counts_per_n / description.rows
         strongest = column_counts.max(axis=1)
         most = np.zeros(self._presses)
-        np.maximum.at(most, ramps.press, strongest)
+        np.maximum.at(most, levels.press, strongest)
         # Shallow dents are known to a part of an encoder step only.
-        self.strongest = np.maximum(strongest, _WEAK * most[ramps.press])[:, None]
-        self._weight = self._weights()
-        step = known.current_step_a / math.sqrt(12)
+        self.strongest = np.maximum(strongest, _WEAK * most[levels.press])[:, None]
+        noise = noise_counts**2 / (levels.samples[:, None] * np.maximum(rows_used, 1))
+        # One over the standard deviation of counts, (m, cols); 0 where a column is not looked at.
+        sigma = np.sqrt(noise + (_MODEL_SHARE * self.strongest) ** 2)
+        self._weight = np.where(rows_used > 0, 1 / sigma, 0.0)
+        step = model_named(spec.slide.model).known_torque.current_unit_a / math.sqrt(12)
         self._current_sigma = step
-        self._friction_sigma = np.hypot(step, _FRICTION_SIGMA * ramps.free_a)
+        self._friction_sigma = np.hypot(step, _FRICTION_SIGMA * levels.free_a)
 
     def start(self) -> Floats:
         """Values to begin with: contact and stiffness from straight lines, nominal ones otherwise."""
         total = self._read.sum(axis=1) / self._counts_per_n
         slopes, touch = np.zeros(self._presses), np.zeros(self._presses)
         for press in range(self._presses):
-            its = self._ramps.press == press
-            slope, offset = np.polyfit(self._ramps.travel_mm[its], total[its], 1)
+            its = self._levels.press == press
+            slope, offset = np.polyfit(self._levels.travel_mm[its], total[its], 1)
             slopes[press] = max(slope, 1e-3)
             touch[press] = np.clip(-offset / slopes[press], -0.5, 0.0)
         firm = float(np.median(slopes / np.cos(self._bearing)))
-        shared = [self._known.phase_rad, math.log(firm), 0.0, 0.0]
-        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._ramps.free_a])
+        shared = [self._phase_rad, math.log(firm), 0.0, 0.0]
+        return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._levels.free_a])
 
     def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Logarithms of gains, travels and bearings at first contact, frictions."""
@@ -188,39 +166,38 @@ class _Model:
     def counts(self, x: Floats) -> Floats:
         """What columns should read, (m, cols)."""
         gains, touch, bearing, _ = self.parts(x)
-        result: Floats = self._felt(x[:_SHARED], touch, bearing)[0] * np.exp(gains) * self._counts_per_n
+        result: Floats = self._forces(x[:_SHARED], touch, bearing)[0] * np.exp(gains) * self._counts_per_n
         return result
 
     def misfit(self, residuals: Floats) -> float:
         """Mean square of the residuals of counts or of those of currents, whichever is larger."""
-        m = len(self._ramps.press)
+        m = len(self._levels.press)
         counts, currents = residuals[: m * self._cols], residuals[m * self._cols : m * (self._cols + 1)]
-        looked = m * max(int((self._known.rows_used > 0).sum()), 1)
+        looked = m * max(int((self._rows_used > 0).sum()), 1)
         return max(float(counts @ counts) / looked, float(currents @ currents) / m)
 
     def residuals(self, x: Floats) -> Floats:
         """What is off, in standard deviations: counts (m · cols), currents (m), what is likely."""
         gains, touch, bearing, friction = self.parts(x)
-        load, push = self._felt(x[:_SHARED], touch, bearing)
+        load, push = self._forces(x[:_SHARED], touch, bearing)
         counts = (load * np.exp(gains) * self._counts_per_n - self._read) * self._weight
-        current = friction[self._ramps.press] + push / self._newton_per_a - self._ramps.current_a
-        known = self._known
+        current = friction[self._levels.press] + push / self._newton_per_a - self._levels.current_a
         likely = [
-            [(x[_PHASE] - known.phase_rad) / known.phase_sigma_rad],
+            [(x[_PHASE] - self._phase_rad) / self._phase_sigma],
             [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
-            gains / known.gain_sigma,
+            gains / self._gain_sigma,
             (bearing - self._bearing) / self._bearing_sigma,
-            (friction - self._ramps.free_a) / self._friction_sigma,
+            (friction - self._levels.free_a) / self._friction_sigma,
         ]
         return np.concatenate([counts.ravel(), current / self._current_sigma, *likely])
 
     def jacobian(self, x: Floats) -> Floats:
         """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
-        m, cols, n = len(self._ramps.press), self._cols, self._presses
+        m, cols, n = len(self._levels.press), self._cols, self._presses
         result = np.zeros((m * (cols + 1) + 3 + cols + 2 * n, len(x)))
         gains, touch, bearing, _ = self.parts(x)
         shared = x[:_SHARED]
-        load, push = self._felt(shared, touch, bearing)
+        load, push = self._forces(shared, touch, bearing)
         to_counts = np.exp(gains) * self._counts_per_n * self._weight
         to_current = 1 / (self._newton_per_a * self._current_sigma)
 
@@ -228,7 +205,7 @@ class _Model:
             return load * to_counts, push * to_current
 
         def moved(shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
-            there = self._felt(shared, touch, bearing)
+            there = self._forces(shared, touch, bearing)
             return scaled((there[0] - load) / _STEP, (there[1] - push) / _STEP)
 
         counts, current = scaled(load, push)
@@ -241,7 +218,7 @@ class _Model:
             read[..., place], pushed[:, place] = moved(shared + step, touch, bearing)
         every = np.arange(cols)
         read[:, every, _SHARED + every] = counts
-        level, press = np.arange(m), self._ramps.press
+        level, press = np.arange(m), self._levels.press
         at_touch = _SHARED + cols + press
         by_touch, by_bearing = moved(shared, touch + _STEP, bearing), moved(shared, touch, bearing + _STEP)
         read[level, :, at_touch], pushed[level, at_touch] = by_touch
@@ -251,43 +228,37 @@ class _Model:
         places = np.concatenate([[_PHASE, _SCALE, _CROSSTALK], _SHARED + every, np.arange(-2 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(
             [
-                [1 / self._known.phase_sigma_rad, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
-                np.full(cols, 1 / self._known.gain_sigma),
+                [1 / self._phase_sigma, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
+                np.full(cols, 1 / self._gain_sigma),
                 1 / self._bearing_sigma,
                 1 / self._friction_sigma,
             ]
         )
         return result
 
-    def _felt(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
+    def _forces(self, shared: Floats, touch: Floats, bearing: Floats) -> tuple[Floats, Floats]:
         """Force on columns (m, cols) and along the travel (m,), N: means over each level.
 
         Two places stand for all of a level's: they have its mean and its spread.
         """
-        travel, spread = self._ramps.travel_mm, self._ramps.spread_mm
-        lower = self._felt_at(travel - spread, shared, touch, bearing)
-        upper = self._felt_at(travel + spread, shared, touch, bearing)
+        travel, spread = self._levels.travel_mm, self._levels.spread_mm
+        lower = self._forces_at(travel - spread, shared, touch, bearing)
+        upper = self._forces_at(travel + spread, shared, touch, bearing)
         return (lower[0] + upper[0]) / 2, (lower[1] + upper[1]) / 2
 
-    def _felt_at(
+    def _forces_at(
         self, travel_mm: Floats, shared: Floats, touch: Floats, bearing: Floats
     ) -> tuple[Floats, Floats]:
-        known, press = self._known, self._ramps.press
-        dent, turned = approach(travel_mm - touch[press], bearing[press], known.radius_mm, self._curvature)
-        depth = np.clip(dent * math.exp(shared[_SCALE]) / known.radius_mm, _LEAST_DENT, _MOST_DENT)
-        pressed = pattern(
-            known.columns_rad,
-            known.pitch_rad,
+        press, radius = self._levels.press, self._radius_mm
+        dent, turned = dent_and_bearing(travel_mm - touch[press], bearing[press], radius, self._curvature)
+        depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _LEAST_DENT, _MOST_DENT)
+        pressed = distribute_pressure(
+            self._columns_rad,
+            float(self._columns_rad[1] - self._columns_rad[0]),
             turned - shared[_PHASE],
             depth,
-            self._curvature * known.radius_mm,
+            self._curvature * radius,
         )
         force = math.exp(shared[_FIRM]) * np.maximum(dent, 0.0)
         share = pressed.share + shared[_CROSSTALK] * (pressed.share @ self._exchange)
         return force[:, None] * share, force * pressed.lean * np.cos(turned)
-
-    def _weights(self) -> Floats:
-        """One over the standard deviation of counts, (m, cols); 0 where a column is not looked at."""
-        rows = self._known.rows_used
-        noise = self._known.noise_counts**2 / (self._ramps.samples[:, None] * np.maximum(rows, 1.0))
-        return np.where(rows > 0, 1 / np.sqrt(noise + (_MODEL_SHARE * self.strongest) ** 2), 0.0)

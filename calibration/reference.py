@@ -1,59 +1,19 @@
-"""References: things of known shape that fingers touch to be calibrated, a disc and a convex plate.
+"""Reference artefacts: things of known shape that fingers touch to be calibrated, a disc and a convex plate.
 
-From a point in a reference's own frame to its distance from the surface and the normal there. Used by the
-fit of the fingers (`finger_fit`) and by the choice of touches (`choice`).
+Each has a `name`, the `radius_mm` of the smallest circle round its origin that holds it, `tolerance_mm` by
+which its surface may be elsewhere, `turns`, whether its orientation can be felt, and `repeats`, how many
+orientations look the same. Its frame has its origin at the centre; mm.
 """
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
+import shapely
 
 from palpate.geometry import Floats
 
 __all__ = ["Reference", "ReferenceDisc", "ReferencePlate"]
-
-
-class Reference(Protocol):
-    """A thing of known shape, in its own frame: origin at its centre, mm."""
-
-    @property
-    def name(self) -> str:
-        """What people call it."""
-        ...
-
-    @property
-    def radius_mm(self) -> float:
-        """Radius of the smallest circle round the origin that holds it."""
-        ...
-
-    @property
-    def turns(self) -> bool:
-        """Whether its orientation can be felt."""
-        ...
-
-    @property
-    def tolerance_mm(self) -> float:
-        """How far its surface may be from what is said of it."""
-        ...
-
-    @property
-    def repeats(self) -> int:
-        """How many orientations look the same."""
-        ...
-
-    def curvature_per_mm(self) -> float:
-        """Curvature of its faces: 0 if they are flat."""
-        ...
-
-    def distance_mm(self, points_mm: Floats) -> tuple[Floats, Floats, Floats]:
-        """Signed distance (n,) from its surface, outward normal (n, 2), and room to the next corner (n,).
-
-        `points_mm` (n, 2); inside counts negative. The room is how far the nearest point of the surface is
-        from where its face ends, inf for a disc and 0 at a corner.
-        """
-        ...
 
 
 @dataclass(frozen=True)
@@ -71,7 +31,10 @@ class ReferenceDisc:
         return 1 / self.radius_mm
 
     def distance_mm(self, points_mm: Floats) -> tuple[Floats, Floats, Floats]:
-        """Distance from the rim, the radius' direction, and no corner."""
+        """Signed distance (n,) from the rim, outward normal (n, 2), and room (n,), inf: it has no corner.
+
+        `points_mm` (n, 2); inside counts negative.
+        """
         away = np.hypot(points_mm[:, 0], points_mm[:, 1])
         normal = points_mm / np.maximum(away, 1e-9)[:, None]
         return away - self.radius_mm, normal, np.full(len(points_mm), np.inf)
@@ -96,7 +59,7 @@ class ReferencePlate:
         self.name = name
         self.tolerance_mm = tolerance_mm
         self.turns = True
-        self._start = corners - _centroid(corners)
+        self._start: Floats = corners - shapely.get_coordinates(shapely.centroid(shapely.Polygon(corners)))
         along = np.roll(self._start, -1, axis=0) - self._start
         self._length = np.hypot(along[:, 0], along[:, 1])
         self._along = along / self._length[:, None]
@@ -114,7 +77,11 @@ class ReferencePlate:
         return 0.0
 
     def distance_mm(self, points_mm: Floats) -> tuple[Floats, Floats, Floats]:
-        """Distance from the nearest face or corner."""
+        """Signed distance (n,) from the surface, outward normal (n, 2), and room to the next corner (n,).
+
+        `points_mm` (n, 2); inside counts negative. The room is how far the nearest point of the surface is
+        from where its face ends, 0 at a corner.
+        """
         rel = points_mm[:, None, :] - self._start
         out = np.einsum("nkj,kj->nk", rel, self._normal)
         at = np.einsum("nkj,kj->nk", rel, self._along)
@@ -130,11 +97,7 @@ class ReferencePlate:
         return distance, normal, np.maximum(room, 0.0)
 
 
-def _centroid(corners: Floats) -> Floats:
-    nxt = np.roll(corners, -1, axis=0)
-    cross = corners[:, 0] * nxt[:, 1] - nxt[:, 0] * corners[:, 1]
-    result: Floats = ((corners + nxt) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-    return result
+Reference = ReferenceDisc | ReferencePlate
 
 
 def _symmetry(corners: Floats) -> int:

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.experiment_design import PredictedTouches, foresee, towards
+from palpate.calibration.experiment_design import PredictedTouches, predict_touches, probes_towards
 from palpate.calibration.finger_fit import FingerModel, Fit, ReferencePlacement, Touches, fit_fingers
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
-__all__ = ["LocatedReference", "at_bearing", "find", "touches_of"]
+__all__ = ["LocatedReference", "locate_reference", "probes_at_bearing", "touch_arrays"]
 
 _ASIDE_MM = (0.0, 11.0, -11.0)  # of the first reference; where fingers stand is known, fewer do
 _STEP_LEFT = 0.1  # of a slide's encoder step: it is measured on the move, over several of them
@@ -32,7 +32,7 @@ class LocatedReference:
     foreseen: PredictedTouches
 
 
-def find(
+def locate_reference(
     prober: Prober,
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
@@ -52,11 +52,11 @@ def find(
     fit = start
     looks = len(_ASIDE_MM) if start is None else 1 + placings[number].reference.turns
     for aside in _ASIDE_MM[:looks]:
-        grip = towards(about, aside, prober.approaches, models, values)
+        grip = probes_towards(about, aside, prober.approaches, models, values)
         touched += [item for item in prober.touch(grip, number) if item is not None]
         if not touched:
             continue
-        touches = touches_of([*known, *touched], models, placings, stiffness_n_per_mm)
+        touches = touch_arrays([*known, *touched], models, placings, stiffness_n_per_mm)
         begin = None if start is None else (start.values, start.poses)
         fit = fit_fingers(models, placings, touches, begin)
         values, about = fit.values, (float(fit.poses[number, 0]), float(fit.poses[number, 1]))
@@ -66,10 +66,12 @@ def find(
             f"the {reference.name} was not found near ({x:.0f}, {y:.0f}) mm: {len(touched)} of the touches "
             "that looked for it met something; put it there and begin this step again"
         )
-    return LocatedReference(tuple(touched), fit, foresee(models, placings, fit, number, prober.approaches))
+    return LocatedReference(
+        tuple(touched), fit, predict_touches(models, placings, fit, number, prober.approaches)
+    )
 
 
-def at_bearing(
+def probes_at_bearing(
     found: LocatedReference, prober: Prober, models: Sequence[FingerModel], bearing_rad: float
 ) -> list[tuple[Probe, float]]:
     """For each finger the approach that meets the reference nearest to a bearing, and its bearing.
@@ -88,7 +90,7 @@ def at_bearing(
     return result
 
 
-def touches_of(
+def touch_arrays(
     touched: Sequence[TouchMeasurement],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],

@@ -1,6 +1,6 @@
-"""The step of calibration that measures arrays: still, and pressed on a disc and a plate at many bearings.
+"""Calibration step for tactile arrays: idle, and pressed on a disc and a plate at many bearings.
 
-From a prober to a finger's table `tactile`. Force comes from the finger's own servo: the current that it
+Results are fingers' tables `tactile`. Force comes from the finger's own servo: the current that it
 needs besides friction.
 """
 
@@ -8,14 +8,14 @@ import math
 from collections.abc import Callable, Sequence
 
 from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
-from palpate.calibration.finger_model import finger_model, mm_per_rad_of, touching
-from palpate.calibration.gains import GainFit, GainPriors, PressAtBearing, gains_of
-from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
+from palpate.calibration.finger_model import finger_model, slide_in_contact
+from palpate.calibration.gains import fit_gains
+from palpate.calibration.idle import analyse_idle
+from palpate.calibration.press_levels import PressAtBearing
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import at_bearing, find
-from palpate.config import SlideFingerConfig
-from palpate.config.calibration_finger import TactileCalibration, UnusableTaxel
+from palpate.calibration.reference_search import locate_reference, probes_at_bearing
+from palpate.config import SlideFingerConfig, TactileCalibration
 from palpate.drivers.dynamixel.models import model_named
 from palpate.drivers.tactile.messages import Description
 
@@ -23,28 +23,11 @@ __all__ = ["measure_tactile"]
 
 _DISC_DEG = (
     0.0,
-    -6.0,
-    6.0,
-    -12.0,
-    12.0,
-    -18.0,
-    18.0,
-    -24.0,
-    24.0,
-    -30.0,
-    30.0,
-    -36.0,
-    36.0,
-    -42.0,
-    42.0,
-    -47.0,
-    47.0,
+    *(side * angle for angle in (6.0, 12.0, 18.0, 24.0, 30.0, 36.0, 42.0, 47.0) for side in (-1, 1)),
 )
 _PLATE_DEG = (-10.0, 10.0)
 _IDLE_S = 6.0
 _BEARING_SIGMA_RAD = math.radians(0.3)
-_FORCE_BOUND = 0.0
-_HEADING_BOUND_RAD = math.radians(5.0)
 
 
 def measure_tactile(
@@ -60,7 +43,7 @@ def measure_tactile(
     prober.clear()
     tell(f"arrays untouched for {_IDLE_S:g} s")
     idles = prober.idle(_IDLE_S)
-    models = [finger_model(spec, touching(spec, None, None)) for spec in specs]
+    models = [finger_model(spec, slide_in_contact(spec)) for spec in specs]
     presses: dict[str, list[PressAtBearing]] = {spec.name: [] for spec in specs}
     for placing, (reference, bearings) in enumerate(((disc, _DISC_DEG), (plate, _PLATE_DEG))):
         tell(f"{reference.name} in the middle: {len(bearings)} presses of each finger")
@@ -70,15 +53,15 @@ def measure_tactile(
     prober.clear()
     tell(f"arrays untouched for {_IDLE_S:g} s")
     idles += prober.idle(_IDLE_S)
-    found = []
-    for spec, array in zip(specs, arrays, strict=True):
-        idle = idle_of([item for item in idles if item.finger == spec.name], array.max_count)
-        found.append(
-            _table(
-                idle, gains_of(presses[spec.name], array, idle, _expected(spec)), array, presses[spec.name]
-            )
+    return [
+        fit_gains(
+            presses[spec.name],
+            array,
+            analyse_idle([item for item in idles if item.finger == spec.name], array.max_count),
+            spec,
         )
-    return found
+        for spec, array in zip(specs, arrays, strict=True)
+    ]
 
 
 def _pressed(
@@ -92,13 +75,13 @@ def _pressed(
 ) -> list[PressAtBearing]:
     """Presses of all fingers at each bearing that they can reach."""
     stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
-    found = find(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], stiffness)
+    found = locate_reference(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], stiffness)
     by_name = {spec.name: spec for spec in specs}
     result = []
     taken: set[int] = set()
     for number, wanted in enumerate(bearings_deg):
         tell(f"press {number + 1} of {len(bearings_deg)}")
-        contacts = at_bearing(found, prober, models, math.radians(wanted))
+        contacts = probes_at_bearing(found, prober, models, math.radians(wanted))
         contacts = [item for item in contacts if item[0].approach not in taken]
         taken |= {probe.approach for probe, _ in contacts}
         bearing = {specs[prober.approaches[p.approach].finger].name: angle for p, angle in contacts}
@@ -111,44 +94,4 @@ def _pressed(
 
 def _newton_per_a(spec: SlideFingerConfig) -> float:
     """Force at the tip for a current of the slide's servo, as the maker states its torque."""
-    return model_named(spec.slide.model).known_torque.nm_per_a / (abs(mm_per_rad_of(spec)) / 1000)
-
-
-def _expected(spec: SlideFingerConfig) -> GainPriors:
-    return GainPriors(
-        tip_radius_mm=spec.tip.radius_mm,
-        mm_per_rad=mm_per_rad_of(spec),
-        heading_rad=math.radians(spec.array.heading_deg),
-        heading_bound_rad=math.radians(spec.array.heading_bound_deg) or _HEADING_BOUND_RAD,
-        gain_spread=spec.array.gain_spread,
-        force_bound=_FORCE_BOUND,
-        current_step_a=model_named(spec.slide.model).known_torque.current_unit_a,
-    )
-
-
-def _table(
-    idle: IdleFit, fit: GainFit, array: Description, presses: Sequence[PressAtBearing]
-) -> TactileCalibration:
-    faults = ((idle.dead, "dead"), (idle.hot, "hot"), (fit.unresponsive, "unresponsive"))
-    return TactileCalibration(
-        gain=fit.gain.tolist(),
-        gain_bound=fit.gain_bound.tolist(),
-        unusable=[
-            UnusableTaxel.model_validate({"row": row, "col": col, "what": what})
-            for places, what in faults
-            for row, col in places
-        ],
-        noise_counts=idle.noise_counts,
-        offset_counts=float(idle.zero_counts[idle.live].mean()),
-        drift_counts_per_s=idle.drift_counts_per_s,
-        crosstalk=min(max(fit.crosstalk, 0.0), 0.25),
-        crosstalk_bound=fit.crosstalk_bound,
-        stiffness_n_per_mm=fit.stiffness_n_per_mm,
-        stiffness_bound=fit.stiffness_bound,
-        least_contact_force_n=least_contact_force_n(idle, array.counts_per_n),
-        saturates_n=fit.saturates_n,
-        phase_deg=math.degrees(fit.phase_rad),
-        phase_sigma_deg=math.degrees(fit.phase_sigma_rad),
-        presses=len(presses),
-        residual_share=fit.residual_share,
-    )
+    return model_named(spec.slide.model).known_torque.nm_per_a / (abs(spec.slide.mm_per_rad) / 1000)

@@ -26,7 +26,7 @@ from palpate.config.calibration_finger import (
     TactileCalibration,
     UnusableTaxel,
 )
-from palpate.config.calibration_overlay import calibrated, check_calibration, geometry_sha256
+from palpate.config.calibration_overlay import apply_calibration, check_calibration, geometry_sha256
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contacts
 from palpate.config.objects_file import ObjectsFile, load_objects
@@ -69,7 +69,7 @@ __all__ = [
     "TipConfig",
     "TouchResidual",
     "UnusableTaxel",
-    "calibrated",
+    "apply_calibration",
     "calibration_path",
     "calibration_toml",
     "check_calibration",

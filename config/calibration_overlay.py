@@ -22,7 +22,7 @@ from palpate.config.rig_file import RigFile
 from palpate.config.rig_fingers import FingerConfig, SlideFingerConfig, TaxelsConfig
 from palpate.errors import InputError
 
-__all__ = ["calibrated", "check_calibration", "geometry_sha256"]
+__all__ = ["apply_calibration", "check_calibration", "geometry_sha256"]
 
 _FingerT = TypeVar("_FingerT", bound=FileModel)
 
@@ -83,7 +83,7 @@ def check_calibration(file: CalibrationFile, rig: RigFile, name: str, rig_name: 
         )
 
 
-def calibrated(rig: RigFile, file: CalibrationFile) -> RigFile:
+def apply_calibration(rig: RigFile, file: CalibrationFile) -> RigFile:
     """The rig with everything that the calibration has measured; `check_calibration` comes before.
 
     What was not calibrated stays as described. Where the calibration has bounds, they take the place of those

@@ -4,6 +4,7 @@ A servo knows its angle within one turn when it starts, and counts 256 turns eit
 stops that do not fit that are refused here, at the key to be changed. Units are the file's: mm, degrees.
 """
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -141,6 +142,11 @@ class SlideConfig(ServoConfig):
         if self.stops_mm is not None:
             self._check_stops(*self.stops_mm)
         return self
+
+    @property
+    def mm_per_rad(self) -> float:
+        """Travel per rad of the servo."""
+        return self.mm_per_turn / (2 * math.pi)
 
     def off_mm(self, distance_mm: float) -> float:
         """How far zero and travel per turn may put the tip off, where it should be at a distance."""

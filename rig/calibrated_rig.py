@@ -11,7 +11,7 @@ from pathlib import Path
 from palpate.config import (
     CalibrationFile,
     RigFile,
-    calibrated,
+    apply_calibration,
     calibration_path,
     check_calibration,
     load_calibration,
@@ -57,4 +57,4 @@ def load_calibrated(path: Path | None, *, calibration: bool = True) -> RigOnBenc
         return RigOnBench(described, described, None, path)
     found = load_calibration(beside)
     check_calibration(found, described, str(beside), str(path))
-    return RigOnBench(calibrated(described, found), described, found, path)
+    return RigOnBench(apply_calibration(described, found), described, found, path)

@@ -96,7 +96,7 @@ def kinematics_of(finger: FingerConfig) -> FingerKinematics:
 
 def slide_kinematics(finger: SlideFingerConfig) -> SlideKinematics:
     """Kinematics of aim and slide. The file counts servo angles from Goal Position 0, drivers from 2048."""
-    mm_per_rad = finger.slide.mm_per_turn / (2 * math.pi)
+    mm_per_rad = finger.slide.mm_per_rad
     return SlideKinematics(
         base_mm=finger.base_mm,
         heading_rad=math.radians(finger.heading_deg),

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from palpate.calibration.references import placings_for
+from palpate.calibration.finger_step import plan_placements
 from palpate.cli.commissioning.confirm_motion import ask_to_move
 from palpate.cli.commissioning.reference_placement import ConsoleTable
 from palpate.cli.terminal import Doing, Terminal
@@ -35,8 +35,14 @@ from palpate.errors import InputError
 from palpate.files.writing import check_place, write_text
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, outside, set_up
-from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, calibrate, references_of, slides_of
-from palpate.rig.commissioning.calibration_hand import connecting
+from palpate.rig.commissioning.calibration import (
+    STEPS,
+    CalibrationJob,
+    build_references,
+    calibrate,
+    slide_fingers,
+)
+from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.views.calibration.report import write_report
 
@@ -83,8 +89,8 @@ def run_calibrate(
     """Calibrate and tell; returns the exit code. Raises InputError for whatever is not as it should be."""
     begin = time.perf_counter()
     described, shapes = load_rig(rig), load_references(references or shipped_references())
-    slides_of(described)
-    references_of(shapes)
+    slide_fingers(described)
+    build_references(shapes)
     _check_heights(described, shapes)
     places, console = _Places.beside(rig), Terminal(stderr=True, highlight=False, soft_wrap=True)
     _announce(console, described, shapes, steps, places)
@@ -112,7 +118,7 @@ def run_calibrate(
         _Progress(console, asks=bench.mock is None) as progress,
         BackgroundCall("the display", progress.tell) as notice,
     ):
-        connect = connecting(outside(bench), table, notice)
+        connect = rig_connector(outside(bench), table, notice)
         file = calibrate(job, connect, keeper, notice)
     write_text(places.calibration, calibration_toml(file))
     write_report(places.report, file)
@@ -132,7 +138,7 @@ class _Progress:
     def __init__(self, console: Console, *, asks: bool) -> None:
         self._console = console
         # A moving line and a question would write over each other.
-        self._doing = None if asks else Doing(console, "connecting")
+        self._doing = None if asks else Doing(console, "rig_connector")
         self._step = ""
 
     def __enter__(self) -> "_Progress":
@@ -157,8 +163,8 @@ def _announce(
     console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: _Places
 ) -> None:
     """What is going to happen, before anything does."""
-    disc, plate = references_of(shapes)
-    placings = len(placings_for(disc, plate, rig.workspace.radius_mm))
+    disc, plate = build_references(shapes)
+    placings = len(plan_placements(disc, plate, rig.workspace.radius_mm))
     words = {
         "actuators": "actuators  aims swing, slides go against their stops, fingers press and hit a disc",
         "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",

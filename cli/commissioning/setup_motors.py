@@ -20,7 +20,7 @@ from palpate.drivers.dynamixel.scan import Found
 from palpate.drivers.dynamixel.set_up import Change, Wire, wanted_items
 from palpate.errors import InputError
 from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, set_up_all
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 from palpate.rig.servo_settings import wanted_servos
 
 __all__ = ["run_setup", "set_up_motors"]
@@ -37,7 +37,7 @@ _ENDINGS = {
 def run_setup(*, rig: Path, dxl_ids: Sequence[int], yes: bool, json: bool) -> int:
     """Set up and tell; returns the exit code: 1 if something was skipped or declined, 3 if not done."""
     rig_file = load_rig(rig)
-    return set_up_motors(rig_file, bus_of(rig_file), dxl_ids, yes=yes, json=json)
+    return set_up_motors(rig_file, endpoint_of_rig(rig_file), dxl_ids, yes=yes, json=json)
 
 
 def set_up_motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int], *, yes: bool, json: bool) -> int:

@@ -10,7 +10,7 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
-from palpate.calibration.agreement import promises_of
+from palpate.calibration.agreement import contact_uncertainties
 from palpate.cli.commissioning.confirm_motion import ask_to_move
 from palpate.cli.commissioning.reference_placement import ConsoleTable
 from palpate.cli.terminal import Doing, Terminal
@@ -23,9 +23,9 @@ from palpate.errors import InputError
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, outside, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.commissioning.calibration import references_of, slides_of
-from palpate.rig.commissioning.calibration_hand import connecting
-from palpate.rig.diagnostics.bus_selection import bus_of
+from palpate.rig.commissioning.calibration import build_references, slide_fingers
+from palpate.rig.commissioning.calibration_hand import rig_connector
+from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
 from palpate.rig.diagnostics.calibration_check import with_calibration, with_touch
 from palpate.rig.diagnostics.retouch import Retouch, retouch
 from palpate.rig.diagnostics.rig_check import check_rig
@@ -53,7 +53,7 @@ def run_check(
     shapes = None if touching is None else _shapes(on_bench, touching)
     err = Terminal(stderr=True, soft_wrap=True)
     with Doing(err, "checking") as doing:
-        out = check_rig(on_bench.rig, bus_of(on_bench.described, seed), doing.now)
+        out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described, seed), doing.now)
     out = with_calibration(out, on_bench, datetime.now(UTC))
     display = BackgroundCall("the display", err.print)
     if touching is not None and shapes is not None:
@@ -68,8 +68,8 @@ def run_check(
 
 def _shapes(on_bench: RigOnBench, touching: Touching) -> ReferencesFile:
     """What is to be touched; InputError if there is nothing to compare touches with."""
-    slides_of(on_bench.described)
-    if on_bench.calibration is None or promises_of(on_bench.calibration, at_rest=False) is None:
+    slide_fingers(on_bench.described)
+    if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
         raise InputError(
             "--touch compares touches with a calibration, and there is none that says where all fingers "
             f"stand: make it with `palpate calibrate --rig {on_bench.path}`"
@@ -109,13 +109,13 @@ def _touched(
     seed: int,
 ) -> Retouch:
     """Connect, touch the disc, disconnect."""
-    promises = promises_of(file, at_rest=False)
+    promises = contact_uncertainties(file, at_rest=False)
     assert promises is not None, "refused before"
     bench = set_up(on_bench.described, None, seed)
     table = emulated_table(bench, seed) or ConsoleTable(console)
-    disc, _ = references_of(shapes)
+    disc, _ = build_references(shapes)
     with display as show_beside:
-        connect = connecting(outside(bench), table, show_beside)
+        connect = rig_connector(outside(bench), table, show_beside)
         with connect(on_bench.rig, moving=True) as there:
             return retouch(on_bench.rig, there.prober, disc, promises, lambda text: show_beside(f"  {text}"))
 

@@ -17,7 +17,7 @@ from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.drivers.dynamixel.scan import ALL_IDS, Found, Scan, model_name, scan
 from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import InputError, counted
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, RigServo, bus_place, servos_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, RigServo, find_endpoint, list_servos
 
 __all__ = ["ids_of", "run_scan"]
 
@@ -31,7 +31,7 @@ def run_scan(
     """Scan and show; returns the exit code: 3 if nothing answers, or not as the rig file says."""
     wanted = ALL_IDS if ids is None else ids_of(ids)
     _check_rates(baudrates)
-    place = bus_place(rig, port)
+    place = find_endpoint(rig, port)
     rates = _rates(baudrates, place)
     console = Terminal(stderr=True, soft_wrap=True)
     with Doing(console, f"scanning {place.port}") as doing:
@@ -46,7 +46,7 @@ def run_scan(
     if json:
         typer.echo(to_json(out))
     show(out, console if json else Terminal(soft_wrap=True), console)
-    return 0 if _is_well(out, servos_of(place.rig), place.baudrate) else 3
+    return 0 if _is_well(out, list_servos(place.rig), place.baudrate) else 3
 
 
 def ids_of(text: str) -> list[int]:
@@ -67,7 +67,7 @@ def ids_of(text: str) -> list[int]:
 
 def scan_out(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequence[int]) -> ScanOut:
     """What was found beside what the rig file says."""
-    owned = {servo.dxl_id: servo for servo in servos_of(place.rig)}
+    owned = {servo.dxl_id: servo for servo in list_servos(place.rig)}
     servos = tuple(_servo_out(item, owned) for item in found.found)
     warnings = [
         *(f"{rate} baud could not be tried: {reason}" for rate, reason in found.refused.items()),

@@ -14,7 +14,7 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.torque import broadcast_torque_off, confirm_torque_off
 from palpate.drivers.transport.port import PortTaken
 from palpate.errors import DeviceError, InputError, counted
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_place, servos_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, find_endpoint, list_servos
 
 __all__ = ["run_stop", "stop"]
 
@@ -29,7 +29,7 @@ def run_stop(*, rig: Path | None, port: str | None, baudrate: int | None, json: 
         raise InputError("say which servos to stop: --rig FILE, or --port PORT")
     if baudrate is not None and baudrate <= 0:
         raise InputError(f"--baud {baudrate}: a baud rate is positive, such as {_USUAL_BAUDRATE}")
-    place = bus_place(rig, port)
+    place = find_endpoint(rig, port)
     out = stop(place, baudrate or place.baudrate or _USUAL_BAUDRATE)
     if json:
         typer.echo(to_json(out))
@@ -52,7 +52,7 @@ def stop(place: BusEndpoint, baudrate: int) -> StopOut:
                 continue
             return _out(place, baudrate, told, None)
         with closing(bus):
-            owned = [servo.dxl_id for servo in servos_of(place.rig)]
+            owned = [servo.dxl_id for servo in list_servos(place.rig)]
             return _out(
                 place, baudrate, told, confirm_torque_off(bus, sorted({*owned, *bus.broadcast_ping()}))
             )
@@ -65,7 +65,7 @@ def _bus(place: BusEndpoint, baudrate: int, *, shared: bool) -> Bus:
 def _out(
     place: BusEndpoint, baudrate: int, told: int, problems: Mapping[int, DeviceError | None] | None
 ) -> StopOut:
-    owners = {servo.dxl_id: servo.owner for servo in servos_of(place.rig)}
+    owners = {servo.dxl_id: servo.owner for servo in list_servos(place.rig)}
     servos = tuple(
         StoppedServoOut(
             id=dxl_id,

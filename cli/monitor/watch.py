@@ -12,10 +12,10 @@ from palpate.config import RigFile
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.errors import InputError
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.monitor.arrays import chosen, place_of, streaming
+from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_arrays
 from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
 from palpate.rig.monitor.paced_clock import PacedClock
-from palpate.rig.monitor.recorded_arrays import recorded
+from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
 from palpate.rig.motion.calibrated_devices import check_arrays
 
 __all__ = ["run_watch"]
@@ -121,11 +121,11 @@ def _live(
     on_bench: RigOnBench, names: Sequence[str], rate_hz: float | None, *, tare: bool, pace: PaceOf
 ) -> Iterator[_Watched]:
     file = on_bench.rig
-    specs = chosen(file, names)
+    specs = select_fingers(file, names)
     rate = rate_hz or file.closing.sample_rate_hz
-    place = place_of(on_bench.described)
+    place = find_array_ports(on_bench.described)
     clock = pace.on(place.clock) if file.emulated else place.clock
-    with streaming(file, specs, place, clock, rate) as fingers:
+    with stream_arrays(file, specs, place, clock, rate) as fingers:
         uids = {finger.name: finger.array.description.unique_id.hex() for finger in fingers}
         check_arrays(on_bench.calibration, uids)
         for finger in fingers if tare else ():
@@ -140,7 +140,7 @@ def _live(
 
 
 def _session(session: Path, names: Sequence[str], pace: PaceOf) -> _Watched:
-    found = recorded(session, names)
+    found = open_recorded_arrays(session, names)
 
     def goes_on() -> bool:
         found.tare_when_started()

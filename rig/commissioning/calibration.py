@@ -15,19 +15,18 @@ import numpy as np
 
 from palpate.calibration.actuator_step import measure_actuators
 from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
-from palpate.calibration.finger_model import finger_model, touching_of
-from palpate.calibration.finger_step import fitted, held_out, touch_placing
+from palpate.calibration.finger_model import SlideInContact, finger_model
+from palpate.calibration.finger_step import fit_touches, hold_out, plan_placements, touch_placing
 from palpate.calibration.frame_alignment import (
-    aim_of,
-    bounds_of,
-    headings_of,
-    in_hand,
-    place_of,
-    residuals_of,
+    align_fit,
+    bound_contacts,
+    calibrate_aim,
+    calibrate_place,
+    estimate_array_headings,
+    summarise_residuals,
 )
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
-from palpate.calibration.references import placings_for
 from palpate.calibration.run_record import RunRecord
 from palpate.calibration.tactile_step import measure_tactile
 from palpate.config import (
@@ -35,7 +34,7 @@ from palpate.config import (
     CalibrationFile,
     RigFile,
     SlideFingerConfig,
-    calibrated,
+    apply_calibration,
     geometry_sha256,
 )
 from palpate.config.calibration_file import CalibrationReference
@@ -52,9 +51,9 @@ __all__ = [
     "ConnectedRig",
     "RigConnector",
     "RunRecordStore",
+    "build_references",
     "calibrate",
-    "references_of",
-    "slides_of",
+    "slide_fingers",
 ]
 
 STEPS = ("actuators", "tactile", "fingers")
@@ -120,7 +119,7 @@ def calibrate(
     SafetyStop for devices, OutputError for a record that cannot be kept for the next step. One that could not
     be kept after the last step is only reported: the calibration is complete.
     """
-    slides_of(job.rig)
+    slide_fingers(job.rig)
     with BackgroundCall("the run record", keeper.save) as save:
         run = _Run(job, connect, save, tell)
         run.begin(keeper.load())
@@ -133,7 +132,7 @@ def calibrate(
     return file
 
 
-def references_of(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlate]:
+def build_references(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlate]:
     """The disc and the plate; InputError for a plate that is not convex."""
     try:
         plate = ReferencePlate("plate", np.array(file.plate.outline_mm), file.plate.tolerance_mm)
@@ -142,7 +141,7 @@ def references_of(file: ReferencesFile) -> tuple[ReferenceDisc, ReferencePlate]:
     return ReferenceDisc("disc", file.disc.diameter_mm / 2, file.disc.tolerance_mm), plate
 
 
-def slides_of(rig: RigFile) -> list[SlideFingerConfig]:
+def slide_fingers(rig: RigFile) -> list[SlideFingerConfig]:
     """All fingers of a rig of slides; InputError for one that is not a slide."""
     slides = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     if len(slides) < len(rig.fingers):
@@ -165,7 +164,7 @@ class _Run:
         tell: Callable[[str], None],
     ) -> None:
         self._job, self._connect, self._save, self._tell = job, connect, save, tell
-        self._disc, self._plate = references_of(job.references)
+        self._disc, self._plate = build_references(job.references)
         self._emulated = False
 
     def begin(self, kept: RunRecord | None) -> None:
@@ -190,7 +189,7 @@ class _Run:
             self._tell(f"{step}: done already")
             return
         rig = self._rig_so_far()
-        specs = slides_of(rig)
+        specs = slide_fingers(rig)
         self._tell(f"{step}:")
         with self._connect(rig, moving=True) as there:
             prober = there.prober
@@ -267,21 +266,21 @@ class _Run:
 
     def _with_places(self, file: CalibrationFile) -> CalibrationFile:
         """The file with fingers' places and bounds."""
-        specs = slides_of(self._rig_so_far())
+        specs = slide_fingers(self._rig_so_far())
         models = self._models(specs)
         touched = [item for touches in self._record.touched for item in touches]
-        touches, fit, without = fitted(specs, models, self._placings(), touched)
-        hand = in_hand(slides_of(self._job.rig), fit)
-        out = held_out(len(touched))
-        residuals = residuals_of(touches, fit, without, out, [spec.name for spec in specs], hand.frame)
-        headings = headings_of(touched, touches, models, fit)
+        touches, fit, without = fit_touches(specs, models, self._placings(), touched)
+        hand = align_fit(slide_fingers(self._job.rig), fit)
+        out = hold_out(len(touched))
+        residuals = summarise_residuals(touches, fit, without, out, [spec.name for spec in specs], hand.frame)
+        headings = estimate_array_headings(touched, touches, models, fit)
         closing = self._job.rig.closing
         approaches = approaches_of(self._job.rig)
         fingers = []
         for index, (item, model) in enumerate(zip(file.fingers, models, strict=True)):
             assert item.actuators is not None
             assert item.tactile is not None
-            bounds = bounds_of(
+            bounds = bound_contacts(
                 model,
                 hand,
                 index,
@@ -294,17 +293,17 @@ class _Run:
                 max(self._disc.tolerance_mm, self._plate.tolerance_mm),
                 self._job.coverage,
             )
-            place = place_of(model, hand, index, headings[index])
-            seen = item.actuators.model_copy(update={"aim": aim_of(item.actuators.aim, hand, index)})
+            place = calibrate_place(model, hand, index, headings[index])
+            seen = item.actuators.model_copy(update={"aim": calibrate_aim(item.actuators.aim, hand, index)})
             fingers.append(item.model_copy(update={"place": place, "bounds": bounds, "actuators": seen}))
         return file.model_copy(update={"fingers": fingers, "residuals": residuals})
 
     def _placings(self) -> list[ReferencePlacement]:
-        return placings_for(self._disc, self._plate, self._job.rig.workspace.radius_mm)
+        return plan_placements(self._disc, self._plate, self._job.rig.workspace.radius_mm)
 
     def _rig_so_far(self) -> RigFile:
         """The rig with what is known of its actuators and arrays; where fingers stand is as described."""
-        return calibrated(self._job.rig, self._file_of_devices())
+        return apply_calibration(self._job.rig, self._file_of_devices())
 
     def _actuators(self, index: int) -> ActuatorsCalibration | None:
         """What is known of a finger's actuators: from this run, else from before."""
@@ -328,7 +327,7 @@ class _Run:
                     "where fingers stand is measured with what is known of actuators and arrays: calibrate "
                     "these first, or all at once with `palpate calibrate --rig FILE all`"
                 )
-            models.append(finger_model(spec, touching_of(found.slide)))
+            models.append(finger_model(spec, SlideInContact.from_calibration(found.slide)))
         return models
 
     def _keep(self, **found: object) -> None:

@@ -9,10 +9,10 @@ from palpate.rig.commissioning.rig_prober import HandProber, Table
 from palpate.rig.motion.calibrated_devices import devices_of
 from palpate.rig.session.environment import Outside
 
-__all__ = ["connecting"]
+__all__ = ["rig_connector"]
 
 
-def connecting(outside: Outside, table: Table, notice: Callable[[str], None]) -> RigConnector:
+def rig_connector(outside: Outside, table: Table, notice: Callable[[str], None]) -> RigConnector:
     """What connects the rig outside, with somebody at its table; `notice`: what the operator should do."""
 
     @contextmanager

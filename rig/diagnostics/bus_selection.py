@@ -15,7 +15,7 @@ from palpate.drivers.transport.port import open_port
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s, port_latency_s
 
-__all__ = ["BusEndpoint", "RigServo", "bus_of", "bus_place", "servos_of"]
+__all__ = ["BusEndpoint", "RigServo", "endpoint_of_rig", "find_endpoint", "list_servos"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,19 +57,19 @@ class BusEndpoint:
         return open_port(self.urls(port), baudrate)
 
 
-def bus_place(rig: Path | None, port: str | None) -> BusEndpoint:
+def find_endpoint(rig: Path | None, port: str | None) -> BusEndpoint:
     """The bus of a rig file or of a port; without both, that of the shipped emulated rig.
 
     Raises InputError if both are given.
     """
     if port is None:
-        return bus_of(load_rig(rig or shipped_rig()))
+        return endpoint_of_rig(load_rig(rig or shipped_rig()))
     if rig is not None:
         raise InputError("--port and --rig exclude each other: the rig file names its port")
     return BusEndpoint(port, MonotonicClock(), port_latency_s(port))
 
 
-def bus_of(rig: RigFile, seed: int = 0) -> BusEndpoint:
+def endpoint_of_rig(rig: RigFile, seed: int = 0) -> BusEndpoint:
     """The bus of a rig; that of an emulated rig is emulated from now on, with devices drawn by `seed`."""
     latency, baudrate = bus_latency_s(rig), rig.bus.baudrate_bps
     if not rig.emulated:
@@ -81,7 +81,7 @@ def bus_of(rig: RigFile, seed: int = 0) -> BusEndpoint:
     return BusEndpoint(rig.bus.port, bench.clock, latency, baudrate, rig, bench.urls, bench)
 
 
-def servos_of(rig: RigFile | None) -> tuple[RigServo, ...]:
+def list_servos(rig: RigFile | None) -> tuple[RigServo, ...]:
     """All servos of a rig, the stage's first, each finger's after one another."""
     if rig is None:
         return ()

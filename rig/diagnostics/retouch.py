@@ -14,8 +14,8 @@ from palpate.calibration.agreement import (
     Agreement,
     ContactUncertainty,
     SurfaceContacts,
-    agreement_of,
-    covariance_of,
+    compare_touches,
+    touch_covariance,
 )
 from palpate.calibration.finger_fit import (
     COLUMNS,
@@ -25,18 +25,23 @@ from palpate.calibration.finger_fit import (
     ReferencePlacement,
     Touches,
     fit_fingers,
-    predicted,
+    predict_residuals,
 )
-from palpate.calibration.finger_model import SlideInContact, finger_model, mm_per_rad_of
+from palpate.calibration.finger_model import SlideInContact, finger_model
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
-from palpate.calibration.reference_search import LocatedReference, at_bearing, find, touches_of
+from palpate.calibration.reference_search import (
+    LocatedReference,
+    locate_reference,
+    probes_at_bearing,
+    touch_arrays,
+)
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.errors import InputError
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 
-__all__ = ["FingerOffset", "Retouch", "compared", "retouch"]
+__all__ = ["FingerOffset", "Retouch", "compare_retouch", "retouch"]
 
 _BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the touches that look for it
 _CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
@@ -81,7 +86,7 @@ def retouch(
     tell(f"putting the {disc.name}")
     prober.put(disc, placings[0].about_mm)
     tell("looking for it")
-    found = find(prober, models, placings, [], stiffness)
+    found = locate_reference(prober, models, placings, [], stiffness)
     touched = [*found.touched, *_touched_round(found, prober, models, tell)]
     prober.clear()
     missing = [model.name for model in models if all(item.finger != model.name for item in touched)]
@@ -89,10 +94,10 @@ def retouch(
         raise InputError(
             f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
         )
-    return compared(rig, disc, promises, touched)
+    return compare_retouch(rig, disc, promises, touched)
 
 
-def compared(
+def compare_retouch(
     rig: RigFile, disc: Reference, promises: Sequence[ContactUncertainty], touched: Sequence[TouchMeasurement]
 ) -> Retouch:
     """Compare touches of a disc in the middle with what a calibration, which is laid over `rig`, promises.
@@ -102,14 +107,14 @@ def compared(
     specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     models = [_as_calibrated(spec) for spec in specs]
     placings = [ReferencePlacement(disc, (0.0, 0.0))]
-    touches = touches_of(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
+    touches = touch_arrays(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     # Another size of the disc shifts all touches alike.
-    covariance = covariance_of(_surface(rig, specs, models, touched, touches, fit), promises)
+    covariance = touch_covariance(_surface(rig, specs, models, touched, touches, fit), promises)
     covariance += disc.tolerance_mm**2 / 3
-    slopes = predicted(models, placings, touches, fit.values, fit.poses)[3]
+    slopes = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
     first = len(models) * COLUMNS
-    agreement = agreement_of(fit.residual_mm, slopes[:, first : first + 2], covariance)
+    agreement = compare_touches(fit.residual_mm, slopes[:, first : first + 2], covariance)
     if agreement is None:
         raise InputError(
             f"the {disc.name} was touched {len(touched)} times only: put it nearer to the middle"
@@ -125,7 +130,7 @@ def _touched_round(
     for number, bearing in enumerate(_BEARINGS_RAD, start=1):
         tell(f"touch {number} of {len(_BEARINGS_RAD)}")
         grip = []
-        for probe, _ in at_bearing(found, prober, models, bearing):
+        for probe, _ in probes_at_bearing(found, prober, models, bearing):
             approach = prober.approaches[probe.approach]
             grip.append(replace(probe, end_rad=approach.end_rad))
         touched += [item for item in prober.touch(grip, 0) if item is not None]
@@ -134,7 +139,7 @@ def _touched_round(
 
 def _as_calibrated(spec: SlideFingerConfig) -> FingerModel:
     """The finger of a calibrated rig, where it is and not elsewhere."""
-    per_rad = mm_per_rad_of(spec)
+    per_rad = spec.slide.mm_per_rad
     slide = SlideInContact(spec.slide.zero_mm + math.pi * per_rad, per_rad, np.zeros((2, 2)))
     return replace(finger_model(spec, slide), covariance=_CERTAIN**2 * np.eye(COLUMNS))
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.gauge import BasePose, align_to_nominal
 from palpate.config import RigFile
 from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.emulated.scene import Placement
@@ -61,7 +61,7 @@ def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[Standing]
     `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
     """
     drawn = [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
-    moved = hand_frame(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
+    moved = align_to_nominal(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
     x, y = moved.point_mm((placement.x_mm, placement.y_mm))
     return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)
 

@@ -19,7 +19,7 @@ from palpate.rig.arrays import array_of, extractor_of
 from palpate.rig.bench import set_up
 from palpate.rig.monitor.finger_monitor import MonitoredFinger
 
-__all__ = ["ArrayPorts", "chosen", "place_of", "streaming", "watched_of"]
+__all__ = ["ArrayPorts", "find_array_ports", "monitor_finger", "select_fingers", "stream_arrays"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class ArrayPorts:
     devices: object = None
 
 
-def place_of(rig: RigFile) -> ArrayPorts:
+def find_array_ports(rig: RigFile) -> ArrayPorts:
     """The ports of a rig; those of an emulated one are emulated from now on, with an empty table."""
     if not rig.emulated:
         return ArrayPorts(MonotonicClock(), open_port)
@@ -39,7 +39,7 @@ def place_of(rig: RigFile) -> ArrayPorts:
     return ArrayPorts(bench.clock, lambda port, baudrate: open_port(bench.urls(port), baudrate), bench)
 
 
-def chosen(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ...]:
+def select_fingers(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ...]:
     """The fingers of these names, all without any; InputError for a name that the rig does not have."""
     there = [finger.name for finger in rig.fingers]
     unknown = next((name for name in names if name not in there), None)
@@ -50,7 +50,7 @@ def chosen(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ...]:
 
 
 @contextmanager
-def streaming(
+def stream_arrays(
     rig: RigFile, specs: Sequence[FingerConfig], place: ArrayPorts, clock: Clock, rate_hz: float
 ) -> Iterator[tuple[MonitoredFinger, ...]]:
     """The arrays of some fingers, streaming until the block is left, by whatever way.
@@ -66,13 +66,13 @@ def streaming(
             array = array_of(spec, port, clock)
             array.connect()
             ways_out.callback(_stop, array)
-            fingers.append(watched_of(rig, spec, array, clock))
+            fingers.append(monitor_finger(rig, spec, array, clock))
         for finger in fingers:
             finger.array.start(rate_hz)
         yield tuple(fingers)
 
 
-def watched_of(rig: RigFile, spec: FingerConfig, array: ArrayDriver, clock: Clock) -> MonitoredFinger:
+def monitor_finger(rig: RigFile, spec: FingerConfig, array: ArrayDriver, clock: Clock) -> MonitoredFinger:
     """A finger's array, connected, with its extractor."""
     extractor = extractor_of(rig, spec, array.description)
     return MonitoredFinger(spec.name, spec.array.port, array, extractor, clock)

@@ -10,13 +10,13 @@ from palpate.drivers.transport.playback import Piece, PlaybackPort
 from palpate.drivers.transport.recording import Passed, Told
 from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of
-from palpate.rig.monitor.arrays import chosen, watched_of
+from palpate.rig.monitor.arrays import monitor_finger, select_fingers
 from palpate.rig.monitor.finger_monitor import MonitoredFinger
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
 from palpate.rig.session.log import LOG_NAME
 from palpate.rig.session.log_reader import SessionFile, read_session
 
-__all__ = ["RecordedArrays", "recorded"]
+__all__ = ["RecordedArrays", "open_recorded_arrays"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class RecordedArrays:
                 finger.tare()
 
 
-def recorded(session: Path, names: Sequence[str]) -> RecordedArrays:
+def open_recorded_arrays(session: Path, names: Sequence[str]) -> RecordedArrays:
     """The arrays of the session in a folder.
 
     Raises InputError if there is no session, or it does not hold what an array of these fingers is.
@@ -66,7 +66,7 @@ def recorded(session: Path, names: Sequence[str]) -> RecordedArrays:
     rig = on_bench.rig
     clock = VirtualClock()
     ports, fingers = [], []
-    for spec in chosen(rig, names):
+    for spec in select_fingers(rig, names):
         port = PlaybackPort(spec.array.port, _pieces(file, spec.array.port), clock)
         array = array_of(spec, port, clock)
         try:
@@ -78,7 +78,7 @@ def recorded(session: Path, names: Sequence[str]) -> RecordedArrays:
             ) from None
         port.play()
         ports.append(port)
-        fingers.append(watched_of(rig, spec, array, clock))
+        fingers.append(monitor_finger(rig, spec, array, clock))
     writes = {k: port.writes for k, port in enumerate(ports)}
     end_s = file.entries[-1].t_s
     return RecordedArrays(

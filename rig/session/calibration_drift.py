@@ -14,9 +14,9 @@ from palpate.calibration.agreement import (
     Agreement,
     ContactUncertainty,
     SurfaceContacts,
-    agreement_of,
-    covariance_of,
-    promises_of,
+    compare_touches,
+    contact_uncertainties,
+    touch_covariance,
 )
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut
@@ -42,7 +42,7 @@ def session_agreement(
     None if there is no calibration with bounds, more than one hypothesis is left, or contacts are too few.
     """
     recognition = result.recognition
-    promises = None if calibration is None else promises_of(calibration, at_rest=True)
+    promises = None if calibration is None else contact_uncertainties(calibration, at_rest=True)
     if promises is None or recognition is None or recognition.verdict is not RecognitionVerdict.UNIQUE:
         return None
     since = result.moved_before[-1] - 1 if result.moved_before else 0
@@ -111,7 +111,7 @@ def _agreement(
         dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
         tolerance_mm=found.state.tolerance_mm,
     )
-    return agreement_of(residual, slopes, covariance_of(surface, promises))
+    return compare_touches(residual, slopes, touch_covariance(surface, promises))
 
 
 def _dent_mm(touch: Touch, rig: RigFile) -> float:

@@ -11,9 +11,9 @@ from palpate.calibration.agreement import (
     FALSE_ALARMS,
     ContactUncertainty,
     SurfaceContacts,
-    agreement_of,
-    covariance_of,
-    promises_of,
+    compare_touches,
+    contact_uncertainties,
+    touch_covariance,
 )
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.geometry import Floats
@@ -57,7 +57,7 @@ def test_alarms_are_false_as_seldom_as_stated() -> None:
     runs, alarms, squares = 2000, 0, 0.0
     for _ in range(runs):
         surface = disc_touches(rng)
-        found = agreement_of(felt(surface, rng), slid(surface), covariance_of(surface, PROMISES))
+        found = compare_touches(felt(surface, rng), slid(surface), touch_covariance(surface, PROMISES))
         assert found is not None
         assert found.freedom == 13
         alarms += found.drifted
@@ -73,7 +73,9 @@ def test_a_finger_that_moved_is_noticed() -> None:
     for _ in range(100):
         surface = disc_touches(rng)
         moved = np.where(surface.finger == 1, surface.normal @ [0.0, 0.3], 0.0)
-        found = agreement_of(felt(surface, rng) + moved, slid(surface), covariance_of(surface, PROMISES))
+        found = compare_touches(
+            felt(surface, rng) + moved, slid(surface), touch_covariance(surface, PROMISES)
+        )
         assert found is not None
         assert found.rms_mm > 0
         noticed += found.drifted
@@ -83,8 +85,8 @@ def test_a_finger_that_moved_is_noticed() -> None:
 def test_what_is_expected_is_what_comes() -> None:
     rng = np.random.default_rng(3)
     surface = disc_touches(rng)
-    covariance = covariance_of(surface, PROMISES)
-    found = [agreement_of(felt(surface, rng), slid(surface), covariance) for _ in range(600)]
+    covariance = touch_covariance(surface, PROMISES)
+    found = [compare_touches(felt(surface, rng), slid(surface), covariance) for _ in range(600)]
     squares = [item.rms_mm**2 for item in found if item is not None]
     assert found[0] is not None
     assert math.sqrt(float(np.mean(squares))) == pytest.approx(found[0].expected_rms_mm, rel=0.08)
@@ -93,30 +95,30 @@ def test_what_is_expected_is_what_comes() -> None:
 def test_what_cannot_be_told_is_not_told() -> None:
     """As many touches as unknowns fit anything; unknowns that no touch shows do not count."""
     surface = disc_touches(np.random.default_rng(4), each=1)
-    covariance = covariance_of(surface, PROMISES)
-    assert agreement_of(np.ones(3), np.eye(3), covariance) is None
+    covariance = touch_covariance(surface, PROMISES)
+    assert compare_touches(np.ones(3), np.eye(3), covariance) is None
     blind = np.column_stack([slid(surface), np.zeros(3)])
-    found = agreement_of(np.ones(3), blind, covariance)
+    found = compare_touches(np.ones(3), blind, covariance)
     assert found is not None
     assert found.freedom == 1
 
 
 def test_promises_are_the_deviations_behind_the_bounds() -> None:
     file = truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
-    promises = promises_of(file, at_rest=False)
+    promises = contact_uncertainties(file, at_rest=False)
     assert promises is not None
     assert [item.scatter_mm for item in promises] == pytest.approx([0.003 * math.sqrt(160 / 140)] * 3)
     assert [item.fit_mm for item in promises] == pytest.approx([0.006] * 3, rel=2e-3)
     assert promises[0].sigmas == pytest.approx(3.2905, abs=1e-4)
-    assert promises_of(file.model_copy(update={"residuals": None}), at_rest=False) is None
+    assert contact_uncertainties(file.model_copy(update={"residuals": None}), at_rest=False) is None
     bare = [file.fingers[0].model_copy(update={"bounds": None}), *file.fingers[1:]]
-    assert promises_of(file.model_copy(update={"fingers": bare}), at_rest=False) is None
+    assert contact_uncertainties(file.model_copy(update={"fingers": bare}), at_rest=False) is None
 
 
 def test_slides_at_rest_may_be_half_a_step_from_where_they_seem() -> None:
     """Touches of a session scatter by steps that touches of the calibration, on the move, do not show."""
     file = truth_calibration(RIG, emulate(RIG, None, 0).bench.fingers)
-    moving, resting = promises_of(file, at_rest=False), promises_of(file, at_rest=True)
+    moving, resting = contact_uncertainties(file, at_rest=False), contact_uncertainties(file, at_rest=True)
     assert moving is not None
     assert resting is not None
     for item, still, finger in zip(moving, resting, file.fingers, strict=True):

@@ -21,9 +21,9 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers, predicted
-from palpate.calibration.frame_alignment import in_hand
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers, predict_residuals
+from palpate.calibration.frame_alignment import align_fit
+from palpate.calibration.gauge import BasePose, align_to_nominal
 
 GAUGE = 3  # a shift and a turn of everything: what touches cannot show
 
@@ -50,7 +50,7 @@ def seen_from_the_hand(values: Floats) -> Floats:
     """True values in the frame in which bases and headings are nearest to the rig file's."""
     nominal = [BasePose(spec.base_mm, np.radians(spec.heading_deg)) for spec in SPECS]
     places = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
-    frame = hand_frame(nominal, places)
+    frame = align_to_nominal(nominal, places)
     moved = values.copy()
     for row, place in zip(moved, [frame.place(place) for place in places], strict=True):
         row[:2], row[HEADING] = place.base_mm, place.heading_rad
@@ -62,7 +62,7 @@ def test_touches_without_noise_show_the_truth() -> None:
     fit = rig.fit()
     assert not fit.outlier.any()
     assert np.abs(fit.residual_mm).max() < 1e-5
-    off = in_hand(SPECS, fit).values - seen_from_the_hand(rig.values)
+    off = align_fit(SPECS, fit).values - seen_from_the_hand(rig.values)
     # Zeros, scales and plays are known beforehand only so well, and radii and bases follow.
     assert np.abs(off[:, :2]).max() < 0.1
     assert np.abs(off[:, HEADING]).max() < 2e-3
@@ -75,7 +75,7 @@ def test_errors_are_as_large_as_the_fit_says() -> None:
     for seed in range(problems):
         rig = simulated(seed)
         fit = rig.fit()
-        hand = in_hand(SPECS, fit)
+        hand = align_fit(SPECS, fit)
         off = (hand.values - seen_from_the_hand(rig.values)).ravel()
         # Each value in its own deviation: mm, rad and shares have no common size to tell the rank by.
         sigma = np.sqrt(np.diag(hand.covariance))
@@ -106,13 +106,13 @@ def test_a_plate_is_found_however_it_lies() -> None:
 def test_derivatives_are_those_of_the_residuals() -> None:
     rig = simulated(3)
     poses = rig.start[1]
-    _, _, _, rows = predicted(models(), placings(), rig.touches, rig.values, poses)
+    _, _, _, rows = predict_residuals(models(), placings(), rig.touches, rig.values, poses)
     unknowns = np.concatenate([rig.values.ravel(), poses.ravel()])
     step = 1e-6
 
     def residuals(x: Floats) -> Floats:
         own, there = x[: rig.values.size].reshape(-1, COLUMNS), x[rig.values.size :].reshape(-1, 3)
-        return predicted(models(), placings(), rig.touches, own, there)[0]
+        return predict_residuals(models(), placings(), rig.touches, own, there)[0]
 
     for column in range(len(unknowns)):
         to = step * (np.arange(len(unknowns)) == column)

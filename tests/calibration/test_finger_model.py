@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from touched_references import SPECS
 
-from palpate.calibration.finger_model import Homed, finger_model, mm_per_rad_of, touching, zero_in_file_mm
-from palpate.calibration.play import Backlash
+from palpate.calibration.backlash import Backlash
+from palpate.calibration.finger_model import finger_model, slide_in_contact, zero_in_file_mm
+from palpate.calibration.homing import StopStalls
 
 STOPS_MM = (43.0, 255.0)
 TICK_RAD = 2 * math.pi / 4096
@@ -26,7 +27,9 @@ def stalled_rad(zero_mm: float, per_rad: float, half_mm: float) -> tuple[float, 
 def test_stops_give_the_line_on_which_touches_lie() -> None:
     for per_rad in (15.9, -15.9):
         back, front = stalled_rad(90.3, per_rad, 0.12)
-        slide = touching(SPEC, None, Homed(back, front, 0.0, STOPS_MM, Backlash(0.12, 0.0)))
+        slide = slide_in_contact(
+            SPEC, Backlash(0.12, 0.0), StopStalls(STOPS_MM, np.array([back]), np.array([front]))
+        )
         # In a touch the tip is a half play behind the drive.
         assert slide.zero_mm == pytest.approx(90.3 - 0.12)
         assert slide.mm_per_rad == pytest.approx(per_rad)
@@ -34,7 +37,9 @@ def test_stops_give_the_line_on_which_touches_lie() -> None:
 
 def test_one_play_too_little_tilts_that_line() -> None:
     back, front = stalled_rad(90.3, 15.9, 0.12)
-    slide = touching(SPEC, None, Homed(back, front, 0.0, STOPS_MM, Backlash(0.0, 0.0)))
+    slide = slide_in_contact(
+        SPEC, Backlash(0.0, 0.0), StopStalls(STOPS_MM, np.array([back]), np.array([front]))
+    )
     assert slide.mm_per_rad == pytest.approx(15.9 * 212 / 212.24)
     assert slide.zero_mm + slide.mm_per_rad * front == pytest.approx(STOPS_MM[1])
 
@@ -43,14 +48,13 @@ def test_one_play_too_little_tilts_that_line() -> None:
 def test_deviations_hold_in_many_trials(per_rad: float) -> None:
     """Encoder steps, scatter of the stalls and of the play put values off as much as is stated."""
     rng = np.random.default_rng(11)
-    half, sigma_half, sigma_rad, off = 0.12, 0.02, 0.001, []
+    half, sigma_half, sigma_rad, off = 0.12, 0.02, 0.006, []
     for _ in range(400):
         given = half + rng.normal(0, sigma_half)
         zero = 90.0 + rng.uniform(-1, 1)
-        angles = np.array(stalled_rad(zero, per_rad, half)) + rng.normal(0, sigma_rad, 2)
-        back, front = np.round(angles / TICK_RAD) * TICK_RAD
-        homed = Homed(float(back), float(front), sigma_rad, STOPS_MM, Backlash(given, sigma_half))
-        slide = touching(SPEC, None, homed)
+        angles = np.array(stalled_rad(zero, per_rad, half))[:, None] + rng.normal(0, sigma_rad, (2, 40))
+        stalls = StopStalls(STOPS_MM, *np.round(angles / TICK_RAD) * TICK_RAD)
+        slide = slide_in_contact(SPEC, Backlash(given, sigma_half), stalls)
         error = np.array([slide.zero_mm - (zero - half), slide.mm_per_rad / per_rad - 1])
         off.append(error @ np.linalg.solve(slide.covariance, error))
         assert np.linalg.eigvalsh(slide.covariance).min() > 0
@@ -58,7 +62,7 @@ def test_deviations_hold_in_many_trials(per_rad: float) -> None:
 
 
 def test_without_stops_the_rig_file_has_the_say() -> None:
-    slide = touching(SPEC, None, None)
+    slide = slide_in_contact(SPEC)
     assert slide.mm_per_rad == pytest.approx(100 / (2 * math.pi))
     # Half a turn from the file's zero, and half of the largest play behind the drive.
     assert slide.zero_mm == pytest.approx(40.0 + 50.0 - 0.1)
@@ -67,11 +71,11 @@ def test_without_stops_the_rig_file_has_the_say() -> None:
 
 
 def test_a_measured_play_counts_before_the_described_one() -> None:
-    assert touching(SPEC, Backlash(0.06, 0.004), None).zero_mm == pytest.approx(90.0 - 0.06)
+    assert slide_in_contact(SPEC, Backlash(0.06, 0.004)).zero_mm == pytest.approx(90.0 - 0.06)
 
 
 def test_a_model_says_what_the_rig_file_says() -> None:
-    slide = touching(SPEC, Backlash(0.06, 0.004), None)
+    slide = slide_in_contact(SPEC, Backlash(0.06, 0.004))
     model = finger_model(SPEC, slide)
     x, y, heading, radius, zero, play, scale = model.prior
     assert (x, y) == SPEC.base_mm
@@ -88,5 +92,4 @@ def test_a_model_says_what_the_rig_file_says() -> None:
 
 
 def test_zeros_hold_half_a_turn_apart() -> None:
-    per_rad = mm_per_rad_of(SPEC)
-    assert zero_in_file_mm(90.0, per_rad) == pytest.approx(40.0)
+    assert zero_in_file_mm(90.0, SPEC.slide.mm_per_rad) == pytest.approx(40.0)

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from servo_console import Console
+from touched_references import SPECS
 
-from palpate.calibration.homing import SlideDescription, homed
-from palpate.calibration.play import Backlash
+from palpate.calibration.backlash import Backlash
+from palpate.calibration.homing import Homing, StopStalls, fit_homing
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
@@ -15,8 +16,18 @@ MM_PER_RAD = 100 / (2 * np.pi)
 STOPS = (40.0, 255.0)
 
 
-def described(scale: float = MM_PER_RAD, spread: float = 0.01) -> SlideDescription:
-    return SlideDescription("finger f1, slide (ID 12)", scale, spread, STOPS)
+def homed(
+    back: np.ndarray[tuple[int], np.dtype[np.float64]],
+    front: np.ndarray[tuple[int], np.dtype[np.float64]],
+    backlash: Backlash,
+    scale: float = MM_PER_RAD,
+) -> Homing:
+    described = SPECS[0].slide.model_copy(
+        update={"mm_per_turn": 2 * np.pi * scale, "mm_per_turn_spread": 0.01}
+    )
+    return fit_homing(
+        SPECS[0].model_copy(update={"slide": described}), StopStalls(STOPS, back, front), backlash
+    )
 
 
 def stalls(
@@ -40,17 +51,16 @@ def stalls(
 def test_scale_and_zero_come_back(share: float, sign: float, zero: float, half: float, seed: int) -> None:
     scale = sign * MM_PER_RAD * (1 + share)
     back, front = stalls(scale, zero, half, 0.5 * TICK_RAD, seed)
-    found = homed(described(sign * MM_PER_RAD), back, front, Backlash(half, 0.005))
+    found = homed(back, front, Backlash(half, 0.005), sign * MM_PER_RAD)
     assert abs(found.mm_per_rad - scale) < 4 * found.mm_per_rad_sigma
     assert abs(found.zero_mm - zero) < 4 * found.zero_sigma_mm
     assert found.zero_sigma_mm < 0.03
-    assert found.repeatability_mm < 3 * TICK_RAD * MM_PER_RAD
 
 
 def test_play_belongs_to_the_scale() -> None:
     back, front = stalls(MM_PER_RAD, 90.0, 0.2, 0.0, 0)
-    right = homed(described(), back, front, Backlash(0.2, 0.0))
-    blind = homed(described(), back, front, Backlash(0.0, 0.0))
+    right = homed(back, front, Backlash(0.2, 0.0))
+    blind = homed(back, front, Backlash(0.0, 0.0))
     # 215 mm apart; 0.4 mm of play in it make the scale smaller by as much
     assert right.mm_per_rad == pytest.approx(MM_PER_RAD, rel=1e-4)
     assert blind.mm_per_rad / right.mm_per_rad == pytest.approx(215 / 215.4, rel=1e-6)
@@ -62,7 +72,7 @@ def test_sigmas_hold_in_many_trials() -> None:
     for seed in range(300):
         half = 0.08 + rng.normal(0, 0.02)
         back, front = stalls(MM_PER_RAD, 90.0, half, TICK_RAD, seed)
-        found = homed(described(), back, front, Backlash(0.08, 0.02))
+        found = homed(back, front, Backlash(0.08, 0.02))
         off.append(
             (
                 (found.mm_per_rad - MM_PER_RAD) / found.mm_per_rad_sigma,
@@ -77,21 +87,21 @@ def test_sigmas_hold_in_many_trials() -> None:
 def test_another_scale_is_refused() -> None:
     back, front = stalls(1.02 * MM_PER_RAD, 90.0, 0.05, 0.0, 0)
     with pytest.raises(
-        InputError, match=r"slide \(ID 12\) moves (101\.9|102\.0)\d\d mm per turn .* 100\.000 mm ± 1 %"
+        InputError, match=r"slide \(ID \d+\) moves (101\.9|102\.0)\d\d mm per turn .* 100\.000 mm ± 1 %"
     ):
-        homed(described(), back, front, Backlash(0.05, 0.01))
+        homed(back, front, Backlash(0.05, 0.01))
 
 
 def test_stops_the_wrong_way_round_are_refused() -> None:
     back, front = stalls(-MM_PER_RAD, 90.0, 0.05, 0.0, 0)
     with pytest.raises(InputError, match="turns the other way"):
-        homed(described(), back, front, Backlash(0.05, 0.01))
+        homed(back, front, Backlash(0.05, 0.01))
 
 
 def test_a_stop_that_was_not_tried_is_refused() -> None:
     back, _ = stalls(MM_PER_RAD, 90.0, 0.05, 0.0, 0)
     with pytest.raises(InputError, match="5 times at its back and 0 times at its front"):
-        homed(described(), back, np.empty(0), Backlash(0.05, 0.01))
+        homed(back, np.empty(0), Backlash(0.05, 0.01))
 
 
 def test_emulated_servo_stalls() -> None:
@@ -113,6 +123,6 @@ def test_emulated_servo_stalls() -> None:
                 console.servo.step(1e-3, -held)
             angles.append((console.read(132, 4) - 2048) * TICK_RAD)
         found.append(np.array(angles))
-    homing = homed(described(), found[0], found[1], Backlash(half, 0.005))
+    homing = homed(found[0], found[1], Backlash(half, 0.005))
     assert homing.mm_per_rad == pytest.approx(MM_PER_RAD, abs=3 * homing.mm_per_rad_sigma)
     assert homing.zero_mm == pytest.approx(zero, abs=3 * homing.zero_sigma_mm)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_presses import DESCRIPTION
 
-from palpate.calibration.idle import IdleFit, idle_of, least_contact_force_n
+from palpate.calibration.idle import IdleFit, analyse_idle, least_contact_force_n
 from palpate.calibration.measurements import IdleMeasurement
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.errors import InputError
@@ -20,7 +20,7 @@ def recorded(taxels: Taxels, start_s: float, frames: int = 1000, rate_hz: float 
 
 
 def fit(*idles: IdleMeasurement) -> IdleFit:
-    return idle_of(idles, DESCRIPTION.max_count)
+    return analyse_idle(idles, DESCRIPTION.max_count)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0, 4.0])

@@ -8,8 +8,8 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from palpate.calibration.finger_step import plan_placements
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
-from palpate.calibration.references import placings_for
 from palpate.geometry import Floats
 
 FEW = settings(max_examples=40, deadline=None)
@@ -115,7 +115,7 @@ def test_plates_that_are_not_convex_are_refused(corners: list[list[float]]) -> N
 
 def test_references_are_put_inside_the_workspace_and_apart() -> None:
     disc, plate = ReferenceDisc("disc", 25.0), ReferencePlate("plate", regular(4, 40 * math.sqrt(2)))
-    placings = placings_for(disc, plate, 125.0)
+    placings = plan_placements(disc, plate, 125.0)
     assert [item.reference.name for item in placings] == ["disc"] * 3 + ["plate"] * 3
     for placing in placings:
         assert math.hypot(*placing.about_mm) + placing.reference.radius_mm <= 125.0

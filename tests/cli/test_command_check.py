@@ -20,7 +20,7 @@ from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.diagnostics.rig_check import check_rig
 from palpate.views.check_table import show
@@ -113,7 +113,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
 
 
 def test_the_loop_takes_what_the_wire_takes() -> None:
-    out = check_rig(RIG, bus_of(RIG))
+    out = check_rig(RIG, endpoint_of_rig(RIG))
     assert out.loop is not None
     assert out.loop.wire_ms <= out.loop.median_ms <= 1.3 * out.loop.wire_ms
     assert out.loop.cycles == pytest.approx(out.loop.rate_hz, abs=2)
@@ -122,7 +122,7 @@ def test_the_loop_takes_what_the_wire_takes() -> None:
 
 def test_a_rig_that_has_run_once_has_no_warnings() -> None:
     """Runs write what check wants: one place has the numbers."""
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     assert isinstance(place.devices, BenchRig)
     with connect(place.devices) as hand:
         hand.prepare()
@@ -133,7 +133,7 @@ def test_a_rig_that_has_run_once_has_no_warnings() -> None:
 
 
 def test_nothing_moves_and_torque_is_not_touched() -> None:
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     servos = emulated(place)
     before = {dxl_id: servo.shaft_rad for dxl_id, servo in servos.items()}
     listener = Listener(place.clock)
@@ -153,7 +153,7 @@ def test_nothing_moves_and_torque_is_not_touched() -> None:
 
 
 def test_a_silent_servo_hides_no_other() -> None:
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     emulated(place)[21].power_off()
     out = check_rig(RIG, place)
     assert not out.well
@@ -166,7 +166,7 @@ def test_a_silent_servo_hides_no_other() -> None:
 
 
 def test_each_thing_that_is_wrong_with_a_servo_is_said() -> None:
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     servos = emulated(place)
     servos[11].report_hardware_error(0x20)
     poke(servos[12], "Min Voltage Limit", 130)
@@ -196,14 +196,14 @@ def test_a_servo_of_another_model() -> None:
             )
         }
     )
-    out = check_rig(wanted, bus_of(RIG))
+    out = check_rig(wanted, endpoint_of_rig(RIG))
     assert not out.well
     (problem,) = out.problems
     assert "answers as XM430-W350 (model number 1020), not XL330-M288" in problem
 
 
 def test_an_array_that_is_not_there() -> None:
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     gone = BusEndpoint(
         place.port,
         place.clock,
@@ -247,7 +247,7 @@ def array_of_finger(place: BusEndpoint, number: int) -> EmulatedArray:
 
 
 def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     sick, broken = array_of_finger(place, 0), array_of_finger(place, 1)
     sick.taxels = Taxels(sick.description, seed=1, dead=[(0, 1)], hot=[(7, 19)])
     broken.broken = SelfTestResult.SUPPLY
@@ -269,7 +269,7 @@ def test_what_an_array_finds_in_itself_is_said(capsys: pytest.CaptureFixture[str
 
 
 def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]) -> None:
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
     emulated(place)[12].power_off()
     out = check_rig(RIG, place)
     show(out, Console(width=160, soft_wrap=True))
@@ -281,7 +281,7 @@ def test_the_tables_say_what_is_in_the_result(capsys: pytest.CaptureFixture[str]
 
 
 def test_the_servos_fit_into_a_narrow_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    show(check_rig(RIG, bus_of(RIG)), Console(width=80, soft_wrap=True))
+    show(check_rig(RIG, endpoint_of_rig(RIG)), Console(width=80, soft_wrap=True))
     rows = [line for line in capsys.readouterr().out.splitlines() if "XM430-W350" in line]
     assert [row.split()[1:] for row in rows[:1]] == [
         ["11", "f1", "aim", "XM430-W350", "44", "12.0", "V", "30", "°C", "off", "4", "differ"]
@@ -291,7 +291,7 @@ def test_the_servos_fit_into_a_narrow_terminal(capsys: pytest.CaptureFixture[str
 
 def test_a_port_that_fails_meanwhile_is_an_error() -> None:
     """Not six servos that do not answer."""
-    place = bus_of(RIG)
+    place = endpoint_of_rig(RIG)
 
     def unplugged() -> None:
         raise OSError("unplugged")

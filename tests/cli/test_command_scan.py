@@ -16,7 +16,7 @@ from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Ping
 from palpate.drivers.dynamixel.scan import Found, Scan, scan
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.rig.diagnostics.bus_selection import BusEndpoint, bus_of
+from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 
 Here = Callable[..., Ended]
 
@@ -113,7 +113,7 @@ def test_two_servos_with_one_id_are_told_from_one() -> None:
 
 
 def test_warnings_name_what_the_rig_file_has_otherwise() -> None:
-    place = bus_of(load_rig(shipped_rig()))
+    place = endpoint_of_rig(load_rig(shipped_rig()))
     aim = Ping(1020, 46)
     scanned = Scan(
         (

@@ -29,7 +29,7 @@ from palpate.drivers.tactile.protocol import Decoder
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.port import PortTaken
 from palpate.errors import DeviceError
-from palpate.rig.monitor.arrays import ArrayPorts, place_of, streaming
+from palpate.rig.monitor.arrays import ArrayPorts, find_array_ports, stream_arrays
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())
@@ -216,7 +216,7 @@ class Bench:
     """The emulated rig's ports with somebody listening on each, who may also pull one out."""
 
     def __init__(self) -> None:
-        self.place = place_of(RIG)
+        self.place = find_array_ports(RIG)
         self.listeners: dict[str, Listener] = {}
         self.ports: dict[str, SerialBase] = {}
         self.pulled: str | None = None
@@ -241,7 +241,7 @@ def test_arrays_are_stopped_and_ports_closed_when_one_goes_away() -> None:
     place = ArrayPorts(bench.place.clock, bench.open, bench)
 
     def watched() -> None:
-        with streaming(RIG, RIG.fingers, place, place.clock, 250.0) as fingers:
+        with stream_arrays(RIG, RIG.fingers, place, place.clock, 250.0) as fingers:
             bench.pulled = "mock://f2"
             place.clock.sleep(0.1)
             for finger in fingers:
@@ -265,7 +265,7 @@ def test_the_first_port_is_closed_again_if_the_second_is_taken() -> None:
 
     place = ArrayPorts(bench.place.clock, open_port, bench)
     words = "port mock://f2 of array f2 is in use: another program has it.*--session"
-    with pytest.raises(PortTaken, match=words), streaming(RIG, RIG.fingers, place, place.clock, 250.0):
+    with pytest.raises(PortTaken, match=words), stream_arrays(RIG, RIG.fingers, place, place.clock, 250.0):
         pytest.fail("nothing to watch")
     assert bench.stopped("mock://f1")
 

@@ -6,7 +6,7 @@ from calibrations import empty_calibration, full_calibration
 from palpate.config import (
     RigFile,
     SlideFingerConfig,
-    calibrated,
+    apply_calibration,
     check_calibration,
     geometry_sha256,
     load_rig,
@@ -34,12 +34,12 @@ def test_an_empty_calibration_changes_nothing(source: Path) -> None:
     rig = load_rig(source)
     file = empty_calibration(rig)
     check_calibration(file, rig, "c.toml", "rig.toml")
-    assert calibrated(rig, file) == rig
+    assert apply_calibration(rig, file) == rig
 
 
 def test_what_was_measured_takes_the_place_of_what_was_described() -> None:
     file = full_calibration(RIG)
-    rig = calibrated(RIG, file)
+    rig = apply_calibration(RIG, file)
     assert rig.emulation == RIG.emulation
     for new, old, found in zip(rig.fingers, RIG.fingers, file.fingers, strict=True):
         assert isinstance(new, SlideFingerConfig)
@@ -69,7 +69,7 @@ def test_what_was_measured_takes_the_place_of_what_was_described() -> None:
 def test_without_bounds_on_contacts_every_part_keeps_its_own() -> None:
     file = full_calibration(RIG)
     bare = [finger.model_copy(update={"bounds": None}) for finger in file.fingers]
-    first = calibrated(RIG, file.model_copy(update={"fingers": bare})).fingers[0]
+    first = apply_calibration(RIG, file.model_copy(update={"fingers": bare})).fingers[0]
     assert isinstance(first, SlideFingerConfig)
     assert first.slide.zero_bound_mm == pytest.approx(3.3 * 0.01)
     assert first.slide.mm_per_turn_spread == pytest.approx(3.3 * 0.004 / 100, rel=1e-3)
@@ -85,7 +85,7 @@ def test_a_slide_that_did_not_meet_its_stops_keeps_zero_and_travel() -> None:
     slide = found.actuators.slide.model_copy(update={"homed": False})
     actuators = found.actuators.model_copy(update={"slide": slide})
     alone = found.model_copy(update={"actuators": actuators, "place": None, "bounds": None})
-    first = calibrated(RIG, file.model_copy(update={"fingers": [alone, *file.fingers[1:]]})).fingers[0]
+    first = apply_calibration(RIG, file.model_copy(update={"fingers": [alone, *file.fingers[1:]]})).fingers[0]
     described = RIG.fingers[0]
     assert isinstance(first, SlideFingerConfig)
     assert isinstance(described, SlideFingerConfig)

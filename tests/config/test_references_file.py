@@ -8,7 +8,7 @@ from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import InputError
-from palpate.rig.commissioning.calibration import references_of
+from palpate.rig.commissioning.calibration import build_references
 
 GOOD = """
 format = "palpate/references@1"
@@ -31,7 +31,7 @@ def file(folder: Path, text: str) -> Path:
 
 
 def test_the_shipped_references_are_a_disc_of_50_mm_and_a_square_of_80() -> None:
-    disc, plate = references_of(load_references(shipped_references()))
+    disc, plate = build_references(load_references(shipped_references()))
     assert disc == ReferenceDisc("disc", 25.0)
     assert isinstance(plate, ReferencePlate)
     assert sorted(map(tuple, plate.corners_mm.tolist())) == [(-40, -40), (-40, 40), (40, -40), (40, 40)]
@@ -39,7 +39,7 @@ def test_the_shipped_references_are_a_disc_of_50_mm_and_a_square_of_80() -> None
 
 
 def test_own_references_are_taken_as_measured(tmp_path: Path) -> None:
-    disc, plate = references_of(load_references(file(tmp_path, GOOD)))
+    disc, plate = build_references(load_references(file(tmp_path, GOOD)))
     assert (disc.radius_mm, disc.tolerance_mm) == (24.9, 0.02)
     assert plate.repeats == 2
     # An outline's own origin does not matter: it is told from its middle.
@@ -57,7 +57,7 @@ def test_own_references_are_taken_as_measured(tmp_path: Path) -> None:
 def test_a_plate_that_is_not_convex_is_refused_in_one_line(tmp_path: Path, outline: str) -> None:
     text = GOOD.replace("[[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]]", outline)
     with pytest.raises(InputError, match=r"plate\.outline_mm is not convex; a plate's corners go") as refused:
-        references_of(load_references(file(tmp_path, text)))
+        build_references(load_references(file(tmp_path, text)))
     assert "\n" not in str(refused.value)
 
 

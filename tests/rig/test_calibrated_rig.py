@@ -29,7 +29,7 @@ from palpate.config.schema import schema_text
 from palpate.errors import InputError
 from palpate.rig.bench import connect, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.diagnostics.bus_selection import bus_of
+from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
 from palpate.rig.diagnostics.calibration_check import with_calibration
 from palpate.rig.diagnostics.rig_check import check_rig
 from palpate.rig.emulated.calibrated_truth import placement_seen
@@ -193,7 +193,7 @@ def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Pa
         file = full_calibration(shipped, devices=devices_of(hand))
     put_beside(rig_path, file)
     on_bench = load_calibrated(rig_path)
-    out = check_rig(on_bench.rig, bus_of(on_bench.described))
+    out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described))
     fresh = with_calibration(out, on_bench, MADE + timedelta(days=90, hours=23))
     assert violations(json.loads(fresh.model_dump_json()), json.loads(schema_text("check"))) == []
     assert fresh.calibration is not None

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from simulated_prober import SimulatedProber, SimulatedRig
 
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.gauge import BasePose, align_to_nominal
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Reference, ReferenceDisc
 from palpate.calibration.run_record import RunRecord
-from palpate.config import CalibrationFile, RigFile, calibrated, load_rig
+from palpate.config import CalibrationFile, RigFile, apply_calibration, load_rig
 from palpate.config.calibration_file import load_calibration
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import ReferencesFile, load_references
@@ -74,7 +74,7 @@ def whole() -> Whole:
 def test_everything_is_found_within_what_is_asked_and_what_is_said(whole: Whole) -> None:
     truths = [whole.world.truth(k) for k in range(3)]
     drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
-    frame = hand_frame(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
+    frame = align_to_nominal(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
     for truth, emulated, found in zip(truths, whole.world.fingers, whole.file.fingers, strict=True):
         assert found.place is not None
         assert found.tactile is not None
@@ -103,10 +103,10 @@ def test_the_bounds_hold_for_where_tips_are(whole: Whole) -> None:
     from palpate.drivers.slide_finger import SlideKinematics
     from palpate.rig.conversion import kinematics_of
 
-    known = calibrated(whole.rig, whole.file)
+    known = apply_calibration(whole.rig, whole.file)
     truths = [whole.world.truth(k) for k in range(3)]
     drawn = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in whole.rig.fingers]
-    frame = hand_frame(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
+    frame = align_to_nominal(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
     for spec, truth in zip(known.fingers, truths, strict=True):
         kinematics = kinematics_of(spec)
         assert isinstance(kinematics, SlideKinematics)

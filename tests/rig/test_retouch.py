@@ -13,11 +13,11 @@ from rich.console import Console
 from simulated_prober import SimulatedProber, SimulatedRig
 from truth_calibration import bench_calibration, truth_calibration
 
-from palpate.calibration.agreement import promises_of
+from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Reference, ReferenceDisc
-from palpate.config import calibrated, calibration_path, calibration_toml, load_rig, shipped_rig
+from palpate.config import apply_calibration, calibration_path, calibration_toml, load_rig, shipped_rig
 from palpate.config.check_result import AdapterCheckOut, BusCountsOut, CalibrationCheckOut, CheckOut
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
@@ -60,9 +60,9 @@ def touched(
     """A re-touch of a simulated rig whose calibration has bases of fingers off by so much."""
     world = SimulatedRig(RIG, seed, spoil)
     file = truth_calibration(RIG, world.fingers, off_mm=off_mm)
-    promises = promises_of(file, at_rest=False)
+    promises = contact_uncertainties(file, at_rest=False)
     assert promises is not None
-    rig = calibrated(RIG, file)
+    rig = apply_calibration(RIG, file)
     with world.connect(rig, moving=True) as there:
         return retouch(rig, there.prober, disc, promises)
 
@@ -105,7 +105,7 @@ class Empty(SimulatedProber):
 
 def test_no_disc_is_said() -> None:
     world = SimulatedRig(RIG, 0)
-    promises = promises_of(truth_calibration(RIG, world.fingers), at_rest=False)
+    promises = contact_uncertainties(truth_calibration(RIG, world.fingers), at_rest=False)
     assert promises is not None
     with pytest.raises(InputError, match=r"the disc was not found near \(0, 0\) mm"):
         retouch(RIG, Empty(world, RIG), DISC, promises)

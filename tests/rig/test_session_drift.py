@@ -18,7 +18,7 @@ from truth_calibration import MADE, bench_calibration, truth_calibration
 from palpate.config import (
     CalibrationFile,
     RigFile,
-    calibrated,
+    apply_calibration,
     calibration_path,
     calibration_toml,
     load_rig,
@@ -91,7 +91,7 @@ def file() -> CalibrationFile:
 
 @pytest.fixture(scope="module")
 def rig(file: CalibrationFile) -> RigFile:
-    return calibrated(RIG, file)
+    return apply_calibration(RIG, file)
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.gauge import BasePose, align_to_nominal
 from palpate.config import (
     ActuatorsCalibration,
     AimCalibration,
@@ -168,7 +168,7 @@ def true_calibration(rig: RigFile, seed: int) -> CalibrationFile:
     """Places of an emulated rig's fingers as a perfect calibration would find them, in the hand frame."""
     bench = emulate(rig, None, seed)
     truths = [finger.truth for finger in bench.bench.fingers]
-    to_hand = hand_frame(
+    to_hand = align_to_nominal(
         [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers],
         [BasePose(truth.base_mm, truth.heading_rad) for truth in truths],
     )

@@ -22,9 +22,9 @@ from emulated_session import EmulatedSession, emulated_session
 from touched_references import DISC, FRESH
 from truth_calibration import bench_calibration
 
-from palpate.calibration.agreement import promises_of
+from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.prober import Probe
-from palpate.config import calibrated, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import apply_calibration, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.emulators.tip import Outline
@@ -110,9 +110,9 @@ def _middle(prober: HandProber, finger: int) -> Probe:
 def _check_touch(host: Host, _folder: Path) -> None:
     session = host.session
     file = bench_calibration(session.rig, SEED)
-    promises = promises_of(file, at_rest=False)
+    promises = contact_uncertainties(file, at_rest=False)
     assert promises is not None
-    with outside(session.bench_rig).hand(calibrated(session.rig, file)) as hand:
+    with outside(session.bench_rig).hand(apply_calibration(session.rig, file)) as hand:
         hand.prepare()
         retouch(session.rig, HandProber(hand, EmulatedTable(session.bench, SEED)), DISC, promises)
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.calibration.gains import PressAtBearing
 from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement, PressMeasurement
+from palpate.calibration.press_levels import PressAtBearing
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.emulators.tip import Outline, press
 from palpate.drivers.tactile.messages import Description, Shape

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
-from palpate.calibration.gauge import BasePose, hand_frame
+from palpate.calibration.gauge import BasePose, align_to_nominal
 from palpate.config import (
     CalibrationDevice,
     CalibrationFile,
@@ -42,7 +42,7 @@ def truth_calibration(
 
     Bounds are as wide as good calibrations make them: 0.2 mm on the shipped bench.
     """
-    frame = hand_frame(
+    frame = align_to_nominal(
         [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in rig.fingers],
         [BasePose(finger.truth.base_mm, finger.truth.heading_rad) for finger in fingers],
     )

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from palpate.calibration.gauge import HEADING_ARM_MM, BasePose, RigidMotion, hand_frame
+from palpate.calibration.gauge import HEADING_ARM_MM, BasePose, RigidMotion, align_to_nominal
 
 ANGLES = st.floats(-math.pi, math.pi)
 NEAR = st.floats(-200.0, 200.0)
@@ -43,7 +43,7 @@ def disagreement(nominal: list[BasePose], found: list[BasePose], angle: float, s
 def test_any_motion_is_undone(seed: int, count: int, angle: float, x: float, y: float) -> None:
     nominal = places(seed, count)
     found = [moved(place, angle, complex(x, y)) for place in nominal]
-    frame = hand_frame(nominal, found)
+    frame = align_to_nominal(nominal, found)
     for wanted, place in zip(nominal, found, strict=True):
         back = frame.place(place)
         assert back.base_mm == pytest.approx(wanted.base_mm, abs=1e-7)
@@ -64,7 +64,7 @@ def test_nothing_brings_places_nearer(seed: int) -> None:
         for place in nominal
     ]
     found = [moved(place, 0.7, 12 - 9j) for place in off]
-    frame = hand_frame(nominal, found)
+    frame = align_to_nominal(nominal, found)
     own = disagreement(nominal, found, frame.angle_rad, complex(*frame.shift_mm))
     best = minimize(
         lambda x: disagreement(nominal, found, float(x[0]), complex(x[1], x[2])),
@@ -79,7 +79,7 @@ def test_nothing_brings_places_nearer(seed: int) -> None:
 def test_one_finger_is_put_where_it_is_described() -> None:
     """Its base and its heading say all; three unknowns are used up."""
     nominal, found = [BasePose((10.0, 190.0), -1.5)], [BasePose((-3.0, 150.0), 2.0)]
-    back = hand_frame(nominal, found).place(found[0])
+    back = align_to_nominal(nominal, found).place(found[0])
     assert back.base_mm == pytest.approx((10.0, 190.0))
     assert math.remainder(back.heading_rad + 1.5, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
@@ -95,4 +95,4 @@ def test_points_and_places_move_alike() -> None:
 @pytest.mark.parametrize(("nominal", "found"), [(0, 0), (1, 2), (3, 2)])
 def test_numbers_of_places_must_agree(nominal: int, found: int) -> None:
     with pytest.raises(ValueError, match="at least one"):
-        hand_frame(places(0, nominal), places(1, found))
+        align_to_nominal(places(0, nominal), places(1, found))

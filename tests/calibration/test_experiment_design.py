@@ -22,7 +22,12 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.experiment_design import PredictedTouches, choose, foresee, towards
+from palpate.calibration.experiment_design import (
+    PredictedTouches,
+    choose_touches,
+    predict_touches,
+    probes_towards,
+)
 from palpate.calibration.finger_fit import Fit, fit_fingers
 from palpate.calibration.prober import SlideApproach
 
@@ -60,7 +65,7 @@ def fit() -> Fit:
 
 @pytest.fixture(scope="module")
 def foreseen(fit: Fit) -> PredictedTouches:
-    return foresee(models(), placings()[: PLACING + 1], fit, PLACING, approaches())
+    return predict_touches(models(), placings()[: PLACING + 1], fit, PLACING, approaches())
 
 
 def as_fitted(fit: Fit) -> Laid:
@@ -102,7 +107,7 @@ def told(foreseen: PredictedTouches, covariance: Floats, numbers: list[int]) -> 
 
 def test_chosen_touches_say_more_than_random_ones(fit: Fit, foreseen: PredictedTouches) -> None:
     count, every = 3, approaches()
-    grips = choose(foreseen, every, models(), fit.covariance, SIGMA_MM, count)
+    grips = choose_touches(foreseen, every, models(), fit.covariance, SIGMA_MM, count)
     chosen = [probe.approach for grip in grips for probe in grip]
     assert len(grips) == count
     assert len(set(chosen)) == len(chosen)
@@ -124,7 +129,7 @@ def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(
     fit: Fit, foreseen: PredictedTouches
 ) -> None:
     every = approaches()
-    for grip in choose(foreseen, every, models(), fit.covariance, SIGMA_MM, 4):
+    for grip in choose_touches(foreseen, every, models(), fit.covariance, SIGMA_MM, 4):
         for probe in grip:
             approach, model = every[probe.approach], models()[every[probe.approach].finger]
             beyond = (probe.end_rad - foreseen.slide_rad[probe.approach]) * model.mm_per_rad
@@ -138,7 +143,7 @@ def test_a_finger_without_good_touches_takes_no_part(fit: Fit, foreseen: Predict
     nowhere = PredictedTouches(
         np.where(mine, np.nan, foreseen.slide_rad), foreseen.oblique_rad, foreseen.room_mm, foreseen.rows
     )
-    for grip in choose(nowhere, every, models(), fit.covariance, SIGMA_MM, 2):
+    for grip in choose_touches(nowhere, every, models(), fit.covariance, SIGMA_MM, 2):
         assert [every[probe.approach].finger for probe in grip] == [0, 2]
 
 
@@ -147,7 +152,7 @@ def test_approaches_pass_a_point_at_the_distance_asked_for() -> None:
     point = (4.0, -7.0)
     passed = []
     for aside in (-9.0, 0.0, 9.0):
-        grip = towards(point, aside, every, models(), values)
+        grip = probes_towards(point, aside, every, models(), values)
         assert [every[probe.approach].finger for probe in grip] == [0, 1, 2]
         for probe in grip:
             approach = every[probe.approach]

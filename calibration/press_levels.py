@@ -1,4 +1,4 @@
-"""Presses made short: the way in of each as a few levels whose samples are averaged. For `gains`.
+"""Data reduction of presses: the way in of each as a few levels whose samples are averaged.
 
 A level is a stretch of the slide's travel. Averages over it take out noise, encoder steps and most of
 the steps of Present Current, and the fit has a dozen numbers of each column in place of hundreds.
@@ -14,7 +14,7 @@ from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["LEVELS", "PressAtBearing", "Ramps", "ramps_of", "telling"]
+__all__ = ["LEVELS", "PressAtBearing", "PressLevels", "average_levels", "informative_presses"]
 
 LEVELS = 16
 
@@ -41,7 +41,7 @@ class PressAtBearing:
 
 
 @dataclass(frozen=True, eq=False)
-class Ramps:
+class PressLevels:
     """All presses of a finger, m levels in all.
 
     `press` (m,): whose level it is. `travel_mm` ± `spread_mm` (m,): mean and standard deviation of the
@@ -60,16 +60,16 @@ class Ramps:
     free_a: Floats
 
 
-def ramps_of(
+def average_levels(
     presses: Sequence[PressAtBearing], live: Bools, full: Floats, noise: float, mm_per_rad: float
-) -> Ramps:
+) -> PressLevels:
     """Cut each press's way in into `LEVELS` levels of equal travel.
 
     `live` and `full` (rows, cols): taxels that are looked at, and counts at which they are saturated:
     samples with such a one are left out. Raises InputError for a press that moves or feels too little.
     """
-    parts = [_ramp(pressed.press, live, full, noise, mm_per_rad) for pressed in presses]
-    return Ramps(
+    parts = [_levels(pressed.press, live, full, noise, mm_per_rad) for pressed in presses]
+    return PressLevels(
         press=np.repeat(np.arange(len(parts)), [len(part.travel_mm) for part in parts]),
         travel_mm=np.concatenate([part.travel_mm for part in parts]),
         spread_mm=np.concatenate([part.spread_mm for part in parts]),
@@ -81,7 +81,7 @@ def ramps_of(
     )
 
 
-def telling(
+def informative_presses(
     presses: Sequence[PressAtBearing], live: Bools, full: Floats, noise: float, mm_per_rad: float
 ) -> list[PressAtBearing]:
     """Presses that moved and felt enough, or all if these are fewer than half.
@@ -106,7 +106,9 @@ def _enough(free: Bools, chosen: Bools) -> bool:
     return bool(free.sum() >= _FEWEST and chosen.sum() >= _FEWEST)
 
 
-def _ramp(press: PressMeasurement, live: Bools, full: Floats, noise: float, mm_per_rad: float) -> Ramps:
+def _levels(
+    press: PressMeasurement, live: Bools, full: Floats, noise: float, mm_per_rad: float
+) -> PressLevels:
     place = mm_per_rad * press.slide_rad
     free, chosen = _parts(press, live, full, noise, mm_per_rad)
     if not _enough(free, chosen):
@@ -128,7 +130,7 @@ def _ramp(press: PressMeasurement, live: Bools, full: Floats, noise: float, mm_p
         np.add.reduceat(a[order], begins) / samples.reshape(-1, *[1] * (a.ndim - 1))
         for a in (place - start, (place - start) ** 2, current, counts)
     ]
-    return Ramps(
+    return PressLevels(
         press=np.zeros(len(samples), dtype=np.int64),
         travel_mm=means[0],
         spread_mm=np.sqrt(np.maximum(means[1] - means[0] ** 2, 0.0)),

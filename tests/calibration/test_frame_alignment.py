@@ -21,7 +21,13 @@ from touched_references import (
 )
 
 from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers
-from palpate.calibration.frame_alignment import AlignedFit, headings_of, in_hand, place_of, residuals_of
+from palpate.calibration.frame_alignment import (
+    AlignedFit,
+    align_fit,
+    calibrate_place,
+    estimate_array_headings,
+    summarise_residuals,
+)
 from palpate.calibration.measurements import TouchMeasurement
 
 SIZE = 3 * COLUMNS
@@ -48,14 +54,14 @@ def test_moving_all_places_rigidly_has_no_variance(fitted: tuple[Touches, Fit]) 
     rigid = motions(fit.values)
     only = np.zeros_like(fit.covariance)
     only[:SIZE, :SIZE] = rigid.T @ np.diag([4.0, 4.0, 1e-2]) @ rigid
-    assert in_hand(SPECS, replace(fit, covariance=only)).covariance == pytest.approx(0.0, abs=1e-6)
-    hand = in_hand(SPECS, fit)
-    more = in_hand(SPECS, replace(fit, covariance=fit.covariance + only))
+    assert align_fit(SPECS, replace(fit, covariance=only)).covariance == pytest.approx(0.0, abs=1e-6)
+    hand = align_fit(SPECS, fit)
+    more = align_fit(SPECS, replace(fit, covariance=fit.covariance + only))
     assert more.covariance == pytest.approx(hand.covariance, abs=1e-6)
 
 
 def test_the_middle_of_the_bases_is_certain_and_where_the_rig_file_says(fitted: tuple[Touches, Fit]) -> None:
-    hand = in_hand(SPECS, fitted[1])
+    hand = align_fit(SPECS, fitted[1])
     for axis in (0, 1):
         at = np.arange(3) * COLUMNS + axis
         assert hand.covariance[np.ix_(at, at)].sum() == pytest.approx(0.0, abs=1e-9)
@@ -76,16 +82,16 @@ def test_a_fit_in_another_frame_is_the_same_hand(fitted: tuple[Touches, Fit]) ->
         at = slice(k * COLUMNS, k * COLUMNS + 2)
         slopes[at, at] = turn
     moved = replace(fit, values=values, covariance=slopes @ fit.covariance @ slopes.T)
-    here, there = in_hand(SPECS, fit), in_hand(SPECS, moved)
+    here, there = align_fit(SPECS, fit), align_fit(SPECS, moved)
     assert there.values == pytest.approx(here.values, abs=1e-9)
     assert there.covariance == pytest.approx(here.covariance, abs=1e-7)
     assert there.frame.angle_rad == pytest.approx(here.frame.angle_rad - angle)
 
 
 def test_a_place_says_its_deviations_in_the_file_s_units(fitted: tuple[Touches, Fit]) -> None:
-    hand = in_hand(SPECS, fitted[1])
+    hand = align_fit(SPECS, fitted[1])
     for index, model in enumerate(models()):
-        place = place_of(model, hand, index, (math.radians(2.0), math.radians(0.1)))
+        place = calibrate_place(model, hand, index, (math.radians(2.0), math.radians(0.1)))
         own, sigma = hand.values[index], np.sqrt(np.diag(hand.of(index)))
         assert place.base_mm == pytest.approx(own[:2])
         assert place.base_sigma_mm == pytest.approx(sigma[:2], rel=1e-3)
@@ -115,17 +121,19 @@ def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> Non
         felt = into - travel - turned[finger] + rng.normal(0, 0.01)
         felt = math.remainder(felt + (0.5 if k == 4 else 0.0), 2 * math.pi)
         touched.append(TouchMeasurement(model.name, 0, (0.0, 0.0), 1, felt, 0.1, 0.5, 0.1))
-    for (middle, sigma), truth in zip(headings_of(touched, given, models(), fit), turned, strict=True):
+    for (middle, sigma), truth in zip(
+        estimate_array_headings(touched, given, models(), fit), turned, strict=True
+    ):
         assert abs(middle - truth) < 4 * sigma
         assert 5e-4 < sigma < 1e-2
 
 
 def test_residuals_are_counted_once_and_shown_in_the_hand_frame(fitted: tuple[Touches, Fit]) -> None:
     given, fit = fitted
-    hand: AlignedFit = in_hand(SPECS, fit)
+    hand: AlignedFit = align_fit(SPECS, fit)
     out = np.arange(len(given.finger)) % 6 == 5
     without = replace(fit, residual_mm=fit.residual_mm + 0.1)
-    found = residuals_of(given, fit, without, out, [spec.name for spec in SPECS], hand.frame)
+    found = summarise_residuals(given, fit, without, out, [spec.name for spec in SPECS], hand.frame)
     assert found.touches == len(given.finger)
     assert found.held_out == out.sum()
     assert found.rms_mm == pytest.approx(float(np.sqrt((fit.residual_mm**2).mean())), rel=1e-6)

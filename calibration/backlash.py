@@ -16,7 +16,7 @@ from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["Backlash", "backlash_of", "combined"]
+__all__ = ["Backlash", "combine_backlash", "estimate_backlash"]
 
 
 _SLICES = 8  # of the force, each of which weighs the same
@@ -34,7 +34,7 @@ class Backlash:
     sigma_mm: float
 
 
-def backlash_of(
+def estimate_backlash(
     press: PressMeasurement, force: Floats, mm_per_rad: float, lag_samples: float = 0.0
 ) -> Backlash:
     """The half play that one press shows; `force` (n,): any measure of the load that grows with it.
@@ -69,7 +69,7 @@ def backlash_of(
     return Backlash(max(0.0, float(found[0])), math.hypot(scatter, step_mm))
 
 
-def combined(plays: Sequence[Backlash]) -> Backlash:
+def combine_backlash(plays: Sequence[Backlash]) -> Backlash:
     """The play of a slide from several presses: their median, and how far one more may be off it.
 
     The deviation is that of the presses among one another, because play differs from place to place, and

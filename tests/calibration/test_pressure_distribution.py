@@ -8,7 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_presses import COLS, DESCRIPTION, PITCH, by_column, disc, face
 
-from palpate.calibration.pattern import Pattern, approach, pattern
+from palpate.calibration.pressure_distribution import (
+    PressureDistribution,
+    dent_and_bearing,
+    distribute_pressure,
+)
 from palpate.drivers.emulators.tip import press
 
 COLUMNS = np.array(DESCRIPTION.columns)
@@ -19,8 +23,8 @@ dents = st.floats(0.01, 0.4)
 curvatures = st.floats(0.0, 1.0)
 
 
-def one(towards: float, dent: float, curvature: float) -> Pattern:
-    return pattern(COLUMNS, PITCH, *(np.array([value]) for value in (towards, dent, curvature)))
+def one(towards: float, dent: float, curvature: float) -> PressureDistribution:
+    return distribute_pressure(COLUMNS, PITCH, *(np.array([value]) for value in (towards, dent, curvature)))
 
 
 @FEW
@@ -77,7 +81,7 @@ def test_agrees_with_the_emulated_skin(towards: float, dent: float, disc_mm: flo
 @FEW
 @given(st.floats(0.0, 1.5), angles, st.sampled_from([0.0, 0.02, 0.04, 0.2]))
 def test_approach_is_the_triangle_of_both_centres(travel: float, bearing: float, curvature: float) -> None:
-    dent, turned = approach(np.array([travel]), np.array([bearing]), RADIUS, np.array([curvature]))
+    dent, turned = dent_and_bearing(np.array([travel]), np.array([bearing]), RADIUS, np.array([curvature]))
     reference = 1 / max(curvature, 1e-7)  # a face is a huge disc
     towards = (RADIUS + reference) * complex(math.cos(bearing), math.sin(bearing)) - travel
     assert dent[0] == pytest.approx(RADIUS + reference - abs(towards), abs=1e-4)

@@ -15,7 +15,7 @@ from touched_references import (
     touches,
 )
 
-from palpate.calibration.consistency import check_fit, check_still, growth_mm
+from palpate.calibration.consistency import check_fit, check_still, estimate_growth
 from palpate.calibration.finger_fit import Fit, Touches, fit_fingers
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.reference import ReferenceDisc
@@ -71,17 +71,17 @@ def test_one_of_another_size_is_refused(seed: int, grown_mm: tuple[float, float]
 @pytest.mark.parametrize("seed", range(3))
 def test_how_much_larger_one_is_comes_out(seed: int) -> None:
     where, given = touched(seed, (0.0, 0.05))
-    found, sigma = growth_mm(models(), placings(), given, fitted(where, given), PLATES)
+    found, sigma = estimate_growth(models(), placings(), given, fitted(where, given), PLATES)
     assert abs(found - 0.05) < 4 * sigma
     assert sigma < 0.03
     # The same as seen from the other side.
-    other, again = growth_mm(models(), placings(), given, fitted(where, given), ~PLATES)
+    other, again = estimate_growth(models(), placings(), given, fitted(where, given), ~PLATES)
     assert abs(other + 0.05) < 4 * again
 
 
 def test_what_was_never_touched_has_no_size() -> None:
     where, given = touched(0)
-    found, sigma = growth_mm(models(), placings(), given, fitted(where, given), np.zeros(4, dtype=bool))
+    found, sigma = estimate_growth(models(), placings(), given, fitted(where, given), np.zeros(4, dtype=bool))
     assert (found, sigma) == (0.0, np.inf)
 
 

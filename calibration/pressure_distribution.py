@@ -13,13 +13,13 @@ import numpy as np
 from palpate.geometry import Floats
 from palpate.geometry.plane import wrap_angle
 
-__all__ = ["Pattern", "approach", "pattern"]
+__all__ = ["PressureDistribution", "dent_and_bearing", "distribute_pressure"]
 
 _IN_COLUMN, _IN_WHOLE = 4, 12  # nodes of Gauss's rule: pressure is smooth where there is any
 
 
 @dataclass(frozen=True, eq=False)
-class Pattern:
+class PressureDistribution:
     """Force of n contacts by columns.
 
     `share` (n, cols) of all force that the skin bears; less than 1 in sum if some of it is beside the
@@ -31,13 +31,13 @@ class Pattern:
     lean: Floats
 
 
-def pattern(
+def distribute_pressure(
     columns_rad: Floats,
     pitch_rad: float,
     towards_rad: Floats,
     dent: Floats,
     curvature: Floats,
-) -> Pattern:
+) -> PressureDistribution:
     """How contacts spread over columns at `columns_rad` (cols,), each `pitch_rad` wide.
 
     `towards_rad` (n,): direction from the axis to the contact, as the columns'. In tip radii: `dent`
@@ -50,10 +50,10 @@ def pattern(
     low = np.clip(middle - pitch_rad / 2, -half[:, None], half[:, None])
     high = np.clip(middle + pitch_rad / 2, -half[:, None], half[:, None])
     by_column = _quadrature(low, high, dent[:, None], curvature[:, None], _IN_COLUMN)[0]
-    return Pattern(by_column / whole[0][:, None], whole[1] / whole[0])
+    return PressureDistribution(by_column / whole[0][:, None], whole[1] / whole[0])
 
 
-def approach(
+def dent_and_bearing(
     travel_mm: Floats, bearing_rad: Floats, radius_mm: float, curvature_per_mm: Floats
 ) -> tuple[Floats, Floats]:
     """Deepest dent (mm) and bearing (rad) after a travel past first contact, all (n,).

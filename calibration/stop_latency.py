@@ -1,6 +1,6 @@
-"""How far slides run on after a contact: their latency, and bounds on what it costs at each speed.
+"""Stop latency of slides, and bounds on the overshoot that it costs at each speed.
 
-From `measured.Stop`s to the calibration file and the bounds of positions. A slide that meets something
+A slide that meets something
 runs on for as long as the contact takes to be felt, the stop to be sent and the slide to stand: its
 latency. Part of that is the wait between two looks at the array, anything from nothing to all of it.
 """
@@ -13,11 +13,12 @@ import numpy as np
 from scipy.special import stdtrit
 
 from palpate.calibration.measurements import StopMeasurement
+from palpate.config import Overshoot
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 from palpate.geometry import Floats
 
-__all__ = ["AtSpeed", "StopLatency", "overshoot_of"]
+__all__ = ["StopLatency", "fit_latency"]
 
 
 _FEWEST = 3  # stops that are faster than a touch
@@ -25,27 +26,19 @@ _FASTER = 1.5  # times as fast as a touch, to count
 
 
 @dataclass(frozen=True)
-class AtSpeed:
-    """Overshoot at one speed: the largest seen, and the bound; mm beyond where the slowest touch stands."""
-
-    speed_mm_s: float
-    largest_mm: float
-    bound_mm: float
-
-
-@dataclass(frozen=True)
 class StopLatency:
-    """Overshoot of a slide: speed × latency. `latency_s` is the mean, `latency_bound_s` bounds single stops.
+    """Latency of a slide: the mean, and a bound on that of single stops.
 
-    The table goes by growing speed. It speaks of the speeds that were tried: faster, braking adds to it.
+    `overshoots` go by growing speed, mm beyond where the slowest touch stands; they hold for the speeds that
+    were tried: faster, braking adds to them.
     """
 
     latency_s: float
     latency_bound_s: float
-    table: tuple[AtSpeed, ...]
+    overshoots: list[Overshoot]
 
 
-def overshoot_of(
+def fit_latency(
     stops: Sequence[StopMeasurement], mm_per_rad: float, touch_speed_mm_s: float, coverage: float
 ) -> StopLatency:
     """Fit one latency to the stops of a finger; `touch_speed_mm_s`: that of the touches at `contact_rad`.
@@ -92,10 +85,11 @@ def _bound_s(each: Floats, latency: float, known: Floats, wait: float, coverage:
     return latency + max(reach, wait / 2)
 
 
-def _table(speed: Floats, beyond: Floats, bound_s: float, step_mm: float) -> tuple[AtSpeed, ...]:
-    """One line a speed; the bound has room for an encoder step and is never below what was seen."""
+def _table(speed: Floats, beyond: Floats, bound_s: float, step_mm: float) -> list[Overshoot]:
+    """One for each speed; the bound has room for an encoder step and is never below what was measured."""
     rows = []
     for each in np.unique(speed):
         largest = float(beyond[speed == each].max())
-        rows.append(AtSpeed(float(each), largest, max(float(each) * bound_s + step_mm, largest)))
-    return tuple(rows)
+        bound = max(float(each) * bound_s + step_mm, largest)
+        rows.append(Overshoot(speed_mm_s=float(each), largest_mm=max(largest, 0.0), bound_mm=bound))
+    return rows
