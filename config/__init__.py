@@ -32,7 +32,14 @@ from palpate.config.contacts_file import ContactEntry, ContactsFile, load_contac
 from palpate.config.objects_file import ObjectsFile, load_objects
 from palpate.config.rig_checks import ARM_MARGIN_MM
 from palpate.config.rig_file import RigFile, load_rig
-from palpate.config.rig_fingers import ArmFingerConfig, FingerConfig, SlideFingerConfig, TipConfig
+from palpate.config.rig_fingers import (
+    ArmFingerConfig,
+    ArrayConfig,
+    FingerConfig,
+    MountedArrayConfig,
+    SlideFingerConfig,
+    TipConfig,
+)
 from palpate.config.rig_servos import JointConfig, StageConfig
 from palpate.config.rig_tables import ClosingConfig, EmulationConfig
 from palpate.config.scene_file import Scene, load_scene
@@ -43,6 +50,7 @@ __all__ = [
     "ActuatorsCalibration",
     "AimCalibration",
     "ArmFingerConfig",
+    "ArrayConfig",
     "CalibrationDevice",
     "CalibrationFile",
     "CalibrationReference",
@@ -55,6 +63,7 @@ __all__ = [
     "FingerCalibration",
     "FingerConfig",
     "JointConfig",
+    "MountedArrayConfig",
     "ObjectsFile",
     "Overshoot",
     "PlaceCalibration",

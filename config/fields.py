@@ -89,3 +89,8 @@ class FileModel(BaseModel):
     """A table of a file: unknown keys are refused, values cannot be changed once read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def variant(cls, _data: object) -> "type[FileModel]":
+        """The model that validates `data`: this one, or the subclass that a key in `data` chooses."""
+        return cls

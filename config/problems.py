@@ -143,7 +143,7 @@ def first_problem(
     """
     details = error.errors(include_url=False)
     unknown = {
-        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), _keys_at(model, detail["loc"][:-1])))
+        (detail["loc"][:-1], nearest(str(detail["loc"][-1]), _keys_at(model, detail["loc"][:-1], data)))
         for detail in details
         if detail["type"] == "extra_forbidden"
     }
@@ -169,16 +169,18 @@ def _reworded(
     words = place_in_words(shown_place[:-1] if about_parent else shown_place, data, nouns)
     if kind == "finger_type":
         return Problem(words, _other_type(detail, model))
-    return Problem(words, _sentence(detail, model))
+    return Problem(words, _sentence(detail, model, data))
 
 
-def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:  # noqa: PLR0911 - a table with logic
+def _sentence(  # noqa: PLR0911 - a table with logic
+    detail: ErrorDetails, model: type[BaseModel], data: object
+) -> str:
     kind, place, value = detail["type"], detail["loc"], detail["input"]
     context = detail.get("ctx", {})
     if kind == _OWN_TYPE:
         return str(context["text"])
     if kind == "extra_forbidden":
-        return _unknown_key(str(place[-1]), _keys_at(model, place[:-1]))
+        return _unknown_key(str(place[-1]), _keys_at(model, place[:-1], data))
     if kind == "missing":
         if isinstance(place[-1], int):
             return f"has {place[-1]} value{'' if place[-1] == 1 else 's'}, more are needed"
@@ -226,9 +228,13 @@ def _child(value: object, step: str | int) -> object:
     return value[step] if isinstance(value, list | tuple) and step < len(value) else None
 
 
-def _keys_at(model: type[BaseModel], place: Place) -> list[str]:
-    """Keys that the table at `place` may have."""
+def _keys_at(model: type[BaseModel], place: Place, data: object) -> list[str]:
+    """Keys that the table at `place` of `data` may have."""
     kind = _kind_at(model, place)
+    for step in place:
+        data = data if _is_tag(step) else _child(data, step)
+    if hasattr(kind, "variant"):
+        kind = kind.variant(data)
     return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
 
 

@@ -4,24 +4,44 @@ A finger is of one of two types: "slide", an aim that turns a slide, or "two-lin
 an elbow. The values keep the file's units: mm, degrees, N.
 """
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, cast
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    SerializeAsAny,
+    Tag,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text
 from palpate.config.problems import TAG, problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
+from palpate.errors import InputError
+from palpate.extensions import TACTILE_ARRAYS, broken, load
 
 __all__ = [
+    "PALPATE_PROTOCOL",
     "ArmFingerConfig",
     "ArrayConfig",
     "BoundsConfig",
     "FingerConfig",
     "LinksConfig",
+    "MountedArrayConfig",
     "SlideFingerConfig",
     "TaxelsConfig",
     "TipConfig",
 ]
+
+PALPATE_PROTOCOL = "palpate"
+"""Protocol of arrays that describe themselves, docs/tactile-protocol.md: the only one that is built in."""
+
+SHIPPED_PROTOCOLS = ("weiss-wts", "weiss-dsa")
+"""Protocols of the plug-ins that come with palpate; the rig file's JSON Schema shows their keys."""
 
 
 class TipConfig(FileModel):
@@ -73,11 +93,14 @@ class TaxelsConfig(FileModel):
 class ArrayConfig(FileModel):
     """The tactile array round the tip."""
 
+    # Protocols other than "palpate" come by plug-in, each with a model of its own: a subclass of this one
+    # with the keys that only its arrays need. Validating a table gives the model that `protocol` names.
+
     port: Text = Field(description="Device path, socket://host:port, or mock://name for an emulated array.")
     baudrate_bps: Annotated[int, Field(strict=True, ge=9600, le=12_000_000)] = Field(description="Baud rate.")
-    protocol: Literal["palpate", "weiss-wts", "weiss-dsa"] = Field(
+    protocol: Text = Field(
         description='What the array speaks: "palpate" is docs/tactile-protocol.md; "weiss-wts" and '
-        '"weiss-dsa" are tactile sensors of Weiss Robotics.'
+        '"weiss-dsa" are tactile sensors of Weiss Robotics; installed plug-ins add others.'
     )
     gain_spread: Share = Field(description="Bound: each taxel's gain is off by at most this share.")
     drift_counts_per_s: Length = Field(
@@ -96,13 +119,37 @@ class ArrayConfig(FileModel):
     coverage_deg: Annotated[Positive, Field(le=360)] = Field(
         default=270.0, description="How much of the tip's circumference has taxels."
     )
-    counts_per_n: Positive | None = Field(
-        default=None,
-        description="What 1 N on a taxel adds to its count; for arrays that do not tell (weiss-…).",
-    )
-    matrix: Annotated[int, Field(strict=True, ge=0, le=255)] | None = Field(
-        default=None,
-        description="Which of the controller's matrices is on this tip, 0 if left out (weiss-dsa).",
+
+    @classmethod
+    def variant(cls, data: object) -> type[FileModel]:
+        """The model of the protocol that `data` names. Raises a pydantic error if no plug-in adds it."""
+        name = data.get("protocol") if isinstance(data, dict) else None
+        return ArrayConfig if not isinstance(name, str) or name == PALPATE_PROTOCOL else _model_of(name)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _by_protocol(cls, data: object, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        model = cls.variant(data)
+        return handler(data) if model is cls else cast("Self", model.model_validate(data))
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Keys of the plug-ins that come with palpate are shown; those of others cannot be known here."""
+        schema = handler.resolve_ref_schema(handler(core))
+        if cls is ArrayConfig:
+            shipped = [_model_of(name).model_json_schema()["properties"] for name in SHIPPED_PROTOCOLS]
+            for properties in shipped:
+                schema["properties"] = properties | schema["properties"]
+            schema["properties"]["protocol"]["examples"] = [PALPATE_PROTOCOL, *SHIPPED_PROTOCOLS]
+            schema["additionalProperties"] = True
+        return schema
+
+
+class MountedArrayConfig(ArrayConfig):
+    """Keys of arrays that know their cells only: how strong they are and how they sit on the tip."""
+
+    counts_per_n: Positive = Field(
+        description="What 1 N on a taxel adds to its count; for arrays that do not tell (weiss-…)."
     )
     shape: Literal["cylinder", "flat"] | None = Field(
         default=None,
@@ -119,20 +166,17 @@ class ArrayConfig(FileModel):
         "(weiss-…).",
     )
 
-    @model_validator(mode="after")
-    def _says_what_the_array_does_not(self) -> Self:
-        keys = ("counts_per_n", "matrix", "shape", "first_texel", "first_row")
-        if self.protocol == "palpate":
-            given = [key for key in keys if getattr(self, key) is not None]
-            if given:
-                raise problem('is for arrays of protocol "weiss-…"; this one describes itself', given[0])
-        elif self.counts_per_n is None:
-            raise problem(f'is missing; arrays of protocol "{self.protocol}" do not tell it', "counts_per_n")
-        elif self.protocol != "weiss-dsa" and self.matrix is not None:
-            raise problem(
-                'is for protocol "weiss-dsa"; arrays of protocol "weiss-wts" have one matrix', "matrix"
-            )
-        return self
+
+def _model_of(protocol: str) -> type[ArrayConfig]:
+    """The model that a plug-in gives for the array's table."""
+    try:
+        plugin = load(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL])
+        model = getattr(plugin, "config", None)
+        if not (isinstance(model, type) and issubclass(model, ArrayConfig)):
+            raise broken(TACTILE_ARRAYS, protocol, "its config is no subclass of ArrayConfig")
+    except InputError as error:
+        raise problem(str(error), "protocol") from error
+    return model
 
 
 class BoundsConfig(FileModel):
@@ -164,7 +208,7 @@ class _MountedFinger(FileModel):
     )
     height_mm: Positive = Field(description="Height of the middle of the tip above the support plane.")
     tip: TipConfig
-    array: ArrayConfig
+    array: SerializeAsAny[ArrayConfig]
     bounds: BoundsConfig
 
 

@@ -1,26 +1,89 @@
-"""A finger's tactile array and its contact extractor, from the rig file. Between `config` and `drivers`."""
+"""Tactile arrays of a rig: driver, emulated device and contact extractor of each, from the rig file.
 
-from dataclasses import replace
+A kind of array is an `ArrayPlugin`. One is built in, others come by entry point.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import FingerConfig, RigFile
+from palpate.config import ArrayConfig, FingerConfig, RigFile
+from palpate.config.rig_fingers import PALPATE_PROTOCOL
+from palpate.drivers.emulators.array import EmulatedArray
+from palpate.drivers.emulators.bench import SampledArray
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.contact import ContactExtractor, TipCalibration
-from palpate.drivers.tactile.devices import open_array
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import InputError
-from palpate.rig.conversion import mounting_of
+from palpate.extensions import TACTILE_ARRAYS, broken, load
 
-__all__ = ["array_of", "calibration_of", "extractor_of"]
+__all__ = [
+    "ArrayPlugin",
+    "array_of",
+    "array_plugin",
+    "calibration_of",
+    "emulated_array",
+    "extractor_of",
+]
+
+ConfigT = TypeVar("ConfigT", bound=ArrayConfig)
+
+
+@dataclass(frozen=True)
+class ArrayPlugin(Generic[ConfigT]):
+    """A kind of tactile array: what an entry point of the group `palpate.tactile_arrays` has to name.
+
+    `config` validates the array's table of a rig file: a subclass of `ArrayConfig` with the keys that only
+    this kind needs. `driver(port, clock, finger, config, tip_radius_mm)` makes the host driver on an open
+    port, not yet connected; `finger` is its name, for messages. `emulated(taxels, advance, config,
+    tip_radius_mm)` makes the emulated device: it calls `advance(now)` before it answers, and reads `taxels`
+    when it is sampled. None: such an array cannot be emulated.
+    """
+
+    config: type[ConfigT]
+    driver: Callable[[Port, Clock, str, ConfigT, float], ArrayDriver]
+    emulated: Callable[[Taxels, Callable[[float], None], ConfigT, float], SampledArray] | None = None
+
+
+_SELF_DESCRIBING = ArrayPlugin(
+    ArrayConfig,
+    lambda port, clock, finger, _config, _radius: TactileArray(port, clock, finger),
+    lambda taxels, advance, _config, _radius: EmulatedArray(taxels, advance),
+)
+
+
+def array_plugin(protocol: str) -> ArrayPlugin[Any]:
+    """The kind of array that speaks `protocol`. Raises InputError if nothing installed does."""
+    if protocol == PALPATE_PROTOCOL:
+        return _SELF_DESCRIBING
+    plugin = load(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL])
+    if not isinstance(plugin, ArrayPlugin):
+        raise broken(TACTILE_ARRAYS, protocol, f"it is a {type(plugin).__name__}, not an ArrayPlugin")
+    return plugin
 
 
 def array_of(spec: FingerConfig, port: SerialBase | Port, clock: Clock) -> ArrayDriver:
     """The driver of a finger's array on its open port, not yet connected."""
-    return open_array(spec.array.protocol, port, clock, spec.name, mounting_of(spec))
+    plugin = array_plugin(spec.array.protocol)
+    return plugin.driver(cast("Port", port), clock, spec.name, spec.array, spec.tip.radius_mm)
+
+
+def emulated_array(spec: FingerConfig, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
+    """The emulated device on a finger's tip. Raises InputError if its kind cannot be emulated."""
+    plugin = array_plugin(spec.array.protocol)
+    if plugin.emulated is None:
+        raise InputError(
+            f'finger {spec.name}: arrays of protocol "{spec.array.protocol}" cannot be emulated; '
+            "use another protocol, or a real array"
+        )
+    return plugin.emulated(taxels, advance, spec.array, spec.tip.radius_mm)
 
 
 def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> ContactExtractor:

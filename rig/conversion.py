@@ -11,6 +11,7 @@ from palpate.config import (
     ContactsFile,
     FingerConfig,
     JointConfig,
+    MountedArrayConfig,
     RigFile,
     SlideFingerConfig,
 )
@@ -74,16 +75,12 @@ def finger_of(finger: FingerConfig) -> Finger:
     return Finger(finger.tip.radius_mm, finger.height_mm)
 
 
-def mounting_of(finger: FingerConfig) -> Mounting | None:
-    """How the array sits on the tip, as far as it does not tell; None for one that tells everything."""
-    array = finger.array
-    if array.counts_per_n is None:
-        return None
+def mounting_of(array: MountedArrayConfig, tip_radius_mm: float) -> Mounting:
+    """How an array that does not describe itself sits on its tip."""
     return Mounting(
         shape=Shape.FLAT if array.shape == "flat" else Shape.CYLINDER,
-        tip_radius_mm=finger.tip.radius_mm,
+        tip_radius_mm=tip_radius_mm,
         counts_per_n=array.counts_per_n,
-        matrix=array.matrix or 0,
         first=Corner(array.first_texel or "lower-left"),
         upright=array.first_row == "upright",
     )

@@ -48,6 +48,10 @@ class SampledArray(Device, Protocol):
         """Sample forces, N per taxel, shape (rows, cols)."""
         ...
 
+    def restart(self, now: float) -> None:
+        """Begin anew at `now`, as when power comes on: no stream, and nothing remembered."""
+        ...
+
 
 class EmulatedFinger:
     """One finger: two servos, the mechanics between them and the tip, and the array on it.

@@ -9,21 +9,17 @@ from palpate.drivers.tactile.contact import (
     PatchFlag,
     TipCalibration,
 )
-from palpate.drivers.tactile.devices import PROTOCOLS, open_array
 from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import Description, Report, Shape
 from palpate.drivers.tactile.mounting import Mounting
-from palpate.drivers.tactile.weiss import DsaArray, WtsArray
 
 __all__ = [
-    "PROTOCOLS",
     "ArrayCounters",
     "ArrayDriver",
     "Baseline",
     "ContactExtractor",
     "ContactPatch",
     "Description",
-    "DsaArray",
     "Mounting",
     "PatchFlag",
     "Patches",
@@ -32,6 +28,4 @@ __all__ = [
     "TactileArray",
     "TactileFrame",
     "TipCalibration",
-    "WtsArray",
-    "open_array",
 ]

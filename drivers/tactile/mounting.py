@@ -1,7 +1,6 @@
-"""How a matrix of texels sits on a tip: what arrays do not tell that know their cells only.
+"""Mounting of a matrix of texels on a tip: what an array cannot report that knows its cells only.
 
-Between the rig file, which says it, and drivers of such arrays (`weiss`), which describe themselves
-with it.
+The rig file says it; drivers of such arrays make their `Description` with it.
 """
 
 import enum
@@ -29,15 +28,13 @@ class Corner(enum.Enum):
 class Mounting:
     """A matrix on a tip.
 
-    `counts_per_n`: what a force on one taxel adds to its count. `matrix`: which one, of a device that
-    has several. `first`: where its first texel is; `upright`: its rows run along the tip's axis, not
-    across.
+    `counts_per_n`: what a force of 1 N on one taxel adds to its count. `first`: where its first texel is;
+    `upright`: its rows run along the tip's axis, not across.
     """
 
     shape: Shape
     tip_radius_mm: float
     counts_per_n: float
-    matrix: int = 0
     first: Corner = Corner.LOWER_LEFT
     upright: bool = False
 

@@ -6,14 +6,13 @@ virtual time or hands them out to be served on real ports.
 
 import hashlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.config import EmulationConfig, FingerConfig, RigFile
+from palpate.config import EmulationConfig, FingerConfig, MountedArrayConfig, RigFile
 from palpate.drivers.dynamixel.manual import BAUD_RATES
-from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
 from palpate.drivers.emulators.booting import BootingBoard
 from palpate.drivers.emulators.chain import ServoChain
@@ -21,14 +20,12 @@ from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaulty
 from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.tactile.weiss_messages import MatrixInfo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
-from palpate.rig.conversion import mounting_of
+from palpate.rig.arrays import emulated_array
 from palpate.rig.emulated.emulated_truth import dead_taxels, joint_truth, start_angles_rad, truth_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
@@ -38,7 +35,6 @@ _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
 _BIT_DEPTH = 12
 _COUNTS_PER_N = 2000.0
-_DSA_MATRICES = 2
 _BOOT_TEXT = b"boot: palpate emulator\r\n"
 
 
@@ -101,7 +97,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
             drift_counts_per_s=rig.emulation.drift_counts_per_s,
             dead=dead_taxels(description, rig.emulation.dead_taxels, newer),
         )
-        array = _array(finger, taxels, advance)
+        array = emulated_array(finger, taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
     bench = Bench(fingers, stage)
@@ -162,42 +158,17 @@ def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedS
     return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
 
 
-def _array(finger: FingerConfig, taxels: Taxels, advance: Callable[[float], None]) -> SampledArray:
-    """The array on a finger's tip, speaking what the rig file says."""
-    mounting, spec = mounting_of(finger), finger.array
-    if mounting is None:
-        return EmulatedArray(taxels, advance)
-    d = taxels.description
-    texel_mm = (_column_pitch_mm(finger), _ROW_PITCH_MM)
-    cells = (d.cols, d.rows)
-    if mounting.upright:
-        texel_mm, cells = texel_mm[::-1], cells[::-1]
-    matrix = MatrixInfo(*cells, *texel_mm, d.max_count)
-    if spec.protocol == "weiss-wts":
-        return EmulatedWts(taxels, matrix, advance, baudrate=spec.baudrate_bps, to_device=mounting.to_device)
-    count = max(_DSA_MATRICES, mounting.matrix + 1)
-    return EmulatedDsa(
-        taxels,
-        [matrix] * count,
-        advance,
-        touched=mounting.matrix,
-        baudrate=spec.baudrate_bps,
-        to_device=mounting.to_device,
-    )
-
-
 def _board(array: SampledArray, emulation: EmulationConfig) -> Device:
     """What the array's port leads to."""
     if emulation.array_boot_s == 0:
         return array
-    restart = array.restart if isinstance(array, EmulatedArray) else lambda _: None
-    return BootingBoard(array, emulation.array_boot_s, restart, _BOOT_TEXT)
+    return BootingBoard(array, emulation.array_boot_s, array.restart, _BOOT_TEXT)
 
 
 def _column_pitch_mm(finger: FingerConfig) -> float:
     """Distance of columns round the tip; in whole 1/100 mm where the array can only tell these."""
     pitch = math.radians(finger.array.coverage_deg) * finger.tip.radius_mm / _COLUMNS
-    return pitch if finger.array.protocol == "palpate" else round(pitch, 2)
+    return round(pitch, 2) if isinstance(finger.array, MountedArrayConfig) else pitch
 
 
 def _description(finger: FingerConfig, seed: int) -> Description:
@@ -205,10 +176,11 @@ def _description(finger: FingerConfig, seed: int) -> Description:
 
     Another seed is another array, and its id tells.
     """
-    mounting = mounting_of(finger)
-    per_n = _COUNTS_PER_N if mounting is None else mounting.counts_per_n
-    if mounting is not None and mounting.shape is Shape.FLAT:
-        raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
+    per_n = _COUNTS_PER_N
+    if isinstance(finger.array, MountedArrayConfig):
+        per_n = finger.array.counts_per_n
+        if finger.array.shape == "flat":
+            raise InputError(f"finger {finger.name}: flat arrays cannot be emulated; leave array.shape out")
     pitch = _column_pitch_mm(finger) / finger.tip.radius_mm
     name = finger.name.encode()
     return Description(

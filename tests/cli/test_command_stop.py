@@ -10,7 +10,6 @@ import pytest
 from command import PALPATE, Ended, run_here
 from json_schema import violations
 from motor_wire import MotorWire
-from served_rig import served
 from served_servos import served_servos
 
 from palpate.cli.diagnostics.stop import stop
@@ -21,6 +20,7 @@ from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import PortTaken, open_port
+from palpate.testing import served
 
 Here = Callable[..., Ended]
 RIG = load_rig(shipped_rig())

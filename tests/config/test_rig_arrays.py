@@ -2,13 +2,10 @@
 
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
-from palpate.config import load_rig, shipped_rig
-from palpate.config.rig_fingers import ArrayConfig
-from palpate.drivers.tactile.devices import PROTOCOLS
+from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.errors import InputError
@@ -24,61 +21,50 @@ def rig_text(protocol: str, *lines: str) -> str:
     return text.replace('protocol = "palpate"', "\n".join([f'protocol = "{protocol}"', *lines]), 1)
 
 
-def load(folder: Path, text: str) -> Mounting | None:
+def load(folder: Path, text: str) -> ArrayConfig:
     file = folder / "rig.toml"
     file.write_text(text, encoding="utf-8")
-    return mounting_of(load_rig(file).fingers[0])
+    return load_rig(file).fingers[0].array
 
 
-def test_names_are_those_that_drivers_know() -> None:
-    assert get_args(ArrayConfig.model_fields["protocol"].annotation) == PROTOCOLS
+def mounting(folder: Path, *lines: str) -> Mounting:
+    array = load(folder, rig_text("weiss-dsa", *lines))
+    assert isinstance(array, MountedArrayConfig)
+    return mounting_of(array, 5.0)
 
 
 def test_mountings_from_the_file(tmp_path: Path) -> None:
-    assert load(tmp_path, rig_text("palpate")) is None
-    assert load(tmp_path, rig_text("weiss-wts", "counts_per_n = 900.0")) == Mounting(
-        Shape.CYLINDER, 5.0, 900.0
-    )
+    assert type(load(tmp_path, rig_text("palpate"))) is ArrayConfig
     every = ["counts_per_n = 50", "matrix = 3", 'shape = "flat"', 'first_texel = "upper-right"']
-    assert load(tmp_path, rig_text("weiss-dsa", *every, 'first_row = "upright"')) == Mounting(
-        Shape.FLAT, 5.0, 50.0, 3, Corner.UPPER_RIGHT, upright=True
+    assert mounting(tmp_path, *every, 'first_row = "upright"') == Mounting(
+        Shape.FLAT, 5.0, 50.0, Corner.UPPER_RIGHT, upright=True
     )
-    assert load(tmp_path, rig_text("weiss-dsa", "counts_per_n = 50")) == Mounting(Shape.CYLINDER, 5.0, 50.0)
+    assert mounting(tmp_path, "counts_per_n = 50") == Mounting(Shape.CYLINDER, 5.0, 50.0)
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("text", "words"),
     [
-        (
-            rig_text("weiss-dsa"),
-            'fingers[0].array.counts_per_n ("f1"): is missing; arrays of protocol "weiss-dsa" do not tell it',
-        ),
-        (
-            rig_text("weiss-wts", "counts_per_n = 0.0"),
-            'fingers[0].array.counts_per_n ("f1"): is 0.0; it must be above 0',
-        ),
-        (
-            rig_text("weiss-wts", "counts_per_n = 9.0", "matrix = 0"),
-            'fingers[0].array.matrix ("f1"): is for protocol "weiss-dsa"; arrays of',
-        ),
-        (
-            rig_text("palpate", 'first_row = "across"'),
-            'fingers[0].array.first_row ("f1"): is for arrays of protocol "weiss-…"; this one',
-        ),
+        (rig_text("weiss-dsa"), ['fingers[0].array ("f1")', '"counts_per_n" is missing']),
+        (rig_text("weiss-wts", "counts_per_n = 0.0"), ['array.counts_per_n ("f1")', "must be above 0"]),
+        (rig_text("weiss-wts", "count_per_n = 9.0"), ['unknown key "count_per_n"', '"counts_per_n"?']),
+        (rig_text("weiss-wts", "counts_per_n = 9.0", "matrix = 0"), ['unknown key "matrix"', "first_row"]),
+        (rig_text("palpate", 'first_row = "across"'), ['fingers[0].array ("f1")', 'unknown key "first_row"']),
         (
             rig_text("weiss-dsa", "counts_per_n = 9.0", 'first_texel = "left"'),
-            'fingers[0].array.first_texel ("f1"): is "left"; allowed: "lower-left", "lower-right"',
+            ['array.first_texel ("f1")', '"left"', '"lower-left", "lower-right"'],
         ),
         (
             rig_text("braille"),
-            'fingers[0].array.protocol ("f1"): is "braille"; allowed: "palpate", "weiss-wts"',
+            ['fingers[0].array.protocol ("f1")', '"braille"', '"palpate"', '"weiss-wts"', "install"],
         ),
     ],
 )
-def test_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_refused(tmp_path: Path, text: str, words: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         load(tmp_path, text)
-    assert str(caught.value).removeprefix(f"{tmp_path}/rig.toml: ").startswith(message)
+    for word in words:
+        assert word in str(caught.value)
 
 
 def test_flat_arrays_are_not_emulated(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from command import log_events, run
-from served_rig import served
 
 from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.rig.bench import place
 from palpate.rig.emulated.scene import Placement
+from palpate.testing import served
 
 pytestmark = pytest.mark.realtime
 

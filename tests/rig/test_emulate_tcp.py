@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 from command import run
-from served_rig import served
 
 from palpate.config import load_rig
+from palpate.testing import served
 
 IDS = [11, 12, 21, 22, 31, 32]
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, run
-from served_rig import served
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
+from palpate.testing import served
 
 IDS = (11, 12, 21, 22, 31, 32)
 

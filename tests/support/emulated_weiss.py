@@ -4,14 +4,14 @@ import numpy as np
 
 from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Mounting
-from palpate.drivers.tactile.weiss import DsaArray, WtsArray
-from palpate.drivers.tactile.weiss_messages import MatrixInfo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
+from palpate.plugins.weiss.arrays import DsaArray, WtsArray
+from palpate.plugins.weiss.emulated_arrays import EmulatedDsa, EmulatedWts
+from palpate.plugins.weiss.messages import MatrixInfo
 
 MATRIX = MatrixInfo(8, 4, 3.4, 3.8, 4095)
 OTHER = MatrixInfo(6, 14, 3.4, 3.4, 4095.0)
@@ -49,8 +49,11 @@ class World:
 class Bench:
     """A sensor, its wire with faults that a test sets, and its driver."""
 
-    def __init__(self, protocol: str, mounting: Mounting | None = None, **device: object) -> None:
+    def __init__(
+        self, protocol: str, mounting: Mounting | None = None, matrix: int = 0, **device: object
+    ) -> None:
         self.clock = VirtualClock()
+        self.matrix = matrix
         self.mounting = mounting or Mounting(Shape.CYLINDER, 8.5, 1000.0)
         self.world = World(self.mounting)
         kind = {"weiss-wts": self._wts, "weiss-dsa": self._dsa}[protocol]
@@ -61,14 +64,14 @@ class Bench:
         self.url = self.hub.attach("f1", self.wire, BAUD)
         self.port = open_port(self.url, BAUD)
         driver = WtsArray if protocol == "weiss-wts" else DsaArray
-        self.array = driver(self.port, self.clock, "f1", self.mounting)
+        self.array = driver(self.port, self.clock, "f1", self.mounting, matrix)
 
     def _wts(self, options: dict) -> EmulatedWts:
         to_device = self.mounting.to_device
         return EmulatedWts(taxels(self.mounting), MATRIX, self.world.advance, to_device=to_device, **options)
 
     def _dsa(self, options: dict) -> EmulatedDsa:
-        number, to_device = self.mounting.matrix, self.mounting.to_device
+        number, to_device = self.matrix, self.mounting.to_device
         matrices = [OTHER] * number + [MATRIX, OTHER]
         return EmulatedDsa(
             taxels(self.mounting),

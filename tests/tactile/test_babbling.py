@@ -6,25 +6,21 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from array_contract import BAUD, MOUNTING, Held
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_port import bench
 from tactile_vectors import SMALL, wire
 
-from palpate.drivers.emulators.weiss import EmulatedDsa, EmulatedWts
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.devices import open_array
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.tactile.messages import Describe, Hello, Message, MessageType
 from palpate.drivers.tactile.protocol import Decoder, encode
-from palpate.drivers.tactile.weiss_messages import MatrixInfo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
+from palpate.testing import ArrayBench
 
 PERIOD_S = 0.01
 ENDLESS = 1 << 22
-MATRIX = MatrixInfo(7, 5, 3.4, 3.4, 4095.0)
 CHUNKS = {
     "2 bytes": b"\x01\x00",
     "3 bytes": b"\x01\x01\x00",
@@ -72,15 +68,10 @@ def babbling(protocol: str) -> tuple[ArrayDriver, Babbler, VirtualClock]:
         babbler = Babbler(port)
         driver: ArrayDriver = TactileArray(babbler, clock, "f1")
     else:
-        make = EmulatedWts if protocol == "weiss-wts" else EmulatedDsa
-        matrix = MATRIX if protocol == "weiss-wts" else [MATRIX]
-        held = Held(
-            lambda taxels, advance: make(taxels, matrix, advance, baudrate=BAUD),  # type: ignore[arg-type]
-            lambda port, clock, name, mounting: open_array(protocol, port, clock, name, mounting),
-        )
+        held = ArrayBench(protocol, {"counts_per_n": 1000.0})
         clock, babbler = held.clock, Babbler(held.port)
         babbler.keep = held  # type: ignore[attr-defined]
-        driver = open_array(protocol, babbler, clock, "f1", MOUNTING)
+        driver = held.plugin.driver(babbler, clock, "f1", held.config, held.tip_radius_mm)
     driver.connect()
     driver.start(25.0)
     driver.wait_frame(0.2)

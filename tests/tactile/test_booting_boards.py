@@ -1,22 +1,19 @@
 """Boards that reset as their port opens: they are waited for, and one that answers at once costs no time."""
 
-import numpy as np
 import pytest
-from array_contract import BAUD, MOUNTING
 from memory_port import DESCRIPTION, emulated
 
 from palpate.drivers.emulators.booting import BootingBoard
 from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.weiss import EmulatedWts
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.devices import open_array
-from palpate.drivers.tactile.weiss_messages import MatrixInfo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.errors import DeviceError
+from palpate.testing import ArrayBench
 
+BAUD = 1_000_000
 TEXT = b"\r\nets Jul 29 2019 12:21:46\r\nrst:0x1 (POWERON_RESET),boot:0x13\r\n"
 
 
@@ -89,25 +86,12 @@ def test_a_board_that_another_program_resets_in_a_stream_is_told_as_restarted() 
     assert array.wait_frame(0.1).device_time_s < 2.0
 
 
-def test_other_protocols_are_waited_for_too() -> None:
-    truth = MOUNTING.describe(
-        (7, 5),
-        (3.4, 3.4),
-        unique_id=b"any",
-        firmware="any",
-        emulated=True,
-        bit_depth=12,
-        max_rate_hz=100.0,
-    )
-
-    def advance(now: float) -> None:
-        while (due := device.next_sample_s()) is not None and due <= now:
-            device.sample(due, np.zeros((5, 7)))
-
-    device = EmulatedWts(Taxels(truth, seed=2), MatrixInfo(7, 5, 3.4, 3.4, 4095.0), advance, baudrate=BAUD)
-    clock = VirtualClock()
-    hub = MockHub(clock, "wts")
-    board = BootingBoard(device, 2.5, lambda _: None, TEXT)
-    array = open_array("weiss-wts", open_port(hub.attach("f1", board, BAUD), BAUD), clock, "f1", MOUNTING)
+@pytest.mark.parametrize("protocol", ["weiss-wts", "weiss-dsa"])
+def test_other_protocols_are_waited_for_too(protocol: str) -> None:
+    bench = ArrayBench(protocol, {"counts_per_n": 1000.0})
+    board = BootingBoard(bench.device, 2.5, bench.device.restart, TEXT)
+    hub = MockHub(bench.clock, "booting")
+    port = open_port(hub.attach("f1", board, BAUD), BAUD)
+    array = bench.plugin.driver(port, bench.clock, "f1", bench.config, bench.tip_radius_mm)
     assert array.connect().rows == 5
-    assert clock.now() < 4.5
+    assert bench.clock.now() < 4.5

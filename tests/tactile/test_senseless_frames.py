@@ -2,24 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import count
 
 import numpy as np
 import pytest
-from array_contract import BAUD, Held
 from memory_port import MemoryPort, plugged
 from tactile_vectors import SMALL, wire
 
-from palpate.drivers.emulators.weiss import EmulatedWts
 from palpate.drivers.tactile.array import TactileArray
-from palpate.drivers.tactile.devices import open_array
 from palpate.drivers.tactile.messages import Ack, Body, Describe, Description, Frame, Hello, Message
 from palpate.drivers.tactile.protocol import Decoder, encode
-from palpate.drivers.tactile.weiss_codec import Decoder as WeissDecoder
-from palpate.drivers.tactile.weiss_codec import Dialect, Packet
-from palpate.drivers.tactile.weiss_codec import encode as weiss_encode
-from palpate.drivers.tactile.weiss_messages import FRAME, MatrixInfo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.wire import Emission
 from palpate.errors import DeviceError
@@ -248,48 +240,3 @@ def test_a_number_that_stands_still_is_told() -> None:
     array, _, clock = streaming(device)
     with pytest.raises(DeviceError, match=r"no sense: number 7 at .* s of its clock, after number 7"):
         read(array, clock, 20)
-
-
-WEISS: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "texel": (lambda payload: payload[:4] + b"\0" + b"\0\x10" * 35, "texel 4096 (allowed: 0 to 4095)"),
-    "size": (lambda payload: payload[:4] + b"\0" + bytes(68), "a frame of 34 texels instead of 35"),
-    "stamp": (lambda payload: bytes(4) + payload[4:], "its stamp 0 stands still"),
-}
-
-
-@pytest.mark.parametrize("name", WEISS)
-def test_senseless_frames_of_a_weiss_array_are_told(name: str) -> None:
-    spoil, text = WEISS[name]
-    spoils = False
-
-    class Wrong(EmulatedWts):
-        def poll(self, now: float) -> list[Emission]:
-            ears, out = WeissDecoder(Dialect.WTS), []
-            for at, data in super().poll(now):
-                for packet in ears.feed(data):
-                    assert isinstance(packet, Packet)
-                    wrong = spoils and packet.command == FRAME
-                    payload = spoil(packet.payload) if wrong else packet.payload
-                    out.append((at, weiss_encode(Dialect.WTS, Packet(packet.command, payload))))
-            return out
-
-    matrix = MatrixInfo(7, 5, 3.4, 3.4, 4095.0)
-    held = Held(
-        lambda taxels, advance: Wrong(taxels, matrix, advance, baudrate=BAUD),
-        partial(open_array, "weiss-wts"),
-    )
-    held.array.connect()
-    held.array.start(25.0)
-    held.array.wait_frame(0.2)
-    spoils = True
-
-    def look_on() -> None:
-        for _ in range(20):
-            held.clock.sleep(0.04)
-            held.array.frames()
-
-    with pytest.raises(DeviceError) as caught:
-        look_on()
-    assert "tactile array f1 on mock://any" in str(caught.value)
-    assert "sent 5 frames in a row that make no sense" in str(caught.value)
-    assert text in str(caught.value)

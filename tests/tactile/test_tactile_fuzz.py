@@ -11,7 +11,6 @@ from cobs import cobs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_port import emulated
-from stream_fuzz import fuzz
 from tactile_bodies import bodies, u16, u32, u64
 from tactile_vectors import FREE, PLACES, SMALL, VECTORS, VERSION_2, seal
 
@@ -39,6 +38,7 @@ from palpate.drivers.tactile.messages import (
 )
 from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
 from palpate.drivers.tactile.protocol import MAX_ENCODED, DecodeFault, Decoder, FaultKind, encode
+from palpate.testing import fuzz
 
 
 def from_an_array() -> bytes:

@@ -1,6 +1,6 @@
 """Emulated tactile sensors of Weiss Robotics: forces on taxels in, bytes out. Where a real one's port ends.
 
-Written from the sources that `drivers.tactile.weiss_codec` names. Masks, triggers, properties, sensitivity
+Written from the sources that `codec` names. Masks, triggers, properties, sensitivity
 and the DSA's CAN and USB ports are left out. Decided, because the sources leave it open: what a command with
 wrong parameters is answered; that a damaged command is not answered, and one whose rest does not come is
 given up after 0.1 s; that STOP at rest succeeds; that single frames are refused during a stream; that a scan
@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.weiss_device import EmulatedWeiss
-from palpate.drivers.tactile.weiss_codec import Dialect, Packet
-from palpate.drivers.tactile.weiss_commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
-from palpate.drivers.tactile.weiss_messages import (
+from palpate.plugins import Counts, Taxels
+from palpate.plugins.weiss.codec import WeissDialect, WeissPacket
+from palpate.plugins.weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
+from palpate.plugins.weiss.emulated_weiss import EmulatedWeiss
+from palpate.plugins.weiss.messages import (
     COMPRESSED,
     FRAME,
     MAX_TEXEL,
@@ -24,7 +24,6 @@ from palpate.drivers.tactile.weiss_messages import (
     MatrixInfo,
     SystemInfo,
 )
-from palpate.geometry import Counts
 
 __all__ = ["BOOT_NOISE", "EmulatedDsa", "EmulatedWts"]
 
@@ -46,7 +45,7 @@ def _as_it_is(texels: Counts) -> Counts:
 class EmulatedWts(EmulatedWeiss):
     """A WTS module with one matrix, as `matrix` says; `tag` is what its owner has named it."""
 
-    _dialect = Dialect.WTS
+    _dialect = WeissDialect.WTS
     _boot_s = 0.5
 
     def __init__(
@@ -101,7 +100,7 @@ class EmulatedWts(EmulatedWeiss):
             WtsCommand.GET_TAG: (0, self._telling(WtsCommand.GET_TAG, lambda: self.tag)),
         }
 
-    def _obey(self, packet: Packet, now: float) -> None:
+    def _obey(self, packet: WeissPacket, now: float) -> None:
         command, data = packet.command, packet.payload
         if command not in self._commands:
             known = any(command == item for item in WtsCommand)
@@ -191,7 +190,7 @@ class EmulatedDsa(EmulatedWeiss):
     answered; before release 268 there are no thresholds.
     """
 
-    _dialect = Dialect.DSA
+    _dialect = WeissDialect.DSA
     _boot_s = 8.0
 
     def __init__(
@@ -236,7 +235,7 @@ class EmulatedDsa(EmulatedWeiss):
             self._commands[DsaCommand.GET_THRESHOLD] = (1, self._tell_threshold)
         self._queue.extend((powered_s + after, BOOT_NOISE) for after in _NOISE_S if powered_s + after >= 0)
 
-    def _obey(self, packet: Packet, now: float) -> None:
+    def _obey(self, packet: WeissPacket, now: float) -> None:
         command, data = packet.command, packet.payload
         if command not in self._commands:
             self._answer(command, DsaStatus.CMD_UNKNOWN, now)
@@ -294,7 +293,7 @@ class EmulatedDsa(EmulatedWeiss):
             self._scan(now, lambda texels, at: self._single(texels, at, compressed=compressed))
 
     def _single(self, texels: Counts, now: float, *, compressed: bool) -> None:
-        self._send(Packet(FRAME, self._frame(texels, now, compressed=compressed)), now)
+        self._send(WeissPacket(FRAME, self._frame(texels, now, compressed=compressed)), now)
 
     def _set_threshold(self, data: bytes, now: float) -> None:
         flags, number, wanted = struct.unpack_from("<BBH", data)

@@ -1,10 +1,10 @@
-"""What is in the packets of Weiss Robotics' tactile sensors. Between `weiss_codec` and its users.
+"""Payloads of the packets of Weiss Robotics' tactile sensors: answers, descriptions and frames.
 
 Every answer begins with a status u16. A frame is a timestamp u32, flags u8 and the texels, u16 each and
 row by row, or, with bit 0 of the flags, run-length units of u16: count in bits 12 to 15, value in bits
 0 to 11. All little endian.
 
-Sources as in `weiss_codec`: wts_driver for the WTS's answers, SDHLibrary for the DSA's, RobWork for its
+Sources as in `codec`: wts_driver for the WTS's answers, SDHLibrary for the DSA's, RobWork for its
 descriptor strings. Where SDHLibrary and RobWork differ (type of the full scale, where compressed texels
 begin) it is as in SDHLibrary.
 """
@@ -199,7 +199,7 @@ def compress(texels: Counts) -> Counts:
 
 
 def expand(units: Counts) -> Counts:
-    """Texels that run-length units stand for; a unit may stand for none."""
+    """Counts that run-length units stand for; a unit may stand for none."""
     return np.repeat(units & MAX_TEXEL, units >> 12).astype(np.uint16)
 
 

@@ -1,6 +1,5 @@
-"""What the host drivers of Weiss Robotics' tactile sensors share. Between a port and `weiss`.
-
-Asks and waits for answers, and turns packets into frames. Neither device numbers its frames: numbers
+"""Base of the host drivers of Weiss Robotics' tactile sensors: requests, answers, frames.
+ Neither device numbers its frames: numbers
 and losses come from their stamps (`frame_times`). A texel at the matrix's full scale counts as the
 largest count.
 """
@@ -12,13 +11,28 @@ from enum import IntEnum
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.drivers.tactile.frame_times import FrameTimes
-from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
-from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.mounting import Mounting
-from palpate.drivers.tactile.stream import FrameStream, Port
-from palpate.drivers.tactile.weiss_codec import MAX_PAYLOAD, Decoder, Dialect, Fault, Packet, encode
-from palpate.drivers.tactile.weiss_messages import (
+from palpate.plugins import (
+    ArrayCounters,
+    Clock,
+    Counts,
+    Description,
+    DeviceError,
+    FrameStream,
+    FrameTimes,
+    Mounting,
+    Port,
+    TactileFrame,
+    printable,
+)
+from palpate.plugins.weiss.codec import (
+    MAX_PAYLOAD,
+    WeissDecoder,
+    WeissDialect,
+    WeissFault,
+    WeissPacket,
+    encode,
+)
+from palpate.plugins.weiss.messages import (
     FRAME,
     MAX_TEXEL,
     STATUS_SIZE,
@@ -28,9 +42,6 @@ from palpate.drivers.tactile.weiss_messages import (
     parse_frame,
     status_of,
 )
-from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError, printable
-from palpate.geometry import Counts
 
 __all__ = ["BOOT_ATTEMPTS", "WeissArray", "text_of"]
 
@@ -47,15 +58,19 @@ _BIT_DEPTH = 12
 class WeissArray(ABC):
     """An `ArrayDriver` but for what the two dialects say differently."""
 
-    _dialect: Dialect
+    _dialect: WeissDialect
     _statuses: type[IntEnum]
 
-    def __init__(self, port: SerialBase | Port, clock: Clock, name: str, mounting: Mounting) -> None:
+    def __init__(
+        self, port: SerialBase | Port, clock: Clock, name: str, mounting: Mounting, matrix: int = 0
+    ) -> None:
+        """`name` is the finger's. `matrix`: which one is on its tip, of a device that has several."""
         self._stream = FrameStream(port, clock, name, self._take)
         self._clock = clock
         self._mounting = mounting
-        self._decoder = Decoder(self._dialect)
-        self._answers: list[Packet] = []
+        self._matrix = matrix
+        self._decoder = WeissDecoder(self._dialect)
+        self._answers: list[WeissPacket] = []
         self._description: Description | None = None
         self._matrices: tuple[MatrixInfo, ...] = ()
         self._times: FrameTimes | None = None
@@ -162,7 +177,7 @@ class WeissArray(ABC):
         timeout_s: float = _TIMEOUT_S,
     ) -> bytes:
         """What the answer to a command says behind its status, which has to be one of `fine`."""
-        answer = self._ask(Packet(command, payload), timeout_s=timeout_s)
+        answer = self._ask(WeissPacket(command, payload), timeout_s=timeout_s)
         if answer is None:
             raise DeviceError(
                 f"{self._stream.where} did not answer {_words(command)}; check its power and its cable"
@@ -177,10 +192,12 @@ class WeissArray(ABC):
 
     def _inquire(self, command: IntEnum, payload: bytes = b"") -> bytes:
         """As `_request`, but empty where the array does not know the command."""
-        answer = self._ask(Packet(command, payload))
+        answer = self._ask(WeissPacket(command, payload))
         return answer[STATUS_SIZE:] if answer is not None and status_of(answer) == 0 else b""
 
-    def _ask(self, packet: Packet, attempts: int = _ATTEMPTS, timeout_s: float = _TIMEOUT_S) -> bytes | None:
+    def _ask(
+        self, packet: WeissPacket, attempts: int = _ATTEMPTS, timeout_s: float = _TIMEOUT_S
+    ) -> bytes | None:
         """The answer's payload, asking again where none comes; everything asked may be said twice."""
         found: list[bytes] = []
 
@@ -220,9 +237,9 @@ class WeissArray(ABC):
     def _take(self, data: bytes) -> None:
         self._sort(self._decoder.feed(data))
 
-    def _sort(self, items: list[Packet | Fault]) -> None:
+    def _sort(self, items: list[WeissPacket | WeissFault]) -> None:
         for item in items:
-            if isinstance(item, Packet):
+            if isinstance(item, WeissPacket):
                 if item.command == FRAME:
                     self._frame(item.payload)
                 else:
@@ -249,7 +266,7 @@ class WeissArray(ABC):
         self._stream.refuse(reason)
 
     def _on_tip(self, raw: RawFrame) -> Counts:
-        number = self._mounting.matrix
+        number = self._matrix
         matrix = self._matrices[number]
         first = sum(other.cells for other in self._matrices[:number])
         cells = raw.texels[first : first + matrix.cells].reshape(matrix.cells_y, matrix.cells_x)
@@ -258,7 +275,7 @@ class WeissArray(ABC):
         return self._mounting.to_tip(cells)
 
     def _describe(self, unique_id: bytes, firmware: str, *, emulated: bool, limit_hz: float) -> Description:
-        matrix = self._matrices[self._mounting.matrix]
+        matrix = self._matrices[self._matrix]
         return self._mounting.describe(
             (matrix.cells_x, matrix.cells_y),
             (matrix.width_mm, matrix.height_mm),

@@ -1,4 +1,4 @@
-"""The checksum of Weiss Robotics' tactile sensors. Beneath `weiss_codec`; pure computation.
+"""Checksum of the packets of Weiss Robotics' tactile sensors.
 
 It is no catalogued CRC: the table of CRC-16/CCITT (polynomial 0x1021, most significant bit first) is
 used with the update of a least-significant-bit-first one, beginning with 0xFFFF; "123456789" gives

@@ -1,17 +1,16 @@
 """Host drivers of Weiss Robotics' tactile sensors, as `ArrayDriver`s: WTS modules and the DSA.
 
-Stand between a port and the extractor. Sources as in `weiss_codec`. What the devices do not tell,
-counts per N and how the matrix sits on the tip, comes with a `Mounting`.
+Sources as in `codec`. What the devices cannot report, counts per N and how the matrix sits on the tip, comes
+with a `Mounting`.
 """
 
 import math
 
-from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.weiss_array import BOOT_ATTEMPTS, WeissArray, text_of
-from palpate.drivers.tactile.weiss_codec import Dialect, Packet
-from palpate.drivers.tactile.weiss_commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
-from palpate.drivers.tactile.weiss_messages import ControllerInfo, MatrixInfo, SystemInfo, parse_frame
-from palpate.errors import DeviceError
+from palpate.plugins import Description, DeviceError
+from palpate.plugins.weiss.codec import WeissDialect, WeissPacket
+from palpate.plugins.weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
+from palpate.plugins.weiss.messages import ControllerInfo, MatrixInfo, SystemInfo, parse_frame
+from palpate.plugins.weiss.weiss_array import BOOT_ATTEMPTS, WeissArray, text_of
 
 __all__ = ["DsaArray", "WtsArray"]
 
@@ -30,7 +29,7 @@ class WtsArray(WeissArray):
     finer.
     """
 
-    _dialect = Dialect.WTS
+    _dialect = WeissDialect.WTS
     _statuses = WtsStatus
     _MAX_RATE_HZ = 1000.0  # periods are whole ms; what module and wire can do is less
 
@@ -46,7 +45,7 @@ class WtsArray(WeissArray):
         self._command(WtsCommand.START, b"\0" + period_ms.to_bytes(2, "little"), fine=fine)
 
     def _introduce(self) -> tuple[Description, float]:
-        if self._ask(Packet(WtsCommand.STOP), BOOT_ATTEMPTS) is None:
+        if self._ask(WeissPacket(WtsCommand.STOP), BOOT_ATTEMPTS) is None:
             raise self._silent()
         self._matrices = (MatrixInfo.parse_wts(self._request(WtsCommand.MATRIX_INFO)),)
         system = SystemInfo.parse(self._request(WtsCommand.SYSTEM_INFO))
@@ -80,13 +79,12 @@ class WtsArray(WeissArray):
 class DsaArray(WeissArray):
     """One matrix of a DSA tactile sensor on a port, as an `ArrayDriver`. Call `connect` first.
 
-    The controller sends all its matrices in each frame; those that the mounting does not name are read
-    past. A port has one owner, so that two fingers cannot share a controller yet. While it boots, for
-    8 s after power comes on, `connect` waits for it. It streams as fast as it can, about 30 frames a
-    second, whatever rate is asked for.
+    The controller sends all its matrices in each frame; all but `matrix` are read past. A port has one owner,
+    so that two fingers cannot share a controller yet. While it boots, for 8 s after power comes on,
+    `connect` waits for it. It streams as fast as it can, about 30 frames a second, at any rate asked for.
     """
 
-    _dialect = Dialect.DSA
+    _dialect = WeissDialect.DSA
     _statuses = DsaStatus
     _MAX_RATE_HZ = 30.0
     _TICK_S = 1e-3
@@ -118,11 +116,11 @@ class DsaArray(WeissArray):
         return max(rate_hz, self._MAX_RATE_HZ)
 
     def _introduce(self) -> tuple[Description, float]:
-        if self._ask(Packet(DsaCommand.ACQUIRE, bytes(3)), _BOOT_ATTEMPTS, _BOOT_TIMEOUT_S) is None:
+        if self._ask(WeissPacket(DsaCommand.ACQUIRE, bytes(3)), _BOOT_ATTEMPTS, _BOOT_TIMEOUT_S) is None:
             raise self._silent()
         controller = ControllerInfo.parse(self._request(DsaCommand.CONTROLLER_INFO))
         count = ControllerInfo.matrices(self._request(DsaCommand.SENSOR_INFO))
-        number = self._mounting.matrix
+        number = self._matrix
         if number >= count:
             raise ValueError(f"it has {count} matrices, counted from 0, and no matrix {number}")
         self._matrices = tuple(

@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 from palpate.drivers.tactile.frame_times import FrameTimes, Placed
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.drivers.tactile.weiss_messages import (
+from palpate.plugins.weiss.messages import (
     ControllerInfo,
     MatrixInfo,
     SystemInfo,

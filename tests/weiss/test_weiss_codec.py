@@ -8,24 +8,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.weiss_codec import (
+from palpate.plugins.weiss.codec import (
     MAX_PAYLOAD,
-    Decoder,
-    Dialect,
-    Fault,
-    FaultKind,
-    Packet,
+    WeissDecoder,
+    WeissDialect,
+    WeissFault,
+    WeissFaultKind,
+    WeissPacket,
     encode,
 )
-from palpate.drivers.tactile.weiss_crc import RunningCrc, crc16
+from palpate.plugins.weiss.crc import RunningCrc, crc16
 
 WTS_VECTORS = [
     # CNCR-NTU/wts-ft, scripts/wts_ft_interface_1.py, its three tests of the checksum
-    (Packet(0x01, b"\x12\x34"), "aa aa aa 01 02 00 12 34 6d 66"),
-    (Packet(0x01), "aa aa aa 01 00 00 e8 10"),
-    (Packet(0x06), "aa aa aa 06 00 00 97 26"),
+    (WeissPacket(0x01, b"\x12\x34"), "aa aa aa 01 02 00 12 34 6d 66"),
+    (WeissPacket(0x01), "aa aa aa 01 00 00 e8 10"),
+    (WeissPacket(0x06), "aa aa aa 06 00 00 97 26"),
     # a public reader of a WTS, class Weiss_tactile: its request for a single frame, as constant bytes
-    (Packet(0x20, b"\x00"), "aa aa aa 20 01 00 00 8f 83"),
+    (WeissPacket(0x20, b"\x00"), "aa aa aa 20 01 00 00 8f 83"),
 ]
 
 
@@ -52,18 +52,18 @@ def test_crc_check_value() -> None:
 
 
 @pytest.mark.parametrize(("packet", "text"), WTS_VECTORS)
-def test_published_packets_of_the_wts(packet: Packet, text: str) -> None:
+def test_published_packets_of_the_wts(packet: WeissPacket, text: str) -> None:
     data = bytes.fromhex(text)
-    assert encode(Dialect.WTS, packet) == data
-    assert Decoder(Dialect.WTS).feed(data) == [packet]
+    assert encode(WeissDialect.WTS, packet) == data
+    assert WeissDecoder(WeissDialect.WTS).feed(data) == [packet]
 
 
 def test_a_dsa_checks_packets_with_a_payload_only_and_not_their_preamble() -> None:
-    for packet in (Packet(0x01), Packet(0x03, b"\x81\x1e\x00"), Packet(0x0B, b"\x05")):
+    for packet in (WeissPacket(0x01), WeissPacket(0x03, b"\x81\x1e\x00"), WeissPacket(0x0B, b"\x05")):
         data = dsa_packet(packet.command, packet.payload)
-        assert encode(Dialect.DSA, packet) == data
-        assert Decoder(Dialect.DSA).feed(data) == [packet]
-    assert len(encode(Dialect.DSA, Packet(0x01))) == 6
+        assert encode(WeissDialect.DSA, packet) == data
+        assert WeissDecoder(WeissDialect.DSA).feed(data) == [packet]
+    assert len(encode(WeissDialect.DSA, WeissPacket(0x01))) == 6
 
 
 @given(st.binary(max_size=300), st.integers(0, 300), st.integers(0, 300))
@@ -80,13 +80,13 @@ def test_checksums_of_stretches_follow_from_the_registers_at_their_ends(
     )
 
 
-@pytest.mark.parametrize("packet", [Packet(0xAA), Packet(256), Packet(1, bytes(65536))])
-def test_what_does_not_fit_a_packet_is_not_sent(packet: Packet) -> None:
+@pytest.mark.parametrize("packet", [WeissPacket(0xAA), WeissPacket(256), WeissPacket(1, bytes(65536))])
+def test_what_does_not_fit_a_packet_is_not_sent(packet: WeissPacket) -> None:
     with pytest.raises(ValueError, match="does not fit"):
-        encode(Dialect.WTS, packet)
+        encode(WeissDialect.WTS, packet)
 
 
-packets = st.builds(Packet, st.integers(0, 255).filter(lambda c: c != 0xAA), st.binary(max_size=40))
+packets = st.builds(WeissPacket, st.integers(0, 255).filter(lambda c: c != 0xAA), st.binary(max_size=40))
 # Bytes of which preambles are made come often; sizes above the limit, and below it, too.
 noise = st.lists(
     st.sampled_from(
@@ -97,11 +97,11 @@ noise = st.lists(
 
 
 def fed(
-    dialect: Dialect, data: bytes, cuts: list[int], max_payload: int = 64
-) -> tuple[list[Packet | Fault], Decoder]:
-    decoder = Decoder(dialect, max_payload)
+    dialect: WeissDialect, data: bytes, cuts: list[int], max_payload: int = 64
+) -> tuple[list[WeissPacket | WeissFault], WeissDecoder]:
+    decoder = WeissDecoder(dialect, max_payload)
     places = sorted({0, len(data), *(cut % (len(data) + 1) for cut in cuts)})
-    out: list[Packet | Fault] = []
+    out: list[WeissPacket | WeissFault] = []
     for a, b in pairwise(places):
         out += decoder.feed(data[a:b])
         assert decoder.waiting < 6 + max_payload + 2
@@ -110,18 +110,18 @@ def fed(
 
 @settings(max_examples=300)
 @given(
-    st.sampled_from(Dialect),
+    st.sampled_from(WeissDialect),
     st.lists(st.tuples(noise, packets), max_size=5),
     noise,
     st.lists(st.integers(0, 400), max_size=6),
 )
 def test_no_packet_is_lost_to_noise_before_it_however_the_bytes_are_cut(
-    dialect: Dialect, parts: list[tuple[bytes, Packet]], tail: bytes, cuts: list[int]
+    dialect: WeissDialect, parts: list[tuple[bytes, WeissPacket]], tail: bytes, cuts: list[int]
 ) -> None:
     data = b"".join(before + encode(dialect, packet) for before, packet in parts) + tail
     found, decoder = fed(dialect, data, cuts)
     checked = [packet for _, packet in parts if dialect.checked(len(packet.payload))]
-    rest = iter(item for item in found if isinstance(item, Packet))
+    rest = iter(item for item in found if isinstance(item, WeissPacket))
     assert all(any(item == packet for item in rest) for packet in checked), "all there, in their order"
     if not any(before for before, _ in parts) and not tail:
         assert found == [packet for _, packet in parts]
@@ -131,46 +131,51 @@ def test_no_packet_is_lost_to_noise_before_it_however_the_bytes_are_cut(
 
 
 def test_noise_of_a_booting_dsa_is_one_reported_stretch() -> None:
-    decoder = Decoder(Dialect.DSA)
+    decoder = WeissDecoder(WeissDialect.DSA)
     answer = dsa_packet(0x03, b"\0\0")
-    assert decoder.feed(b"\x1b[5n" * 3 + answer) == [Fault(FaultKind.NOISE), Packet(0x03, b"\0\0")]
-    assert (decoder.skipped, decoder.faults) == (12, {FaultKind.NOISE: 1})
+    assert decoder.feed(b"\x1b[5n" * 3 + answer) == [
+        WeissFault(WeissFaultKind.NOISE),
+        WeissPacket(0x03, b"\0\0"),
+    ]
+    assert (decoder.skipped, decoder.faults) == (12, {WeissFaultKind.NOISE: 1})
 
 
 def test_marks_before_the_preamble_do_not_hide_a_packet_whose_size_is_a_multiple_of_256() -> None:
     """AA, then a frame (command 0) of 256 bytes, begins like a packet without payload and checksum."""
-    packet = Packet(0x00, bytes(256))
+    packet = WeissPacket(0x00, bytes(256))
     for marks in range(1, 5):
-        assert Decoder(Dialect.DSA).feed(b"\xaa" * marks + encode(Dialect.DSA, packet))[1:] == [packet]
+        assert WeissDecoder(WeissDialect.DSA).feed(b"\xaa" * marks + encode(WeissDialect.DSA, packet))[
+            1:
+        ] == [packet]
 
 
 def test_a_damaged_size_costs_its_own_packet_only() -> None:
-    good = encode(Dialect.WTS, Packet(0x00, bytes(range(60))))
-    for size, kind in ((200, FaultKind.LENGTH), (63, FaultKind.CRC), (3, FaultKind.CRC)):
+    good = encode(WeissDialect.WTS, WeissPacket(0x00, bytes(range(60))))
+    for size, kind in ((200, WeissFaultKind.LENGTH), (63, WeissFaultKind.CRC), (3, WeissFaultKind.CRC)):
         damaged = bytearray(good)
         damaged[4] = size
-        decoder = Decoder(Dialect.WTS, 64)
+        decoder = WeissDecoder(WeissDialect.WTS, 64)
         found = decoder.feed(bytes(damaged) + good + good)
-        assert found == [Fault(kind), *[Packet(0x00, bytes(range(60)))] * 2]
+        assert found == [WeissFault(kind), *[WeissPacket(0x00, bytes(range(60)))] * 2]
         assert decoder.faults == {kind: 1}
 
 
 def test_a_packet_behind_one_that_never_ends_is_there_once_that_is_given_up() -> None:
-    decoder = Decoder(Dialect.DSA)
-    answer = Packet(0x01, b"\0\0")
-    assert decoder.feed(b"\xaa\xaa\xaa\x00\x00\x10" + encode(Dialect.DSA, answer)) == []
-    assert decoder.give_up() == [Fault(FaultKind.CUT), answer]
+    decoder = WeissDecoder(WeissDialect.DSA)
+    answer = WeissPacket(0x01, b"\0\0")
+    assert decoder.feed(b"\xaa\xaa\xaa\x00\x00\x10" + encode(WeissDialect.DSA, answer)) == []
+    assert decoder.give_up() == [WeissFault(WeissFaultKind.CUT), answer]
     assert decoder.give_up() == []
 
 
-def fuzzed_stream(dialect: Dialect, total: int, seed: int) -> bytes:
+def fuzzed_stream(dialect: WeissDialect, total: int, seed: int) -> bytes:
     """Frames, some damaged: bytes flipped, cut out, put in, and preambles where none belong."""
     rng = np.random.default_rng(seed)
     parts: list[bytes] = []
     size = 0
     while size < total:
         data = bytearray(
-            encode(dialect, Packet(int(rng.choice([0, 1, 0x20])), rng.bytes(int(rng.integers(0, 330)))))
+            encode(dialect, WeissPacket(int(rng.choice([0, 1, 0x20])), rng.bytes(int(rng.integers(0, 330)))))
         )
         match rng.integers(0, 8):
             case 0:
@@ -189,16 +194,16 @@ def fuzzed_stream(dialect: Dialect, total: int, seed: int) -> bytes:
     return b"".join(parts)
 
 
-@pytest.mark.parametrize("dialect", Dialect)
-def test_fuzz_gives_packets_or_counted_faults_in_bounded_memory(dialect: Dialect) -> None:
+@pytest.mark.parametrize("dialect", WeissDialect)
+def test_fuzz_gives_packets_or_counted_faults_in_bounded_memory(dialect: WeissDialect) -> None:
     data = fuzzed_stream(dialect, 300_000, 11)
-    decoder = Decoder(dialect)
+    decoder = WeissDecoder(dialect)
     rng = np.random.default_rng(12)
     at = taken = 0
     while at < len(data):
         step = int(rng.integers(1, 3000))
         for item in decoder.feed(data[at : at + step]):
-            if isinstance(item, Packet):
+            if isinstance(item, WeissPacket):
                 size = len(item.payload)
                 taken += 6 + size + (2 if dialect.checked(size) else 0)
         at += step
@@ -207,14 +212,14 @@ def test_fuzz_gives_packets_or_counted_faults_in_bounded_memory(dialect: Dialect
     assert taken > 0.4 * len(data)
     assert sum(decoder.faults.values()) > 200
     decoder.give_up()
-    good = Packet(0x20, b"\0\0 and still alive")
+    good = WeissPacket(0x20, b"\0\0 and still alive")
     assert decoder.feed(encode(dialect, good)) == [good]
 
 
 @settings(max_examples=200)
-@given(st.sampled_from(Dialect), st.binary(max_size=600))
-def test_any_bytes_whatever(dialect: Dialect, data: bytes) -> None:
-    decoder = Decoder(dialect, 100)
+@given(st.sampled_from(WeissDialect), st.binary(max_size=600))
+def test_any_bytes_whatever(dialect: WeissDialect, data: bytes) -> None:
+    decoder = WeissDecoder(dialect, 100)
     for item in decoder.feed(data) + decoder.give_up():
-        assert isinstance(item, Packet | Fault)
+        assert isinstance(item, WeissPacket | WeissFault)
     assert decoder.waiting == 0

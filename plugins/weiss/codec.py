@@ -1,10 +1,9 @@
-"""Bytes to packets of Weiss Robotics' tactile sensors and back. Between a port and `weiss_messages`.
+"""Packet codec of Weiss Robotics' tactile sensors: bytes to packets and back, sans-IO.
 
     AA AA AA, command u8, size u16, payload, checksum u16            little endian
 
 Two dialects: the WTS sensor modules check every packet, preamble included; the DSACON32 controller of
-the DSA (in Schunk's SDH hand) checks packets with a payload only, from the command on. Sans-IO: no
-port, no clock.
+the DSA (in Schunk's SDH hand) checks packets with a payload only, from the command on.
 
 Sources: ksatyaki/wts_driver and CNCR-NTU/wts-ft, which follow the Command Set Reference Manual of the
 WTS family of Tactile Sensor Modules (March 2013); Schunk's SDHLibrary (dsa.cpp, dsa.h, dsa.py) and
@@ -16,9 +15,17 @@ import struct
 from collections import Counter
 from dataclasses import dataclass
 
-from palpate.drivers.tactile.weiss_crc import RunningCrc, crc16
+from palpate.plugins.weiss.crc import RunningCrc, crc16
 
-__all__ = ["MAX_PAYLOAD", "Decoder", "Dialect", "Fault", "FaultKind", "Packet", "encode"]
+__all__ = [
+    "MAX_PAYLOAD",
+    "WeissDecoder",
+    "WeissDialect",
+    "WeissFault",
+    "WeissFaultKind",
+    "WeissPacket",
+    "encode",
+]
 
 MAX_PAYLOAD = 8197
 """Bytes: a frame of 4096 texels. A decoder takes a longer size for damage."""
@@ -29,7 +36,7 @@ _CRC = struct.Struct("<H")
 _MARK = 0xAA
 
 
-class Dialect(enum.Enum):
+class WeissDialect(enum.Enum):
     """Which packets have a checksum, and over what."""
 
     WTS = "WTS"
@@ -37,15 +44,15 @@ class Dialect(enum.Enum):
 
     def checked(self, size: int) -> bool:
         """Whether a packet with a payload of `size` bytes has a checksum."""
-        return self is Dialect.WTS or size > 0
+        return self is WeissDialect.WTS or size > 0
 
     @property
     def unchecked_head(self) -> int:
         """Bytes at a packet's beginning that its checksum leaves out."""
-        return 0 if self is Dialect.WTS else len(_PREAMBLE)
+        return 0 if self is WeissDialect.WTS else len(_PREAMBLE)
 
 
-class FaultKind(enum.Enum):
+class WeissFaultKind(enum.Enum):
     """What was wrong with the first byte of a stretch that is no packet."""
 
     NOISE = "not the beginning of a packet"
@@ -55,7 +62,7 @@ class FaultKind(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Packet:
+class WeissPacket:
     """One command or answer."""
 
     command: int
@@ -63,13 +70,13 @@ class Packet:
 
 
 @dataclass(frozen=True)
-class Fault:
+class WeissFault:
     """A stretch of the stream that is no packet begins; it lasts until the next packet."""
 
-    kind: FaultKind
+    kind: WeissFaultKind
 
 
-def encode(dialect: Dialect, packet: Packet) -> bytes:
+def encode(dialect: WeissDialect, packet: WeissPacket) -> bytes:
     """Return the wire bytes. Raises ValueError if a field does not fit its place on the wire.
 
     AA is no command of either dialect, and cannot be sent as one: it could not be told from the
@@ -84,7 +91,7 @@ def encode(dialect: Dialect, packet: Packet) -> bytes:
     return data + _CRC.pack(crc16(data[dialect.unchecked_head :]))
 
 
-class Decoder:
+class WeissDecoder:
     """Bytes in, packets and faults out, in the order of the stream, however the bytes are cut.
 
     Any bytes whatever give packets or faults, never an exception. Between calls at most a packet's
@@ -96,10 +103,10 @@ class Decoder:
     `faults` counts stretches that were no packet by kind, `skipped` their bytes.
     """
 
-    def __init__(self, dialect: Dialect, max_payload: int = MAX_PAYLOAD) -> None:
+    def __init__(self, dialect: WeissDialect, max_payload: int = MAX_PAYLOAD) -> None:
         """`max_payload`: packets of more bytes are none; it may be changed between calls."""
         self.max_payload = max_payload
-        self.faults: Counter[FaultKind] = Counter()
+        self.faults: Counter[WeissFaultKind] = Counter()
         self.skipped = 0
         self._dialect = dialect
         self._pending = bytearray()
@@ -111,25 +118,25 @@ class Decoder:
         """How many bytes are kept for a packet whose rest has not come."""
         return len(self._pending)
 
-    def feed(self, data: bytes) -> list[Packet | Fault]:
+    def feed(self, data: bytes) -> list[WeissPacket | WeissFault]:
         """Take bytes as they came; return what they complete."""
         self._pending += data
         self._crc.extend(data)
-        out: list[Packet | Fault] = []
+        out: list[WeissPacket | WeissFault] = []
         self._forget(self._scan(0, out))
         return out
 
-    def give_up(self) -> list[Packet | Fault]:
+    def give_up(self) -> list[WeissPacket | WeissFault]:
         """Take what is incomplete for damaged, its rest being overdue; return packets inside of it."""
-        out: list[Packet | Fault] = []
+        out: list[WeissPacket | WeissFault] = []
         at = 0
         while at < len(self._pending):
-            self._skip(FaultKind.CUT, 1, out)
+            self._skip(WeissFaultKind.CUT, 1, out)
             at = self._scan(at + 1, out)
         self._forget(at)
         return out
 
-    def _scan(self, at: int, out: list[Packet | Fault]) -> int:
+    def _scan(self, at: int, out: list[WeissPacket | WeissFault]) -> int:
         """Decode from place `at` on; returns where the first packet begins that is not complete."""
         data = self._pending
         while True:
@@ -137,14 +144,14 @@ class Decoder:
             if start < 0:
                 start = _first_of_marks(data, at)
             if start > at:
-                self._skip(FaultKind.NOISE, start - at, out)
+                self._skip(WeissFaultKind.NOISE, start - at, out)
                 at = start
             if len(data) - at < _HEADER.size:
                 return at
             found = self._packet_at(at)
             if found is None:
                 return at
-            if isinstance(found, FaultKind):
+            if isinstance(found, WeissFaultKind):
                 self._skip(found, 1, out)
                 at += 1
             else:
@@ -153,13 +160,13 @@ class Decoder:
                 self._in_step = True
                 at += length
 
-    def _packet_at(self, at: int) -> tuple[Packet, int] | FaultKind | None:
+    def _packet_at(self, at: int) -> tuple[WeissPacket, int] | WeissFaultKind | None:
         """The packet at place `at` and its length, why there is none, or None if it is not complete."""
         _, command, size = _HEADER.unpack_from(self._pending, at)
         if command == _MARK:  # one AA too many: the preamble ends later
-            return FaultKind.NOISE
+            return WeissFaultKind.NOISE
         if size > self.max_payload:
-            return FaultKind.LENGTH
+            return WeissFaultKind.LENGTH
         end = at + _HEADER.size + size
         checked = self._dialect.checked(size)
         length = end - at + (_CRC.size if checked else 0)
@@ -168,15 +175,15 @@ class Decoder:
         if checked:
             told = _CRC.unpack_from(self._pending, end)[0]
             if told != self._crc.of(at + self._dialect.unchecked_head, end):
-                return FaultKind.CRC
-        return Packet(command, bytes(self._pending[at + _HEADER.size : end])), length
+                return WeissFaultKind.CRC
+        return WeissPacket(command, bytes(self._pending[at + _HEADER.size : end])), length
 
-    def _skip(self, kind: FaultKind, count: int, out: list[Packet | Fault]) -> None:
+    def _skip(self, kind: WeissFaultKind, count: int, out: list[WeissPacket | WeissFault]) -> None:
         self.skipped += count
         if self._in_step:
             self._in_step = False
             self.faults[kind] += 1
-            out.append(Fault(kind))
+            out.append(WeissFault(kind))
 
     def _forget(self, count: int) -> None:
         del self._pending[:count]

@@ -7,21 +7,21 @@ import pytest
 from emulated_weiss import Bench
 
 from palpate.drivers.emulators.faults import FaultRates, WireRates
-from palpate.drivers.emulators.weiss import EmulatedDsa
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.drivers.tactile.weiss import WtsArray
-from palpate.drivers.tactile.weiss_codec import Dialect, Packet, encode
-from palpate.drivers.tactile.weiss_commands import DsaCommand, WtsCommand
 from palpate.drivers.transport.wire import wire_time_s
 from palpate.errors import DeviceError
+from palpate.plugins.weiss.arrays import DsaArray, WtsArray
+from palpate.plugins.weiss.codec import WeissDialect, WeissPacket, encode
+from palpate.plugins.weiss.commands import DsaCommand, WtsCommand
+from palpate.plugins.weiss.emulated_arrays import EmulatedDsa
 
 BOTH = ["weiss-wts", "weiss-dsa"]
 
 
 def say(bench: Bench, command: int, payload: bytes = b"") -> None:
-    dialect = Dialect.WTS if isinstance(command, WtsCommand) else Dialect.DSA
-    bench.device.feed(encode(dialect, Packet(command, payload)), bench.clock.now())
+    dialect = WeissDialect.WTS if isinstance(command, WtsCommand) else WeissDialect.DSA
+    bench.device.feed(encode(dialect, WeissPacket(command, payload)), bench.clock.now())
 
 
 def test_what_a_wts_is() -> None:
@@ -38,7 +38,7 @@ def test_what_a_wts_is() -> None:
 
 
 def test_what_a_dsa_is_and_which_of_its_matrices_it_feels() -> None:
-    bench = Bench("weiss-dsa", Mounting(Shape.CYLINDER, 8.5, 1000.0, matrix=2))
+    bench = Bench("weiss-dsa", matrix=2)
     told = bench.array.connect()
     assert (told.rows, told.cols, told.firmware, told.emulated) == (4, 8, "DSACON32 R290", True)
     assert told.unique_id[:8] == b"DSA/\x03\0\0\x02"
@@ -149,12 +149,11 @@ def test_a_stream_that_ran_before_is_ended_and_its_zero_taken_back(protocol: str
 def test_a_dsa_without_thresholds_and_one_without_the_matrix() -> None:
     assert Bench("weiss-dsa", release=218).array.connect().firmware == "DSACON32 R218"
     bench = Bench("weiss-dsa")
-    bench.mounting = Mounting(Shape.CYLINDER, 8.5, 1000.0, matrix=9)
-    bench.array._mounting = bench.mounting
+    array = DsaArray(bench.port, bench.clock, "f1", bench.mounting, matrix=9)
     with pytest.raises(
         DeviceError, match="it has 2 matrices, counted from 0, and no matrix 9; check protocol"
     ):
-        bench.array.connect()
+        array.connect()
 
 
 def test_a_matrix_that_does_not_fit_the_tip_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""What the emulated tactile sensors of Weiss Robotics share: scans, streams, power-up. Beneath `weiss`.
+"""Base of the emulated tactile sensors of Weiss Robotics: scans, streams, power-up.
 
 Whoever plays the world calls `sample` at the instants that `next_sample_s` names, as with `EmulatedArray`.
 """
@@ -7,12 +7,9 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable
 
-from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.weiss_codec import Decoder, Dialect, Packet, encode
-from palpate.drivers.tactile.weiss_messages import FRAME, frame_payload
-from palpate.drivers.transport.wire import Emission, wire_time_s
-from palpate.geometry import Counts, Floats
+from palpate.plugins import Counts, Description, Emission, Floats, Taxels, wire_time_s
+from palpate.plugins.weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
+from palpate.plugins.weiss.messages import FRAME, frame_payload
 
 __all__ = ["EmulatedWeiss"]
 
@@ -28,7 +25,7 @@ class EmulatedWeiss(ABC):
     `powered_s`: instant at which power came on. `to_device`: from the tip's rows and columns to the device's.
     """
 
-    _dialect: Dialect
+    _dialect: WeissDialect
     _boot_s: float
 
     def __init__(
@@ -49,7 +46,7 @@ class EmulatedWeiss(ABC):
         self._powered_s = powered_s
         self._tick_s = tick_s
         self._to_device = to_device
-        self._decoder = Decoder(self._dialect, _LONGEST_COMMAND)
+        self._decoder = WeissDecoder(self._dialect, _LONGEST_COMMAND)
         self._heard_s = powered_s
         self._queue: deque[Emission] = deque()
         self._period_s: float | None = None
@@ -81,8 +78,14 @@ class EmulatedWeiss(ABC):
             self._once = None
             use(texels, now)
         if self._period_s is not None and now >= self._next_s:
-            sent = self._send(Packet(FRAME, self._frame(texels, now, compressed=self._compressed)), now)
+            sent = self._send(WeissPacket(FRAME, self._frame(texels, now, compressed=self._compressed)), now)
             self._next_s = now + max(self._period_s, self._scan_s, wire_time_s(sent, self._baudrate))
+
+    def restart(self, _now: float) -> None:
+        """Stop scanning, as after a reset of its board."""
+        self._stop()
+        self._once = None
+        self._queue.clear()
 
     def feed(self, data: bytes, now: float) -> list[Emission]:
         """Take bytes that arrived at `now`; return answers and frames due up to `now`."""
@@ -92,7 +95,7 @@ class EmulatedWeiss(ABC):
                 self._decoder.give_up()
             self._heard_s = now
             for item in self._decoder.feed(data):
-                if isinstance(item, Packet):
+                if isinstance(item, WeissPacket):
                     self._obey(item, now)
         return self._due(now)
 
@@ -109,7 +112,7 @@ class EmulatedWeiss(ABC):
         return self._queue[0][0] if own is None else min(own, self._queue[0][0])
 
     @abstractmethod
-    def _obey(self, packet: Packet, now: float) -> None:
+    def _obey(self, packet: WeissPacket, now: float) -> None:
         """Carry out a command and answer it."""
 
     @abstractmethod
@@ -132,9 +135,9 @@ class EmulatedWeiss(ABC):
         return frame_payload(stamp, texels, compressed=compressed)
 
     def _answer(self, command: int, status: int, now: float, data: bytes = b"") -> None:
-        self._send(Packet(command, status.to_bytes(2, "little") + data), now)
+        self._send(WeissPacket(command, status.to_bytes(2, "little") + data), now)
 
-    def _send(self, packet: Packet, now: float) -> int:
+    def _send(self, packet: WeissPacket, now: float) -> int:
         data = encode(self._dialect, packet)
         self._queue.append((now, data))
         return len(data)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-__all__ = ["StreamDecoder", "Tally", "fuzz"]
+__all__ = ["FuzzTally", "StreamDecoder", "fuzz"]
 
 ROUNDS = 20
 LONGEST_PIECE = 8192
@@ -27,13 +27,17 @@ class StreamDecoder(Protocol):
     faults: Counter[Any]
 
     @property
-    def waiting(self) -> int: ...
+    def waiting(self) -> int:
+        """How many bytes are kept between calls."""
+        ...
 
-    def feed(self, data: bytes, /) -> Sequence[object]: ...
+    def feed(self, data: bytes, /) -> Sequence[object]:
+        """Take bytes; return the values and faults that they complete."""
+        ...
 
 
 @dataclass(frozen=True)
-class Tally:
+class FuzzTally:
     """What came of it.
 
     `items` counts what `feed` returned by the name of its type, `faults` is what the decoders counted
@@ -51,7 +55,7 @@ class Tally:
 
 def fuzz(
     make_decoder: Callable[[], StreamDecoder], valid_stream: bytes, total_bytes: int, seed: int
-) -> Tally:
+) -> FuzzTally:
     """Feed `total_bytes` of garbage to decoders, a fresh one for each of twenty rounds."""
     rng = np.random.default_rng(seed)
     items: Counter[str] = Counter()
@@ -67,7 +71,7 @@ def fuzz(
         faults.update(decoder.faults)
         recovered.append(_names(decoder.feed(valid_stream)))
     undisturbed = _names(make_decoder().feed(valid_stream))
-    return Tally(fed, items, faults, most, tuple(recovered), undisturbed)
+    return FuzzTally(fed, items, faults, most, tuple(recovered), undisturbed)
 
 
 def _names(items: Sequence[object]) -> Counter[str]:

@@ -1,4 +1,4 @@
-"""Commands and status codes of Weiss Robotics' tactile sensors. Beside `weiss_messages`."""
+"""Commands and status codes of Weiss Robotics' tactile sensors."""
 
 import enum
 

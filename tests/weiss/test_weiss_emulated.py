@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from emulated_weiss import MATRIX, OTHER, Bench
 
-from palpate.drivers.emulators.weiss import BOOT_NOISE
-from palpate.drivers.tactile.weiss_codec import Decoder, Dialect, Packet, encode
-from palpate.drivers.tactile.weiss_commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
-from palpate.drivers.tactile.weiss_messages import parse_frame, status_of
+from palpate.plugins.weiss.codec import WeissDecoder, WeissDialect, WeissPacket, encode
+from palpate.plugins.weiss.commands import DsaCommand, DsaStatus, WtsCommand, WtsStatus
+from palpate.plugins.weiss.emulated_arrays import BOOT_NOISE
+from palpate.plugins.weiss.messages import parse_frame, status_of
 
 
 class Talk:
@@ -17,33 +17,35 @@ class Talk:
 
     def __init__(self, protocol: str, **options: object) -> None:
         self.bench = Bench(protocol, **options)
-        self.dialect = Dialect.WTS if protocol == "weiss-wts" else Dialect.DSA
+        self.dialect = WeissDialect.WTS if protocol == "weiss-wts" else WeissDialect.DSA
         self.now = 0.0
 
-    def say(self, command: int, payload: bytes = b"", wait_s: float = 0.01) -> list[Packet]:
-        sent = self.bench.device.feed(encode(self.dialect, Packet(command, payload)), self.now)
+    def say(self, command: int, payload: bytes = b"", wait_s: float = 0.01) -> list[WeissPacket]:
+        sent = self.bench.device.feed(encode(self.dialect, WeissPacket(command, payload)), self.now)
         return self._heard(sent) + self.wait(wait_s)
 
-    def wait(self, seconds: float) -> list[Packet]:
+    def wait(self, seconds: float) -> list[WeissPacket]:
         self.now += seconds
         return self._heard(self.bench.device.poll(self.now))
 
-    def _heard(self, emissions: list[tuple[float, bytes]]) -> list[Packet]:
-        items = Decoder(self.dialect).feed(b"".join(data for _, data in emissions))
-        assert all(isinstance(item, Packet) for item in items)
+    def _heard(self, emissions: list[tuple[float, bytes]]) -> list[WeissPacket]:
+        items = WeissDecoder(self.dialect).feed(b"".join(data for _, data in emissions))
+        assert all(isinstance(item, WeissPacket) for item in items)
         return items
 
 
-def status(packets: list[Packet], kind: type) -> object:
+def status(packets: list[WeissPacket], kind: type) -> object:
     (packet,) = packets
     return kind(status_of(packet.payload))
 
 
 def test_a_wts_answers_what_it_knows_and_names_what_it_does_not() -> None:
     talk = Talk("weiss-wts")
-    assert talk.say(WtsCommand.LOOP, b"ping") == [Packet(0x06, b"\0\0ping")]
-    assert talk.say(WtsCommand.MATRIX_INFO) == [Packet(0x30, struct.pack("<6H", 0, 8, 4, 340, 380, 4095))]
-    assert talk.say(WtsCommand.TEMPERATURE) == [Packet(0x46, struct.pack("<Hh", 0, 231))]
+    assert talk.say(WtsCommand.LOOP, b"ping") == [WeissPacket(0x06, b"\0\0ping")]
+    assert talk.say(WtsCommand.MATRIX_INFO) == [
+        WeissPacket(0x30, struct.pack("<6H", 0, 8, 4, 340, 380, 4095))
+    ]
+    assert talk.say(WtsCommand.TEMPERATURE) == [WeissPacket(0x46, struct.pack("<Hh", 0, 231))]
     for command, payload, wanted in (
         (0x77, b"", WtsStatus.CMD_UNKNOWN),
         (WtsCommand.SET_MASK, b"", WtsStatus.FEATURE_NOT_SUPPORTED),
@@ -54,7 +56,7 @@ def test_a_wts_answers_what_it_knows_and_names_what_it_does_not() -> None:
         (WtsCommand.SET_TAG, b"x" * 65, WtsStatus.RANGE_ERROR),
     ):
         assert status(talk.say(command, payload), WtsStatus) is wanted
-    damaged = bytearray(encode(Dialect.WTS, Packet(WtsCommand.LOOP)))
+    damaged = bytearray(encode(WeissDialect.WTS, WeissPacket(WtsCommand.LOOP)))
     damaged[-1] ^= 1
     assert talk.bench.device.feed(bytes(damaged), talk.now) == []
 
@@ -79,7 +81,7 @@ def test_single_frames_of_a_wts(compressed: bool) -> None:
     assert frame.timestamp == 60_000 + 4, "ms since power came on, at the end of the scan"
     talk.say(WtsCommand.START, struct.pack("<BH", compressed, 10))
     packets = talk.say(WtsCommand.READ_FRAME, b"\0")
-    assert Packet(WtsCommand.READ_FRAME, struct.pack("<H", WtsStatus.ALREADY_RUNNING)) in packets
+    assert WeissPacket(WtsCommand.READ_FRAME, struct.pack("<H", WtsStatus.ALREADY_RUNNING)) in packets
     assert status(talk.say(WtsCommand.START, b"\0\0\0", 0.0), WtsStatus) is WtsStatus.ALREADY_RUNNING
     flags = {packet.payload[4] for packet in talk.wait(0.1)}
     assert flags == {int(compressed)}
@@ -100,13 +102,13 @@ def test_tare_and_threshold_of_a_wts() -> None:
 def test_a_dsa_boots_noisily_and_hears_nothing_meanwhile() -> None:
     talk = Talk("weiss-dsa", powered_s=0.0)
     device = talk.bench.device
-    assert device.feed(encode(Dialect.DSA, Packet(DsaCommand.CONTROLLER_INFO)), 7.9) == [
+    assert device.feed(encode(WeissDialect.DSA, WeissPacket(DsaCommand.CONTROLLER_INFO)), 7.9) == [
         (7.0, BOOT_NOISE),
         (7.41, BOOT_NOISE),
         (7.82, BOOT_NOISE),
     ]
     assert device.poll(9.0) == []
-    assert len(device.feed(encode(Dialect.DSA, Packet(DsaCommand.CONTROLLER_INFO)), 9.0)) == 1
+    assert len(device.feed(encode(WeissDialect.DSA, WeissPacket(DsaCommand.CONTROLLER_INFO)), 9.0)) == 1
 
 
 def test_a_dsa_describes_itself_and_names_what_it_does_not_know() -> None:
@@ -145,7 +147,7 @@ def test_thresholds_of_a_dsa() -> None:
 def test_a_single_frame_of_a_dsa_is_a_stream_in_old_firmware(release: int, frames: int) -> None:
     talk = Talk("weiss-dsa", release=release)
     answer, *got = talk.say(DsaCommand.ACQUIRE, b"\x80\0\0", 0.21)
-    assert answer == Packet(DsaCommand.ACQUIRE, b"\0\0")
+    assert answer == WeissPacket(DsaCommand.ACQUIRE, b"\0\0")
     assert len(got) == frames
     assert [packet.command for packet in got] == [0] * frames
     talk.say(DsaCommand.ACQUIRE, b"\0\0\0")

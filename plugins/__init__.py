@@ -1,0 +1,48 @@
+"""What the author of a plug-in imports, and the plug-ins that come with palpate.
+
+`docs/adding-a-device.md` explains the parts, `examples/array_plugin` is a distribution with a plug-in, and
+`palpate.testing` holds the checks that a plug-in has to pass.
+"""
+
+from palpate.config import ArrayConfig, MountedArrayConfig
+from palpate.drivers.emulators.bench import SampledArray
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.description import Description, Shape
+from palpate.drivers.tactile.frame_times import FrameTimes
+from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
+from palpate.drivers.tactile.mounting import Corner, Mounting
+from palpate.drivers.tactile.stream import FrameStream, Port
+from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.wire import Device, Emission, wire_time_s
+from palpate.errors import DeviceError, InputError, printable
+from palpate.geometry import Counts, Floats
+from palpate.rig.arrays import ArrayPlugin
+from palpate.rig.conversion import mounting_of
+
+__all__ = [
+    "ArrayConfig",
+    "ArrayCounters",
+    "ArrayDriver",
+    "ArrayPlugin",
+    "Clock",
+    "Corner",
+    "Counts",
+    "Description",
+    "Device",
+    "DeviceError",
+    "Emission",
+    "Floats",
+    "FrameStream",
+    "FrameTimes",
+    "InputError",
+    "MountedArrayConfig",
+    "Mounting",
+    "Port",
+    "SampledArray",
+    "Shape",
+    "TactileFrame",
+    "Taxels",
+    "mounting_of",
+    "printable",
+    "wire_time_s",
+]

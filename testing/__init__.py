@@ -1,0 +1,25 @@
+"""Test kit for plug-ins: conformance suites, emulated devices in virtual time, a served rig.
+
+Needs pytest: `pip install palpate[testing]`. `docs/adding-a-device.md` says how it is used; palpate's own
+tests use it too.
+"""
+
+import pytest
+
+pytest.register_assert_rewrite("palpate.testing.arrays")
+
+from palpate.drivers.transport.clock import VirtualClock  # noqa: E402 - asserts are rewritten first
+from palpate.testing.arrays import ArrayBench, ArrayConformance  # noqa: E402
+from palpate.testing.rigs import rig_with_arrays, served  # noqa: E402
+from palpate.testing.stream_fuzz import FuzzTally, StreamDecoder, fuzz  # noqa: E402
+
+__all__ = [
+    "ArrayBench",
+    "ArrayConformance",
+    "FuzzTally",
+    "StreamDecoder",
+    "VirtualClock",
+    "fuzz",
+    "rig_with_arrays",
+    "served",
+]
