@@ -214,14 +214,14 @@ def _separable(result: Identification) -> bool:
     """Whether an approach that was not taken would stop at perceptibly different places: by shapely alone."""
     assert result.recognition is not None, "only called with an answer"
     rig = load_rig(shipped_rig())
-    candidates = reach_of(rig).candidates
+    candidates = reach_of(rig).approaches
     used = used_by(result.recognition.contacts, candidates)
     placed = [placed_as(item) for item in result.recognition.hypotheses]
-    heights = {item.approach.finger.height_mm for item in candidates}
+    heights = {item.finger.height_mm for item in candidates}
     shapes = {height: [item.shape_at(height) for item in placed] for height in heights}
     limit = resolution_of(rig).distance_mm
     for k in np.flatnonzero(~used):
-        approach = candidates[k].approach
+        approach = candidates[k]
         felt = [_felt(shape, approach) for shape in shapes[approach.finger.height_mm]]
         hits = [item for item in felt if item is not None]
         if len(hits) == len(felt):

@@ -98,8 +98,8 @@ def timing(path: Path) -> None:
             for _ in range(_REPEATS):
                 begin = time.perf_counter()
                 reach = reach_of(rig)
-                used = used_by(answer.contacts, reach.candidates)
-                made = len(reach.candidates)
+                used = used_by(answer.contacts, reach.approaches)
+                made = len(reach.approaches)
                 plan_grip(answer, reach, resolution_of(rig), goals_of(rig), used)
                 times.append(1000 * (time.perf_counter() - begin))
             best.append((min(times), len(answer.hypotheses), len(answer.hypotheses.regions.cells)))

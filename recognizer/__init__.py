@@ -7,7 +7,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.evidence import chance_of_agreeing, unnoticed_shift_mm
 from palpate.recognizer.explanation import fits_something
-from palpate.recognizer.grips import Candidate, Grip, Reachable, twins
+from palpate.recognizer.grips import FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.measurement_model import Resolution
 from palpate.recognizer.planner import plan_grip
@@ -20,11 +20,11 @@ from palpate.recognizer.strategy import checking_grip, next_grip, used_by
 __all__ = [
     "Approach",
     "Bounds",
-    "Candidate",
     "Catalogue",
     "Configuration",
     "Contact",
     "Finger",
+    "FingerApproach",
     "Goals",
     "Grip",
     "Hypothesis",

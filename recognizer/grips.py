@@ -5,8 +5,8 @@ From reachable approaches and enclosures (`prediction`) to grips with their cert
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from palpate.recognizer.prediction import Predictions, joined_predictions, predi
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition
 
-__all__ = ["Candidate", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "twins"]
+__all__ = ["FingerApproach", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "twins"]
 
 _CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
 _AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
@@ -26,27 +26,31 @@ _PERCEPTIBLE = np.exp(-1.0)  # likeness of what the rig can just tell apart
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """An approach that the rig can reach with one of its fingers."""
+class FingerApproach(Approach):
+    """An approach that one of a rig's fingers can carry out, with its turning stage at `stage_rad`."""
 
     finger_index: int
-    approach: Approach
+    stage_rad: float = 0.0
+
+    def up_to(self, travel_mm: float) -> Self:
+        """The same approach, for `travel_mm` at most."""
+        return replace(self, travel_mm=min(travel_mm, self.travel_mm))
 
 
 class Reachable(Protocol):
     """All approaches of a rig, and which of them go together."""
 
     @property
-    def candidates(self) -> Sequence[Candidate]:
-        """The approaches (n), of all fingers."""
+    def approaches(self) -> Sequence[FingerApproach]:
+        """All (n), of all fingers."""
         ...
 
     def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
-        """Whether candidate `one` can be carried out with each of `others` (m,), going this far at most."""
+        """Whether approach `one` can be carried out with each of `others` (m,), going this far at most."""
         ...
 
     def seconds(self, travels_mm: Floats) -> Floats:
-        """How long each candidate (n,) takes, going this far (n,)."""
+        """How long each approach (n,) takes, going this far (n,)."""
         ...
 
 
@@ -54,25 +58,29 @@ class Reachable(Protocol):
 class Grip:
     """Approaches to carry out together, and what each of the hypotheses says will happen.
 
-    `indices` into the reachable candidates; `travels_mm`: how far each finger has to go, if it meets nothing.
-    `predictions` are (approaches, hypotheses). `decisive`: whatever happens, hypotheses of one class survive,
-    the class being what no reachable approach tells apart; a certificate as long as no touch is blunter than
-    its approach's position bound and the resolution's normal range. `remaining`: expected share of what needs
-    telling apart that will still feel alike, 0 to 1. `seconds`: estimated time of the motion.
+    `travels_mm`: how far each finger has to go, if it meets nothing. `predictions` are (approaches,
+    hypotheses). `decisive`: whatever happens, hypotheses of one class survive, the class being what no
+    reachable approach tells apart; a certificate as long as no touch is blunter than its approach's
+    position bound and the resolution's normal range. `remaining`: expected share of what needs telling
+    apart that will still feel alike, 0 to 1. `seconds`: estimated time of the motion.
     """
 
-    indices: tuple[int, ...]
-    candidates: tuple[Candidate, ...]
+    approaches: tuple[FingerApproach, ...]
     travels_mm: tuple[float, ...]
     predictions: Predictions
     decisive: bool
     remaining: float
     seconds: float
 
+    @property
+    def limited_approaches(self) -> tuple[FingerApproach, ...]:
+        """The approaches, none longer than its finger has to go."""
+        return tuple(item.up_to(far) for item, far in zip(self.approaches, self.travels_mm, strict=True))
+
 
 @dataclass(frozen=True, eq=False)
 class Foreseen:
-    """Candidate `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
+    """Approach `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
 
     index: int
     predictions: Predictions
@@ -81,7 +89,7 @@ class Foreseen:
 
 def foreseen(recognition: Recognition, reachable: Reachable, index: int) -> Foreseen:
     """What candidate `index` will meet, and how far it has to go for it."""
-    approaches = [reachable.candidates[index].approach]
+    approaches = [reachable.approaches[index]]
     found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
     return Foreseen(index, found, float(found.needed_mm(approaches)[0]))
 
@@ -103,11 +111,10 @@ def grip_of(
     """The grip of certain candidates, with what it promises."""
     indices = [item.index for item in chosen]
     predictions = joined_predictions([item.predictions for item in chosen])
-    travels = np.zeros(len(reachable.candidates))
+    travels = np.zeros(len(reachable.approaches))
     travels[indices] = [item.travel_mm for item in chosen]
     return Grip(
-        tuple(indices),
-        tuple(reachable.candidates[k] for k in indices),
+        tuple(reachable.approaches[k] for k in indices),
         tuple(item.travel_mm for item in chosen),
         predictions,
         _decisive(recognition, reachable, predictions, resolution),
@@ -126,7 +133,7 @@ def twins(
     """
     count = len(recognition.hypotheses)
     alike = np.ones((count, count), dtype=bool)
-    left = np.ones(len(reachable.candidates), dtype=bool) if used is None else ~used
+    left = np.ones(len(reachable.approaches), dtype=bool) if used is None else ~used
     first, second = np.triu_indices(count, 1)
     if left.any() and len(first):
         same = _alike(recognition, reachable, resolution, np.flatnonzero(left), first, second)
@@ -143,7 +150,7 @@ def _alike(
     second: Ints,
 ) -> Bools:
     """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
-    approaches = [reachable.candidates[k].approach for k in rows.tolist()]
+    approaches = [reachable.approaches[k] for k in rows.tolist()]
     poses = witness_poses(recognition.hypotheses)
     outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
     # Most pairs feel different to one of the first few that touch much: few are left for the others.
@@ -180,7 +187,7 @@ def _decisive(
         return False
     # Survivors of an outcome are confused two by two; if these are twins two by two, they are one class.
     # A few candidates tell most others apart, which is soon seen.
-    count = len(reachable.candidates)
+    count = len(reachable.approaches)
     for rows in (np.unique(np.linspace(0, count - 1, 3 * _FEW).astype(np.int64)), np.arange(count)):
         if not _alike(recognition, reachable, resolution, rows, first, second).all():
             return False

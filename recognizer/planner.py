@@ -87,7 +87,7 @@ class _Choice:
         """Nothing is chosen yet; what is missed by all poses is of no use."""
         poses = sampled_poses(recognition.hypotheses)
         pairs = pairs_to_tell_apart(poses, recognition.hypotheses, goals)
-        approaches = [item.approach for item in reachable.candidates]
+        approaches = reachable.approaches
         outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
         furthest = np.where(outcome.hit, outcome.travel, 0.0).max(axis=1, initial=0.0) + _MARGIN_MM
         return cls(

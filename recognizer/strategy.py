@@ -12,7 +12,7 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.evidence import unnoticed_shift_mm
-from palpate.recognizer.grips import Candidate, Foreseen, Grip, Reachable, fits, foreseen, grip_of
+from palpate.recognizer.grips import FingerApproach, Foreseen, Grip, Reachable, fits, foreseen, grip_of
 from palpate.recognizer.measurement_model import Felt, Resolution, felt
 from palpate.recognizer.planner import other_side, plan_grip
 from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
@@ -43,9 +43,9 @@ def next_grip(
 
     Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone.
     """
-    if not reachable.candidates:
+    if not reachable.approaches:
         return None
-    used = used_by(recognition.contacts, reachable.candidates)
+    used = used_by(recognition.contacts, reachable.approaches)
     if strategy is Strategy.PLANNED:
         return plan_grip(recognition, reachable, resolution, goals, used, fingers)
     order = _meeting(recognition, reachable, used)
@@ -62,15 +62,15 @@ def checking_grip(
     Two of them, or more until a shift of the part by `shift_mm` would be noticed; None if there are none.
     What is not in the catalogue would hardly be met just there as well.
     """
-    used = used_by(recognition.contacts, reachable.candidates)
-    approaches = [item.approach for item in reachable.candidates]
+    used = used_by(recognition.contacts, reachable.approaches)
+    approaches = reachable.approaches
     poses = witness_poses(recognition.hypotheses)
     outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
     rows = np.flatnonzero(outcome.hit[:, 0] & (outcome.facing[:, 0] >= _SQUARE) & ~used)
     known = [contact.end_mm for contact in recognition.contacts if contact.touched]
     chosen: list[Foreseen] = []
     while len(rows) and (len(chosen) < _CHECKS or _hidden(outcome, reachable, chosen) > shift_mm):
-        ends = _ends([reachable.candidates[k] for k in rows.tolist()], outcome.travel[rows, 0])
+        ends = _ends([reachable.approaches[k] for k in rows.tolist()], outcome.travel[rows, 0])
         away = np.linalg.norm(ends[:, None] - np.array(known), axis=2).min(axis=1)
         sides = other_side(outcome.normal[:, 0], rows, [item.index for item in chosen])
         if sides.any():
@@ -89,26 +89,26 @@ def checking_grip(
 def _hidden(outcome: Felt, reachable: Reachable, chosen: Sequence[Foreseen]) -> float:
     """How far a shift may go unnoticed by the chosen approaches (mm)."""
     rows = [item.index for item in chosen]
-    direction = np.array([reachable.candidates[k].approach.direction_rad for k in rows])
+    direction = np.array([reachable.approaches[k].direction_rad for k in rows])
     predictions = joined_predictions([item.predictions for item in chosen])
     return unnoticed_shift_mm(predictions, outcome.normal[rows, 0], direction)
 
 
-def used_by(contacts: Sequence[Contact], candidates: Sequence[Candidate]) -> Bools:
+def used_by(contacts: Sequence[Contact], candidates: Sequence[FingerApproach]) -> Bools:
     """Which candidates (n,) run along the path of a contact or a miss of the same kind of finger."""
-    start, angle = lines_of([item.approach for item in candidates])
+    start, angle = lines_of(candidates)
     used = np.zeros(len(candidates), dtype=bool)
     for contact in contacts:
-        same = np.array([item.approach.finger == contact.finger for item in candidates], dtype=bool)
+        same = np.array([item.finger == contact.finger for item in candidates], dtype=bool)
         off = np.abs(aside(start, angle, np.array(contact.end_mm)))
         turned = np.abs(wrap_angle(angle - contact.direction_rad))
         used |= same & (off < _SAME_LINE_MM) & (turned < _SAME_LINE_RAD)
     return used
 
 
-def _ends(candidates: Sequence[Candidate], travel_mm: Floats) -> Floats:
+def _ends(candidates: Sequence[FingerApproach], travel_mm: Floats) -> Floats:
     """Where tips (n, 2) are in W after a travel (n,) mm."""
-    start, angle = lines_of([item.approach for item in candidates])
+    start, angle = lines_of(candidates)
     result: Floats = start + travel_mm[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
     return result
 
@@ -116,7 +116,7 @@ def _ends(candidates: Sequence[Candidate], travel_mm: Floats) -> Floats:
 def _meeting(recognition: Recognition, reachable: Reachable, used: Bools) -> Ints:
     """Candidates that have not been used and may meet what lies there, as far as some configurations tell."""
     poses = sampled_poses(recognition.hypotheses)
-    approaches = [item.approach for item in reachable.candidates]
+    approaches = reachable.approaches
     outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
     result: Ints = np.flatnonzero(outcome.hit.any(axis=1) & ~used)
     return result
@@ -124,8 +124,8 @@ def _meeting(recognition: Recognition, reachable: Reachable, used: Bools) -> Int
 
 def _beside(recognition: Recognition, reachable: Reachable, rows: Ints) -> Ints:
     """Candidates by how near they pass to their finger's last contact, those that pass too near left out."""
-    start, angle = lines_of([item.approach for item in reachable.candidates])
-    finger = np.array([item.finger_index for item in reachable.candidates])
+    start, angle = lines_of(reachable.approaches)
+    finger = np.array([item.finger_index for item in reachable.approaches])
     off = np.full(len(angle), np.inf)
     ends: dict[int, list[Floats]] = {}
     for contact in recognition.contacts:
@@ -147,7 +147,7 @@ def _first_together(
     recognition: Recognition, reachable: Reachable, order: Ints, resolution: Resolution
 ) -> Grip | None:
     """A grip of the first candidates of `order` (n,) that go together; None if there is none."""
-    fingers = len({item.finger_index for item in reachable.candidates})
+    fingers = len({item.finger_index for item in reachable.approaches})
     chosen: list[Foreseen] = []
     for index in order.tolist():
         one = foreseen(recognition, reachable, index)

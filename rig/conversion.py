@@ -21,7 +21,7 @@ from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.drivers.two_link import ArmKinematics, Joint
 from palpate.errors import InputError
-from palpate.recognizer import Contact, Finger, Goals, NormalRange, Resolution
+from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Resolution
 
 __all__ = [
     "arm_kinematics",
@@ -31,6 +31,7 @@ __all__ = [
     "goals_of",
     "grips_of",
     "kinematics_of",
+    "line_of",
     "mounting_of",
     "resolution_of",
     "slide_kinematics",
@@ -73,6 +74,11 @@ def grips_of(file: ContactsFile) -> list[list[Contact]]:
 def finger_of(finger: FingerConfig) -> Finger:
     """What of a finger decides which grown section it meets."""
     return Finger(finger.tip.radius_mm, finger.height_mm)
+
+
+def line_of(approach: Approach) -> Line:
+    """The line of an approach, without its end."""
+    return Line(approach.start_mm, approach.direction_rad)
 
 
 def mounting_of(array: MountedArrayConfig, tip_radius_mm: float) -> Mounting:

@@ -50,13 +50,13 @@ def _possible(item: Hypothesis) -> PossibleOut:
 
 
 def _approach(planned: Planned, grip: Grip, row: int) -> ApproachOut:
-    candidate = grip.candidates[row]
+    candidate = grip.approaches[row]
     return ApproachOut(
         finger=planned.rig.fingers[candidate.finger_index].name,
-        start=candidate.approach.start_mm,
-        direction=candidate.approach.direction_rad,
+        start=candidate.start_mm,
+        direction=candidate.direction_rad,
         travel=grip.travels_mm[row],
-        position_bound=candidate.approach.position_bound_mm,
+        position_bound=candidate.position_bound_mm,
         predictions=tuple(
             _prediction(index, item) for index, item in enumerate(grip.predictions.of_approach(row))
         ),

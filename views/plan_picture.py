@@ -54,7 +54,7 @@ def _title(planned: Planned) -> str:
     grip = planned.grip
     if grip is None:
         return "No next grip"
-    names = [planned.rig.fingers[grip.candidates[row].finger_index].name for row in planned.rows]
+    names = [planned.rig.fingers[grip.approaches[row].finger_index].name for row in planned.rows]
     return f"Next grip: {', '.join(names)}"
 
 
@@ -82,15 +82,15 @@ def _facts(planned: Planned) -> list[tuple[str, str]]:
 
 
 def _approach(planned: Planned, grip: Grip, row: int) -> picture.PlannedApproach:
-    candidate, travel = grip.candidates[row], grip.travels_mm[row]
-    x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.approach.start_mm)
+    candidate, travel = grip.approaches[row], grip.travels_mm[row]
+    x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.start_mm)
     return picture.PlannedApproach(
         planned.rig.fingers[candidate.finger_index].name,
-        candidate.approach.start_mm,
-        candidate.approach.direction_rad,
+        candidate.start_mm,
+        candidate.direction_rad,
         travel,
-        candidate.approach.finger.tip_radius_mm,
-        (f"{x}, {y}", direction(candidate.approach.direction_rad), f"{travel:.1f}"),
+        candidate.finger.tip_radius_mm,
+        (f"{x}, {y}", direction(candidate.direction_rad), f"{travel:.1f}"),
         tuple(_foretold(item) for item in grip.predictions.of_approach(row)),
     )
 

@@ -68,12 +68,12 @@ def _approaches(planned: Planned, grip: Grip) -> Table:
     for title in ("from x, y", "direction", "at most"):
         table.add_column(title, justify="right", no_wrap=True)
     for row in planned.rows:
-        candidate, travel = grip.candidates[row], grip.travels_mm[row]
-        x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.approach.start_mm)
+        candidate, travel = grip.approaches[row], grip.travels_mm[row]
+        x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.start_mm)
         table.add_row(
             Text(planned.rig.fingers[candidate.finger_index].name, style="bold"),
             f"{x}, {y} mm",
-            direction(candidate.approach.direction_rad),
+            direction(candidate.direction_rad),
             f"{travel:.1f} mm",
         )
     return table
@@ -87,7 +87,7 @@ def _outcomes(planned: Planned, grip: Grip | None, rows: Sequence[int], width: i
     long = _BEFORE + _LONG * len(rows) <= width
     for row in rows:
         assert grip is not None, "no approaches without a grip"
-        name = planned.rig.fingers[grip.candidates[row].finger_index].name
+        name = planned.rig.fingers[grip.approaches[row].finger_index].name
         table.add_column(name if long else f"{name} stops at\nwith normal", no_wrap=True)
     for index, item in enumerate(planned.recognition.hypotheses[:SHOWN]):
         outcomes = [] if grip is None else [grip.predictions.of(row, index) for row in rows]

@@ -63,9 +63,9 @@ def may_miss(item: Prediction) -> bool:
 
 def rests_on(planned: Planned, grip: Grip) -> str:
     """How sharp touches must be for the grip to be decisive."""
-    ordered = [grip.candidates[row] for row in planned.rows]
+    ordered = [grip.approaches[row] for row in planned.rows]
     names = [planned.rig.fingers[item.finger_index].name for item in ordered]
-    bounds = [f"{math.floor(100 * item.approach.position_bound_mm) / 100:.2f}" for item in ordered]
+    bounds = [f"{math.floor(100 * item.position_bound_mm) / 100:.2f}" for item in ordered]
     normal = f"{math.floor(10 * math.degrees(planned.resolution.normal_half_rad) + 1e-6) / 10:g}"
     if len(set(bounds)) == 1:
         return f"± {bounds[0]} mm and ± {normal}°"

@@ -20,9 +20,10 @@ from palpate.calibration.prober import Probe, SlideApproach
 from palpate.calibration.reference import Reference
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.slide_finger import SlideKinematics
-from palpate.rig.conversion import slide_kinematics
+from palpate.recognizer import FingerApproach
+from palpate.rig.conversion import line_of, slide_kinematics
 from palpate.rig.motion.end_stops import slide_of, stall, swing
-from palpate.rig.motion.guarded_approach import Close, Stage, Touch, close_fingers
+from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.press import press, run_into
 from palpate.rig.motion.quasi_static_touch import measure_creeping
@@ -70,24 +71,20 @@ class HandProber:
 
     def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         """Close fingers on approaches, all at once."""
-        closes = [self._close(probe) for probe in grip]
+        approaches = [self._to_contact(probe)[0] for probe in grip]
         ways = [self._way(self.approaches[probe.approach]) for probe in grip]
-        done = close_fingers(self._hand, closes, self._tell, measure_creeping)
+        done = close_fingers(self._hand, approaches, self._tell, measure_creeping)
         touches = {touch.finger_index: touch for touch in done}
-        found = [touches[close.finger_index] for close in closes]
+        found = [touches[item.finger_index] for item in approaches]
         return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
 
     def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         """Press with fingers on contacts, all at once."""
-        return press(
-            self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], placing
-        )
+        return press(self._hand, [self._to_contact(item) for item in contacts], placing)
 
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         """Run into contacts, all at once."""
-        return run_into(
-            self._hand, [self._to_contact(item.approach, item.end_rad) for item in contacts], speed_mm_s
-        )
+        return run_into(self._hand, [self._to_contact(item) for item in contacts], speed_mm_s)
 
     def swing(self) -> list[float]:
         """Turn all aims a little either way and back."""
@@ -114,14 +111,11 @@ class HandProber:
         """Stall against a hard stop that the rig file tells."""
         return stall(self._hand, self._hand.fingers[finger], stop_mm)
 
-    def _close(self, probe: Probe) -> Close:
-        return self._to_contact(probe.approach, probe.end_rad)[0]
-
-    def _to_contact(self, approach: int, slide_rad: float) -> tuple[Close, float]:
-        """The way of an approach up to `slide_rad` or its end, and how far that is."""
-        item = self.approaches[approach]
-        travel = (slide_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
-        return self._reach.close(self._number[approach], travel), travel
+    def _to_contact(self, probe: Probe) -> tuple[FingerApproach, float]:
+        """The approach up to where the probe ends, and how far that is."""
+        item = self.approaches[probe.approach]
+        travel = (probe.end_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
+        return self._reach.approaches[self._number[probe.approach]].up_to(travel), travel
 
     def _way(self, approach: SlideApproach) -> int:
         """From which side the aim will come to its angle, as far as that is sure; noted for the next."""
@@ -159,8 +153,8 @@ def approaches_of(rig: RigFile) -> list[SlideApproach]:
 
 
 def _approach(reach: Reach, index: int, kinematics: Sequence[SlideKinematics]) -> SlideApproach:
-    candidate = reach.candidates[index]
-    own, line = kinematics[candidate.finger_index], reach.close(index, math.inf).line
+    item = reach.approaches[index]
+    own, line = kinematics[item.finger_index], line_of(item)
     aim, start = own.servos_rad(line, 0.0)
-    end = own.servos_rad(line, candidate.approach.travel_mm)[1]
-    return SlideApproach(candidate.finger_index, aim, start, end)
+    end = own.servos_rad(line, item.travel_mm)[1]
+    return SlideApproach(item.finger_index, aim, start, end)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.geometry import Floats
-from palpate.recognizer import Contact, used_by
+from palpate.recognizer import Contact, FingerApproach, used_by
 from palpate.recognizer.rays import aside, lines_of
 from palpate.rig.reach.approaches import Reach
 
@@ -16,23 +16,23 @@ _APART_MM = 6.0  # approaches keep this far from earlier ones of the same finger
 _INWARD_MM = 6.0
 
 
-def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[tuple[int, float]]:
-    """For each finger the approach, by index, that passes nearest to the target, and its whole travel (mm).
+def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerApproach]:
+    """For each finger the approach that passes nearest to the target.
 
     None that passes too near to an earlier one of that finger is taken.
     """
     target = _target(contacts)
-    used = used_by(contacts, reach.candidates)
+    used = used_by(contacts, reach.approaches)
     grip = []
-    for finger_index in sorted({item.finger_index for item in reach.candidates}):
+    for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
-        start, angle = lines_of([reach.candidates[k].approach for k in own])
+        start, angle = lines_of([reach.approaches[k] for k in own])
         offset = dict(zip(own, aside(start, angle, target).tolist(), strict=True))
         taken = [offset[k] for k in own if used[k]]
         free = [k for k in own if all(abs(offset[k] - other) >= _APART_MM for other in taken)]
         if free:
             _, best = min((abs(offset[k]), k) for k in free)
-            grip.append((best, reach.candidates[best].approach.travel_mm))
+            grip.append(reach.approaches[best])
     return grip
 
 

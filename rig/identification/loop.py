@@ -10,7 +10,7 @@ may have been moved; the search then begins again with that grip.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from palpate.config import RigFile
 from palpate.recognizer import (
     Catalogue,
     Contact,
+    FingerApproach,
     Grip,
     Hypothesis,
     Recognition,
@@ -48,8 +49,8 @@ from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strate
 
 __all__ = ["Carry", "Identification", "identify", "search"]
 
-Carry = Callable[[Sequence[tuple[int, float]], Callable[[Stage], None]], Sequence[Touch]]
-"""Carries out a grip: reachable approaches (by index) with how far each may go (mm); tells its stages."""
+Carry = Callable[[Sequence[FingerApproach], Callable[[Stage], None]], Sequence[Touch]]
+"""Carries out a grip and reports its stages."""
 
 _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
 _LEAST_GAIN = 0.1
@@ -132,11 +133,7 @@ def identify(
     `seed` decides what the strategy `random` draws. The hand must be prepared. Raises what `close_fingers`
     raises, and OutputError before a grip once an observer has raised.
     """
-    reach = reach_of(hand.rig)
-
-    def carry(grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> Sequence[Touch]:
-        return close_fingers(hand, [reach.close(index, travel) for index, travel in grip], tell)
-
+    reach, carry = reach_of(hand.rig), partial(close_fingers, hand)
     return search(hand.rig, reach, carry, catalogue, observers, strategy=strategy, seed=seed)
 
 
@@ -177,7 +174,7 @@ def _searched(state: _Search) -> Identification:
     )
 
 
-def _next(state: _Search) -> tuple[IdentificationVerdict | None, list[tuple[int, float]]]:
+def _next(state: _Search) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
     """The verdict if there is one already, else the next grip."""
     if state.recognition is not None and state.recognition.verdict is RecognitionVerdict.NONE:
         if not _may_have_moved(state):
@@ -200,10 +197,10 @@ def _next(state: _Search) -> tuple[IdentificationVerdict | None, list[tuple[int,
     if plan is None:
         return IdentificationVerdict.UNRESOLVED, []
     state.observers(PlanEvent(len(state.grips) + 1, plan))
-    return None, list(zip(plan.indices, plan.travels_mm, strict=True))
+    return None, plan.limited_approaches
 
 
-def _explore(state: _Search) -> list[tuple[int, float]]:
+def _explore(state: _Search) -> list[FingerApproach]:
     """A grip to find the part; none if it cannot be there, or no approach is left."""
     contacts = state.contacts
     if not contacts or any(contact.touched for contact in contacts):
@@ -220,7 +217,7 @@ def _answer(state: _Search, recognition: Recognition) -> IdentificationVerdict |
     """What could be said if it is confirmed: one hypothesis is left, or some that nothing tells apart."""
     if recognition.verdict is RecognitionVerdict.UNIQUE:
         return IdentificationVerdict.IDENTIFIED
-    used = used_by(recognition.contacts, state.reach.candidates)
+    used = used_by(recognition.contacts, state.reach.approaches)
     same = twins(recognition, state.reach, resolution_of(state.rig), used)
     return IdentificationVerdict.INDISTINGUISHABLE if same.all() else None
 
@@ -300,7 +297,7 @@ def _begin_again(state: _Search) -> None:
     _understand(state, [touch.contact for touch in state.grips[-1]])
 
 
-def _carry_out(state: _Search, grip: Sequence[tuple[int, float]]) -> None:
+def _carry_out(state: _Search, grip: Sequence[FingerApproach]) -> None:
     """Do the grip and understand what it felt."""
     number = len(state.grips) + 1
 

@@ -50,7 +50,7 @@ class Planned:
         """Rows of the grip's approaches in the order of the rig's fingers; none without a grip."""
         if self.grip is None:
             return ()
-        fingers = [item.finger_index for item in self.grip.candidates]
+        fingers = [item.finger_index for item in self.grip.approaches]
         return tuple(sorted(range(len(fingers)), key=fingers.__getitem__))
 
     @property
@@ -84,7 +84,7 @@ def plan_for(
     # As `identify` does: a grip that may be the last one meets the part from two sides.
     fingers = 2 if recognition.verdict is RecognitionVerdict.UNIQUE else 1
     grip = next_grip(strategy, recognition, reach, resolution, goals, rng, fingers)
-    used = used_by(recognition.contacts, reach.candidates)
+    used = used_by(recognition.contacts, reach.approaches)
     fine = all(goals.met_by(item.bounds) for item in recognition.hypotheses)
     alike = sets_alike(twins(recognition, reach, resolution, used))
     return Planned(rig, strategy, recognition, grip, resolution, alike, fine)

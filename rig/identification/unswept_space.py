@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from palpate.geometry import State
-from palpate.recognizer import Approach, Catalogue, Contact, used_by
+from palpate.recognizer import Approach, Catalogue, Contact, FingerApproach, used_by
 from palpate.rig.reach.approaches import Reach
 
 __all__ = ["Disc", "discs_at", "is_swept", "places_left", "sweeping_grip"]
@@ -70,17 +70,17 @@ def sweeping_grip(
     contacts: Sequence[Contact],
     left: Mapping[float, shapely.Geometry],
     discs: Mapping[float, Disc],
-) -> list[tuple[int, float]]:
-    """For each finger the unused approach, by index, that would free most of the places, and its travel (mm).
+) -> list[FingerApproach]:
+    """For each finger the unused approach that would free most of the places.
 
     Fingers that would free nothing stay where they wait.
     """
     remaining, grip = dict(left), []
-    used = used_by(contacts, reach.candidates)
-    for finger_index in sorted({item.finger_index for item in reach.candidates}):
-        own = [index for index in reach.of_finger(finger_index, reach.middle_rad) if not used[index]]
-        approaches = [reach.candidates[index].approach for index in own]
-        if not own or approaches[0].finger.height_mm not in discs:
+    used = used_by(contacts, reach.approaches)
+    for finger_index in sorted({item.finger_index for item in reach.approaches}):
+        own = reach.of_finger(finger_index, reach.middle_rad)
+        approaches = [reach.approaches[index] for index in own if not used[index]]
+        if not approaches or approaches[0].finger.height_mm not in discs:
             continue
         height = approaches[0].finger.height_mm
         corridors = np.array([_planned_corridor(item, discs[height]) for item in approaches])
@@ -88,7 +88,7 @@ def sweeping_grip(
         best = int(np.argmax(freed))
         if freed[best] > 0:
             remaining[height] = remaining[height].difference(corridors[best])
-            grip.append((own[best], approaches[best].travel_mm))
+            grip.append(approaches[best])
     return grip
 
 

@@ -8,23 +8,24 @@ import numpy as np
 
 from palpate.config import ARM_MARGIN_MM
 from palpate.drivers.finger import Body, Line, Servos, Turn
+from palpate.recognizer import FingerApproach
+from palpate.rig.conversion import line_of
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.reach.approaches import Close
 
-__all__ = ["Run"]
+__all__ = ["ApproachState"]
 
 _MOVED_MM = 0.05
 
 
 @dataclass(eq=False)
-class Run:
+class ApproachState:
     """State of one finger's part of a grip; `line` and all places are in the frame that carries the finger.
 
     `travel_mm` is how far along the line the tip is; `track` where it was seen, if it is steered along.
     """
 
     finger: HostFinger
-    close: Close
+    approach: FingerApproach
     line: Line
     started: Servos = (math.nan, math.nan)
     servos: Servos = (math.nan, math.nan)
@@ -35,9 +36,9 @@ class Run:
     _last_mm: float = 0.0
 
     @classmethod
-    def of(cls, finger: HostFinger, close: Close, turn: Turn) -> Self:
+    def of(cls, finger: HostFinger, approach: FingerApproach, turn: Turn) -> Self:
         """A finger's part of a grip, with the stage at the angle that it asks for."""
-        return cls(finger, close, turn.line_back(close.line))
+        return cls(finger, approach, turn.line_back(line_of(approach)))
 
     @property
     def centre_mm(self) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, unfelt_mm
-from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.approach_state import ApproachState
 
 __all__ = ["Touch", "concluded", "dent_range_mm", "is_of_two_edges"]
 
@@ -28,11 +28,11 @@ class Touch:
     servos: Servos
 
 
-def concluded(run: Run, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
+def concluded(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
     if patch is None:
-        return Touch(run.close.finger_index, _miss(run, closing, turn), None, run.servos)
-    return Touch(run.close.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
+        return Touch(run.approach.finger_index, _miss(run, closing, turn), None, run.servos)
+    return Touch(run.approach.finger_index, _contact(run, patch, closing, turn), patch, run.servos)
 
 
 def dent_range_mm(
@@ -51,7 +51,7 @@ def is_of_two_edges(patch: ContactPatch) -> bool:
     return bool(patch.flags & _TWO_EDGES)
 
 
-def _bound_mm(run: Run, turn: Turn) -> float:
+def _bound_mm(run: ApproachState, turn: Turn) -> float:
     """How far the tip's surface may be off anywhere on its way, by the mechanics and its radius alone."""
     kinematics = run.finger.kinematics
     centre = max(
@@ -61,7 +61,7 @@ def _bound_mm(run: Run, turn: Turn) -> float:
     return centre + tip_bound_mm(run.finger.spec)
 
 
-def _miss(run: Run, closing: ClosingConfig, turn: Turn) -> Contact:
+def _miss(run: ApproachState, closing: ClosingConfig, turn: Turn) -> Contact:
     """The way was free as far as the finger went; less a little where a touch could not be measured."""
     start, centre = run.start_mm, run.centre_mm
     gone = math.dist(start, centre)
@@ -79,7 +79,7 @@ def _miss(run: Run, closing: ClosingConfig, turn: Turn) -> Contact:
     )
 
 
-def _contact(run: Run, patch: ContactPatch, closing: ClosingConfig, turn: Turn) -> Contact:
+def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, turn: Turn) -> Contact:
     """Where the tip's centre would be if it just touched: the dent is taken back along the normal."""
     finger, tip = run.finger, run.finger.spec.tip
     kinematics = finger.kinematics

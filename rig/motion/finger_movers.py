@@ -13,7 +13,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import SafetyStop
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.swept_volume import gap_mm, pieces_of
 
@@ -62,13 +62,13 @@ class _FingerMover:
         return now - self.started_s > _LONGEST_S
 
 
-def _note(run: Run, states: Mapping[int, ServoState], now: float) -> None:
+def _note(run: ApproachState, states: Mapping[int, ServoState], now: float) -> None:
     """Note where a finger is."""
     near, far = (states[servo.dxl_id].position_rad for servo in run.finger.drive.servos)
     run.seen((near, far), now)
 
 
-def _check_cross_track(run: Run) -> None:
+def _check_cross_track(run: ApproachState) -> None:
     """Raise SafetyStop for a tip that is far beside its line."""
     if run.off_mm > _OFF_WAY_MM:
         raise SafetyStop(
@@ -88,7 +88,7 @@ class FreeMover(_FingerMover):
         finger: HostFinger,
         begin: Callable[[float], Goals],
         tolerance_rad: Callable[[Servo], float],
-        run: Run | None = None,
+        run: ApproachState | None = None,
     ) -> None:
         super().__init__(finger, begin)
         self._tolerance_rad = tolerance_rad
@@ -143,11 +143,11 @@ class TipMover(_FingerMover):
     def __init__(
         self,
         hand: Hand,
-        run: Run,
+        run: ApproachState,
         limit_mm: float,
         speed_mm_s: float,
         contact_n: float,
-        others: Sequence[Run] = (),
+        others: Sequence[ApproachState] = (),
     ) -> None:
         self.limit_mm, self._speed_mm_s = limit_mm, speed_mm_s
         super().__init__(run.finger, self._go)

@@ -14,16 +14,16 @@ from palpate.drivers.dynamixel.guarded import End, Goals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
+from palpate.recognizer import FingerApproach
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_from_touch import Touch, concluded
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
-from palpate.rig.reach.approaches import Close
 from palpate.rig.stage import planned_turn
 
-__all__ = ["Close", "Measure", "Stage", "Touch", "aim", "close_fingers", "go_to", "look"]
+__all__ = ["Measure", "Stage", "Touch", "aim", "close_fingers", "go_to", "look"]
 __all__ += ["measure_at_rest", "move_tips", "retract_all"]
 
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
@@ -34,7 +34,7 @@ _MOST_BACKS = 3
 _FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 
-Measure = Callable[[Hand, Sequence[Run]], list[tuple[Run, ContactPatch | None]]]
+Measure = Callable[[Hand, Sequence[ApproachState]], list[tuple[ApproachState, ContactPatch | None]]]
 """How fingers that rest in contact, or have met nothing, are measured: their patches, in their order."""
 
 
@@ -49,7 +49,7 @@ class Stage(Enum):
 
 def close_fingers(
     hand: Hand,
-    grip: Sequence[Close],
+    grip: Sequence[FingerApproach],
     tell: Callable[[Stage], None],
     measure: Measure | None = None,
 ) -> list[Touch]:
@@ -60,7 +60,7 @@ def close_fingers(
     SafetyStop for a finger that is held by something its array does not feel. Torque stays on at every way
     out; the end of the hand's `with` block switches it off.
     """
-    under_way: list[Run] = []
+    under_way: list[ApproachState] = []
     try:
         return _carry_out(hand, grip, tell, measure or measure_at_rest, under_way)
     except WatchdogTripped as tripped:
@@ -74,17 +74,17 @@ def close_fingers(
 
 def _carry_out(
     hand: Hand,
-    grip: Sequence[Close],
+    grip: Sequence[FingerApproach],
     tell: Callable[[Stage], None],
     measure: Measure,
-    under_way: list[Run],
+    under_way: list[ApproachState],
 ) -> list[Touch]:
     """Carry out a grip; `under_way` is filled with the fingers that have left where they wait."""
     tell(Stage.AIMING)
     hand.arm()
     retract_all(hand)
     turn = _turn(hand, {item.stage_rad for item in grip})
-    runs = [Run.of(hand.fingers[item.finger_index], item, turn) for item in grip]
+    runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item in grip]
     aim(hand, runs)
     under_way += runs
     hand.tare()
@@ -145,7 +145,7 @@ def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
     _move_free(hand, movers)
 
 
-def aim(hand: Hand, runs: Sequence[Run]) -> None:
+def aim(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Turn fingers to where their lines start, outside of the workspace."""
     _to_lines(hand, {run.finger: run.line for run in runs})
     found = hand.servos_of([run.finger for run in runs])
@@ -153,18 +153,18 @@ def aim(hand: Hand, runs: Sequence[Run]) -> None:
         run.begin(found[run.finger])
 
 
-def go_to(hand: Hand, travels_mm: Mapping[Run, float]) -> None:
+def go_to(hand: Hand, travels_mm: Mapping[ApproachState, float]) -> None:
     """Move along lines through space that is known to be free, and wait until fingers are there."""
     speed = hand.rig.closing.approach_speed_mm_s
 
-    def begin(run: Run, to_mm: float) -> Callable[[float], Goals]:
+    def begin(run: ApproachState, to_mm: float) -> Callable[[float], Goals]:
         return lambda now: run.finger.drive.go(run.line, run.travel_mm, to_mm, speed, now)
 
     movers = [_free(run.finger, begin(run, to_mm), run) for run, to_mm in travels_mm.items()]
     _move_free(hand, movers)
 
 
-def _free(finger: HostFinger, begin: Callable[[float], Goals], run: Run | None = None) -> FreeMover:
+def _free(finger: HostFinger, begin: Callable[[float], Goals], run: ApproachState | None = None) -> FreeMover:
     def tolerance_rad(servo: Servo) -> float:
         return finger.drive.reached_rad(servo, ARRIVED_MM)
 
@@ -180,7 +180,7 @@ def _period_s(hand: Hand) -> float:
     return 1 / hand.rig.closing.sample_rate_hz
 
 
-def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[Run, End]:
+def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, End]:
     """A guarded move of tips along their lines; how each ended."""
     period = _period_s(hand)
     look_every = max(1, min(_STATE_EVERY, int(SPEAK_S / period)))
@@ -188,15 +188,15 @@ def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[Run, End]:
     return {mover.run: end for mover, end in ends.items() if mover.run is not None}
 
 
-def _move_until_touched(hand: Hand, runs: Sequence[Run], speed_mm_s: float) -> None:
+def _move_until_touched(hand: Hand, runs: Sequence[ApproachState], speed_mm_s: float) -> None:
     """Send every finger towards its limit and stop each at its own contact, limit or neighbour."""
     contact_n = hand.rig.closing.contact_force_n
     for run in runs:
         run.touched = False
-    move_tips(hand, [TipMover(hand, r, r.close.travel_mm, speed_mm_s, contact_n, runs) for r in runs])
+    move_tips(hand, [TipMover(hand, r, r.approach.travel_mm, speed_mm_s, contact_n, runs) for r in runs])
 
 
-def look(hand: Hand, runs: Sequence[Run]) -> None:
+def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Note where fingers are; raises if one of their servos has died or is off."""
     found = hand.servos_of([run.finger for run in runs])
     now = hand.clock.now()
@@ -204,7 +204,9 @@ def look(hand: Hand, runs: Sequence[Run]) -> None:
         run.seen(found[run.finger], now)
 
 
-def _measured(hand: Hand, runs: Sequence[Run], measure: Measure) -> list[tuple[Run, ContactPatch | None]]:
+def _measured(
+    hand: Hand, runs: Sequence[ApproachState], measure: Measure
+) -> list[tuple[ApproachState, ContactPatch | None]]:
     """Back off, touch again slowly, let everything settle, and measure."""
     _settle(hand, runs)
     again, back = list(runs), hand.rig.closing.back_off_mm
@@ -216,7 +218,9 @@ def _measured(hand: Hand, runs: Sequence[Run], measure: Measure) -> list[tuple[R
     return measure(hand, runs)
 
 
-def measure_at_rest(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+def measure_at_rest(
+    hand: Hand, runs: Sequence[ApproachState]
+) -> list[tuple[ApproachState, ContactPatch | None]]:
     """What the arrays feel while fingers rest; None for those that do not touch."""
     measured = hand.collect([run.finger for run in runs], _MEASURE_FRAMES)
     return [
@@ -225,7 +229,7 @@ def measure_at_rest(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactP
     ]
 
 
-def _touched_at_once(hand: Hand, runs: Sequence[Run], back_mm: float) -> list[Run]:
+def _touched_at_once(hand: Hand, runs: Sequence[ApproachState], back_mm: float) -> list[ApproachState]:
     """Back off and touch again slowly; the fingers that felt something before they had really moved.
 
     They had not come free, so their play is not where a touch has it.
@@ -237,6 +241,6 @@ def _touched_at_once(hand: Hand, runs: Sequence[Run], back_mm: float) -> list[Ru
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]
 
 
-def _settle(hand: Hand, runs: Sequence[Run]) -> None:
+def _settle(hand: Hand, runs: Sequence[ApproachState]) -> None:
     hand.pause(_SETTLE_S)
     look(hand, runs)

@@ -14,11 +14,11 @@ from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement, St
 from palpate.drivers.dynamixel.guarded import End, Goals
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import DeviceError, SafetyStop
-from palpate.rig.motion.approach_state import Run
+from palpate.recognizer import FingerApproach
+from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import aim, go_to, look, move_tips, retract_all
 from palpate.rig.motion.hand import Hand
-from palpate.rig.reach.approaches import Close
 from palpate.rig.stage import planned_turn
 
 __all__ = ["press", "run_into"]
@@ -35,7 +35,7 @@ _GENTLE_MM_S2 = 20.0  # to reach a speed before a contact
 
 _K = TypeVar("_K")
 
-Contacts = Sequence[tuple[Close, float]]
+Contacts = Sequence[tuple[FingerApproach, float]]
 """Ways, and after how many mm of each the finger touches."""
 
 
@@ -45,7 +45,7 @@ def press(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement
     Raises SafetyStop above the rig file's max_force_n or off the line, and DeviceError for a device that
     fails; the end of the hand's `with` block then switches torque off.
     """
-    runs = _made_ready(hand, [(close, max(contact - _LEAD_MM, 0.0)) for close, contact in contacts])
+    runs = _made_ready(hand, [(item, max(contact - _LEAD_MM, 0.0)) for item, contact in contacts])
     pressing = [
         _PressMover(hand, run, contact, runs) for run, (_, contact) in zip(runs, contacts, strict=True)
     ]
@@ -57,7 +57,7 @@ def press(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement
 def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[StopMeasurement]:
     """Run into contacts at a speed, stop each finger when it feels something, see where it stood."""
     lead = max(_LEAD_MM, speed_mm_s**2 / _GENTLE_MM_S2 / 2)
-    runs = _made_ready(hand, [(close, max(contact - lead, 0.0)) for close, contact in contacts])
+    runs = _made_ready(hand, [(item, max(contact - lead, 0.0)) for item, contact in contacts])
     contact_n = hand.rig.closing.contact_force_n
     movers = [
         TipMover(hand, run, contact + _DEPTH_MM, speed_mm_s, contact_n, runs)
@@ -100,7 +100,9 @@ class _PressMover(TipMover):
     What servos and array say is kept at every look, in the order of time.
     """
 
-    def __init__(self, hand: Hand, run: Run, contact_mm: float, others: Sequence[Run]) -> None:
+    def __init__(
+        self, hand: Hand, run: ApproachState, contact_mm: float, others: Sequence[ApproachState]
+    ) -> None:
         super().__init__(hand, run, contact_mm + _DEPTH_MM, _SPEED_MM_S, math.inf, others)
         self._back_mm = max(contact_mm - _LEAD_MM, 0.0)
         self._leg, self._turns = IN, False
@@ -155,25 +157,25 @@ class _PressMover(TipMover):
         )
 
 
-def _outward(run: Run) -> float:
+def _outward(run: ApproachState) -> float:
     """+1 if growing angles of the slide's servo push the tip out, else -1."""
     first, last = (run.finger.kinematics.servos_rad(run.line, travel)[1] for travel in (0.0, 1.0))
     return math.copysign(1.0, last - first)
 
 
-def _made_ready(hand: Hand, ways: Contacts) -> list[Run]:
+def _made_ready(hand: Hand, ways: Contacts) -> list[ApproachState]:
     """Fingers that have aimed and tared and gone so far along their ways."""
     hand.arm()
     retract_all(hand)
     turn = planned_turn(hand.rig.stage, 0.0)
-    runs = [Run.of(hand.fingers[close.finger_index], close, turn) for close, _ in ways]
+    runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item, _ in ways]
     aim(hand, runs)
     hand.tare()
     go_to(hand, {run: before for run, (_, before) in zip(runs, ways, strict=True)})
     return runs
 
 
-def _end(hand: Hand, runs: Sequence[Run]) -> None:
+def _end(hand: Hand, runs: Sequence[ApproachState]) -> None:
     hand.stop_arrays()
     go_to(hand, dict.fromkeys(runs, 0.0))
     hand.disarm()

@@ -16,7 +16,7 @@ from palpate.drivers.finger import TICK_RAD
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.geometry import Ints
-from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import measure_at_rest
 from palpate.rig.motion.hand import Hand
@@ -30,7 +30,9 @@ _STEPS = 8
 _LONGEST_S = 2.0
 
 
-def measure_creeping(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+def measure_creeping(
+    hand: Hand, runs: Sequence[ApproachState]
+) -> list[tuple[ApproachState, ContactPatch | None]]:
     """Creep on from contacts, and take the mean of servos and arrays over whole encoder steps.
 
     The runs' servos are then where the slides were in the mean. A slide that does not move on, as one that is
@@ -47,7 +49,7 @@ def measure_creeping(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, Contact
 class _CreepMover(TipMover):
     """A finger that creeps on: how many steps its slide has gone from where it rested, and what was felt."""
 
-    def __init__(self, hand: Hand, run: Run, others: Sequence[Run]) -> None:
+    def __init__(self, hand: Hand, run: ApproachState, others: Sequence[ApproachState]) -> None:
         super().__init__(hand, run, run.travel_mm + _FAR_MM, _SPEED_MM_S, math.inf, others)
         self._rested = run.servos
         self._ticks: list[int] = []

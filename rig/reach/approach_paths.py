@@ -1,4 +1,4 @@
-"""Straight ways that a finger's mechanics allow, and what it sweeps on each. Between rig file and reach."""
+"""Straight paths that a finger's mechanics allow, and what the finger sweeps on each."""
 
 import math
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from palpate.rig.reach.standby_poses import body_of
 from palpate.rig.reach.swept_volume import Pieces, Swept, pieces_of
 from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
 
-__all__ = ["Way", "joined", "ways_of"]
+__all__ = ["ApproachPath", "joint_sweep", "paths_of"]
 
 _INNER_RAD = 1e-7
 _MARGIN_MM = 1.0
-_SAMPLE_MM = 8.0  # of an arm's way, between two postures
-_MOST_TURN_DEG = 42.0  # of an arm's way, from straight inward
+_SAMPLE_MM = 8.0  # of an arm's path, between two postures
+_MOST_TURN_DEG = 42.0  # of an arm's path, from straight inward
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """A finger's way along `line`, at most `travel_mm`; `aiming_s` is roughly how long it takes to get there.
+class ApproachPath:
+    """Straight path of finger `finger_index` along `line` in the ring's frame, at most `travel_mm`.
 
-    `pieces` are what it sweeps, counted from travels `since` (s,) on; those that `grow` (s,) have ends that
-    move along the line.
+    `aiming_s`: rough time of turning to its start. `pieces` are what it sweeps, counted from travels `since`
+    (s,) on; those that `grow` (s,) have ends that move along the line.
     """
 
     finger_index: int
@@ -40,44 +40,44 @@ class Way:
     since: Floats
     grows: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
-    def up_to(self, travel_mm: float) -> "Way":
-        """The same way, not as far."""
+    def up_to(self, travel_mm: float) -> "ApproachPath":
+        """The same path, not as far."""
         return replace(self, travel_mm=travel_mm)
 
 
-def joined(ways: Sequence[Way]) -> Swept:
-    """What several ways sweep, numbered in their order."""
-    count = [len(way.since) for way in ways]
+def joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
+    """What several paths sweep, numbered in their order."""
+    count = [len(path.since) for path in paths]
     empty = np.empty((0, 2))
     return Swept(
         Pieces(
-            np.concatenate([empty, *(way.pieces.start for way in ways)]),
-            np.concatenate([empty, *(way.pieces.end for way in ways)]),
-            np.concatenate([empty[:, 0], *(way.pieces.half_width for way in ways)]),
-            np.repeat(np.arange(len(ways)), count),
+            np.concatenate([empty, *(path.pieces.start for path in paths)]),
+            np.concatenate([empty, *(path.pieces.end for path in paths)]),
+            np.concatenate([empty[:, 0], *(path.pieces.half_width for path in paths)]),
+            np.repeat(np.arange(len(paths)), count),
         ),
-        np.concatenate([empty[:, 0], *(way.since for way in ways)]),
-        np.concatenate([np.empty(0, bool), *(way.grows for way in ways)]),
-        np.array([_heading(way.line) for way in ways]).reshape(-1, 2),
+        np.concatenate([empty[:, 0], *(path.since for path in paths)]),
+        np.concatenate([np.empty(0, bool), *(path.grows for path in paths)]),
+        np.array([_heading(path.line) for path in paths]).reshape(-1, 2),
     )
 
 
-def ways_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count: int) -> list[Way]:
+def paths_of(rig: RigFile, finger_index: int, lo_rad: float, hi_rad: float, count: int) -> list[ApproachPath]:
     """Ways of a finger from aims between two: `count` of a slide, about five times as many of an arm."""
     spec = rig.fingers[finger_index]
     radius = rig.clear_radius_mm
     if isinstance(spec, ArmFingerConfig):
         aims = np.linspace(lo_rad, hi_rad, count // 3 + 1) if hi_rad > lo_rad else np.array([lo_rad])
         turns = np.radians(np.linspace(-_MOST_TURN_DEG, _MOST_TURN_DEG, 2 * (count // 6) + 1))
-        ways = [_arm_way(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
+        paths = [_arm_path(spec, finger_index, aim, turn, radius) for aim in aims for turn in turns]
     else:
         # An aim at the very end of its servo's range may be beyond it once it has been a line in between.
         inner = min(_INNER_RAD, (hi_rad - lo_rad) / 2)
         aims = np.unique(np.linspace(lo_rad + inner, hi_rad - inner, count))
         wait = wait_distance_mm(spec, radius)
         kinematics = slide_kinematics(spec)
-        ways = [_slide_way(spec, kinematics, finger_index, float(aim), wait, radius) for aim in aims]
-    return [way for way in ways if way is not None and way.travel_mm > _MARGIN_MM]
+        paths = [_slide_path(spec, kinematics, finger_index, float(aim), wait, radius) for aim in aims]
+    return [path for path in paths if path is not None and path.travel_mm > _MARGIN_MM]
 
 
 def crossing_mm(line: Line, radius_mm: float) -> float:
@@ -87,14 +87,14 @@ def crossing_mm(line: Line, radius_mm: float) -> float:
     return 0.0 if miss >= radius_mm else middle + math.sqrt(radius_mm**2 - miss**2)
 
 
-def _slide_way(
+def _slide_path(
     spec: SlideFingerConfig,
     kinematics: SlideKinematics,
     finger_index: int,
     aim_rad: float,
     wait_mm: float,
     workspace_radius_mm: float,
-) -> Way:
+) -> ApproachPath:
     """Until the tip has left the workspace on the far side, or the slide ends."""
     line = kinematics.line(aim_rad, wait_mm)
     room = spec.slide.range_mm[1] - _MARGIN_MM - wait_mm
@@ -103,7 +103,7 @@ def _slide_way(
     far = body_of(kinematics, kinematics.servos_rad(line, max(travel, 0.0)), spec)
     here = body_of(kinematics, kinematics.servos_rad(line, 0.0), spec)
     one = np.zeros(1)
-    return Way(
+    return ApproachPath(
         finger_index,
         line,
         travel,
@@ -114,12 +114,12 @@ def _slide_way(
     )
 
 
-def _arm_way(
+def _arm_path(
     spec: ArmFingerConfig, finger_index: int, aim_rad: float, turn_rad: float, workspace_radius_mm: float
-) -> Way | None:
+) -> ApproachPath | None:
     """From a place on the circle, at a turn from straight inward: as far as joints and array allow.
 
-    None where not even the start is within reach. All of the way the arm is off its singular postures, and
+    None where not even the start is within reach. All of the path the arm is off its singular postures, and
     the array sees everything that the tip may touch: a quarter turn either way of the direction of travel.
     """
     kinematics = arm_kinematics(spec)
@@ -147,7 +147,7 @@ def _arm_way(
     tip = max(float(body.half_width[2]) for body in bodies)
     since = np.concatenate([[-1.0], travels[:-1]])
     home = math.atan2(spec.base_mm[1], spec.base_mm[0])
-    return Way(
+    return ApproachPath(
         finger_index,
         line,
         float(travels[-1]),

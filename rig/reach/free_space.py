@@ -1,4 +1,4 @@
-"""Ways of all fingers that are free, at every stage angle worth having. Between `ways` and `reach`.
+"""Free space: paths of all fingers among the obstacles, at every stage angle worth having.
 
 Everything is computed in the frame of the ring that carries the fingers; obstacles are turned back into it.
 The stage turns with all fingers at home and passes all angles in between, so only the connected range of
@@ -14,43 +14,43 @@ from palpate.config import ArmFingerConfig, RigFile
 from palpate.drivers.finger import Turn
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats
-from palpate.rig.reach.approach_paths import Way, joined, ways_of
+from palpate.rig.reach.approach_paths import ApproachPath, joint_sweep, paths_of
 from palpate.rig.reach.standby_poses import Waiting, clear_aims, free_ranges, waiting_of
 from palpate.rig.reach.swept_volume import Pieces, gap_mm, longest_way_mm, polygon_gap_mm
 from palpate.rig.stage import planned_turn
 
-__all__ = ["free_ways"]
+__all__ = ["free_paths"]
 
 _MARGIN_MM = 1.0
 _MOST = 1500  # candidates in all
-_APART_MM = 5.0  # between the same way at two stage angles, where tips wait
+_APART_MM = 5.0  # between the same path at two stage angles, where tips wait
 _STEP_MM = 1.0  # of a finger's furthest point, between two stage angles that are looked at
 
 
-def free_ways(rig: RigFile, aims: int) -> list[tuple[float, Way]]:
-    """All free ways, each with its stage angle; without a stage all at 0.
+def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
+    """All free paths, each with its stage angle; without a stage all at 0.
 
     Raises InputError for a finger that has no room even where it starts.
     """
     waitings = [waiting_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
     obstacles = [np.array(item.outline_mm) for item in rig.obstacles]
-    known: dict[tuple[int, float, float], list[Way]] = {}
+    known: dict[tuple[int, float, float], list[ApproachPath]] = {}
 
-    def ways_at(angle: float) -> list[Way]:
-        return _ways_at(rig, waitings, _turned_back(rig, obstacles, angle), aims, known)
+    def paths_at(angle: float) -> list[ApproachPath]:
+        return _paths_at(rig, waitings, _turned_back(rig, obstacles, angle), aims, known)
 
-    middle = ways_at(0.0)
+    middle = paths_at(0.0)
     if rig.stage is None:
-        return [(0.0, way) for way in middle]
+        return [(0.0, path) for path in middle]
     return [
-        (angle, way)
+        (angle, path)
         for angle in _angles(rig, waitings, obstacles, len(middle))
-        for way in (middle if angle == 0.0 else ways_at(angle))
+        for path in (middle if angle == 0.0 else paths_at(angle))
     ][:_MOST]
 
 
 def _angles(rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floats], each: int) -> list[float]:
-    """Stage angles to offer ways at, with `each` ways at one of them: evenly spaced on both sides of 0."""
+    """Stage angles to offer paths at, with `each` paths at one of them: evenly spaced on both sides of 0."""
     assert rig.stage is not None
     lo, hi = _stage_range(rig, waitings, obstacles)
     room = max(_MOST // max(each, 1), 1) - 1
@@ -113,21 +113,21 @@ def _unsure_mm(rig: RigFile) -> float:
     return planned_turn(rig.stage, 0.0).angle_bound_rad * _lever_mm(rig)
 
 
-def _ways_at(
+def _paths_at(
     rig: RigFile,
     waitings: Sequence[Waiting],
     obstacles: Sequence[Floats],
     aims: int,
-    known: dict[tuple[int, float, float], list[Way]],
-) -> list[Way]:
+    known: dict[tuple[int, float, float], list[ApproachPath]],
+) -> list[ApproachPath]:
     """What all fingers can do, in the frame that carries them, among obstacles that stand there.
 
-    `known`: ways by finger and range of aims, without what stands in their way.
+    `known`: paths by finger and range of aims, without what stands in their way.
     """
     clearance = rig.closing.clearance_mm
     wide = clearance + _unsure_mm(rig)
     ranges = free_ranges(waitings, [clear_aims(w, obstacles, wide) for w in waitings], clearance)
-    result: list[Way] = []
+    result: list[ApproachPath] = []
     for index, (waiting, found) in enumerate(zip(waitings, ranges, strict=True)):
         if found is None:
             raise InputError(
@@ -137,7 +137,7 @@ def _ways_at(
             )
         key = (index, float(waiting.aims_rad[found[0]]), float(waiting.aims_rad[found[1]]))
         if key not in known:
-            known[key] = ways_of(rig, *key, aims)
+            known[key] = paths_of(rig, *key, aims)
         others = [
             _range(other, pair)
             for other, pair in zip(waitings, ranges, strict=True)
@@ -154,10 +154,10 @@ def _range(waiting: Waiting, found: tuple[int, int]) -> Pieces:
 
 
 def _unblocked(
-    rig: RigFile, ways: Sequence[Way], obstacles: Sequence[Floats], others: Sequence[Pieces]
-) -> list[Way]:
-    """The ways that are left, each as far as it is free."""
-    if not ways:
+    rig: RigFile, paths: Sequence[ApproachPath], obstacles: Sequence[Floats], others: Sequence[Pieces]
+) -> list[ApproachPath]:
+    """The paths that are left, each as far as it is free."""
+    if not paths:
         return []
     clearance = rig.closing.clearance_mm
     least = clearance + _unsure_mm(rig)
@@ -170,5 +170,5 @@ def _unblocked(
             result &= gap_mm(pieces, other) >= clearance
         return result
 
-    travel = longest_way_mm(joined(ways), np.array([way.travel_mm for way in ways]), free)
-    return [way.up_to(float(far)) for way, far in zip(ways, travel, strict=True) if far > _MARGIN_MM]
+    travel = longest_way_mm(joint_sweep(paths), np.array([path.travel_mm for path in paths]), free)
+    return [path.up_to(float(far)) for path, far in zip(paths, travel, strict=True) if far > _MARGIN_MM]

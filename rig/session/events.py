@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.recognizer import Grip, Hypothesis
+from palpate.recognizer import Approach, Grip, Hypothesis
 from palpate.rig.identification.observers import (
     Event,
     MoveEvent,
@@ -24,6 +24,9 @@ from palpate.rig.identification.observers import (
 )
 
 __all__ = ["SessionEvents", "plain"]
+
+
+_APPROACH = [field.name for field in dataclasses.fields(Approach)]
 
 
 class SessionEvents(ABC):
@@ -68,11 +71,11 @@ def _approaches(plan: Grip) -> list[dict[str, object]]:
     return [
         {
             "finger_index": item.finger_index,
-            "approach": item.approach,
+            "approach": {name: getattr(item, name) for name in _APPROACH},
             "travel_mm": travel,
             "predictions": plan.predictions.of_approach(row),
         }
-        for row, (item, travel) in enumerate(zip(plan.candidates, plan.travels_mm, strict=True))
+        for row, (item, travel) in enumerate(zip(plan.approaches, plan.travels_mm, strict=True))
     ]
 
 

@@ -76,7 +76,7 @@ def first_grip(placed: Placed, rng: np.random.Generator, fingers: int = 3) -> li
     contacts = []
     for index, spec in enumerate(RIG.fingers[:fingers]):
         own = reach.of_finger(index)
-        contacts.append(_felt(reach.candidates[own[len(own) // 2]].approach, spec.name, placed, rng))
+        contacts.append(_felt(reach.approaches[own[len(own) // 2]], spec.name, placed, rng))
     return contacts
 
 

@@ -33,7 +33,7 @@ def test_predictions_enclose_simulated_stops_and_normals(seed: int) -> None:
     rng = np.random.default_rng(seed)
     models, found = some_recognition(seed)
     assert found.hypotheses
-    approaches = [ring().candidates[k].approach for k in rng.integers(0, 72, 6)]
+    approaches = [ring().approaches[k] for k in rng.integers(0, 72, 6)]
     predictions = predict(found.catalogue, found.hypotheses, found.anchor_mm, approaches)
     stopped = 0
     for number, item in enumerate(found.hypotheses):
@@ -61,8 +61,7 @@ def test_a_prediction_that_ends_is_in_the_exact_pockets_of_its_edge() -> None:
         for number, item in enumerate(found.hypotheses):
             own = item.configuration
             pose = Placed(model_of(models, item), own.x_mm, own.y_mm, own.theta_rad)
-            for candidate in ring(12).candidates:
-                approach = candidate.approach
+            for approach in ring(12).approaches:
                 foretold = predict(found.catalogue, found.hypotheses, found.anchor_mm, [approach]).of(
                     0, number
                 )
@@ -95,7 +94,7 @@ def test_a_prediction_that_ends_is_in_the_exact_pockets_of_its_edge() -> None:
 def test_felt_agrees_with_simulated_stops() -> None:
     rng = np.random.default_rng(3)
     models, found = some_recognition(2, half_deg=40.0)
-    approaches = [item.approach for item in ring().candidates]
+    approaches = ring().approaches
     outcome = felt(found.catalogue, witness_poses(found.hypotheses).cells, found.anchor_mm, approaches)
     hits = 0
     for number, item in list(enumerate(found.hypotheses))[:5]:
@@ -116,7 +115,7 @@ def test_felt_agrees_with_simulated_stops() -> None:
 def test_likeness_is_one_for_equal_poses_and_small_for_perceptible_ones() -> None:
     _, found = some_recognition(1, half_deg=40.0)
     poses = witness_poses(found.hypotheses)
-    approaches = [item.approach for item in ring().candidates]
+    approaches = ring().approaches
     outcome = felt(found.catalogue, poses.cells, found.anchor_mm, approaches)
     rows = np.arange(len(approaches))
     same = np.arange(len(found.hypotheses))
@@ -140,11 +139,11 @@ def test_a_plan_promises_what_its_predictions_say() -> None:
             continue
         planned += 1
         assert 0.0 <= chosen.remaining <= 1.0
-        fingers = [item.finger_index for item in chosen.candidates]
+        fingers = [item.finger_index for item in chosen.approaches]
         assert len(set(fingers)) == len(fingers) <= 3
-        for row, (candidate, travel) in enumerate(zip(chosen.candidates, chosen.travels_mm, strict=True)):
+        for row, (candidate, travel) in enumerate(zip(chosen.approaches, chosen.travels_mm, strict=True)):
             furthest = max(item.furthest_mm for item in chosen.predictions.of_approach(row))
-            assert min(furthest, candidate.approach.travel_mm) <= travel <= candidate.approach.travel_mm
+            assert min(furthest, candidate.travel_mm) <= travel <= candidate.travel_mm
         apart = chosen.predictions.apart(RESOLUTION.normal_half_rad)
         np.fill_diagonal(apart, val=True)
         assert chosen.decisive == bool((apart | twins(found, ring(), RESOLUTION)).all())
@@ -222,7 +221,7 @@ def test_a_longer_brother_can_be_told_apart_until_all_approaches_are_used() -> N
     found = recognise(Catalogue(models), [contact for contact in contacts if contact.touched])
     assert len(found.hypotheses) > 1
     assert not all_twins(found, ring())
-    every = np.ones(len(ring().candidates), dtype=bool)
+    every = np.ones(len(ring().approaches), dtype=bool)
     assert twins(found, ring(), RESOLUTION, every).all()
     assert plan_grip(found, ring(), RESOLUTION, GOALS, every) is None
 

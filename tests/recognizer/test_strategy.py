@@ -24,7 +24,7 @@ from palpate.vocabulary import Strategy
 
 
 def test_used_candidates_are_those_along_a_path_and_no_others() -> None:
-    candidates = ring().candidates
+    candidates = ring().approaches
     for k in (0, 7, 40):
         used = used_by([contact_along(candidates[k], 90.0)], candidates)
         assert np.flatnonzero(used).tolist() == [k]
@@ -46,12 +46,12 @@ def test_the_strategies_choose_what_their_names_say() -> None:
     for several in grips.values():
         for chosen in several:
             assert chosen is not None
-            fingers = [item.finger_index for item in chosen.candidates]
+            fingers = [item.finger_index for item in chosen.approaches]
             assert len(set(fingers)) == len(fingers)
     planned = grips[Strategy.PLANNED]
     assert planned[0] is not None
-    assert all(item is not None and item.indices == planned[0].indices for item in planned)
-    drawn = {item.indices for item in grips[Strategy.RANDOM] if item is not None}
+    assert all(item is not None and item.approaches == planned[0].approaches for item in planned)
+    drawn = {item.approaches for item in grips[Strategy.RANDOM] if item is not None}
     assert len(drawn) > 1
 
 
@@ -62,15 +62,15 @@ def test_rotate_stays_beside_the_last_touch_of_each_finger() -> None:
     first = [24, 75, 117]
     contacts = []
     for k in first:
-        travel = travel_of(placed, reachable.candidates[k].approach)
+        travel = travel_of(placed, reachable.approaches[k])
         assert math.isfinite(travel)
-        contacts.append(contact_along(reachable.candidates[k], travel))
+        contacts.append(contact_along(reachable.approaches[k], travel))
     found = recognise(Catalogue(models), contacts)
     chosen = next_grip(Strategy.ROTATE, found, reachable, RESOLUTION, GOALS, np.random.default_rng(0))
     assert chosen is not None
-    assert len(chosen.candidates) == 3
-    for candidate in chosen.candidates:
-        angle, start = candidate.approach.direction_rad, np.asarray(candidate.approach.start_mm)
+    assert len(chosen.approaches) == 3
+    for candidate in chosen.approaches:
+        angle, start = candidate.direction_rad, np.asarray(candidate.start_mm)
         asides = [
             abs(math.cos(angle) * (c.end_mm[1] - start[1]) - math.sin(angle) * (c.end_mm[0] - start[0]))
             for c in contacts
@@ -89,10 +89,10 @@ def test_a_check_meets_the_answer_where_nothing_was_touched() -> None:
         for shift_mm in (50.0, 0.1):
             chosen = checking_grip(found, ring(), RESOLUTION, shift_mm)
             assert chosen is not None
-            counts.append(len(chosen.indices))
-            for row, candidate in enumerate(chosen.candidates):
+            counts.append(len(chosen.approaches))
+            for row, candidate in enumerate(chosen.approaches):
                 assert math.isfinite(chosen.predictions.of(row, 0).latest_mm)
-                travel = travel_of(placed, candidate.approach)
+                travel = travel_of(placed, candidate)
                 end = contact_along(candidate, travel).end_mm
                 assert np.linalg.norm(known - end, axis=1).min() > 3.0
         assert counts == [2, 3]  # a smaller shift takes more touches to notice
@@ -107,7 +107,7 @@ def test_a_shift_goes_unnoticed_within_what_is_foretold_and_no_further() -> None
     )
     chosen = checking_grip(found, ring(), RESOLUTION, 50.0)
     assert chosen is not None
-    approaches = [item.approach for item in chosen.candidates]
+    approaches = chosen.approaches
     normals = np.array([normal_at(placed, item, travel_of(placed, item)) for item in approaches])
     limit = unnoticed_shift_mm(
         chosen.predictions, normals, np.array([item.direction_rad for item in approaches])
@@ -134,10 +134,8 @@ def test_a_shift_goes_unnoticed_within_what_is_foretold_and_no_further() -> None
 
 def test_strangers_agree_by_chance_the_less_the_more_is_foretold() -> None:
     _, found = some_recognition(2, half_deg=10.0)
-    candidates = [item for item in ring().candidates if item.finger_index == 0][:12]
-    predictions = predict(
-        found.catalogue, found.hypotheses, found.anchor_mm, [item.approach for item in candidates]
-    )
+    candidates = [item for item in ring().approaches if item.finger_index == 0][:12]
+    predictions = predict(found.catalogue, found.hypotheses, found.anchor_mm, candidates)
     sure = [k for k in range(len(candidates)) if np.isfinite(predictions.latest[k]).all()]
     assert len(sure) >= 2
     touched = [contact_along(candidates[k], 90.0) for k in sure]

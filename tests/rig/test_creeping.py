@@ -12,7 +12,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.errors import SafetyStop
-from palpate.rig.motion.approach_state import Run
+from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.guarded_approach import Touch, close_fingers
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.quasi_static_touch import measure_creeping
@@ -31,7 +31,9 @@ class Watched:
     read: list[float] = field(default_factory=list)
     rested: float = math.nan
 
-    def measure(self, hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+    def measure(
+        self, hand: Hand, runs: Sequence[ApproachState]
+    ) -> list[tuple[ApproachState, ContactPatch | None]]:
         self.shaft.clear()
         self.read.clear()
         self.rested = runs[0].servos[1] / TICK
@@ -55,7 +57,7 @@ class Watched:
         (contact,) = rig.head_on()
         reach = reach_of(hand.rig, aims=81)
         number = reach.of_stage(reach.middle_rad)[contact.approach + oblique]
-        (touch,) = close_fingers(hand, [reach.close(number, math.inf)], lambda _: None, self.measure)
+        (touch,) = close_fingers(hand, [reach.approaches[number]], lambda _: None, self.measure)
         return touch
 
 
@@ -84,7 +86,9 @@ def test_a_slide_that_cannot_go_on_is_measured_where_it_rests(watched: Watched) 
     rig = watched.rig
     allowed_a = rig.goal_current(SLIDE) * 2.69e-3  # unit of Goal Current (e-Manual)
 
-    def weakened(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+    def weakened(
+        hand: Hand, runs: Sequence[ApproachState]
+    ) -> list[tuple[ApproachState, ContactPatch | None]]:
         slide = runs[0].finger.drive.closing_servos[0]
         slide.set_goal_current_a(0.02)
         try:
@@ -107,7 +111,9 @@ def test_a_creep_that_presses_too_hard_stops_everything() -> None:
         watched = Watched(rig)
         closing = rig.hand.rig.closing.model_copy(update={"max_force_n": 0.75})
 
-        def careful(hand: Hand, runs: Sequence[Run]) -> list[tuple[Run, ContactPatch | None]]:
+        def careful(
+            hand: Hand, runs: Sequence[ApproachState]
+        ) -> list[tuple[ApproachState, ContactPatch | None]]:
             hand._watch._closing = closing
             return measure_creeping(hand, runs)
 

@@ -19,6 +19,7 @@ from palpate.drivers.dynamixel.errors import Restarted
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.errors import DeviceError, PalpateError, SafetyStop
+from palpate.rig.conversion import line_of
 from palpate.rig.motion.guarded_approach import Stage
 from palpate.rig.reach.approaches import reach_of
 
@@ -220,9 +221,9 @@ def test_a_bad_wire(tmp_path: Path, stage: Stage, after_s: float, rates: str) ->
     session, watch, error = closing_with(tmp_path, stage, after_s, spoil, seed=7)
     check_end(session, tmp_path, error)
     assert watch.hardest_n <= FORCE_N
-    for finger, close in zip(session.bench.fingers, session.middle(), strict=True):
-        gone = close.line.travel_mm(tuple(finger.centre_mm.tolist()))
-        assert gone <= close.travel_mm + 1.0
+    for finger, item in zip(session.bench.fingers, session.middle(), strict=True):
+        gone = line_of(item).travel_mm(tuple(finger.centre_mm.tolist()))
+        assert gone <= item.travel_mm + 1.0
 
 
 def test_most_grips_survive_a_wire_that_loses_little(tmp_path: Path) -> None:
@@ -299,7 +300,7 @@ def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
     reach = reach_of(session.rig)
     own = reach.of_finger(0)
     with pytest.raises(DeviceError, match=r"servo 11 .* did not reach .* it has stopped at"):
-        session.run_grip(tmp_path, [reach.close(own[0], 10.0)])
+        session.run_grip(tmp_path, [reach.approaches[own[0]].up_to(10.0)])
     assert session.stages == [Stage.AIMING]
     assert session.clock.now() < 4.0
     assert not any(session.torque().values())

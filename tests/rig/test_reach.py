@@ -11,8 +11,8 @@ import shapely
 
 from palpate.config import RigFile, SlideFingerConfig, load_rig, shipped_rig
 from palpate.errors import InputError
-from palpate.rig.conversion import kinematics_of, slide_kinematics
-from palpate.rig.motion.guarded_approach import Close
+from palpate.rig.conversion import kinematics_of, line_of, slide_kinematics
+from palpate.rig.motion.guarded_approach import FingerApproach
 from palpate.rig.reach.approaches import Reach, reach_of
 
 POST = [[30.0, 95.0], [42.0, 95.0], [42.0, 107.0], [30.0, 107.0]]
@@ -65,40 +65,40 @@ def some_rigs(count: int, seed: int) -> list[RigFile]:
     return found
 
 
-def body(rig: RigFile, close: Close, travel: float, rng: np.random.Generator) -> shapely.Geometry:
+def body(rig: RigFile, approach: FingerApproach, travel: float, rng: np.random.Generator) -> shapely.Geometry:
     """A slide from base to tip, somewhere within the bounds of base and heading."""
-    spec = rig.fingers[close.finger_index]
+    spec = rig.fingers[approach.finger_index]
     turn = kinematics_of(spec).direction_bound_rad * rng.uniform(-1, 1)
     shift = spec.bounds.base_mm * np.array([math.cos(a := rng.uniform(0, 7)), math.sin(a)])
     base = np.array(spec.base_mm)
-    length = math.dist(spec.base_mm, close.start_mm) + travel
-    angle = close.direction_rad + turn
+    length = math.dist(spec.base_mm, approach.start_mm) + travel
+    angle = approach.direction_rad + turn
     tip = base + shift + length * np.array([math.cos(angle), math.sin(angle)])
     return shapely.LineString([base + shift, tip]).buffer(spec.tip.radius_mm, quad_segs=32)
 
 
 def full(reach: Reach, index: int) -> float:
-    return reach.candidates[index].approach.travel_mm
+    return reach.approaches[index].travel_mm
 
 
 @pytest.mark.parametrize("rig", some_rigs(6, 1), ids=range(6))
 def test_approaches_that_go_together_keep_their_clearance(rig: RigFile) -> None:
     reach = reach_of(rig, aims=9)
     rng = np.random.default_rng(5)
-    count = len(reach.candidates)
+    count = len(reach.approaches)
     others = np.arange(count)
     yes = no = 0
     for one in range(count):
         travels = np.array([full(reach, k) for k in range(count)]) * rng.uniform(0.6, 1.0, count)
         far = full(reach, one) * rng.uniform(0.6, 1.0)
         good = reach.together(one, far, others, travels)
-        mine = [body(rig, reach.close(one, far), far * share, rng) for share in (0.0, 0.5, 1.0)]
+        mine = [body(rig, reach.approaches[one], far * share, rng) for share in (0.0, 0.5, 1.0)]
         for other in rng.permutation(count)[:12]:
             if reach.finger[other] == reach.finger[one]:
                 assert not good[other]
                 continue
             ends = travels[other] * np.array([0.0, 0.5, 1.0])
-            theirs = [body(rig, reach.close(other, travels[other]), end, rng) for end in ends]
+            theirs = [body(rig, reach.approaches[other], end, rng) for end in ends]
             gap = min(a.distance(b) for a, b in itertools.product(mine, theirs))
             yes, no = yes + bool(good[other]), no + (not good[other])
             # The oracle's circles are drawn with chords, a few µm inside.
@@ -128,20 +128,21 @@ def test_nothing_stands_in_the_way_of_an_approach(rig: RigFile) -> None:
     posts = [shapely.Polygon(item.outline_mm) for item in rig.obstacles]
     least = rig.closing.clearance_mm - 0.02
     waiting = {
-        k: [body(rig, reach.close(i, 0.0), 0.0, rng) for i in reach.of_finger(k)]
+        k: [body(rig, reach.approaches[i], 0.0, rng) for i in reach.of_finger(k)]
         for k in range(len(rig.fingers))
     }
-    for index in range(len(reach.candidates)):
-        close = reach.close(index, math.inf)
-        here = body(rig, close, close.travel_mm, rng)
+    for approach in reach.approaches:
+        here = body(rig, approach, approach.travel_mm, rng)
         assert all(here.distance(post) >= least for post in posts)
         for finger, bodies in waiting.items():
-            if finger != close.finger_index:
+            if finger != approach.finger_index:
                 assert all(here.distance(other) >= least for other in bodies)
-        spec = rig.fingers[close.finger_index]
-        assert math.dist(spec.base_mm, close.line.point_mm(close.travel_mm)) < spec.slide.range_mm[1]
-        assert math.hypot(*close.start_mm) >= rig.workspace.radius_mm + spec.tip.radius_mm
-        turn = math.degrees(close.direction_rad) - spec.heading_deg
+        spec = rig.fingers[approach.finger_index]
+        assert (
+            math.dist(spec.base_mm, line_of(approach).point_mm(approach.travel_mm)) < spec.slide.range_mm[1]
+        )
+        assert math.hypot(*approach.start_mm) >= rig.workspace.radius_mm + spec.tip.radius_mm
+        turn = math.degrees(approach.direction_rad) - spec.heading_deg
         lo, hi = spec.aim.range_deg
         assert lo - 1e-6 <= (turn + 180) % 360 - 180 <= hi + 1e-6
 
@@ -150,7 +151,7 @@ def test_a_post_beside_the_way_cuts_off_the_aims_behind_it() -> None:
     free = reach_of(rig_with())
     reach = reach_of(rig_with(obstacles=[{"name": "post", "outline_mm": POST}]))
     # Finger 0 stands at (0, 190) and looks down; the post is to the left of its ways, seen along them.
-    kept = [math.degrees(reach.candidates[k].approach.direction_rad) + 90 for k in reach.of_finger(0)]
+    kept = [math.degrees(reach.approaches[k].direction_rad) + 90 for k in reach.of_finger(0)]
     assert min(kept) == pytest.approx(-35.0)
     assert max(kept) == pytest.approx(35.0)
     short = [k for k in reach.of_finger(0) if full(reach, k) < 60.0]
@@ -161,9 +162,7 @@ def test_a_post_beside_the_way_cuts_off_the_aims_behind_it() -> None:
     close_by = [[12.0, 138.0], [20.0, 138.0], [20.0, 146.0], [12.0, 146.0]]
     barred = reach_of(rig_with(obstacles=[{"name": "post", "outline_mm": close_by}]))
     # Here it stands where the finger waits: no aim beyond it can be turned to.
-    assert (
-        max(math.degrees(barred.candidates[k].approach.direction_rad) + 90 for k in barred.of_finger(0)) < 10
-    )
+    assert max(math.degrees(barred.approaches[k].direction_rad) + 90 for k in barred.of_finger(0)) < 10
 
 
 def test_a_finger_without_room_is_named() -> None:
@@ -175,7 +174,7 @@ def test_a_finger_without_room_is_named() -> None:
 def test_time_grows_with_the_way_and_the_aim() -> None:
     reach = reach_of(load_rig(shipped_rig()))
     own = reach.of_finger(0)
-    near, far = (reach.seconds(np.full(len(reach.candidates), travel)) for travel in (50.0, 150.0))
+    near, far = (reach.seconds(np.full(len(reach.approaches), travel)) for travel in (50.0, 150.0))
     assert far - near == pytest.approx(2 * 100.0 / 20.0)
     assert near[own[0]] > near[own[20]]
     assert near[own[0]] == pytest.approx(near[own[-1]])
@@ -185,13 +184,12 @@ def test_every_approach_is_within_its_servos_ranges_from_end_to_end() -> None:
     """Also at the ends of the aim's range, where rounding once put a goal just beyond it."""
     rig = load_rig(shipped_rig())
     reach = reach_of(rig)
-    for index, candidate in enumerate(reach.candidates):
-        spec = rig.fingers[candidate.finger_index]
+    for approach in reach.approaches:
+        spec = rig.fingers[approach.finger_index]
         assert isinstance(spec, SlideFingerConfig)
         kinematics = slide_kinematics(spec)
         ends = sorted(kinematics.aim_servo_rad(math.radians(value)) for value in spec.aim.range_deg)
-        close = reach.close(index, candidate.approach.travel_mm)
-        for travel in (0.0, close.travel_mm):
-            aim, slide = kinematics.servos_rad(close.line, travel)
+        for travel in (0.0, approach.travel_mm):
+            aim, slide = kinematics.servos_rad(line_of(approach), travel)
             assert ends[0] < aim < ends[1]
             assert spec.slide.range_mm[0] < kinematics.distance_mm(slide) < spec.slide.range_mm[1]

@@ -357,7 +357,7 @@ WHEN = [(Stage.AIMING, 0.013), (Stage.CLOSING, 1.0), (Stage.TOUCHING, 0.3)]
 )
 def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, after_s: float) -> None:
     session = emulated_session()
-    closes = session.middle()
+    grip = session.middle()
     bring_about = FAULTS[fault](session)
 
     def on_stage(now: Stage) -> None:
@@ -366,7 +366,7 @@ def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, aft
 
     ended: list[object] = []
     try:
-        ended.append(session.run_grip(tmp_path, closes, on_stage))
+        ended.append(session.run_grip(tmp_path, grip, on_stage))
     except BaseException as error:
         ended.append((type(error), str(error), getattr(error, "__notes__", [])))
     file = read_session(tmp_path)
@@ -376,7 +376,7 @@ def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, aft
         try:
             with Outside(replayer.clock, replayer.open, bus_latency_s(session.rig)).hand(session.rig) as hand:
                 hand.prepare()
-                ended.append(close_fingers(hand, closes, lambda _: None))
+                ended.append(close_fingers(hand, grip, lambda _: None))
         except BaseException as error:
             ended.append((type(error), str(error), getattr(error, "__notes__", [])))
             raise

@@ -23,7 +23,7 @@ from simulated_touches import SimulatedTouches, as_foretold
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.errors import OutputError
 from palpate.geometry import ObjectModel
-from palpate.recognizer import Catalogue, Grip
+from palpate.recognizer import Catalogue, FingerApproach, Grip
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, PlanEvent
 from palpate.rig.motion.guarded_approach import Stage, Touch
@@ -245,14 +245,14 @@ def test_an_observer_that_fails_at_the_end_leaves_the_answer() -> None:
 def test_random_is_repeatable_and_differs_by_seed() -> None:
     catalogue = Catalogue(SIX)
 
-    def ways(seed: int) -> list[tuple[int, ...]]:
+    def grips(seed: int) -> list[tuple[FingerApproach, ...]]:
         events = Events()
         table = Table(placed_by(3, SIX), seed=3)
         search(RIG, REACH, table, catalogue, Observers(record=events), strategy=Strategy.RANDOM, seed=seed)
-        return [plan.indices for plan in events.plans]
+        return [plan.approaches for plan in events.plans]
 
-    assert ways(1) == ways(1)
-    assert ways(1) != ways(2)
+    assert grips(1) == grips(1)
+    assert grips(1) != grips(2)
 
 
 def test_touches_come_out_as_some_hypothesis_foretold() -> None:

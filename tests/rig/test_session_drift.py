@@ -106,7 +106,7 @@ def session(
     rng = np.random.default_rng([seed, 0])
     placed = place_within(SIX[int(rng.integers(len(SIX)))], rng)
     touches = SimulatedTouches(reach, placed, np.random.default_rng([seed, 5]))
-    touches.share = ERROR_MM / reach.candidates[0].approach.position_bound_mm
+    touches.share = ERROR_MM / reach.approaches[0].position_bound_mm
     return search(rig, reach, Felt(touches, off_mm), CATALOGUE, seed=seed)
 
 

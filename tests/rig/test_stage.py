@@ -13,10 +13,11 @@ from touch_check import check_touch
 
 from palpate.config import RigFile, load_objects, shipped_objects, shipped_rig
 from palpate.errors import DeviceError
-from palpate.recognizer import Catalogue
+from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect
+from palpate.rig.conversion import line_of
 from palpate.rig.motion.guarded_approach import Stage, close_fingers
-from palpate.rig.reach.approaches import Close, Reach, reach_of
+from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict
 
 STAGE = {
@@ -41,13 +42,13 @@ RIG = staged()
 REACH = reach_of(RIG, aims=21)
 
 
-def grip_at(reach: Reach, angle: float, rng: np.random.Generator) -> list[Close]:
-    closes = []
+def grip_at(reach: Reach, angle: float, rng: np.random.Generator) -> list[FingerApproach]:
+    grip = []
     for finger in range(3):
         own = reach.of_finger(finger, angle)
         index = own[int(rng.integers(len(own) // 4, 3 * len(own) // 4))]
-        closes.append(reach.close(index, math.inf))
-    return closes
+        grip.append(reach.approaches[index])
+    return grip
 
 
 def test_ways_are_offered_at_several_angles_within_the_number() -> None:
@@ -56,15 +57,15 @@ def test_ways_are_offered_at_several_angles_within_the_number() -> None:
     assert 0.0 in angles
     assert angles[0] == pytest.approx(-math.pi / 6)
     assert angles[-1] == pytest.approx(math.pi / 6)
-    assert 500 < len(REACH.candidates) <= 1500
+    assert 500 < len(REACH.approaches) <= 1500
     assert REACH.middle_rad == 0.0
     still = reach_of(staged(stage=None), aims=21)
     middle, plain = REACH.of_finger(0, 0.0)[10], still.of_finger(0)[10]
-    with_stage, without = REACH.candidates[middle].approach, still.candidates[plain].approach
+    with_stage, without = REACH.approaches[middle], still.approaches[plain]
     assert with_stage.position_bound_mm > without.position_bound_mm
     for index in REACH.of_finger(0):
-        assert math.hypot(*REACH.candidates[index].approach.start_mm) >= 130.0
-    seconds = REACH.seconds(np.full(len(REACH.candidates), 50.0))
+        assert math.hypot(*REACH.approaches[index].start_mm) >= 130.0
+    seconds = REACH.seconds(np.full(len(REACH.approaches), 50.0))
     assert seconds[REACH.of_finger(0, angles[0])[10]] > seconds[middle] + 0.9
 
 
@@ -87,15 +88,16 @@ def test_the_stage_turns_no_finger_into_a_post() -> None:
     for angle in np.linspace(lowest, float(reach.stage_rad.max()), 200):
         turned = affinity.rotate(base, angle, origin=tuple(STAGE["centre_mm"]), use_radians=True)
         assert turned.buffer(5.0).distance(shape) >= RIG.closing.clearance_mm
-    for k in range(len(reach.candidates)):
-        close = reach.close(k, math.inf)
+    for approach in reach.approaches:
         bases = affinity.rotate(
-            shapely.Point(RIG.fingers[close.finger_index].base_mm),
-            close.stage_rad,
+            shapely.Point(RIG.fingers[approach.finger_index].base_mm),
+            approach.stage_rad,
             origin=tuple(STAGE["centre_mm"]),
             use_radians=True,
         )
-        body = shapely.LineString([(bases.x, bases.y), close.line.point_mm(close.travel_mm)]).buffer(5.0)
+        body = shapely.LineString(
+            [(bases.x, bases.y), line_of(approach).point_mm(approach.travel_mm)]
+        ).buffer(5.0)
         assert body.distance(shape) >= RIG.closing.clearance_mm - 0.02
 
 

@@ -15,11 +15,11 @@ from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, 
 from palpate.drivers.two_link import ArmKinematics
 from palpate.errors import DeviceError, InputError
 from palpate.geometry.segments import distance_range
-from palpate.recognizer import Catalogue
+from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect, place
-from palpate.rig.conversion import arm_kinematics
+from palpate.rig.conversion import arm_kinematics, line_of
 from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
-from palpate.rig.reach.approaches import Close, reach_of
+from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml"
@@ -33,16 +33,16 @@ def arm() -> tuple[ArmFingerConfig, ArmKinematics]:
     return spec, arm_kinematics(spec)
 
 
-def middle_grip(rng: np.random.Generator) -> list[Close]:
+def middle_grip(rng: np.random.Generator) -> list[FingerApproach]:
     """One way of each arm that passes not too far from the middle."""
     grip = []
     for finger in range(3):
         near = []
         for index in REACH.of_finger(finger):
-            line = REACH.close(index, 0.0).line
+            line = line_of(REACH.approaches[index])
             if math.hypot(*line.point_mm(line.travel_mm((0.0, 0.0)))) < 30.0:
                 near.append(index)
-        grip.append(REACH.close(int(rng.choice(near)), math.inf))
+        grip.append(REACH.approaches[int(rng.choice(near))])
     return grip
 
 
@@ -107,8 +107,8 @@ def test_an_approach_is_carried_out_within_its_bound() -> None:
     with connect(session.bench_rig) as hand:
         hand.prepare()
         close_fingers(hand, grip, lambda stage: track.clear() if stage is Stage.CLOSING else None)
-    line = grip[0].line
-    bound = min(item.approach.position_bound_mm for item in REACH.candidates)
+    line = line_of(grip[0])
+    bound = min(item.position_bound_mm for item in REACH.approaches)
     start, end = np.array([line.start_mm]), np.array([line.point_mm(grip[0].travel_mm)])
     points = np.array(track)
     off, _ = distance_range(points, points, np.repeat(start, len(points), 0), np.repeat(end, len(points), 0))
@@ -168,17 +168,17 @@ def test_no_arm_meets_a_post() -> None:
     rig = RigFile.model_validate(data | {"obstacles": [{"name": "post", "outline_mm": post.tolist()}]})
     reach = reach_of(rig, aims=21)
     free = reach_of(ARMS, aims=21)
-    longest = [sum(full.close(k, math.inf).travel_mm for k in full.of_finger(0)) for full in (reach, free)]
+    longest = [sum(full.approaches[k].travel_mm for k in full.of_finger(0)) for full in (reach, free)]
     assert 0.1 * longest[1] < longest[0] < 0.9 * longest[1]
     shape = shapely.Polygon(post)
     spec, k = arm()
-    own = [reach.close(index, math.inf) for index in reach.of_finger(0)]
-    starts = [math.atan2(close.start_mm[1], close.start_mm[0]) for close in own]
+    own = [reach.approaches[index] for index in reach.of_finger(0)]
+    starts = [math.atan2(item.start_mm[1], item.start_mm[0]) for item in own]
     radius = math.hypot(*own[0].start_mm)
     places = [
         (radius * math.cos(at), radius * math.sin(at)) for at in np.linspace(min(starts), max(starts), 60)
     ]
-    places += [close.line.point_mm(at) for close in own for at in np.linspace(0.0, close.travel_mm, 15)]
+    places += [line_of(item).point_mm(at) for item in own for at in np.linspace(0.0, item.travel_mm, 15)]
     for place_mm in places:
         servos = k.servos_at(place_mm)
         links = shapely.LineString([spec.base_mm, k.elbow_mm(servos), place_mm]).buffer(8.0)
@@ -190,8 +190,8 @@ def test_arms_that_go_together_stay_apart() -> None:
     """Postures of both, sampled on their ways: links and tips never nearer than the clearance."""
     rng = np.random.default_rng(2)
     kinematics = [arm_kinematics(spec) for spec in ARMS.fingers if isinstance(spec, ArmFingerConfig)]
-    count = len(REACH.candidates)
-    travels = np.array([item.approach.travel_mm for item in REACH.candidates]) * rng.uniform(0.4, 1, count)
+    count = len(REACH.approaches)
+    travels = np.array([item.travel_mm for item in REACH.approaches]) * rng.uniform(0.4, 1, count)
     yes = no = 0
     for one in rng.permutation(count)[:25]:
         good = REACH.together(int(one), float(travels[one]), np.arange(count), travels)
@@ -204,10 +204,10 @@ def test_arms_that_go_together_stay_apart() -> None:
             for mine in np.linspace(0.0, travels[one], 12):
                 for theirs in np.linspace(0.0, travels[other], 12):
                     p = kinematics[a].body(
-                        kinematics[a].servos_rad(REACH.close(int(one), 0.0).line, float(mine)), 5.0
+                        kinematics[a].servos_rad(line_of(REACH.approaches[int(one)]), float(mine)), 5.0
                     )
                     q = kinematics[b].body(
-                        kinematics[b].servos_rad(REACH.close(int(other), 0.0).line, float(theirs)), 5.0
+                        kinematics[b].servos_rad(line_of(REACH.approaches[int(other)]), float(theirs)), 5.0
                     )
                     i, j = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
                     apart, _ = distance_range(p.start[i], p.end[i], q.start[j], q.end[j])

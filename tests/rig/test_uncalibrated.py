@@ -120,8 +120,8 @@ def test_touches_of_tips_that_are_not_as_drawn_are_within_their_bounds(number: i
 
 def test_what_tip_and_array_may_be_off_widens_contacts_and_plans() -> None:
     wide, plain = with_all(BENCH, "tip", radius_bound_mm=0.3), BENCH
-    for one, other in zip(reach_of(wide).candidates[::20], reach_of(plain).candidates[::20], strict=True):
-        widened = one.approach.position_bound_mm - other.approach.position_bound_mm
+    for one, other in zip(reach_of(wide).approaches[::20], reach_of(plain).approaches[::20], strict=True):
+        widened = one.position_bound_mm - other.position_bound_mm
         assert widened == pytest.approx(0.3)
     assert resolution_of(wide).distance_mm == pytest.approx(resolution_of(plain).distance_mm + 0.6)
     turned = with_all(BENCH, "array", heading_bound_deg=3.0)

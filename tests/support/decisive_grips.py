@@ -97,7 +97,7 @@ def drawn(path: Path, seed: int, index: int) -> Trial | None:
     found = recognise(catalogue_of(path), contacts)
     if not 2 <= len(found.hypotheses) <= _MOST_HYPOTHESES:
         return None
-    grip = plan_grip(found, reach(), resolution_of(rig), goals_of(rig), used_by(contacts, reach().candidates))
+    grip = plan_grip(found, reach(), resolution_of(rig), goals_of(rig), used_by(contacts, reach().approaches))
     return Trial(index, placed, found, grip) if grip is not None and grip.decisive else None
 
 
@@ -113,7 +113,7 @@ def checked(path: Path, trial: Trial, seed: int, samples: int) -> Finding:
         for sample, pose in enumerate(poses_in(found, hypothesis, model, rng, samples)):
             touches = SimulatedTouches(
                 reach(), pose, rng, resolution_of(rig).normal_half_rad, share=1.0, at_bound=sample % 2 == 0
-            )(list(zip(grip.indices, grip.travels_mm, strict=True)))
+            )(grip.limited_approaches)
             left = found.extend([touch.contact for touch in touches]).hypotheses
             classes = {k for item in left for k, old in enumerate(found.hypotheses) if _came_from(item, old)}
             outcomes += 1

@@ -17,13 +17,13 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device, Emission
-from palpate.recognizer import Catalogue
+from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.result import identification_out
-from palpate.rig.motion.guarded_approach import Close, Stage, Touch, close_fingers
+from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.session.log import SessionLog
@@ -129,7 +129,7 @@ class EmulatedSession:
         return max(float(np.hypot(*(b - a))) for a, b in zip(before, after, strict=True))
 
     def run_grip(
-        self, folder: Path, closes: Sequence[Close], on_stage: Callable[[Stage], None] = _ignore
+        self, folder: Path, grip: Sequence[FingerApproach], on_stage: Callable[[Stage], None] = _ignore
     ) -> list[Touch]:
         """Connect, prepare, carry out one grip, disconnect; everything logged as in a real session."""
 
@@ -138,23 +138,22 @@ class EmulatedSession:
             on_stage(stage)
 
         with SessionLog(folder, self.clock, {}) as log, connect(self.bench_rig, log) as hand:
-            return self.grip(hand, closes, tell)
+            return self.grip(hand, grip, tell)
 
     def grip(
-        self, hand: Hand, closes: Sequence[Close], tell: Callable[[Stage], None] = _ignore
+        self, hand: Hand, grip: Sequence[FingerApproach], tell: Callable[[Stage], None] = _ignore
     ) -> list[Touch]:
         hand.prepare()
-        return close_fingers(hand, closes, tell)
+        return close_fingers(hand, grip, tell)
 
-    def middle(self) -> list[Close]:
+    def middle(self) -> list[FingerApproach]:
         """Every finger straight towards the table's middle, as far as it goes."""
         reach = reach_of(self.rig)
-        closes = []
+        grip = []
         for index in range(len(self.rig.fingers)):
             own = reach.of_finger(index)
-            best = own[len(own) // 2]
-            closes.append(reach.close(best, reach.candidates[best].approach.travel_mm))
-        return closes
+            grip.append(reach.approaches[own[len(own) // 2]])
+        return grip
 
 
 def emulated_session(

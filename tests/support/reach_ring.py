@@ -12,10 +12,10 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, grip, outlines, place, stop
 from palpate.geometry import Bools, Floats, Ints, ObjectModel
 from palpate.recognizer import (
     Approach,
-    Candidate,
     Catalogue,
     Contact,
     Finger,
+    FingerApproach,
     Goals,
     Hypothesis,
     Recognition,
@@ -32,11 +32,11 @@ FINGER = Finger(5.0, 10.0)
 class Ring:
     """Three fingers that reach the table from everywhere, and never meet one another."""
 
-    candidates: Sequence[Candidate]
+    approaches: Sequence[FingerApproach]
 
     def together(self, one: int, travel_mm: float, others: Ints, travels_mm: Floats) -> Bools:
         del travel_mm, travels_mm
-        finger = np.array([item.finger_index for item in self.candidates], dtype=np.int64)
+        finger = np.array([item.finger_index for item in self.approaches], dtype=np.int64)
         return finger[others] != finger[one]
 
     def seconds(self, travels_mm: Floats) -> Floats:
@@ -46,9 +46,13 @@ class Ring:
 def ring(count: int = 24, bound: float = 0.3) -> Ring:
     return Ring(
         [
-            Candidate(
-                k % 3,
-                Approach(FINGER, (140 * math.cos(at), 140 * math.sin(at)), at + math.pi + aim, 280.0, bound),
+            FingerApproach(
+                FINGER,
+                (140 * math.cos(at), 140 * math.sin(at)),
+                at + math.pi + aim,
+                280.0,
+                bound,
+                finger_index=k % 3,
             )
             for k, at in enumerate(2 * math.pi * np.arange(count) / count)
             for aim in (-0.12, 0.0, 0.12)
@@ -81,8 +85,8 @@ def some_recognition(seed: int, *, half_deg: float = 10.0) -> tuple[list[ObjectM
     return models, recognise(Catalogue(models), contacts)
 
 
-def contact_along(candidate: Candidate, travel: float) -> Contact:
-    approach = candidate.approach
+def contact_along(candidate: FingerApproach, travel: float) -> Contact:
+    approach = candidate
     end = np.asarray(approach.start_mm) + travel * np.array(
         [math.cos(approach.direction_rad), math.sin(approach.direction_rad)]
     )

@@ -6,12 +6,12 @@ which approaches there are, and how well they are carried out.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from shapely_bench import Placed, outward_normal, stop, unit
 
-from palpate.recognizer import Approach, Contact, NormalRange
+from palpate.recognizer import Approach, Contact, FingerApproach, NormalRange
 from palpate.recognizer.prediction import Prediction
 from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import Reach
@@ -37,17 +37,16 @@ class SimulatedTouches:
     at_bound: bool = False
 
     def __call__(
-        self, grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None] | None = None
+        self, grip: Sequence[FingerApproach], tell: Callable[[Stage], None] | None = None
     ) -> list[Touch]:
         del tell
-        return [self._touch(index, travel) for index, travel in grip]
+        return [self._touch(item) for item in grip]
 
-    def _touch(self, index: int, travel_mm: float) -> Touch:
-        candidate = self.reach.candidates[index]
-        bound = candidate.approach.position_bound_mm
+    def _touch(self, approach: FingerApproach) -> Touch:
+        bound = approach.position_bound_mm
         contact = felt_along(
-            replace(candidate.approach, travel_mm=travel_mm),
-            f"f{candidate.finger_index + 1}",
+            approach,
+            f"f{approach.finger_index + 1}",
             self.placed,
             self.rng,
             bound=self.share * bound,
@@ -55,7 +54,7 @@ class SimulatedTouches:
             half_range=self.normal_half_rad,
             at_bound=self.at_bound,
         )
-        return Touch(candidate.finger_index, contact, None, (math.nan, math.nan))
+        return Touch(approach.finger_index, contact, None, (math.nan, math.nan))
 
 
 def felt_along(

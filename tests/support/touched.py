@@ -4,22 +4,23 @@ import numpy as np
 from emulated_session import EmulatedSession, shape_of
 from touch_check import check_touch
 
+from palpate.recognizer import FingerApproach
 from palpate.rig.bench import connect
-from palpate.rig.motion.guarded_approach import Close, Stage, Touch
+from palpate.rig.motion.guarded_approach import Stage, Touch
 from palpate.rig.reach.approaches import reach_of
 
 __all__ = ["random_grip", "run_checked"]
 
 
-def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[Close]:
+def random_grip(session: EmulatedSession, rng: np.random.Generator) -> list[FingerApproach]:
     """One approach of each finger, most of them towards where things lie."""
     reach = reach_of(session.rig)
-    closes = []
+    grip = []
     for index in range(len(session.rig.fingers)):
         own = reach.of_finger(index)
         k = int(np.clip(rng.normal(len(own) / 2, len(own) / 8), 0, len(own) - 1))
-        closes.append(reach.close(own[k], reach.candidates[own[k]].approach.travel_mm))
-    return closes
+        grip.append(reach.approaches[own[k]])
+    return grip
 
 
 def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:
