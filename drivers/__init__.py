@@ -1,6 +1,35 @@
-"""Bytes into values and values into bytes: the layer between ports and everything else.
+"""Drivers: servo bus, tactile arrays, ports and clocks, and kinematics of the fingers that carry them.
 
-`transport` opens ports, real or emulated, and keeps time. `dynamixel` and `tactile` speak to servos and
-arrays on them. `finger` turns servo angles into places of a tip. `emulators` stands in for the devices;
-nothing else in this package imports it. Knows neither objects nor recognition nor configuration files.
+Usable without a rig: `examples/drive_servos.py` drives servos with what is exported here; more is in the
+packages `dynamixel`, `tactile` and `transport`. `emulators` stands in for the devices. Nothing here knows
+objects, recognition or configuration files.
 """
+
+from palpate.drivers.dynamixel import (
+    Bus,
+    OperatingMode,
+    Servo,
+    ServoState,
+    StateReader,
+    disable_torque,
+    guarded_move,
+    model_numbered,
+    scan,
+)
+from palpate.drivers.transport import Clock, MonotonicClock, VirtualClock, open_port
+
+__all__ = [
+    "Bus",
+    "Clock",
+    "MonotonicClock",
+    "OperatingMode",
+    "Servo",
+    "ServoState",
+    "StateReader",
+    "VirtualClock",
+    "disable_torque",
+    "guarded_move",
+    "model_numbered",
+    "open_port",
+    "scan",
+]

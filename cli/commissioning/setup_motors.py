@@ -14,9 +14,9 @@ from palpate.config import RigFile, load_rig
 from palpate.config.results import to_json
 from palpate.config.setup_result import SetupOut, SetupOutcome
 from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.bus_scan import FoundServo
 from palpate.drivers.dynamixel.control_table import BAUD_RATE
 from palpate.drivers.dynamixel.manual import BAUD_RATES
-from palpate.drivers.dynamixel.scan import Found
 from palpate.drivers.dynamixel.set_up import Change, Wire, wanted_items
 from palpate.errors import InputError
 from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, set_up_all
@@ -93,7 +93,7 @@ class _Person:
             str(text).strip().lower()[:1], OperatorReply.GO
         )
 
-    def may_write(self, motor: MotorSetup, found: Found, changes: Sequence[Change]) -> bool:
+    def may_write(self, motor: MotorSetup, found: FoundServo, changes: Sequence[Change]) -> bool:
         self.quiet()
         firmware = "" if found.ping is None else f", firmware {found.ping.firmware}"
         self._say(f"found {motor.model.name}{firmware}, id {found.dxl_id}, {found.baudrate} baud")

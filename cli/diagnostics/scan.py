@@ -12,9 +12,9 @@ from palpate.cli.terminal import Doing, Terminal
 from palpate.config.results import to_json
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.scan_result import ScannedServoOut, ScanOut
+from palpate.drivers.dynamixel.bus_scan import ALL_IDS, FoundServo, Scan, model_name, scan
 from palpate.drivers.dynamixel.models import models_known
 from palpate.drivers.dynamixel.packet import MAX_ID
-from palpate.drivers.dynamixel.scan import ALL_IDS, Found, Scan, model_name, scan
 from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import InputError, counted
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, RigServo, find_endpoint, list_servos
@@ -131,7 +131,7 @@ def _rates(given: Sequence[int], place: BusEndpoint) -> Sequence[int]:
     return BUS_BAUDRATES if has_baudrate(place.port) else [place.baudrate or _USUAL_BAUDRATE]
 
 
-def _servo_out(found: Found, owned: dict[int, RigServo]) -> ScannedServoOut:
+def _servo_out(found: FoundServo, owned: dict[int, RigServo]) -> ScannedServoOut:
     owner = owned.get(found.dxl_id)
     return ScannedServoOut(
         baudrate_bps=found.baudrate,

@@ -1,4 +1,4 @@
-"""Guarded move: drives servos until each mover reaches its goal, touches, stalls or runs out of time.
+"""Guarded move: drives servos until each mover ends by arrival, contact, stall or deadline.
 
 `guarded_loop` is the only loop that moves anything: it writes goals, lets time pass, and stops each mover by
 itself. Every guard is in it or in what it is given: `pause` lets time pass and raises where arrays, outputs
@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
-from palpate.drivers.dynamixel.state import ServoState
+from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.transport.clock import Clock
 
 __all__ = ["End", "Goals", "Guard", "Mover", "ServoMover", "guarded_loop", "guarded_move"]
@@ -64,7 +64,7 @@ class Mover(Protocol):
         ...
 
     def sense(self, now: float, /) -> End | None:
-        """Each period, before anything else: an end that arrays tell, such as a contact."""
+        """Each period, before anything else: an end that arrays report, such as a contact."""
         ...
 
     def look(self, states: Mapping[int, ServoState], now: float, /) -> None:
@@ -72,7 +72,7 @@ class Mover(Protocol):
         ...
 
     def judge(self, now: float, /) -> End | None:
-        """After all movers have looked: an end that servos tell. Raises what must end all motion."""
+        """After all states are noted: an end that servos report. Raises what must end all motion."""
         ...
 
 
@@ -178,13 +178,13 @@ class ServoMover:
         goal_rad: float,
         tolerance_rad: float,
         guard: Guard = Guard(),
-        felt: Callable[[ServoState], bool] = lambda _: False,
+        contact: Callable[[ServoState], bool] = lambda _: False,
     ) -> None:
-        """`felt` is asked at each look; a current above what free motion needs will do."""
+        """`contact` judges each state that is read."""
         self.servo = servo
         self.seen: list[tuple[float, ServoState]] = []
         self._goal_rad, self._tolerance_rad = goal_rad, tolerance_rad
-        self._guard, self._felt = guard, felt
+        self._guard, self._contact = guard, contact
         self._started_s = self.moved_s = -math.inf
         self._moved_rad = math.inf
 
@@ -208,7 +208,7 @@ class ServoMover:
         return {}
 
     def sense(self, _now: float) -> End | None:
-        """Nothing: a servo feels by its state."""
+        """Nothing: a servo has no array."""
         return None
 
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
@@ -221,7 +221,7 @@ class ServoMover:
     def judge(self, now: float) -> End | None:
         """Contact, arrival, stall or deadline, in this order."""
         state = self.seen[-1][1]
-        if self._felt(state):
+        if self._contact(state):
             return End.CONTACT
         off = abs(state.position_rad - self._goal_rad)
         if off <= self._tolerance_rad and abs(state.velocity_rad_s) <= self._guard.still_rad_s:
@@ -232,23 +232,31 @@ class ServoMover:
 
 
 def guarded_move(
-    bus: Bus,
-    read: ReadStates,
+    reader: StateReader,
     clock: Clock,
     goals_rad: Goals,
-    tolerance_rad: Callable[[Servo], float],
-    felt: Callable[[Servo, ServoState], bool] = lambda _servo, _state: False,
+    *,
+    tolerance_rad: float = 0.02,
+    contact: Callable[[Servo, ServoState], bool] = lambda _servo, _state: False,
     guard: Guard = Guard(),
 ) -> dict[Servo, End]:
-    """Send servos to their goals; each stops where `felt` says that it touches, at a stall or a deadline.
+    """Guarded move of servos without a rig: each drives to its goal, or until contact, stall or deadline.
 
-    Raises SafetyStop for a goal out of range, with nothing sent, and what `read` raises. Torque must be on,
-    and stays on, also after an error: the caller switches it off with `disable_torque`.
+    `contact` judges each state that is read; a current above what free motion needs will do. Raises
+    SafetyStop for a goal out of range, with nothing sent, and the errors of states. Torque stays on in any
+    case: the caller switches it off.
     """
 
     def mover(servo: Servo, goal_rad: float) -> ServoMover:
-        return ServoMover(servo, goal_rad, tolerance_rad(servo), guard, lambda state: felt(servo, state))
+        return ServoMover(servo, goal_rad, tolerance_rad, guard, lambda state: contact(servo, state))
 
     movers = [mover(servo, goal) for servo, goal in goals_rad.items()]
-    ends = guarded_loop(bus, read, clock.now, clock.sleep, movers, period_s=guard.poll_s)
+    ends = guarded_loop(
+        reader.bus,
+        lambda servos: reader.read(servos).all(),
+        clock.now,
+        clock.sleep,
+        movers,
+        period_s=guard.poll_s,
+    )
     return {mover.servo: end for mover, end in ends.items()}

@@ -13,11 +13,11 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, model_name
 from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed
 from palpate.drivers.dynamixel.health import read_items
 from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.scan import Found, Scan, model_name
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
@@ -60,7 +60,7 @@ def wanted_items(dxl_id: int, baudrate: int, eeprom: Mapping[str, int]) -> dict[
     }
 
 
-def only_servo(found: Scan, model: Model, port: str) -> Found:
+def only_servo(found: Scan, model: Model, port: str) -> FoundServo:
     """The one servo that was found, of the right model. Raises DeviceError if it is not so."""
     servos = found.found
     if not servos:
@@ -80,7 +80,7 @@ def only_servo(found: Scan, model: Model, port: str) -> Found:
     return only
 
 
-def differing(wire: Wire, at: Found, model: Model, wanted: Mapping[str, int]) -> list[Change]:
+def differing(wire: Wire, at: FoundServo, model: Model, wanted: Mapping[str, int]) -> list[Change]:
     """What differs from `wanted` in the servo found at `at`. Raises what the bus raises."""
     with closing(wire.bus(at.baudrate)) as bus:
         servo = Servo(bus, at.dxl_id, model.name)
@@ -90,8 +90,8 @@ def differing(wire: Wire, at: Found, model: Model, wanted: Mapping[str, int]) ->
 
 
 def apply(
-    wire: Wire, at: Found, model: Model, changes: list[Change], written: Callable[[Change], None]
-) -> Found:
+    wire: Wire, at: FoundServo, model: Model, changes: list[Change], written: Callable[[Change], None]
+) -> FoundServo:
     """Switch torque off and write the changes; returns where the servo answers now.
 
     `written` hears of each change once it is confirmed. Raises what the bus raises, and DeviceError for an
@@ -110,12 +110,12 @@ def apply(
         if ct.ID.name in moves:
             change = moves[ct.ID.name]
             _change_id(bus, wire.clock, at.dxl_id, change.wanted)
-            now_at = Found(at.baudrate, change.wanted, at.ping)
+            now_at = FoundServo(at.baudrate, change.wanted, at.ping)
             written(change)
     if ct.BAUD_RATE.name in moves:
         change = moves[ct.BAUD_RATE.name]
         _change_rate(wire, now_at, change.wanted)
-        now_at = Found(BAUD_RATES[change.wanted], now_at.dxl_id, at.ping)
+        now_at = FoundServo(BAUD_RATES[change.wanted], now_at.dxl_id, at.ping)
         written(change)
     return now_at
 
@@ -133,7 +133,7 @@ def _change_id(bus: Bus, clock: Clock, old: int, new: int) -> None:
     raise NotConfirmed([old], bus.port_name, [f"ID {new}"])
 
 
-def _change_rate(wire: Wire, at: Found, code: int) -> None:
+def _change_rate(wire: Wire, at: FoundServo, code: int) -> None:
     """Write the baud rate; nor at which rate."""
     port = ""
     for _ in range(_ATTEMPTS):

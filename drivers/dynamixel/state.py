@@ -59,7 +59,7 @@ class StateReader:
 
     def __init__(self, bus: Bus, servos: Iterable[Servo]) -> None:
         """Nothing is sent yet: `arrange` does it."""
-        self._bus = bus
+        self.bus = bus
         self._servos = {servo.dxl_id: servo for servo in servos}
         self._fast = False
 
@@ -72,9 +72,9 @@ class StateReader:
             if servo.model.firmware is None:
                 servo.check()
             item, addresses = _shown(servo)
-            self._bus.write(servo.dxl_id, item, addresses)
-            if self._bus.read(servo.dxl_id, item) != addresses:
-                raise NotConfirmed([servo.dxl_id], self._bus.port_name, [item.name])
+            self.bus.write(servo.dxl_id, item, addresses)
+            if self.bus.read(servo.dxl_id, item) != addresses:
+                raise NotConfirmed([servo.dxl_id], self.bus.port_name, [item.name])
         self._fast = all(servo.model.answers_fast for servo in self._servos.values())
 
     @property
@@ -92,7 +92,7 @@ class StateReader:
     def read(self, servos: Sequence[Servo]) -> GroupRead[ServoState]:
         """The state of some of the servos at one instant; with Fast Sync Read where all of them know it."""
         blocks: dict[int, Block] = {servo.dxl_id: (_place(servo).data, _LAYOUT.size) for servo in servos}
-        answers = self._bus.read_blocks(blocks, fast=self._fast)
+        answers = self.bus.read_blocks(blocks, fast=self._fast)
         values: dict[int, ServoState] = {}
         errors: dict[int, DeviceError] = {}
         for dxl_id, answer in answers.items():
@@ -103,7 +103,7 @@ class StateReader:
             values[dxl_id] = state
             if state.hardware_error:
                 errors[dxl_id] = HardwareAlert(
-                    dxl_id, self._bus.port_name, state.hardware_error, carried_out=True
+                    dxl_id, self.bus.port_name, state.hardware_error, carried_out=True
                 )
         return GroupRead(values, errors)
 
@@ -111,10 +111,10 @@ class StateReader:
         if isinstance(answer, DeviceError):
             return answer
         if answer.error_number:
-            return StatusError(servo.dxl_id, self._bus.port_name, answer.error_number, "to read its state")
+            return StatusError(servo.dxl_id, self.bus.port_name, answer.error_number, "to read its state")
         current, velocity, position, error, torque, watchdog, level = _LAYOUT.unpack(answer.params)
         if level != ct.ANSWERS_ALL:
-            return Restarted(servo.dxl_id, self._bus.port_name)
+            return Restarted(servo.dxl_id, self.bus.port_name)
         model = servo.model
         unit = math.nan if model.torque is None else model.torque.current_unit_a
         return ServoState(

@@ -10,8 +10,8 @@ from typing import Protocol
 
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, SetupServoOut
+from palpate.drivers.dynamixel.bus_scan import FoundServo, scan
 from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.scan import Found, scan
 from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo
 from palpate.errors import DeviceError
 
@@ -33,7 +33,7 @@ class Operator(Protocol):
         """Ask to connect one servo alone."""
         ...
 
-    def may_write(self, motor: "MotorSetup", found: Found, changes: Sequence[Change]) -> bool:
+    def may_write(self, motor: "MotorSetup", found: FoundServo, changes: Sequence[Change]) -> bool:
         """Show what was found and what would be written; ask whether to write it."""
         ...
 
@@ -59,7 +59,7 @@ class MotorSetup:
     model: Model
     wanted: Mapping[str, int]
     outcome: SetupOutcome = SetupOutcome.NOT_DONE
-    found: Found | None = None
+    found: FoundServo | None = None
     written: list[Change] = field(default_factory=list)
     problem: str | None = None
 

@@ -14,7 +14,7 @@ from palpate.cli.diagnostics.scan import ids_of, scan_out
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Ping
-from palpate.drivers.dynamixel.scan import Found, Scan, scan
+from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, scan
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 
@@ -29,7 +29,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
     return lambda *args: run_here(args, monkeypatch, capsys)
 
 
-def found_by(place: BusEndpoint, *rates: int, ids: range = range(20)) -> list[Found]:
+def found_by(place: BusEndpoint, *rates: int, ids: range = range(20)) -> list[FoundServo]:
     return list(scan(place.open, place.clock, rates, ids, latency_s=place.latency_s).found)
 
 
@@ -117,12 +117,12 @@ def test_warnings_name_what_the_rig_file_has_otherwise() -> None:
     aim = Ping(1020, 46)
     scanned = Scan(
         (
-            Found(57_600, 11, aim),
-            Found(1_000_000, 12, Ping(1200, 52)),
-            Found(1_000_000, 21, Ping(9999, 1)),
-            Found(1_000_000, 22, None, crowded=True),
-            Found(1_000_000, 31, aim),
-            Found(1_000_000, 40, aim),
+            FoundServo(57_600, 11, aim),
+            FoundServo(1_000_000, 12, Ping(1200, 52)),
+            FoundServo(1_000_000, 21, Ping(9999, 1)),
+            FoundServo(1_000_000, 22, None, crowded=True),
+            FoundServo(1_000_000, 31, aim),
+            FoundServo(1_000_000, 40, aim),
         ),
         {4_000_000: "the port says no"},
     )

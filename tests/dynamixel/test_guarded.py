@@ -9,7 +9,7 @@ from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.errors import HardwareAlert, StatusError
 from palpate.drivers.dynamixel.guarded import End, Guard, guarded_move
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.drivers.dynamixel.state import ServoState, StateReader
+from palpate.drivers.dynamixel.state import StateReader
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import OVERLOAD_BIT, EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
@@ -48,18 +48,13 @@ class Shafts:
                 inside = max(0.0, servo.shaft_rad - self.wall_rad) if dxl_id == 1 else 0.0
                 servo.step(STEP_S, -self.stiffness * inside - (0.2 * servo.shaft_rad_s if inside else 0.0))
 
-    def read(self, servos: list[Servo]) -> dict[int, ServoState]:
-        return self.reader.read(servos).all()
-
     def move(self, *goals_rad: float, contact_a: float = 9.0) -> list[End]:
         ends = guarded_move(
-            self.bus,
-            lambda servos: self.read(list(servos)),
+            self.reader,
             self.clock,
             dict(zip(self.servos, goals_rad, strict=False)),
-            lambda _: 0.02,
-            lambda _, state: abs(state.current_a) > contact_a,
-            Guard(poll_s=0.005),
+            contact=lambda _, state: abs(state.current_a) > contact_a,
+            guard=Guard(poll_s=0.005),
         )
         return [ends[servo] for servo in self.servos[: len(goals_rad)]]
 
@@ -74,7 +69,7 @@ def shafts(request: pytest.FixtureRequest) -> Iterator[Shafts]:
 
 def test_free_servos_reach_their_goals(shafts: Shafts) -> None:
     assert shafts.move(1.0, -0.7) == [End.REACHED, End.REACHED]
-    states = shafts.read(shafts.servos)
+    states = shafts.reader.read(shafts.servos).all()
     assert states[1].position_rad == pytest.approx(1.0, abs=0.02)
     assert states[2].position_rad == pytest.approx(-0.7, abs=0.02)
 
@@ -82,10 +77,10 @@ def test_free_servos_reach_their_goals(shafts: Shafts) -> None:
 def test_one_stops_at_contact_and_the_other_goes_on(shafts: Shafts) -> None:
     shafts.wall_rad = 0.4
     assert shafts.move(1.0, 1.0, contact_a=0.25) == [End.CONTACT, End.REACHED]
-    touching = shafts.read(shafts.servos)[1]
+    touching = shafts.reader.read(shafts.servos).all()[1]
     assert 0.4 < touching.position_rad < 0.9
     shafts.clock.sleep(1.0)
-    still = shafts.read(shafts.servos)[1]
+    still = shafts.reader.read(shafts.servos).all()[1]
     assert still.position_rad == pytest.approx(touching.position_rad, abs=0.05)
     assert still.velocity_rad_s == 0.0
 
@@ -110,7 +105,7 @@ def test_a_goal_out_of_range_moves_nobody(shafts: Shafts) -> None:
     with pytest.raises(SafetyStop, match="servo 2 "):
         shafts.move(0.5, 7.0)
     shafts.clock.sleep(1.0)
-    assert shafts.read(shafts.servos)[1].position_rad == pytest.approx(0.0, abs=0.01)
+    assert shafts.reader.read(shafts.servos).all()[1].position_rad == pytest.approx(0.0, abs=0.01)
 
 
 def test_the_other_operating_modes(shafts: Shafts) -> None:
@@ -119,7 +114,7 @@ def test_the_other_operating_modes(shafts: Shafts) -> None:
     servo.enable_torque()
     servo.set_goal_velocity_rad_s(-1.5)
     shafts.clock.sleep(1.0)
-    assert shafts.read([servo])[1].velocity_rad_s == pytest.approx(-1.5, abs=0.1)
+    assert shafts.reader.read([servo]).all()[1].velocity_rad_s == pytest.approx(-1.5, abs=0.1)
     with pytest.raises(StatusError, match="Data Limit Error"):
         servo.set_goal_velocity_rad_s(4.0)
     servo.prepare(OperatingMode.CURRENT, 0.5)
@@ -127,7 +122,7 @@ def test_the_other_operating_modes(shafts: Shafts) -> None:
     begin = shaft.shaft_rad
     servo.set_goal_current_a(0.2)
     shafts.clock.sleep(0.3)
-    assert shafts.read([servo])[1].velocity_rad_s > 0
+    assert shafts.reader.read([servo]).all()[1].velocity_rad_s > 0
     assert shaft.shaft_rad > begin + 0.05
     with pytest.raises(ValueError, match="servo 1"):
         servo.set_goal_current_a(-9.0)
@@ -135,6 +130,6 @@ def test_the_other_operating_modes(shafts: Shafts) -> None:
     servo.enable_torque()
     servo.set_goal_pwm(-0.5)
     shafts.clock.sleep(1.0)
-    assert shafts.read([servo])[1].velocity_rad_s < -1.0
+    assert shafts.reader.read([servo]).all()[1].velocity_rad_s < -1.0
     with pytest.raises(ValueError, match=r"a PWM of 1\.5"):
         servo.set_goal_pwm(1.5)

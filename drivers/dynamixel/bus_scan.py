@@ -20,7 +20,7 @@ from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS, PortTaken
 from palpate.errors import DeviceError, InputError
 
-__all__ = ["ALL_IDS", "Found", "Scan", "model_name", "scan", "scan_rate"]
+__all__ = ["ALL_IDS", "FoundServo", "Scan", "model_name", "scan", "scan_rate"]
 
 ALL_IDS = range(MAX_ID + 1)
 
@@ -30,7 +30,7 @@ _REST_S = 0.05  # a servo that heard half a packet at another baud rate has forg
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundServo:
     """What answers to an id at a baud rate.
 
     `ping` is None if every answer came broken. `crowded`: more than one servo seems to have this id.
@@ -46,7 +46,7 @@ class Found:
 class Scan:
     """What was found, by baud rate and id, and the rates that the port refused with its reason."""
 
-    found: tuple[Found, ...]
+    found: tuple[FoundServo, ...]
     refused: dict[int, str]
 
 
@@ -64,7 +64,7 @@ def scan(
     `tell` hears of each baud rate that is begun, and of each id that is asked by itself. Raises DeviceError
     if the port is taken, cannot be opened at any rate, or fails meanwhile.
     """
-    found: list[Found] = []
+    found: list[FoundServo] = []
     refused: dict[int, str] = {}
     reasons: list[DeviceError] = []
     tried = 0
@@ -96,7 +96,7 @@ def scan_rate(
     *,
     latency_s: float,
     tell: Callable[[int, int | None], None] = lambda _rate, _dxl_id: None,
-) -> list[Found]:
+) -> list[FoundServo]:
     """Look for servos on an open port at one baud rate. Raises PortFailed."""
     bus = Bus(port, clock, baudrate, latency_s=latency_s)
     clock.sleep(_REST_S)
@@ -112,7 +112,7 @@ def scan_rate(
             except NotAnswering:
                 continue
     return [
-        Found(baudrate, dxl_id, ping, crowded=ping is None or _is_crowded(bus, port, clock, dxl_id))
+        FoundServo(baudrate, dxl_id, ping, crowded=ping is None or _is_crowded(bus, port, clock, dxl_id))
         for dxl_id, ping in sorted(told.items())
     ]
 
