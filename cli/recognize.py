@@ -1,30 +1,18 @@
 """`palpate recognize`: from a file of contacts to hypotheses, without a rig."""
 
 import math
-import time
 from pathlib import Path
 
 import typer
 
-from palpate.config import load_contacts, load_objects
-from palpate.config.results import to_json
+from palpate.api.answers import RecognitionAnswer
+from palpate.api.recognition import recognise
+from palpate.errors import counted
 from palpate.files.writing import write_text
-from palpate.recognizer import Catalogue, Hypothesis, Recognition, recognise
-from palpate.recognizer.explanation import Why, why
+from palpate.recognizer import Hypothesis
+from palpate.recognizer.explanation import Why
 from palpate.recognizer.statistics import MemoCounts, memo_counts
-from palpate.rig.catalogue.heights import check_known, fingers_of
-from palpate.rig.conversion import grips_of
-from palpate.views.explanation import (
-    Explanation,
-    Felt,
-    explain,
-    explanation_lines,
-    explanation_out,
-    state_named,
-    why_lines,
-    why_out,
-)
-from palpate.views.recognition import recognition_out, recognition_picture
+from palpate.views.explanation import Felt, explanation_lines, why_lines
 from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["run_recognize"]
@@ -47,34 +35,19 @@ def run_recognize(
     `asked` names an object, or "object/state", of which to say whether and why it was ruled out. `statistics`
     asks for the counts of the memo's tables.
     """
-    objects_file = load_objects(objects)
-    felt = Felt(grips_of(load_contacts(contacts)))
-    check_known(objects_file.objects, fingers_of(felt.contacts))
-    catalogue = Catalogue(objects_file.objects)
-    named = None if asked is None else state_named(catalogue, asked)
-    begin = time.perf_counter()
-    recognition = recognise(catalogue, felt.contacts, max_spurious)
-    seconds = time.perf_counter() - begin
-    explanation = (
-        explain(catalogue, felt, max_spurious) if recognition.verdict is RecognitionVerdict.NONE else None
-    )
-    because = None if named is None else why(catalogue, felt.contacts, *named)
-    memo = memo_counts(catalogue, felt.contacts) if statistics else None
+    answer = recognise(objects, contacts, max_spurious=max_spurious)
+    because = None if asked is None else answer.why(asked)
+    memo = memo_counts(answer.catalogue, answer.contacts.contacts) if statistics else None
     if picture is not None:
-        write_text(picture, recognition_picture(recognition, f"{contacts.name} in {objects.name}"))
+        write_text(picture, answer.picture())
     if json:
-        result = recognition_out(recognition, seconds, memo)
-        more = {
-            "explanation": explanation and explanation_out(explanation, felt),
-            "why": because and why_out(because, felt),
-        }
-        typer.echo(to_json(result.model_copy(update=more)))
+        typer.echo(answer.to_json(because, memo))
     else:
-        _print(recognition, seconds, felt, explanation)
-        _print_why(because, felt)
+        _print(answer)
+        _print_why(because, answer.contacts)
         for line in () if memo is None else _memo_lines(memo):
             typer.echo(line)
-    return 0 if recognition.verdict is RecognitionVerdict.UNIQUE else 1
+    return 0 if answer.verdict is RecognitionVerdict.UNIQUE else 1
 
 
 def _memo_lines(memo: MemoCounts) -> list[str]:
@@ -94,20 +67,21 @@ def _memo_lines(memo: MemoCounts) -> list[str]:
     return lines
 
 
-def _print(recognition: Recognition, seconds: float, felt: Felt, explanation: Explanation | None) -> None:
+def _print(answer: RecognitionAnswer) -> None:
+    recognition, explanation, contacts = answer.recognition, answer.explanation(), answer.contacts
     count = len(recognition.hypotheses)
-    found = "1 hypothesis" if count == 1 else f"{count} hypotheses"
     touched = sum(contact.touched for contact in recognition.contacts)
     missed = len(recognition.contacts) - touched
+    found = counted(count, "hypothesis", "hypotheses")
     typer.echo(f"{recognition.verdict.value}: {found} after {touched} contacts and {missed} misses")
-    for line in () if explanation is None else explanation_lines(explanation, felt):
+    for line in () if explanation is None else explanation_lines(explanation, contacts):
         typer.echo(f"  {line}")
     for item in recognition.hypotheses[:_SHOWN]:
-        spurious = f"  without {felt.listed(item.null_contacts)}" if item.null_contacts else ""
+        spurious = f"  without {contacts.listed(item.null_contacts)}" if item.null_contacts else ""
         typer.echo(f"  {hypothesis_line(item)}{spurious}")
     if count > _SHOWN:
         typer.echo(f"  and {count - _SHOWN} more; --json lists them all")
-    typer.echo(f"{1000 * seconds:.1f} ms")
+    typer.echo(f"{1000 * answer.seconds:.1f} ms")
 
 
 def _print_why(because: Why | None, felt: Felt) -> None:

@@ -7,7 +7,7 @@ from palpate.config.identification_result import AlternativeOut, CalibrationUsed
 from palpate.errors import counted
 from palpate.vocabulary import IdentificationVerdict
 
-__all__ = ["answer_lines"]
+__all__ = ["answer_lines", "picture_facts"]
 
 _ALTERNATIVES_SHOWN = 12
 _RETOUCH = "`palpate check --touch` tells"
@@ -34,6 +34,24 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     if out.truth is not None:
         lines.append(_truth_line(out))
     return lines
+
+
+def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
+    """Rows for the picture's panel; nothing that differs between two runs of one seed."""
+    rows = [
+        ("grips", str(out.grips)),
+        ("touches", str(out.touches)),
+        ("came out as foretold", str(out.foretold)),
+        ("strategy", out.strategy.value),
+        ("rig time", f"{out.rig_seconds:.1f} s"),
+        ("devices", "emulated" if out.emulated else "hardware"),
+    ]
+    if out.symmetry_order > 1:
+        rows.append(("symmetry", f"{out.symmetry_order}-fold: θ modulo {360 / out.symmetry_order:g}°"))
+    if out.truth is not None and out.truth.named:
+        off, turned = out.truth.position_error_mm or 0.0, math.degrees(out.truth.orientation_error_rad or 0.0)
+        rows.append(("off the truth", f"{off:.2f} mm, {turned:.2f}°"))
+    return rows
 
 
 def _place_lines(out: IdentificationOut) -> list[str]:

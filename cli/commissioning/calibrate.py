@@ -1,11 +1,8 @@
 """`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report."""
 
-import hashlib
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 import typer
@@ -13,42 +10,22 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
+from palpate.api.calibration import CalibrationAnswer, CalibrationPaths, check_references
+from palpate.api.files import load_references
+from palpate.api.rig import open_rig
 from palpate.calibration.finger_step import plan_placements
 from palpate.cli.commissioning.confirm_motion import ask_to_move
 from palpate.cli.commissioning.reference_placement import ConsoleTable
 from palpate.cli.terminal import Doing, Terminal
-from palpate.config import (
-    CalibrationFile,
-    RigFile,
-    calibration_path,
-    check_calibration,
-    load_calibration,
-    load_rig,
-)
+from palpate.config import RigFile
 from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
 from palpate.config.calibration_finger import FingerCalibration
-from palpate.config.calibration_writer import calibration_toml
-from palpate.config.references_file import ReferencesFile, load_references
+from palpate.config.references_file import ReferencesFile
 from palpate.config.results import to_json
-from palpate.config.shipped import shipped_references
-from palpate.errors import InputError
-from palpate.files.writing import check_place, write_text
-from palpate.rig.background import BackgroundCall
-from palpate.rig.bench import emulated_table, outside, set_up
-from palpate.rig.commissioning.calibration import (
-    STEPS,
-    CalibrationJob,
-    build_references,
-    calibrate,
-    slide_fingers,
-)
-from palpate.rig.commissioning.calibration_hand import rig_connector
-from palpate.rig.commissioning.run_record_file import RunRecordFile
-from palpate.views.calibration.report import write_report
+from palpate.rig.commissioning.calibration import STEPS, build_references
 
 __all__ = ["run_calibrate"]
 
-_COVERAGE = 0.999
 _TITLES = (
     "contacts\n± mm",
     "direction\n± °",
@@ -59,20 +36,6 @@ _TITLES = (
     "skin\nN/mm",
     "taxels\nout",
 )
-
-
-@dataclass(frozen=True)
-class _Places:
-    """Files beside the rig file."""
-
-    calibration: Path
-    record: Path
-    report: Path
-
-    @classmethod
-    def beside(cls, rig: Path) -> "_Places":
-        file = calibration_path(rig)
-        return cls(file, file.with_suffix(".run.json"), file.with_suffix(".html"))
 
 
 def run_calibrate(
@@ -86,49 +49,30 @@ def run_calibrate(
     restart: bool,
     json: bool,
 ) -> int:
-    """Calibrate and tell; returns the exit code. Raises InputError for whatever is not as it should be."""
+    """Calibrate and show; returns the exit code. Raises InputError for whatever is not as it should be."""
     begin = time.perf_counter()
-    described, shapes = load_rig(rig), load_references(references or shipped_references())
-    slide_fingers(described)
-    build_references(shapes)
-    _check_heights(described, shapes)
-    places, console = _Places.beside(rig), Terminal(stderr=True, highlight=False, soft_wrap=True)
-    _announce(console, described, shapes, steps, places)
+    opened, shapes = open_rig(rig, seed=seed, calibration=False), load_references(references)
+    check_references(opened.file, shapes)
+    paths, console = CalibrationPaths.beside(rig), Terminal(stderr=True, highlight=False, soft_wrap=True)
+    _announce(console, opened.file, shapes, steps, paths)
     if dry_run:
         return 0
-    for path in (places.calibration, places.record, places.report):
-        check_place(path)
     if not yes:
         ask_to_move(console)
-    keeper = RunRecordFile(places.record)
-    if restart:
-        keeper.forget()
-    bench = set_up(described, None, seed)
-    job = CalibrationJob(
-        described,
-        hashlib.sha256(rig.read_bytes()).hexdigest(),
-        shapes,
-        steps,
-        _COVERAGE,
-        datetime.now(UTC).replace(microsecond=0),
-        _before(places.calibration, described, rig),
-    )
-    table = emulated_table(bench, seed) or ConsoleTable(console)
-    with (
-        _Progress(console, asks=bench.mock is None) as progress,
-        BackgroundCall("the display", progress.tell) as notice,
-    ):
-        connect = rig_connector(outside(bench), table, notice)
-        file = calibrate(job, connect, keeper, notice)
-    write_text(places.calibration, calibration_toml(file))
-    write_report(places.report, file)
-    keeper.forget()
-    out = _out(file, described, steps, places, bench.clock.now(), time.perf_counter() - begin)
+    with _Progress(console, asks=not opened.emulated) as progress:
+        answer = opened.calibrate(
+            steps,
+            references=shapes,
+            table=None if opened.emulated else ConsoleTable(console),
+            restart=restart,
+            progress=progress.tell,
+        )
+    out = _out(answer, opened.described, steps, time.perf_counter() - begin)
     if json:
         typer.echo(to_json(out))
     _show(out, console if json else Terminal(highlight=False, soft_wrap=True))
-    if notice.late_failure is not None:
-        raise notice.late_failure
+    if answer.failure is not None:
+        raise answer.failure
     return 0
 
 
@@ -160,7 +104,7 @@ class _Progress:
 
 
 def _announce(
-    console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: _Places
+    console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: CalibrationPaths
 ) -> None:
     """What is going to happen, before anything does."""
     disc, plate = build_references(shapes)
@@ -184,51 +128,21 @@ def _announce(
         console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
 
 
-def _check_heights(rig: RigFile, shapes: ReferencesFile) -> None:
-    """Refuse references that fingers pass above."""
-    highest = max(rig.fingers, key=lambda finger: finger.height_mm)
-    for name, shape in (("disc", shapes.disc), ("plate", shapes.plate)):
-        if shape.height_mm <= highest.height_mm:
-            raise InputError(
-                f"the {name} is {shape.height_mm:g} mm high, and finger {highest.name} touches at "
-                f"{highest.height_mm:g} mm: references must stand higher than every array"
-            )
-
-
-def _before(path: Path, rig: RigFile, rig_path: Path) -> CalibrationFile | None:
-    """The calibration so far, if it is of this rig as it is now."""
-    if not path.exists():
-        return None
-    try:
-        found = load_calibration(path)
-        check_calibration(found, rig, str(path), str(rig_path))
-    except InputError:
-        return None  # it will be replaced by one that is
-    return found
-
-
-def _out(
-    file: CalibrationFile,
-    rig: RigFile,
-    steps: Sequence[str],
-    places: _Places,
-    rig_seconds: float,
-    wall_seconds: float,
-) -> CalibrateOut:
-    residuals = file.residuals
+def _out(answer: CalibrationAnswer, rig: RigFile, steps: Sequence[str], wall_seconds: float) -> CalibrateOut:
+    file, residuals = answer.file, answer.file.residuals
     return CalibrateOut(
         rig=file.rig,
         emulated=file.emulated,
         steps=tuple(steps),
-        file=str(places.calibration),
-        report=str(places.report),
+        file=str(answer.paths.calibration),
+        report=str(answer.paths.report),
         coverage=file.coverage,
         fingers=tuple(_finger(found, rig, k) for k, found in enumerate(file.fingers)),
         touches=None if residuals is None else residuals.touches,
         outliers=None if residuals is None else residuals.outliers,
         rms_mm=None if residuals is None else residuals.rms_mm,
         held_out_rms_mm=None if residuals is None else residuals.held_out_rms_mm,
-        rig_seconds=rig_seconds,
+        rig_seconds=answer.rig_seconds,
         wall_seconds=wall_seconds,
     )
 

@@ -1,41 +1,21 @@
 """`palpate watch`: what the fingers feel, live or from a recorded session. Moves nothing."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate.api.monitor import Monitor
+from palpate.api.rig import open_rig
+from palpate.api.session import open_session
 from palpate.cli.monitor.display import How, Shown, forget_stdout, how_to_show, shown_on, write_picture
 from palpate.cli.monitor.keys import Keys
-from palpate.cli.monitor.loop import end_if_silent, obey, watch
-from palpate.config import RigFile
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.errors import InputError
-from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
-from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_arrays
 from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
 from palpate.rig.monitor.paced_clock import PacedClock
-from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
-from palpate.rig.motion.calibrated_devices import check_arrays
 
 __all__ = ["run_watch"]
-
-_NOTHING_TOUCHES = "emulated: nothing touches; try --session"
-_TARING = "tared at the start: nothing may touch the tips then"
-_NOT_TARED = "not tared: forces need it; press t with nothing touching the tips"
-
-
-@dataclass(frozen=True, eq=False)
-class _Watched:
-    """Something that can be watched, opened."""
-
-    rig: RigFile
-    session: Path | None
-    fingers: Sequence[MonitoredFinger]
-    clock: Clock
-    goes_on: Callable[[], bool]
-    doing: Callable[[], str]
-    notes: tuple[str, ...]
 
 
 def run_watch(
@@ -62,17 +42,17 @@ def run_watch(
     wall = wall or MonotonicClock()
     with ExitStack() as ways_out:
         if session is not None:
-            watched = _session(session, fingers, PaceOf(wall, speed or 1.0))
+            recorded = open_session(session)
+            monitor = ways_out.enter_context(recorded.watch(fingers, pace=PaceOf(wall, speed or 1.0).on))
         else:
-            paced = how.screen or seconds is None
-            on_bench = load_calibrated(rig, calibration=calibration)
-            watched = ways_out.enter_context(
-                _live(on_bench, fingers, rate_hz, tare=tare, pace=PaceOf(wall, 1.0 if paced else None))
-            )
+            opened = open_rig(rig, calibration=calibration)
+            paced = opened.emulated and (how.screen or seconds is None)
+            pace = PaceOf(wall, 1.0 if paced else None).on
+            monitor = ways_out.enter_context(opened.watch(fingers, rate_hz=rate_hz, tare=tare, pace=pace))
         keys = ways_out.enter_context(Keys())
-        how.say(watched.notes)
+        how.say(monitor.notes)
         try:
-            shown = _watch(watched, how, keys, seconds)
+            shown = _watch(monitor, how, keys, seconds)
         except BrokenPipeError:  # of stdout: ports' own errors are DeviceErrors
             forget_stdout()
             return 0
@@ -116,81 +96,39 @@ def _check(
             raise InputError(f"{name} {value:g}: must be above 0 and below a million")
 
 
-@contextmanager
-def _live(
-    on_bench: RigOnBench, names: Sequence[str], rate_hz: float | None, *, tare: bool, pace: PaceOf
-) -> Iterator[_Watched]:
-    file = on_bench.rig
-    specs = select_fingers(file, names)
-    rate = rate_hz or file.closing.sample_rate_hz
-    place = find_array_ports(on_bench.described)
-    clock = pace.on(place.clock) if file.emulated else place.clock
-    with stream_arrays(file, specs, place, clock, rate) as fingers:
-        uids = {finger.name: finger.array.description.unique_id.hex() for finger in fingers}
-        check_arrays(on_bench.calibration, uids)
-        for finger in fingers if tare else ():
-            finger.tare()
-
-        def goes_on() -> bool:
-            end_if_silent(fingers, rate)
-            return True
-
-        notes = (_TARING if tare else _NOT_TARED, *((_NOTHING_TOUCHES,) if file.emulated else ()))
-        yield _Watched(file, None, fingers, clock, goes_on, lambda: "", notes)
-
-
-def _session(session: Path, names: Sequence[str], pace: PaceOf) -> _Watched:
-    found = open_recorded_arrays(session, names)
-
-    def goes_on() -> bool:
-        found.tare_when_started()
-        return not found.ended
-
-    notes = [f"recorded, {found.end_s:.1f} s; tared at each start of the arrays, as the run did"]
-    if found.changed_line is not None:
-        line = found.changed_line
-        notes.append(f"line {line} of the log is not as it was written: its check sum is wrong")
-    clock = pace.on(found.clock)
-    return _Watched(
-        rig=found.rig,
-        session=found.folder,
-        fingers=found.fingers,
-        clock=clock,
-        goes_on=goes_on,
-        doing=lambda: found.doing,
-        notes=tuple(notes),
-    )
-
-
-def _watch(watched: _Watched, how: How, keys: Keys, seconds: float | None) -> Shown:
-    """Run the loop; returns what was shown last."""
-    begin = 0.0 if watched.session is not None else watched.clock.now()
+def _watch(monitor: Monitor, how: How, keys: Keys, seconds: float | None) -> Shown:
+    """Show updates until the end; returns what was shown last."""
+    begin = 0.0 if monitor.session is not None else monitor.clock.now()
 
     def seen(views: Sequence[FingerView]) -> Shown:
         return Shown(
-            rig=watched.rig,
-            session=watched.session,
-            t_s=watched.clock.now() - begin,
-            doing=watched.doing(),
-            notes=watched.notes,
+            rig=monitor.rig,
+            session=monitor.session,
+            t_s=monitor.clock.now() - begin,
+            doing=monitor.stage(),
+            notes=monitor.notes,
             views=tuple(views),
             keys=keys.there,
         )
 
-    last = seen([finger.view() for finger in watched.fingers])
+    last = seen(monitor.views())
     with shown_on(how) as show:
-
-        def note(views: Sequence[FingerView]) -> None:
-            nonlocal last
+        for views in monitor.updates(
+            how.interval_s, seconds=seconds, goes_on=lambda: obey(keys.typed(), monitor.fingers)
+        ):
             last = seen(views)
             show(last)
-
-        watch(
-            watched.fingers,
-            watched.clock,
-            note,
-            interval_s=how.interval_s,
-            goes_on=lambda: watched.goes_on() and obey(keys.typed(), watched.fingers),
-            seconds=seconds,
-        )
     return last
+
+
+def obey(typed: str, fingers: Sequence[MonitoredFinger]) -> bool:
+    """Do what was typed: t tares, r resets the counters; returns False for q."""
+    for key in typed.lower():
+        if key == "q":
+            return False
+        for finger in fingers:
+            if key == "t":
+                finger.tare()
+            elif key == "r":
+                finger.reset_counters()
+    return True

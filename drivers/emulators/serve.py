@@ -78,6 +78,10 @@ class Service:
         self._thread = threading.Thread(target=self._run, name="served devices", daemon=True)
         self._thread.start()
 
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait until the service has ended, for `seconds` at most; raises nothing."""
+        self._stop.wait(seconds)
+
     def stop(self) -> None:
         """End the service and take the ports away, which clients see as an unplug.
 

@@ -94,14 +94,14 @@ def _hypothesis(item: Hypothesis) -> dict[str, object]:
 def plain(value: Any) -> Any:  # noqa: PLR0911  # one kind of value, one return
     """The value as JSON has it: dataclasses as objects, arrays as lists, infinities as null."""
     match value:
+        case Enum():  # before str: an enum of strings is both
+            return value.value
         case None | bool() | str() | int():
             return value
         case float() | np.floating():
             return float(value) if math.isfinite(value) else None
         case np.integer():
             return int(value)
-        case Enum():
-            return value.value
         case Path():
             return str(value)
         case np.ndarray():

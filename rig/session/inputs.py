@@ -4,11 +4,12 @@ The copies of rig file and calibration lie beside each other as the originals do
 file can be given to any command.
 """
 
-import json
+from dataclasses import replace
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from palpate.config import ObjectsFile, Scene, calibration_path, load_objects, load_scene
+from palpate.config.writers import file_text
 from palpate.errors import InputError
 from palpate.files.writing import write_text
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
@@ -19,23 +20,20 @@ __all__ = ["calibrated_run", "keep_inputs", "kept_inputs"]
 _RIG, _OBJECTS, _SCENE, _SCENE_OBJECTS = "rig.toml", "objects.json", "scene.json", "scene-objects.json"
 
 
-def keep_inputs(folder: Path, on_bench: RigOnBench, objects: Path | Traversable, scene: Path | None) -> None:
-    """Copy the input files of a run into its session's folder; InputError if one cannot be written.
+def keep_inputs(folder: Path, on_bench: RigOnBench, objects: ObjectsFile, scene: Scene | None) -> None:
+    """Keep the inputs of a run in its session's folder; InputError if one cannot be written.
 
-    A scene that takes its object from a file of its own gets that file's copy instead.
+    A scene whose object comes from a file of its own gets that file's copy instead.
     """
     write_text(folder / _RIG, _text(on_bench.path))
     if on_bench.calibration_path is not None:
         write_text(calibration_path(folder / _RIG), _text(on_bench.calibration_path))
-    write_text(folder / _OBJECTS, _text(objects))
-    if scene is None:
-        return
-    text = _text(scene)
-    others = load_scene(scene).objects
-    if others is not None:
-        write_text(folder / _SCENE_OBJECTS, _text(others))
-        text = json.dumps(json.loads(text) | {"objects": _SCENE_OBJECTS}, indent=1) + "\n"
-    write_text(folder / _SCENE, text)
+    write_text(folder / _OBJECTS, file_text(objects))
+    if scene is not None and scene.objects is not None:
+        write_text(folder / _SCENE_OBJECTS, file_text(load_objects(scene.objects)))
+        scene = replace(scene, objects=Path(_SCENE_OBJECTS))
+    if scene is not None:
+        write_text(folder / _SCENE, file_text(scene))
 
 
 def kept_inputs(

@@ -14,7 +14,8 @@ import pytest
 from command import PALPATE, log_events, run, torque_writes
 from json_schema import violations
 
-from palpate.config import shipped_objects, shipped_rig
+from palpate.config import load_objects, shipped_objects, shipped_rig
+from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 
 IDS = (11, 12, 21, 22, 31, 32)
@@ -86,7 +87,7 @@ def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
     apart = run("identify", "--seed", 7, "--json", cwd=fresh)
     assert WALL.sub("", apart.out) == WALL.sub("", first.out)
     assert kept["rig.toml"] == shipped_rig().read_bytes()
-    assert kept["objects.json"] == shipped_objects().read_bytes()
+    assert kept["objects.json"].decode() == file_text(load_objects(shipped_objects()))
     for name in ("contacts.json", "picture.svg"):
         assert (fresh / told["session"] / name).read_bytes() == kept[name]
 

@@ -21,16 +21,16 @@ def calls(folder: str) -> list[tuple[str, str]]:
 
 def test_goals_are_written_by_the_guarded_loop_alone() -> None:
     writers = {"write_goals", "stop_at", "set_goal_rad"}
-    everywhere = [*calls("cli"), *calls("rig"), *calls("calibration"), *calls("drivers")]
+    everywhere = [*calls("cli"), *calls("api"), *calls("rig"), *calls("calibration"), *calls("drivers")]
     assert {file for file, name in everywhere if name in writers} == {"drivers/dynamixel/guarded.py"}
 
 
 def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
     """`Hand.pause` looks at arrays; what waits without a hand moves nothing."""
-    sleepers = {file for file, name in [*calls("cli"), *calls("rig")] if name == "sleep"}
+    sleepers = {file for file, name in [*calls("cli"), *calls("api"), *calls("rig")] if name == "sleep"}
     without_hand = {
         "cli/diagnostics/find_port.py",
-        "cli/monitor/loop.py",
+        "api/monitor.py",
         "rig/diagnostics/array_check.py",
         "rig/monitor/paced_clock.py",
     }

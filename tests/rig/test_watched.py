@@ -5,11 +5,21 @@ import pytest
 from tactile_tip import COLS, DESCRIPTION, ROWS
 from watched_tip import WatchedTip
 
-from palpate.cli.monitor.loop import end_if_silent, obey, watch
+from palpate.api.files import load_rig
+from palpate.api.monitor import Monitor, check_streaming
+from palpate.cli.monitor.watch import obey
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
-from palpate.rig.monitor.finger_monitor import FingerView, TareState
+from palpate.rig.monitor.finger_monitor import TareState
 from palpate.rig.monitor.paced_clock import PacedClock
+
+
+def monitor_of(tip: WatchedTip) -> Monitor:
+    def goes_on() -> bool:
+        check_streaming([tip.finger], 200.0)
+        return True
+
+    return Monitor(load_rig(), None, [tip.finger], tip.clock, goes_on, lambda: "", ())
 
 
 def test_what_a_touch_looks_like() -> None:
@@ -77,34 +87,25 @@ def test_a_silent_array_feels_nothing_and_ends_the_watch() -> None:
     view = tip.finger.view()
     assert view.silent
     assert (view.force_n, view.patch, view.taxel_n.max()) == (None, None, 0.0)
-    end_if_silent([tip.finger], 200.0)
+    check_streaming([tip.finger], 200.0)
     with pytest.raises(DeviceError, match=r"array tip on mock://\S+ sent no frame for 3 s; check"):
-        watch(
-            [tip.finger],
-            tip.clock,
-            lambda _: None,
-            interval_s=0.05,
-            goes_on=lambda: end_if_silent([tip.finger], 200.0) is None,
-        )
+        list(monitor_of(tip).updates())
     assert tip.clock.now() == pytest.approx(4.0, abs=0.1)
 
 
 def test_a_slow_array_may_take_its_time() -> None:
     tip = WatchedTip(rate_hz=0.5)
     tip.pass_time(3.9)
-    end_if_silent([tip.finger], 0.5)
+    check_streaming([tip.finger], 0.5)
 
 
 def test_shown_twenty_times_a_second_at_most_whatever_showing_takes() -> None:
     tip = WatchedTip()
     seen: list[float] = []
-
-    def show(views: list[FingerView]) -> None:
+    for views in monitor_of(tip).updates(0.05, seconds=3.0):
         seen.append(tip.clock.now())
         tip.clock.sleep(0.2 if 1.0 < tip.clock.now() < 1.5 else 0.0)
         assert views[0].counts is not None
-
-    watch([tip.finger], tip.clock, show, interval_s=0.05, goes_on=lambda: True, seconds=3.0)
     assert np.diff(seen[:-1]).min() > 0.035, "late by a poll, and in time again"
     assert 50 <= len(seen) <= 58
     assert tip.finger.view().counters.lost == 0

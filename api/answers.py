@@ -1,0 +1,194 @@
+"""Answers of `Rig.identify`, `Rig.plan` and `recognise`: values, JSON, and a picture for notebooks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from palpate.config import ObjectsFile
+from palpate.config.grip_result import GripOut
+from palpate.config.identification_result import AlternativeOut, IdentificationOut
+from palpate.config.results import BoundsOut, ConfigurationOut, to_json
+from palpate.errors import PalpateError
+from palpate.recognizer import Catalogue, Hypothesis, Recognition
+from palpate.recognizer.explanation import Why, why
+from palpate.recognizer.statistics import MemoCounts
+from palpate.rig.catalogue.reachability_text import untouched_lines
+from palpate.rig.identification.next_grip import Planned
+from palpate.rig.session.run import IdentificationRun
+from palpate.views.answer import answer_lines, picture_facts
+from palpate.views.explanation import (
+    Explanation,
+    Felt,
+    explain,
+    explanation_lines,
+    explanation_out,
+    state_named,
+    why_out,
+)
+from palpate.views.grip_result import grip_out
+from palpate.views.plan_picture import plan_picture
+from palpate.views.recognition import recognition_out, recognition_picture
+from palpate.views.run import identification_picture
+from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict
+
+__all__ = ["Answer", "Plan", "RecognitionAnswer"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answer:
+    """Answer of an identification (`palpate/identification@1`): which object, how it rests and where.
+
+    Configuration and bounds map object coordinates to the support-plane frame W; mm and rad. `failure`: an
+    output (session log, display) that failed after the run had completed; the answer is whole.
+    """
+
+    result: IdentificationOut
+    run: IdentificationRun
+    objects: ObjectsFile
+    failure: PalpateError | None
+
+    @property
+    def verdict(self) -> IdentificationVerdict:
+        """`identified`, `indistinguishable`, `unknown` or `unresolved`."""
+        return self.result.verdict
+
+    @property
+    def object(self) -> str | None:
+        """Name of the object with the largest weight; None if no hypothesis is left."""
+        return self.result.object
+
+    @property
+    def state(self) -> str | None:
+        """Name of its stable state."""
+        return self.result.state
+
+    @property
+    def configuration(self) -> ConfigurationOut | None:
+        """x, y (mm) and theta (rad) of the object frame in W."""
+        return self.result.configuration
+
+    @property
+    def bounds(self) -> BoundsOut | None:
+        """Proven intervals of x, y (mm) and theta (rad)."""
+        return self.result.bounds
+
+    @property
+    def alternatives(self) -> Sequence[AlternativeOut]:
+        """Hypotheses that are left beside the first one."""
+        return self.result.alternatives
+
+    @property
+    def session(self) -> str | None:
+        """Folder of the session log; None if none was kept."""
+        return self.result.session
+
+    def to_json(self) -> str:
+        """`palpate/identification@1`."""
+        return to_json(self.result)
+
+    def text(self) -> str:
+        """The answer in sentences, a line each."""
+        advice = untouched_lines(self.run.job.rig, self.objects.objects)
+        return "\n".join(answer_lines(self.result, advice))
+
+    def picture(self) -> str:
+        """SVG: the object found, contacts, approaches, and which grip eliminated what."""
+        job = self.run.job
+        return identification_picture(self.run.result, job.placement, job.rig, picture_facts(self.result))
+
+    def _repr_svg_(self) -> str:
+        return self.picture()
+
+    def __repr__(self) -> str:
+        return f"<Answer {'; '.join(' '.join(line.split()) for line in answer_lines(self.result)[:4])}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """The next grip for some contacts (`palpate/grip@1`), and what each hypothesis predicts of it."""
+
+    planned: Planned
+    contacts: Felt
+    catalogue: Catalogue
+    title: str
+
+    @property
+    def result(self) -> GripOut:
+        """The plan in the words of the JSON."""
+        return grip_out(self.planned)
+
+    @property
+    def is_help(self) -> bool:
+        """Whether the grip may change the answer, or the answer needs no change."""
+        return self.planned.is_help
+
+    def to_json(self) -> str:
+        """`palpate/grip@1`."""
+        return to_json(self.result)
+
+    def picture(self) -> str:
+        """SVG: hypotheses, contacts so far, the approaches and where each hypothesis predicts their stop."""
+        return plan_picture(self.planned, self.contacts, self.title)
+
+    def _repr_svg_(self) -> str:
+        return self.picture()
+
+    def __repr__(self) -> str:
+        grip, count = self.planned.grip, len(self.planned.recognition.hypotheses)
+        what = "no grip" if grip is None else f"{len(grip.candidates)} approaches"
+        return (
+            f"<Plan {what}{', decisive' if grip is not None and grip.decisive else ''}; {count} hypotheses>"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RecognitionAnswer:
+    """Hypotheses that agree with some contacts (`palpate/recognition@1`)."""
+
+    recognition: Recognition
+    contacts: Felt
+    catalogue: Catalogue
+    max_spurious: int
+    seconds: float
+    title: str
+
+    @property
+    def verdict(self) -> RecognitionVerdict:
+        """Whether one hypothesis is left, several or none."""
+        return self.recognition.verdict
+
+    @property
+    def hypotheses(self) -> Sequence[Hypothesis]:
+        """What agrees with the contacts, the largest weight first."""
+        return self.recognition.hypotheses
+
+    def explanation(self) -> Explanation | None:
+        """Why nothing agrees; None if something does."""
+        if self.verdict is not RecognitionVerdict.NONE:
+            return None
+        return explain(self.catalogue, self.contacts, self.max_spurious)
+
+    def why(self, name: str) -> Why:
+        """Why an object, "object" or "object/state", is eliminated; InputError if there is none such."""
+        return why(self.catalogue, self.contacts.contacts, *state_named(self.catalogue, name))
+
+    def to_json(self, because: Why | None = None, memo: MemoCounts | None = None) -> str:
+        """`palpate/recognition@1`, with why an object is eliminated and the memo's counts if given."""
+        explanation = self.explanation()
+        more = {
+            "explanation": explanation and explanation_out(explanation, self.contacts),
+            "why": because and why_out(because, self.contacts),
+        }
+        return to_json(recognition_out(self.recognition, self.seconds, memo).model_copy(update=more))
+
+    def picture(self) -> str:
+        """SVG: the hypotheses and the contacts."""
+        return recognition_picture(self.recognition, self.title)
+
+    def _repr_svg_(self) -> str:
+        return self.picture()
+
+    def __repr__(self) -> str:
+        names = ", ".join(dict.fromkeys(item.state.object_name for item in self.hypotheses[:5]))
+        explanation = self.explanation()
+        reasons = [] if explanation is None else explanation_lines(explanation, self.contacts)
+        return f"<RecognitionAnswer {self.verdict.value}: {'; '.join([names, *reasons[:1]])}>"

@@ -1,0 +1,137 @@
+"""Calibration of a rig from Python: measure, write the calibration and its report beside the rig file."""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Self
+
+from palpate.api.files import PathLike, load_references
+from palpate.config import (
+    CalibrationFile,
+    RigFile,
+    calibration_path,
+    calibration_toml,
+    check_calibration,
+    load_calibration,
+)
+from palpate.config.references_file import ReferencesFile
+from palpate.errors import InputError, PalpateError
+from palpate.files.writing import check_place, write_text
+from palpate.rig.background import BackgroundCall
+from palpate.rig.bench import emulated_table, outside, set_up
+from palpate.rig.commissioning.calibration import CalibrationJob, build_references, calibrate, slide_fingers
+from palpate.rig.commissioning.calibration_hand import rig_connector
+from palpate.rig.commissioning.rig_prober import Table
+from palpate.rig.commissioning.run_record_file import RunRecordFile
+from palpate.views.calibration.report import write_report
+
+__all__ = ["CalibrationAnswer", "CalibrationPaths", "calibrate_rig", "check_references", "references_from"]
+
+_COVERAGE = 0.999
+
+
+@dataclass(frozen=True)
+class CalibrationPaths:
+    """Files beside the rig file."""
+
+    calibration: Path
+    record: Path
+    report: Path
+
+    @classmethod
+    def beside(cls, rig: Path) -> Self:
+        """Those of a rig file."""
+        file = calibration_path(rig)
+        return cls(file, file.with_suffix(".run.json"), file.with_suffix(".html"))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CalibrationAnswer:
+    """What a calibration found, the files it was written to, and the time (s) it took on the rig's clock.
+
+    `failure`: the display failed at the end; the calibration is whole.
+    """
+
+    file: CalibrationFile
+    paths: CalibrationPaths
+    rig_seconds: float
+    failure: PalpateError | None
+
+    def __repr__(self) -> str:
+        found = self.file.residuals
+        fit = "" if found is None else f": {found.touches} touches, residuals {found.rms_mm:.3f} mm rms"
+        return f"<CalibrationAnswer {self.paths.calibration}{fit}>"
+
+
+def references_from(references: ReferencesFile | PathLike | None) -> ReferencesFile:
+    """References as given, from their file, or the standard ones."""
+    return references if isinstance(references, ReferencesFile) else load_references(references)
+
+
+def check_references(rig: RigFile, references: ReferencesFile) -> None:
+    """Raise InputError for a rig that cannot be calibrated, and for references that fingers pass above."""
+    slide_fingers(rig)
+    build_references(references)
+    highest = max(rig.fingers, key=lambda finger: finger.height_mm)
+    for name, shape in (("disc", references.disc), ("plate", references.plate)):
+        if shape.height_mm <= highest.height_mm:
+            raise InputError(
+                f"the {name} is {shape.height_mm:g} mm high, and finger {highest.name} touches at "
+                f"{highest.height_mm:g} mm: references must stand higher than every array"
+            )
+
+
+def calibrate_rig(
+    path: Path,
+    rig: RigFile,
+    steps: Sequence[str],
+    *,
+    references: ReferencesFile | PathLike | None,
+    seed: int,
+    table: Table | None,
+    restart: bool,
+    progress: Callable[[str], None],
+) -> CalibrationAnswer:
+    """Calibrate the rig whose file is at `path`; arguments and errors as `Rig.calibrate`."""
+    shapes, paths = references_from(references), CalibrationPaths.beside(path)
+    check_references(rig, shapes)
+    for place in (paths.calibration, paths.record, paths.report):
+        check_place(place)
+    keeper = RunRecordFile(paths.record)
+    if restart:
+        keeper.forget()
+    bench = set_up(rig, None, seed)
+    table = table or emulated_table(bench, seed)
+    if table is None:
+        raise InputError(
+            f'rig "{rig.name}" is real: give the table, which puts references where they are wanted'
+        )
+    job = CalibrationJob(
+        rig,
+        hashlib.sha256(path.read_bytes()).hexdigest(),
+        shapes,
+        steps,
+        _COVERAGE,
+        datetime.now(UTC).replace(microsecond=0),
+        _before(paths.calibration, rig, path),
+    )
+    with BackgroundCall("the display", progress) as notice:
+        file = calibrate(job, rig_connector(outside(bench), table, notice), keeper, notice)
+    write_text(paths.calibration, calibration_toml(file))
+    write_report(paths.report, file)
+    keeper.forget()
+    return CalibrationAnswer(file, paths, bench.clock.now(), notice.late_failure)
+
+
+def _before(path: Path, rig: RigFile, rig_path: Path) -> CalibrationFile | None:
+    """The calibration so far, if it is of this rig as it is now."""
+    if not path.exists():
+        return None
+    try:
+        found = load_calibration(path)
+        check_calibration(found, rig, str(path), str(rig_path))
+    except InputError:
+        return None  # it will be replaced by one that is
+    return found

@@ -1,0 +1,126 @@
+"""Check of a rig from Python: every device, and whether touches still agree with the calibration."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from palpate.api.calibration import references_from
+from palpate.api.files import PathLike
+from palpate.calibration.agreement import contact_uncertainties
+from palpate.config.check_result import CheckOut
+from palpate.config.references_file import ReferencesFile, references_sha256
+from palpate.config.results import to_json
+from palpate.errors import InputError, PalpateError
+from palpate.rig.background import BackgroundCall
+from palpate.rig.bench import emulated_table, outside, set_up
+from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.commissioning.calibration import build_references, slide_fingers
+from palpate.rig.commissioning.calibration_hand import rig_connector
+from palpate.rig.commissioning.rig_prober import Table
+from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
+from palpate.rig.diagnostics.calibration_check import with_calibration, with_touch
+from palpate.rig.diagnostics.retouch import Retouch, retouch
+from palpate.rig.diagnostics.rig_check import check_rig
+
+__all__ = ["CheckAnswer", "check_rig_and_touch"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class CheckAnswer:
+    """What a check found (`palpate/check@1`). `failure`: of the display, at the end; the check is whole."""
+
+    result: CheckOut
+    failure: PalpateError | None
+
+    @property
+    def well(self) -> bool:
+        """Whether there is no problem; there may be warnings."""
+        return self.result.well
+
+    @property
+    def problems(self) -> Sequence[str]:
+        """What is wrong, one sentence each."""
+        return self.result.problems
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What is not as it should be and can be worked with."""
+        return self.result.warnings
+
+    def to_json(self) -> str:
+        """`palpate/check@1`."""
+        return to_json(self.result)
+
+    def __repr__(self) -> str:
+        first = next(iter((*self.problems, *self.warnings)), "no warning")
+        return f"<CheckAnswer {self.result.rig}: {'well' if self.well else 'NOT well'}; {first}>"
+
+
+def check_rig_and_touch(
+    on_bench: RigOnBench,
+    seed: int,
+    *,
+    touch: bool,
+    references: ReferencesFile | PathLike | None,
+    table: Table | None,
+    permit: Callable[[], None],
+    progress: Callable[[str], None],
+) -> CheckAnswer:
+    """Check, and touch the disc if all is well; arguments and errors as `Rig.check`."""
+    shapes = _references(on_bench, references) if touch else None
+    out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described, seed), progress)
+    out = with_calibration(out, on_bench, datetime.now(UTC))
+    if shapes is None:
+        return CheckAnswer(out, None)
+    warnings = (*out.warnings, *_other_references(on_bench, shapes))
+    if not out.well:
+        warnings = (*warnings, "nothing was touched: first put right what is wrong")
+        return CheckAnswer(out.model_copy(update={"warnings": warnings}), None)
+    permit()
+    with BackgroundCall("the display", progress) as show:
+        found = _touched(on_bench, shapes, seed, table, show)
+    return CheckAnswer(with_touch(out.model_copy(update={"warnings": warnings}), found), show.late_failure)
+
+
+def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | None) -> ReferencesFile:
+    """What is to be touched; InputError if there is nothing to compare touches with."""
+    slide_fingers(on_bench.described)
+    if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
+        raise InputError(
+            "--touch compares touches with a calibration, and there is none that says where all fingers "
+            f"stand: make it with `palpate calibrate --rig {on_bench.path}`"
+        )
+    return references_from(references)
+
+
+def _touched(
+    on_bench: RigOnBench,
+    shapes: ReferencesFile,
+    seed: int,
+    table: Table | None,
+    show: Callable[[str], None],
+) -> Retouch:
+    """Connect, touch the disc, disconnect."""
+    assert on_bench.calibration is not None, "refused before"
+    promises = contact_uncertainties(on_bench.calibration, at_rest=False)
+    assert promises is not None, "refused before"
+    bench = set_up(on_bench.described, None, seed)
+    table = table or emulated_table(bench, seed)
+    if table is None:
+        raise InputError(f'rig "{on_bench.rig.name}" is real: give the table, on which the disc is put')
+    disc, _ = build_references(shapes)
+    connect = rig_connector(outside(bench), table, show)
+    with connect(on_bench.rig, moving=True) as there:
+        return retouch(on_bench.rig, there.prober, disc, promises, lambda text: show(f"  {text}"))
+
+
+def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[str]:
+    """A warning if the calibration was made with other things than what is touched now."""
+    assert on_bench.calibration is not None, "refused before"
+    known = {item.sha256 for item in on_bench.calibration.references}
+    if not known or references_sha256(shapes) in known:
+        return []
+    return [
+        "the calibration was made with other references: give theirs with --references, or make sure that "
+        "the disc is as described"
+    ]

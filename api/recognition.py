@@ -1,0 +1,63 @@
+"""Recognition and planning from contacts alone: nothing moves, no device is needed."""
+
+import time
+from pathlib import Path
+
+from palpate import recognizer
+from palpate.api.answers import Plan, RecognitionAnswer
+from palpate.api.files import PathLike, load_contacts, objects_from
+from palpate.config import ContactsFile, ObjectsFile, RigFile
+from palpate.recognizer import Catalogue
+from palpate.rig.catalogue.heights import check_known, fingers_of
+from palpate.rig.conversion import grips_of
+from palpate.rig.identification.next_grip import plan_for
+from palpate.views.explanation import Felt
+from palpate.vocabulary import Strategy
+
+__all__ = ["plan", "recognise"]
+
+
+def recognise(
+    objects: ObjectsFile | PathLike | None, contacts: ContactsFile | PathLike, *, max_spurious: int = 0
+) -> RecognitionAnswer:
+    """Recognise: which objects, states and configurations agree with contacts.
+
+    `objects`: None for the shipped ones. `max_spurious`: as many contacts need not be the object's. Raises
+    InputError for files that are wrong, and for objects that are not known at the contacts' heights.
+    """
+    models, given = objects_from(objects), _contacts(contacts)
+    check_known(models.objects, fingers_of(given.contacts))
+    catalogue = Catalogue(models.objects)
+    begin = time.perf_counter()
+    recognition = recognizer.recognise(catalogue, given.contacts, max_spurious)
+    seconds = time.perf_counter() - begin
+    title = f"{_name(contacts, 'contacts')} in {_name(objects, 'objects')}"
+    return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title)
+
+
+def plan(
+    rig: RigFile,
+    objects: ObjectsFile | PathLike | None,
+    contacts: ContactsFile | PathLike,
+    *,
+    strategy: Strategy | str = Strategy.PLANNED,
+    seed: int = 0,
+) -> Plan:
+    """Plan: the grip of a rig that follows on contacts (memo §3.2), and what each hypothesis predicts of it.
+
+    `seed` draws the grip of the strategy `random`. Raises InputError for files that are wrong, for objects
+    that are not known at the fingers' heights, and if no finger touched anything.
+    """
+    models, given = objects_from(objects), _contacts(contacts)
+    check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
+    catalogue = Catalogue(models.objects)
+    planned = plan_for(rig, catalogue, given.contacts, Strategy(strategy), seed)
+    return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
+
+
+def _contacts(contacts: ContactsFile | PathLike) -> Felt:
+    return Felt(grips_of(contacts if isinstance(contacts, ContactsFile) else load_contacts(contacts)))
+
+
+def _name(given: object, otherwise: str) -> str:
+    return Path(given).name if isinstance(given, str | Path) else otherwise

@@ -1,0 +1,294 @@
+"""A rig from Python: emulated or real, opened once, then identify, plan, check, calibrate, watch, serve.
+
+Torque is on only while a method moves fingers, and off on every way out of it.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from palpate.api import recognition
+from palpate.api.answers import Answer, Plan
+from palpate.api.calibration import CalibrationAnswer, calibrate_rig
+from palpate.api.check import CheckAnswer, check_rig_and_touch
+from palpate.api.files import PathLike, name_of, objects_from, scene_from
+from palpate.api.identification import identify_on
+from palpate.api.monitor import Monitor, check_streaming
+from palpate.api.signals import unwinding_signals
+from palpate.api.warning import warning
+from palpate.config import ContactsFile, ObjectsFile, RigFile, Scene
+from palpate.config.references_file import ReferencesFile
+from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
+from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.errors import InputError
+from palpate.rig.bench import connect, place, set_up
+from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
+from palpate.rig.commissioning.calibration import STEPS
+from palpate.rig.commissioning.rig_prober import Table
+from palpate.rig.emulated.devices import emulate
+from palpate.rig.identification.observers import Observer
+from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_arrays
+from palpate.rig.motion.calibrated_devices import check_arrays
+from palpate.rig.motion.hand import Hand
+from palpate.vocabulary import Strategy
+
+__all__ = ["Rig", "open_rig"]
+
+
+def open_rig(path: PathLike | None = None, *, seed: int = 0, calibration: bool = True) -> "Rig":
+    """Open a rig: from its rig file with the calibration beside it, or None for the shipped emulated bench.
+
+    `seed` draws an emulated rig's hidden errors and what lies on its table. `calibration`: False to leave the
+    one beside the rig file alone. No port is opened yet. Raises InputError if a file is wrong.
+    """
+    return Rig(load_calibrated(None if path is None else Path(path), calibration=calibration), seed)
+
+
+class Rig:
+    """A rig: what its file and its calibration say, and what can be done with it. A context manager.
+
+    Nothing is connected between two calls: torque is off then, and hands may reach in.
+    """
+
+    def __init__(self, on_bench: RigOnBench, seed: int = 0) -> None:
+        """`open_rig` makes one."""
+        self._on_bench = on_bench
+        self._seed = seed
+        self._runs = 0
+        self._open = ExitStack()
+
+    @property
+    def file(self) -> RigFile:
+        """What is known of the rig: its file, with the calibration laid over it."""
+        return self._on_bench.rig
+
+    @property
+    def described(self) -> RigFile:
+        """The rig as its file alone describes it."""
+        return self._on_bench.described
+
+    @property
+    def path(self) -> Path | None:
+        """Where the rig file is; None for the shipped one."""
+        return self._on_bench.path if isinstance(self._on_bench.path, Path) else None
+
+    @property
+    def emulated(self) -> bool:
+        """Whether its devices are emulated."""
+        return self._on_bench.rig.emulated
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether a calibration is in use."""
+        return self._on_bench.calibration is not None
+
+    def __enter__(self) -> Self:
+        self._open.enter_context(unwinding_signals())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
+
+    def identify(
+        self,
+        objects: ObjectsFile | PathLike | None = None,
+        *,
+        scene: Scene | PathLike | None = None,
+        strategy: Strategy | str = Strategy.PLANNED,
+        sessions: PathLike | None = None,
+        on_event: Observer | None = None,
+        notice: Callable[[str], None] = warning,
+        warn: Callable[[str], None] = warning,
+    ) -> Answer:
+        """Identify what lies on the table: touch it until there is one answer, or none can be had.
+
+        Args:
+            objects: the catalogue; None for the six shipped objects.
+            scene: what lies on an emulated table; else each call draws the next part by the rig's seed.
+            strategy: how grips are chosen (memo §3.2): "planned", "random" or "rotate".
+            sessions: where a folder with log, answer, contacts and picture is made; None keeps none.
+            on_event: called with every event of the run, beside the thread that drives the devices.
+            notice: called, beside the thread that drives the devices, with what the operator should do now.
+            warn: called before anything moves with what limits the run, such as parts that fingers miss.
+
+        Raises:
+            InputError: something about rig, objects or scene is wrong; nothing was moved.
+            DeviceError: a device is missing, silent or faulty; torque is off.
+            SafetyStop: a limit would have been exceeded; torque is off.
+            OutputError: session log or observer failed during the run; torque is off.
+
+        """
+        models, given = objects_from(objects), scene_from(scene)
+        run, self._runs = self._runs, self._runs + 1
+        with unwinding_signals():
+            return identify_on(
+                self._on_bench,
+                models,
+                name=name_of(objects),
+                scene=given,
+                seed=self._seed,
+                run=run,
+                strategy=Strategy(strategy),
+                sessions=None if sessions is None else Path(sessions),
+                on_event=on_event,
+                notice=notice,
+                warn=warn,
+            )
+
+    def plan(
+        self,
+        objects: ObjectsFile | PathLike | None,
+        contacts: ContactsFile | PathLike,
+        *,
+        strategy: Strategy | str = Strategy.PLANNED,
+    ) -> Plan:
+        """Plan the next grip for contacts, without touching anything. Raises as `plan`."""
+        return recognition.plan(self.file, objects, contacts, strategy=strategy, seed=self._seed)
+
+    def check(
+        self,
+        *,
+        touch: bool = False,
+        references: ReferencesFile | PathLike | None = None,
+        table: Table | None = None,
+        permit: Callable[[], None] = lambda: None,
+        progress: Callable[[str], None] = lambda _: None,
+    ) -> CheckAnswer:
+        """Check every device, and with `touch` whether touches of a disc still agree with the calibration.
+
+        Only `touch` moves fingers, only if all devices are well, and after `permit`, which may raise, was
+        called. `table` puts the disc there; an emulated rig has one. Raises DeviceError if the bus's port is
+        missing, InputError if nothing can be compared.
+        """
+        with unwinding_signals():
+            return check_rig_and_touch(
+                self._on_bench,
+                self._seed,
+                touch=touch,
+                references=references,
+                table=table,
+                permit=permit,
+                progress=progress,
+            )
+
+    def calibrate(
+        self,
+        steps: Sequence[str] = STEPS,
+        *,
+        references: ReferencesFile | PathLike | None = None,
+        table: Table | None = None,
+        restart: bool = False,
+        progress: Callable[[str], None] = lambda _: None,
+    ) -> CalibrationAnswer:
+        """Calibrate: measure the rig, write what is found beside the rig file, with a report; fingers move.
+
+        `steps`: of "actuators", "tactile", "fingers". `table` puts references where they are wanted; an
+        emulated rig has one. An interrupted calibration is resumed unless `restart`. From now on this rig
+        uses the calibration. Raises InputError for the shipped rig, which has no file to lie beside.
+        """
+        if self.path is None:
+            raise InputError("the shipped rig cannot be calibrated: copy its rig file and open that one")
+        with unwinding_signals():
+            answer = calibrate_rig(
+                self.path,
+                self._on_bench.described,
+                steps,
+                references=references,
+                seed=self._seed,
+                table=table,
+                restart=restart,
+                progress=progress,
+            )
+        self._on_bench = load_calibrated(self.path)
+        return answer
+
+    @contextmanager
+    def watch(
+        self,
+        fingers: Sequence[str] = (),
+        *,
+        rate_hz: float | None = None,
+        tare: bool = True,
+        pace: Callable[[Clock], Clock] = lambda clock: clock,
+    ) -> Iterator[Monitor]:
+        """Watch tactile arrays; they stream until the block is left, and nothing moves.
+
+        `fingers`: None for all. `rate_hz`: frames a second, the rig file's `sample_rate_hz` without it.
+        `pace` may hold an emulated rig's clock back. Raises InputError for a finger that is not there,
+        DeviceError if an array is missing, taken or goes away.
+        """
+        file, specs = self.file, select_fingers(self.file, fingers)
+        rate = rate_hz or file.closing.sample_rate_hz
+        where = find_array_ports(self._on_bench.described)
+        clock = pace(where.clock)
+        with stream_arrays(file, specs, where, clock, rate) as found:
+            uids = {finger.name: finger.array.description.unique_id.hex() for finger in found}
+            check_arrays(self._on_bench.calibration, uids)
+            for finger in found if tare else ():
+                finger.tare()
+
+            def goes_on() -> bool:
+                check_streaming(found, rate)
+                return True
+
+            emulated = ("emulated: nothing touches; try --session",) if file.emulated else ()
+            notes = (_TARED if tare else _NOT_TARED, *emulated)
+            yield Monitor(file, None, found, clock, goes_on, lambda: "", notes)
+
+    @contextmanager
+    def connect(
+        self, *, objects: ObjectsFile | PathLike | None = None, notice: Callable[[str], None] = warning
+    ) -> Iterator[Hand]:
+        """Connect the hand, for motions of one's own: `hand.prepare()`, then `palpate.rig.motion`.
+
+        Torque is off when the block is left, by whatever way. On an emulated rig something of `objects` lies
+        on the table; None for nothing. Raises DeviceError, SafetyStop as `Hand` does.
+        """
+        lies = (
+            None
+            if objects is None
+            else place(self._on_bench.described, objects_from(objects), None, self._seed)
+        )
+        bench = set_up(self._on_bench.described, lies, self._seed)
+        with unwinding_signals(), connect(bench, notice=notice) as hand:
+            yield hand
+
+    @contextmanager
+    def serve(
+        self,
+        objects: ObjectsFile | PathLike | None = None,
+        *,
+        scene: Scene | PathLike | None = None,
+        pty: bool = True,
+        tcp_port: int = 0,
+    ) -> Iterator[Service]:
+        """Serve the emulated devices to other programs, in real time, until the block is left.
+
+        On pseudo-terminals or, without `pty`, on TCP ports of this computer from `tcp_port` on (0: any);
+        `service.paths` says where each port of the rig file is. Raises InputError for a real rig.
+        """
+        described = self._on_bench.described
+        if described.emulation is None:
+            raise InputError(f'rig "{described.name}" has no [emulation] table: there is nothing to emulate')
+        lies = place(described, objects_from(objects), scene_from(scene), self._seed)
+        devices, clock, done = (
+            emulate(described, lies, self._seed).devices,
+            MonotonicClock(),
+            threading.Event(),
+        )
+        with serve_pty(devices, clock, done) if pty else serve_tcp(devices, clock, done, tcp_port) as service:
+            yield service
+
+    def __repr__(self) -> str:
+        kind = "emulated" if self.emulated else "real"
+        calibrated = "calibrated" if self.is_calibrated else "not calibrated"
+        return f"<Rig {self.file.name}: {len(self.file.fingers)} fingers, {kind}, {calibrated}>"
+
+
+_TARED = "tared at the start: nothing may touch the tips then"
+_NOT_TARED = "not tared: forces need it; press t with nothing touching the tips"

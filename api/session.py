@@ -1,0 +1,132 @@
+"""Sessions: a recorded run, to be replayed without devices or watched again."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from palpate.api.files import PathLike
+from palpate.api.monitor import Monitor
+from palpate.drivers.transport.clock import Clock
+from palpate.errors import InputError
+from palpate.recognizer import Catalogue
+from palpate.rig.bench import place
+from palpate.rig.emulated.calibrated_truth import placement_seen
+from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
+from palpate.rig.session.inputs import calibrated_run, kept_inputs
+from palpate.rig.session.log import LOG_NAME
+from palpate.rig.session.log_reader import SessionFile, read_session
+from palpate.rig.session.replay import Replayed, replay
+from palpate.rig.session.run import IdentificationJob
+from palpate.vocabulary import Strategy
+
+__all__ = ["Session", "open_session"]
+
+
+def open_session(path: PathLike) -> "Session":
+    """Open a recorded session: its folder, or the log in it. Raises InputError if there is none."""
+    folder = Path(path)
+    folder = folder.parent if folder.name == LOG_NAME and folder.is_file() else folder
+    return Session(folder, read_session(folder))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Session:
+    """A recorded session: its folder and what its log holds (docs/session-log.md)."""
+
+    folder: Path
+    log: SessionFile
+
+    @property
+    def header(self) -> Mapping[str, Any]:
+        """First line of the log: rig, seed, strategy, version."""
+        return self.log.header
+
+    @property
+    def recorded_by(self) -> str:
+        """Version of palpate that recorded it."""
+        return str(self.log.header.get("palpate"))
+
+    def replay(self) -> Replayed:
+        """Replay: run the same code against what was recorded; no device is needed, nothing moves.
+
+        Raises InputError for a session that cannot be replayed, and for a log that was changed after it was
+        written although the replay met no difference.
+        """
+        replayed = replay(self.log, self._job(), self._latency_s())
+        if self.changed is not None and replayed.difference is None:
+            raise InputError(f"{self.changed}; replaying it made no difference")
+        return replayed
+
+    @property
+    def changed(self) -> str | None:
+        """Where the log is not as it was written; None if all its check sums are right."""
+        if self.log.changed_line is None:
+            return None
+        where = f"{self.log.path}: line {self.log.changed_line}"
+        return f"{where}: is not as it was written: its check sum is wrong"
+
+    @contextmanager
+    def watch(
+        self, fingers: Sequence[str] = (), *, pace: Callable[[Clock], Clock] = lambda clock: clock
+    ) -> Iterator[Monitor]:
+        """Watch the tactile arrays of the recorded run; `pace` may hold the recording back to real time.
+
+        Raises InputError for a finger that is not there.
+        """
+        found = open_recorded_arrays(self.folder, fingers)
+
+        def goes_on() -> bool:
+            found.tare_when_started()
+            return not found.ended
+
+        notes = [f"recorded, {found.end_s:.1f} s; tared at each start of the arrays, as the run did"]
+        if found.changed_line is not None:
+            line = found.changed_line
+            notes.append(f"line {line} of the log is not as it was written: its check sum is wrong")
+        clock = pace(found.clock)
+        yield Monitor(
+            found.rig, self.folder, found.fingers, clock, goes_on, lambda: found.doing, tuple(notes)
+        )
+
+    def _job(self) -> IdentificationJob:
+        path, header = self.log.path, self.log.header
+        seed, strategy, scene = header.get("seed"), header.get("strategy"), header.get("scene", False)
+        if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+            raise InputError(f'{path}: line 1: "seed" must be a whole number from 0')
+        names = [item.value for item in Strategy]
+        if strategy not in names:
+            raise InputError(f'{path}: line 1: "strategy" must be one of {", ".join(names)}')
+        if not isinstance(scene, bool):
+            raise InputError(f'{path}: line 1: "scene" must be true or false')
+        on_bench, objects, given = kept_inputs(self.folder, scene=scene, calibration=calibrated_run(self.log))
+        seen = placement_seen(on_bench, place(on_bench.described, objects, given, seed), seed)
+        started = None if on_bench.calibration is None else self._started()
+        models = Catalogue(objects.objects)
+        return IdentificationJob(
+            on_bench.rig, models, seen, Strategy(strategy), seed, on_bench.calibration, started
+        )
+
+    def _started(self) -> datetime:
+        """When the session began, from which its calibration's age was counted."""
+        try:
+            started = datetime.fromisoformat(str(self.log.header.get("started")))
+        except ValueError:
+            started = datetime.min
+        if started.tzinfo is None:
+            raise InputError(f'{self.log.path}: line 1: "started" must be a date and time in UTC')
+        return started
+
+    def _latency_s(self) -> float:
+        value = self.log.header.get("bus_latency_s")
+        if not isinstance(value, int | float) or isinstance(value, bool) or not 0 <= value < math.inf:
+            raise InputError(f'{self.log.path}: line 1: "bus_latency_s" must be a time in s, from 0')
+        return float(value)
+
+    def __repr__(self) -> str:
+        by = "" if self.recorded_by == version("palpate") else f", recorded by palpate {self.recorded_by}"
+        return f"<Session {self.folder}: rig {self.header.get('rig')}, {len(self.log.entries)} events{by}>"

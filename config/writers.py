@@ -1,0 +1,95 @@
+"""Writers of the file formats: values as the text of a file that reads as the same values again."""
+
+import json
+from collections.abc import Mapping
+from functools import singledispatch
+from typing import Any
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from palpate.config.calibration_file import CalibrationFile
+from palpate.config.calibration_writer import calibration_toml
+from palpate.config.contacts_file import ContactsFile
+from palpate.config.objects_file import ObjectsFile
+from palpate.config.objects_tables import ObjectsFileText, objects_json
+from palpate.config.references_file import ReferencesFile
+from palpate.config.rig_file import RigFile
+from palpate.config.scene_file import Scene
+from palpate.geometry.object_model import ObjectModel, Polygon, State
+
+__all__ = ["file_text"]
+
+
+@singledispatch
+def file_text(value: object) -> str:
+    """Text of the file that holds `value`: JSON or TOML, as its format has it.
+
+    Raises TypeError for a value that no file format holds.
+    """
+    raise TypeError(f"a {type(value).__name__} is no file: none of palpate's formats holds it")
+
+
+@file_text.register
+def _objects(value: ObjectsFile) -> str:
+    tables = {
+        "format": "palpate/objects@1",
+        "units": "mm",
+        "objects": [_object(item) for item in value.objects],
+    }
+    return objects_json(ObjectsFileText.model_validate(tables))
+
+
+@file_text.register
+def _scene(value: Scene) -> str:
+    configuration = {"x": value.x_mm, "y": value.y_mm, "theta": value.theta_rad}
+    tables = {"format": "palpate/scene@1", "object": value.object, "configuration": configuration}
+    optional = {"state": value.state, "objects": value.objects and str(value.objects)}
+    return json.dumps(tables | _given(optional), indent=1) + "\n"
+
+
+@file_text.register
+def _contacts(value: ContactsFile) -> str:
+    return json.dumps(value.model_dump(mode="json", exclude_none=True), indent=1) + "\n"
+
+
+@file_text.register(RigFile)
+@file_text.register(ReferencesFile)
+def _tables(value: RigFile | ReferencesFile) -> str:
+    return tomlkit.dumps(value.model_dump(mode="json", exclude_unset=True, exclude_none=True))
+
+
+file_text.register(CalibrationFile)(calibration_toml)
+
+
+def _object(model: ObjectModel) -> dict[str, Any]:
+    tolerance = {"tolerance": model.tolerance_mm} if model.tolerance_mm else {}
+    return {"name": model.name} | tolerance | {"states": [_state(state) for state in model.states]}
+
+
+def _state(state: State) -> dict[str, Any]:
+    optional = {
+        "probability": state.probability,
+        "tipping_angle": state.tipping_angle_rad,
+        "height": state.height_mm,
+        "heights": state.heights_mm,
+    }
+    sections = [
+        {"z": section.z_mm, "polygons": [_polygon(polygon) for polygon in section.polygons]}
+        for section in state.sections
+    ]
+    return {"name": state.name, "sections": sections} | _given(optional)
+
+
+def _polygon(polygon: Polygon) -> dict[str, Any]:
+    holes = {"holes": [_points(hole) for hole in polygon.holes]} if polygon.holes else {}
+    return {"outer": _points(polygon.outer)} | holes
+
+
+def _points(outline: NDArray[np.float64]) -> list[tuple[float, float]]:
+    return [(x, y) for x, y in outline.tolist()]
+
+
+def _given(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in values.items() if value is not None}
