@@ -17,11 +17,9 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo
 from palpate.drivers.dynamixel.control_table import BAUD_RATE
 from palpate.drivers.dynamixel.manual import BAUD_RATES
-from palpate.drivers.dynamixel.set_up import Change, Wire, wanted_items
-from palpate.errors import InputError
-from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, set_up_all
+from palpate.drivers.dynamixel.set_up import Change, Wire
+from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, list_motors, set_up_all
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
-from palpate.rig.servo_settings import wanted_servos
 
 __all__ = ["run_setup", "set_up_motors"]
 
@@ -42,7 +40,9 @@ def run_setup(*, rig: Path, dxl_ids: Sequence[int], yes: bool, json: bool) -> in
 
 def set_up_motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int], *, yes: bool, json: bool) -> int:
     """The same for a rig whose bus is at hand."""
-    motors = _motors(rig, place, dxl_ids)
+    baudrate = rig.bus.baudrate_bps
+    with closing(Bus(place.open(baudrate), place.clock, baudrate, latency_s=place.latency_s)) as bus:
+        motors = list_motors(rig, bus, dxl_ids)
     console = Terminal(stderr=True, soft_wrap=True)
     person = _Person(console, len(motors), yes=yes)
     wire = Wire(place.open, place.clock, place.latency_s)
@@ -128,29 +128,6 @@ class _Person:
 
     def _say(self, text: str) -> None:
         self._console.print(text, highlight=False)
-
-
-def _motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int]) -> list[MotorSetup]:
-    """The servos to set up, with all that each should hold. Raises DeviceError if the port is not there."""
-    baudrate = rig.bus.baudrate_bps
-    with closing(Bus(place.open(baudrate), place.clock, baudrate, latency_s=place.latency_s)) as bus:
-        wanted = wanted_servos(rig, bus)
-    known = {item.servo.dxl_id for item in wanted}
-    for dxl_id in dxl_ids:
-        if dxl_id not in known:
-            raise InputError(
-                f"--id {dxl_id}: the rig file has no such servo; it has {', '.join(map(str, sorted(known)))}"
-            )
-    return [
-        MotorSetup(
-            item.owner,
-            item.servo.dxl_id,
-            item.servo.model,
-            wanted_items(item.servo.dxl_id, baudrate, item.eeprom()),
-        )
-        for item in wanted
-        if not dxl_ids or item.servo.dxl_id in dxl_ids
-    ]
 
 
 def _change_table(changes: Sequence[Change]) -> Table:

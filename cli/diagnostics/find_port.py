@@ -1,7 +1,7 @@
 """`palpate find-port`: which serial port is the adapter on the table, and what to write into the rig file."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import typer
 from rich.console import Console
@@ -9,16 +9,13 @@ from rich.markup import escape
 from rich.table import Table
 
 from palpate.cli.terminal import Terminal
-from palpate.config.ports_result import SerialPortOut, SerialPortsOut
 from palpate.config.results import to_json
-from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
 from palpate.rig.diagnostics.latency_timer import timer_warnings
+from palpate.rig.diagnostics.port_search import find_unplugged, ports_out, usb_id
 
-__all__ = ["find_unplugged", "ports_out", "run_find_port", "tell_found"]
-
-_APPEARS_S = 5.0  # udev needs a moment for the name under by-id
-_POLL_S = 0.2
+__all__ = ["run_find_port", "tell_found"]
 
 
 def run_find_port(*, only_list: bool, json: bool) -> int:
@@ -33,55 +30,6 @@ def run_find_port(*, only_list: bool, json: bool) -> int:
     if json:
         typer.echo(to_json(ports_out(ports, found[0] if found else None)))
     return 0 if ports else 3
-
-
-def find_unplugged(
-    look: Callable[[], Sequence[SerialPort]], ask: Callable[[str], bool], clock: Clock
-) -> Sequence[SerialPort]:
-    """The ports of the adapter that goes away and comes back, as they are then; none if nobody does it.
-
-    `ask` returns once that is done, False if the person gives up.
-    """
-    before = look()
-    what = "unplug the adapter you look for"
-    while True:
-        if not ask(what):
-            return ()
-        left = {port.device for port in look()}
-        gone = [port for port in before if port.device not in left]
-        if gone:
-            break
-        what = "no port has gone; unplug the adapter's USB cable"
-    if not ask(f"it was {', '.join(port.device for port in gone)}; plug it in again"):
-        return gone
-    deadline = clock.now() + _APPEARS_S
-    while True:
-        back = [port for port in look() if port.device not in left]
-        named = all(port.by_id is not None for port in back) or all(port.by_id is None for port in gone)
-        if (len(back) >= len(gone) and named) or clock.now() > deadline:
-            return back or gone
-        clock.sleep(_POLL_S)
-
-
-def ports_out(ports: Sequence[SerialPort], found: SerialPort | None) -> SerialPortsOut:
-    """The result."""
-    return SerialPortsOut(
-        ports=tuple(
-            SerialPortOut(
-                name=port.name,
-                device=port.device,
-                by_id=port.by_id,
-                description=port.description,
-                usb_id=_usb(port),
-                serial_number=port.serial_number,
-                latency_timer_ms=None if port.latency_timer_s is None else port.latency_timer_s * 1e3,
-                used_by=port.used_by,
-                permitted=port.permitted,
-            )
-            for port in ports
-        ),
-        found=None if found is None else found.name,
-    )
 
 
 def tell_found(found: Sequence[SerialPort], console: Console) -> None:
@@ -110,7 +58,7 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
         table.add_row(
             escape(port.device) + ("" if port.permitted else " [red](not permitted)[/]"),
             escape(port.kind or ""),
-            _usb(port) or "",
+            usb_id(port) or "",
             escape(port.serial_number or ""),
             f"[yellow]{timer}[/]" if slow else timer,
             escape(port.used_by or ""),
@@ -123,10 +71,6 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
             )
     if not all(port.permitted for port in ports):
         console.print("for ports that are not permitted: sudo usermod -aG dialout $USER, then log in again")
-
-
-def _usb(port: SerialPort) -> str | None:
-    return None if port.usb_ids is None else f"{port.usb_ids[0]:04x}:{port.usb_ids[1]:04x}"
 
 
 def _ask(what: str) -> bool:

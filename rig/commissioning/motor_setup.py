@@ -8,14 +8,17 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Protocol
 
+from palpate.config import RigFile
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, SetupServoOut
+from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo, scan
 from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo
-from palpate.errors import DeviceError
+from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo, wanted_items
+from palpate.errors import DeviceError, InputError
+from palpate.rig.servo_settings import wanted_servos
 
-__all__ = ["MotorSetup", "Operator", "OperatorReply", "set_up_all"]
+__all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]
 
 
 class OperatorReply(Enum):
@@ -78,6 +81,27 @@ class MotorSetup:
             written=tuple(ChangeOut(item=c.item, found=c.found, wanted=c.wanted) for c in self.written),
             problem=self.problem,
         )
+
+
+def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[MotorSetup]:
+    """The servos to set up, all without ids, with what each should hold; InputError for an id of none."""
+    wanted = wanted_servos(rig, bus)
+    known = {item.servo.dxl_id for item in wanted}
+    for dxl_id in dxl_ids:
+        if dxl_id not in known:
+            raise InputError(
+                f"--id {dxl_id}: the rig file has no such servo; it has {', '.join(map(str, sorted(known)))}"
+            )
+    return [
+        MotorSetup(
+            item.owner,
+            item.servo.dxl_id,
+            item.servo.model,
+            wanted_items(item.servo.dxl_id, rig.bus.baudrate_bps, item.eeprom()),
+        )
+        for item in wanted
+        if not dxl_ids or item.servo.dxl_id in dxl_ids
+    ]
 
 
 def set_up_all(motors: Sequence[MotorSetup], wire: Wire, port: str, asking: Operator) -> None:

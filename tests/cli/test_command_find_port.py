@@ -12,10 +12,11 @@ from command import PALPATE, run_here
 from json_schema import violations
 from rich.console import Console
 
-from palpate.cli.diagnostics.find_port import find_unplugged, ports_out, tell_found
+from palpate.cli.diagnostics.find_port import tell_found
 from palpate.config.schema import schema_text
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
+from palpate.rig.diagnostics.port_search import find_unplugged, ports_out
 
 
 def port(device: str, by_id: str | None = None, timer_s: float | None = None) -> SerialPort:

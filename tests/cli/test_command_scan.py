@@ -10,13 +10,14 @@ from json_schema import violations
 from motor_wire import MotorWire
 from served_servos import served_servos
 
-from palpate.cli.diagnostics.scan import ids_of, scan_out
+from palpate.cli.diagnostics.scan import ids_of
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Ping
 from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, scan
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
+from palpate.rig.diagnostics.scan_check import scan_result
 
 Here = Callable[..., Ended]
 
@@ -126,7 +127,7 @@ def test_warnings_name_what_the_rig_file_has_otherwise() -> None:
         ),
         {4_000_000: "the port says no"},
     )
-    out = scan_out(place, scanned, [57_600, 1_000_000, 4_000_000], range(253))
+    out = scan_result(place, scanned, [57_600, 1_000_000, 4_000_000], range(253))
     assert out.baudrates_bps == (57_600, 1_000_000)
     assert [servo.model for servo in out.servos] == [
         *("XM430-W350", "XL330-M288", None, None, "XM430-W350", "XM430-W350"),

@@ -12,7 +12,6 @@ from json_schema import violations
 from motor_wire import MotorWire
 from served_servos import served_servos
 
-from palpate.cli.diagnostics.stop import stop
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.bus import Bus
@@ -20,6 +19,7 @@ from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import PortTaken, open_port
+from palpate.rig.diagnostics.emergency_stop import stop_all
 from palpate.testing import served
 
 Here = Callable[..., Ended]
@@ -73,7 +73,7 @@ def test_every_servo_on_the_wire_known_or_not() -> None:
     servos = [EmulatedServo(11), EmulatedServo(99), EmulatedServo(12, baud_rate_code=1)]
     wire = MotorWire(servos)
     all_on(servos)
-    out = stop(wire.place(RIG), 1_000_000)
+    out = stop_all(wire.place(RIG), 1_000_000)
     assert [torque(servo) for servo in servos] == [False, False, True]
     assert {servo.id: servo.off for servo in out.servos} == {
         **dict.fromkeys((11, 99), True),
@@ -88,7 +88,7 @@ def test_a_servo_with_a_hardware_error_is_confirmed_too() -> None:
     wire = MotorWire([servo])
     servo.report_hardware_error(0x01)  # Shutdown does not select it: torque stays
     all_on([servo])
-    out = stop(wire.place(), 1_000_000)
+    out = stop_all(wire.place(), 1_000_000)
     assert out.confirmed
     assert not torque(servo)
 
