@@ -29,7 +29,7 @@ def test_a_connected_rig_lets_time_pass_in_one_place() -> None:
     """`Hand.pause` looks at arrays; what waits without a hand moves nothing."""
     sleepers = {file for file, name in [*calls("cli"), *calls("api"), *calls("rig")] if name == "sleep"}
     without_hand = {
-        "cli/diagnostics/find_port.py",
+        "rig/diagnostics/port_search.py",
         "api/monitor.py",
         "rig/diagnostics/array_check.py",
         "rig/monitor/paced_clock.py",
