@@ -1,7 +1,5 @@
 """What `palpate check` found, as tables for a terminal. From a `CheckOut` to rich."""
 
-from collections.abc import Collection
-
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -15,6 +13,7 @@ from palpate.config.check_result import (
     TouchCheckOut,
 )
 from palpate.errors import counted
+from palpate.views.tables import folded, table
 
 __all__ = ["show"]
 
@@ -47,10 +46,10 @@ def show(out: CheckOut, console: Console) -> None:
 
 
 def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
-    columns = "", "servo", "", "model", "firmware", "supply", "temp.", "torque", "settings"
-    table = _table(("servo", "firmware"), *columns)
+    columns = folded(""), "servo", folded(""), "model", "firmware", "supply", "temp.", "torque", "settings"
+    rows = table(*columns, numbers=("servo", "firmware"))
     for item in servos:
-        table.add_row(
+        rows.add_row(
             _mark(item.problems, item.warnings),
             str(item.id),
             escape(item.owner),
@@ -61,17 +60,17 @@ def _servos(servos: tuple[ServoCheckOut, ...], *, wide: bool) -> Table:
             _UNKNOWN if item.torque_on is None else "[red]on[/]" if item.torque_on else "off",
             _settings(item),
         )
-    return table
+    return rows
 
 
 def _arrays(arrays: tuple[ArrayCheckOut, ...], *, wide: bool) -> Table:
     protocol = ["protocol"] if wide else []
-    columns = "", "array", "taxels", "self-test", "frames/s", "lost", *protocol, "firmware"
-    table = _table(("lost",), *columns)
+    names = "array", "taxels", "self-test", "frames/s", "lost", *protocol, "firmware"
+    rows = table(folded(""), *names, numbers=("lost",))
     for item in arrays:
         taxels = _UNKNOWN if item.rows is None else f"{item.rows} × {item.columns} {item.shape}"
         rate = _UNKNOWN if item.rate_hz is None else f"{item.rate_hz:.0f} of {item.wanted_hz:g}"
-        table.add_row(
+        rows.add_row(
             _mark(item.problems, item.warnings),
             escape(item.finger),
             taxels,
@@ -81,7 +80,7 @@ def _arrays(arrays: tuple[ArrayCheckOut, ...], *, wide: bool) -> Table:
             *([item.protocol] if wide else []),
             _UNKNOWN if item.firmware is None else escape(item.firmware),
         )
-    return table
+    return rows
 
 
 def _self_test(item: ArrayCheckOut) -> str:
@@ -141,13 +140,6 @@ def _verdict(out: CheckOut) -> str:
         things = counted(len(out.problems), "thing is", "things are")
         return f"[red bold]{things} wrong[/]" + (f", {warnings}" if out.warnings else "")
     return f"[green bold]nothing is wrong[/], {warnings}" if out.warnings else "[green bold]all well[/]"
-
-
-def _table(numbers: Collection[str], *columns: str) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in columns:
-        table.add_column(name, justify="right" if name in numbers else "left", no_wrap=bool(name))
-    return table
 
 
 def _mark(problems: tuple[str, ...], warnings: tuple[str, ...]) -> str:

@@ -9,6 +9,7 @@ from rich.table import Table
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut, ImportOut
 from palpate.config.objects_checks import heights_in_words
 from palpate.errors import counted
+from palpate.views.tables import folded, table
 
 __all__ = ["show"]
 
@@ -47,13 +48,11 @@ def _body(item: ImportedObjectOut) -> str:
 
 
 def _states(item: ImportedObjectOut) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("state", overflow="fold")
-    for name in ("how often", "tips at", "height", "sections", "edges", "off"):
-        table.add_column(name, justify="right", no_wrap=True)
+    numbers = "probability", "tips at", "height", "sections", "edges", "off by"
+    rows = table(folded("state"), *numbers, numbers=numbers)
     for state in item.states:
         tips = state.tipping_angle
-        table.add_row(
+        rows.add_row(
             escape(state.name),
             _UNKNOWN if state.probability is None else _percent(state.probability),
             _UNKNOWN if tips is None else f"{math.degrees(tips):.1f}°",
@@ -62,7 +61,7 @@ def _states(item: ImportedObjectOut) -> Table:
             _edges(state),
             f"{state.section_tolerance + state.merged_tolerance:.4f} mm",
         )
-    return table
+    return rows
 
 
 def _edges(state: ImportedStateOut) -> str:

@@ -4,9 +4,10 @@ import math
 from collections.abc import Sequence
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
+from palpate.errors import counted
 from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.next_grip import Planned
 from palpate.views.plan_text import (
@@ -20,6 +21,7 @@ from palpate.views.plan_text import (
     normal_words,
     stop_words,
 )
+from palpate.views.tables import table
 
 __all__ = ["print_plan"]
 
@@ -35,9 +37,9 @@ def print_plan(planned: Planned, console: Console) -> None:
     count = len(recognition.hypotheses)
     touched = sum(contact.touched for contact in recognition.contacts)
     console.print(
-        f"{recognition.verdict.value}: {_counted(count, 'hypothesis', 'hypotheses')} after "
-        f"{_counted(touched, 'contact', 'contacts')} and "
-        f"{_counted(len(recognition.contacts) - touched, 'miss', 'misses')}"
+        f"{recognition.verdict.value}: {counted(count, 'hypothesis', 'hypotheses')} after "
+        f"{counted(touched, 'contact', 'contacts')} and "
+        f"{counted(len(recognition.contacts) - touched, 'miss', 'misses')}"
     )
     if grip is None:
         console.print()
@@ -63,37 +65,33 @@ def print_plan(planned: Planned, console: Console) -> None:
 
 
 def _approaches(planned: Planned, grip: Grip) -> Table:
-    table = _table()
-    table.add_column("finger", no_wrap=True, max_width=_NAME)
-    for title in ("from x, y", "direction", "at most"):
-        table.add_column(title, justify="right", no_wrap=True)
+    numbers = "from x, y", "direction", "at most"
+    lines = table(Column("finger", no_wrap=True, max_width=_NAME), *numbers, numbers=numbers)
     for row in planned.rows:
         candidate, travel = grip.approaches[row], grip.travels_mm[row]
         x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.start_mm)
-        table.add_row(
+        lines.add_row(
             Text(planned.rig.fingers[candidate.finger_index].name, style="bold"),
             f"{x}, {y} mm",
             direction(candidate.direction_rad),
             f"{travel:.1f} mm",
         )
-    return table
+    return lines
 
 
 def _outcomes(planned: Planned, grip: Grip | None, rows: Sequence[int], width: int) -> Table:
     """A row for each hypothesis shown, a column for each of some fingers."""
-    table = _table()
-    table.add_column("", no_wrap=True)
-    table.add_column("hypothesis", no_wrap=True, width=_NAME)
+    lines = table("", Column("hypothesis", no_wrap=True, width=_NAME))
     long = _BEFORE + _LONG * len(rows) <= width
     for row in rows:
         assert grip is not None, "no approaches without a grip"
         name = planned.rig.fingers[grip.approaches[row].finger_index].name
-        table.add_column(name if long else f"{name} stops at\nwith normal", no_wrap=True)
+        lines.add_column(name if long else f"{name} stops at\nwith normal", no_wrap=True)
     for index, item in enumerate(planned.recognition.hypotheses[:SHOWN]):
         outcomes = [] if grip is None else [grip.predictions.of(row, index) for row in rows]
         cells = [_long(outcome) if long else _short(outcome) for outcome in outcomes]
-        table.add_row(Text(letter(index), style="bold"), _hypothesis(item), *cells)
-    return table
+        lines.add_row(Text(letter(index), style="bold"), _hypothesis(item), *cells)
+    return lines
 
 
 def _hypothesis(item: Hypothesis) -> Text:
@@ -125,11 +123,3 @@ def _blocks(rows: Sequence[int], width: int) -> list[Sequence[int]]:
     """Approaches whose columns fit beside each other."""
     size = max(1, (width - _BEFORE + 2) // _SHORT)
     return [rows[first : first + size] for first in range(0, len(rows), size)]
-
-
-def _table() -> Table:
-    return Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}"

@@ -8,7 +8,6 @@ from pathlib import Path
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table as RichTable
 
 from palpate.api.calibration import CalibrationAnswer, CalibrationPaths, check_references
 from palpate.api.files import load_references
@@ -23,6 +22,7 @@ from palpate.config.calibration_finger import FingerCalibration
 from palpate.config.references_file import ReferencesFile
 from palpate.config.results import to_json
 from palpate.rig.commissioning.calibration import STEPS, build_references
+from palpate.views.tables import table
 
 __all__ = ["run_calibrate"]
 
@@ -164,11 +164,9 @@ def _finger(found: FingerCalibration, rig: RigFile, index: int) -> CalibratedFin
 
 def _show(out: CalibrateOut, console: Console) -> None:
     """The result for people."""
-    table = RichTable(box=None, pad_edge=False, header_style="bold")
-    for title in ("finger", *_TITLES):
-        table.add_column(title, justify="left" if title == "finger" else "right")
+    rows = table("finger", *_TITLES, numbers=_TITLES)
     for item in out.fingers:
-        table.add_row(
+        rows.add_row(
             escape(item.name),
             _shown(item.position_mm, 2),
             _shown(item.direction_deg, 2),
@@ -179,7 +177,7 @@ def _show(out: CalibrateOut, console: Console) -> None:
             _shown(item.stiffness_n_per_mm, 2),
             "–" if item.unusable is None else str(item.unusable),
         )
-    console.print(table)
+    console.print(rows)
     if out.rms_mm is not None:
         console.print(
             f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "

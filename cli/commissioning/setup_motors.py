@@ -20,6 +20,7 @@ from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.dynamixel.set_up import Change, Wire
 from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, list_motors, set_up_all
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
+from palpate.views.tables import table
 
 __all__ = ["run_setup", "set_up_motors"]
 
@@ -131,13 +132,10 @@ class _Person:
 
 
 def _change_table(changes: Sequence[Change]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("item")
-    table.add_column("now", justify="right")
-    table.add_column("will be", justify="right")
+    rows = table("item", "now", "will be", numbers=("now", "will be"))
     for change in changes:
-        table.add_row(change.item, _value(change.item, change.found), _value(change.item, change.wanted))
-    return table
+        rows.add_row(change.item, _value(change.item, change.found), _value(change.item, change.wanted))
+    return rows
 
 
 def _value(item: str, value: int) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
 
 from palpate.cli.terminal import Terminal
 from palpate.config.results import to_json
@@ -14,6 +13,7 @@ from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.diagnostics.port_search import find_unplugged, ports_out, usb_id
+from palpate.views.tables import folded, table
 
 __all__ = ["run_find_port", "tell_found"]
 
@@ -49,13 +49,12 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
     if not ports:
         console.print("no serial port: plug in the adapter, and check its cable (some carry no data)")
         return
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("port", "what", "USB id", "serial number", "latency timer", "used by"):
-        table.add_column(name, overflow="fold")
+    names = "port", "what", "USB id", "serial number", "latency timer", "used by"
+    rows = table(*map(folded, names))
     for port in ports:
         timer = "" if port.latency_timer_s is None else f"{port.latency_timer_s * 1e3:g} ms"
         slow = bool(timer_warnings(port.device, port.latency_timer_s))
-        table.add_row(
+        rows.add_row(
             escape(port.device) + ("" if port.permitted else " [red](not permitted)[/]"),
             escape(port.kind or ""),
             usb_id(port) or "",
@@ -63,7 +62,7 @@ def _show(ports: Sequence[SerialPort], console: Console) -> None:
             f"[yellow]{timer}[/]" if slow else timer,
             escape(port.used_by or ""),
         )
-    console.print(table)
+    console.print(rows)
     for port in ports:
         if port.by_id is not None:
             console.print(

@@ -16,6 +16,7 @@ from palpate.drivers.dynamixel.packet import MAX_ID
 from palpate.errors import InputError, counted
 from palpate.rig.diagnostics.bus_selection import find_endpoint
 from palpate.rig.diagnostics.scan_check import is_well, scan_bus
+from palpate.views.tables import folded, table
 
 __all__ = ["ids_of", "run_scan"]
 
@@ -76,22 +77,19 @@ def show(out: ScanOut, console: Console, warn: Console) -> None:
 
 
 def _table(out: ScanOut) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("baud", "id"):
-        table.add_column(name, justify="right")
-    table.add_column("model")
-    table.add_column("firmware", justify="right")
-    table.add_column("in the rig file" if any(servo.owner for servo in out.servos) else "")
+    owner = folded("in the rig file" if any(servo.owner for servo in out.servos) else "")
+    numbers = "baud", "id", "firmware"
+    rows = table("baud", "id", folded("model"), "firmware", owner, numbers=numbers)
     for servo in out.servos:
         model = servo.model or ("?" if servo.model_number is None else f"unknown ({servo.model_number})")
-        table.add_row(
+        rows.add_row(
             str(servo.baudrate_bps),
             str(servo.id),
             model + (" [red](several?)[/]" if servo.crowded else ""),
             "?" if servo.firmware is None else str(servo.firmware),
             escape(servo.owner or ""),
         )
-    return table
+    return rows
 
 
 def _check_rates(given: Sequence[int]) -> None:

@@ -10,7 +10,7 @@ from itertools import groupby
 
 from rich.cells import cell_len, set_cell_size
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from palpate.config.objects_result import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
@@ -18,6 +18,7 @@ from palpate.errors import counted
 from palpate.views.catalogue.check_text import fit_words, rig_words
 from palpate.views.catalogue.equivalent_pairs import Alike, put_together
 from palpate.views.catalogue.known_heights import known_words
+from palpate.views.tables import table
 
 __all__ = ["print_listing"]
 
@@ -52,21 +53,19 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
 
 
 def _table(out: ObjectsListingOut, *, every: bool) -> Table:
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("object", width=_NAME, no_wrap=True, overflow="ellipsis")
-    for title in ("sections", "edges", "top mm", "symmetry", "prob.", "tips"):
-        table.add_column(title, justify="right", no_wrap=True)
+    numbers = "sections", "edges", "top mm", "symmetry", "prob.", "tips"
+    rows = table(Column("object", width=_NAME, no_wrap=True), *numbers, numbers=numbers)
     for name, states in groupby(out.states, key=lambda item: item.object):
         listed = list(states)
         first = listed[0]
         tolerance = f" ±{_up(first.tolerance_mm):g} mm" if first.tolerance_mm else ""
-        table.add_row(Text(f"{_cut(name, _NAME - len(tolerance))}{tolerance}", style="bold"))
+        rows.add_row(Text(f"{_cut(name, _NAME - len(tolerance))}{tolerance}", style="bold"))
         shown = len(listed) if every or len(listed) <= _SHOWN + 1 else _SHOWN
         for state in listed[:shown]:
-            table.add_row(*_cells(state))
+            rows.add_row(*_cells(state))
         if shown < len(listed):
-            table.add_row(f"  and {len(listed) - shown} more; --all")
-    return table
+            rows.add_row(f"  and {len(listed) - shown} more; --all")
+    return rows
 
 
 def _cells(state: StateListedOut) -> list[str]:
