@@ -32,7 +32,7 @@ from palpate.errors import InputError
 from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import outside, set_up
-from palpate.rig.catalogue.cad_import import Wanted, import_file
+from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.heights import check_known
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.session.run import IdentificationJob, run_identification
@@ -59,7 +59,7 @@ def solids_in(folder: Path, wanted_mm: tuple[float, ...]) -> tuple[ObjectsFile, 
         units = "inch" if path.stem in INCHES else "mm"
         begin = time.perf_counter()
         try:
-            found = import_file(path, Wanted(units=units, heights_mm=wanted_mm))
+            found = import_file(path, ImportOptions(units=units, heights_mm=wanted_mm))
         except InputError as error:
             print(f"{path.name}: refused: {error}")
             continue

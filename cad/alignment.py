@@ -1,9 +1,9 @@
-"""From a rough alignment of two stacks to the best one near it: least squares first, then the least maximum.
+"""Alignment of two stacks of sections: local minimum of the largest distance, from a rough start.
 
-Beneath `sameness`. Both steps see the distances of all corners of each stack from the outlines of the
-other, linearised about where the first stack lies now. Gauss–Newton gets exact copies onto each other in
-a few steps; where outlines differ, what counts is the largest distance, and a linear programme with a
-trust region lowers it (Madsen, An algorithm for minimax solution of overdetermined systems, J. Inst.
+Least squares come first, then a minimax step. Both see the distances of all corners of each stack from the
+outlines of the other, linearised about where the first stack lies now. Gauss–Newton gets exact copies onto
+each other in a few steps; where outlines differ, what counts is the largest distance, and a linear programme
+with a trust region lowers it (Madsen, An algorithm for minimax solution of overdetermined systems, J. Inst.
 Maths Applics 16, 1975).
 """
 
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
-from palpate.cad.outline_distance import Outline, furthest_mm
+from palpate.cad.outline_distance import OutlineTree, furthest_mm
 from palpate.cad.stacks import Stack
 from palpate.geometry import Floats
 
-__all__ = ["Pose", "aligned", "largest_mm", "moved"]
+__all__ = ["PlanarPose", "align", "largest_mm", "moved"]
 
 _SQUARES = 12
 _PROGRAMMES = 12
@@ -33,7 +33,7 @@ _HOPE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class PlanarPose:
     """A turn about the first stack's reference point, which goes to `centre_mm` (2,)."""
 
     turn_rad: float
@@ -47,7 +47,7 @@ def moved(points_mm: Floats, turn_rad: float) -> Floats:
     return result
 
 
-def aligned(a: Stack, b: Stack, pose: Pose, enough_mm: float) -> Pose:
+def align(a: Stack, b: Stack, pose: PlanarPose, enough_mm: float) -> PlanarPose:
     """The pose near a given one at which corners of either stack are least far from the other's outlines.
 
     Given up early where programmes gain too little to come within `enough_mm`.
@@ -68,7 +68,7 @@ def aligned(a: Stack, b: Stack, pose: Pose, enough_mm: float) -> Pose:
     return _least_maximum(a, b, best, least, enough_mm) if least > 10 * _SETTLED * reach else best
 
 
-def largest_mm(a: Stack, b: Stack, pose: Pose) -> float:
+def largest_mm(a: Stack, b: Stack, pose: PlanarPose) -> float:
     """Hausdorff distance of the outlines of all sections, rounded up (see `furthest_mm`)."""
     worst = 0.0
     for mine, its in zip(a.outlines, b.outlines, strict=True):
@@ -78,19 +78,19 @@ def largest_mm(a: Stack, b: Stack, pose: Pose) -> float:
     return worst
 
 
-def _there(points: Floats, a: Stack, pose: Pose) -> Floats:
+def _there(points: Floats, a: Stack, pose: PlanarPose) -> Floats:
     return moved(points - a.centre_mm, pose.turn_rad) + pose.centre_mm
 
 
-def _back(points: Floats, a: Stack, pose: Pose) -> Floats:
+def _back(points: Floats, a: Stack, pose: PlanarPose) -> Floats:
     return moved(points - pose.centre_mm, -pose.turn_rad) + a.centre_mm
 
 
-def _stepped(pose: Pose, step: Floats, reach: float) -> Pose:
-    return Pose(pose.turn_rad + float(step[2]) / reach, pose.centre_mm + step[:2])
+def _stepped(pose: PlanarPose, step: Floats, reach: float) -> PlanarPose:
+    return PlanarPose(pose.turn_rad + float(step[2]) / reach, pose.centre_mm + step[:2])
 
 
-def _worst(a: Stack, b: Stack, pose: Pose) -> float:
+def _worst(a: Stack, b: Stack, pose: PlanarPose) -> float:
     return max(
         max(
             float(its.nearest(_there(mine.starts_mm, a, pose))[0].max()),
@@ -100,7 +100,7 @@ def _worst(a: Stack, b: Stack, pose: Pose) -> float:
     )
 
 
-def _linearised(a: Stack, b: Stack, pose: Pose) -> tuple[Floats, Floats]:
+def _linearised(a: Stack, b: Stack, pose: PlanarPose) -> tuple[Floats, Floats]:
     """Distances (n,) of corners from outlines, signed along the rows' normals, and rows (n, 3).
 
     A row holds the derivatives by a shift in x and in y and by a turn times the first stack's reach.
@@ -124,7 +124,7 @@ def _row(arm: Floats, normal: Floats, reach: float) -> Floats:
     return np.column_stack([normal, turn])
 
 
-def _feet(points: Floats, outline: Outline) -> tuple[Floats, Floats]:
+def _feet(points: Floats, outline: OutlineTree) -> tuple[Floats, Floats]:
     """Nearest points (n, 2) of an outline, and unit normals there: of the edge, or away from its end."""
     _, edge = outline.nearest(points)
     start = outline.starts_mm[edge]
@@ -140,7 +140,7 @@ def _feet(points: Floats, outline: Outline) -> tuple[Floats, Floats]:
     return foot, normal
 
 
-def _least_maximum(a: Stack, b: Stack, pose: Pose, worst: float, enough: float) -> Pose:
+def _least_maximum(a: Stack, b: Stack, pose: PlanarPose, worst: float, enough: float) -> PlanarPose:
     trust = worst
     for left in reversed(range(_PROGRAMMES)):
         off, rows = _linearised(a, b, pose)

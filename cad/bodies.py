@@ -1,7 +1,7 @@
-"""Which closed shells of a surface make up one body, and which way round they are.
+"""Bodies of a surface: which closed shells belong together, and which way round they are.
 
-A shell within another one bounds a void of it; one within that void is a body of its own. Beneath
-`mesh_checks`, after it is known that shells neither cross nor touch along edges.
+A shell within another one bounds a void of it; one within that void is a body of its own. Shells must neither
+cross nor touch along edges: `mesh_checks` refuses such files before.
 """
 
 import numpy as np
@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.cad.box_pairs import overlapping_pairs
-from palpate.cad.surface import Surface
+from palpate.cad.surface import TriangleSurface
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
 
@@ -19,7 +19,7 @@ _PROBES = 5
 """Vertices of a shell that are asked whether they are inside another: some may touch it."""
 
 
-def bodies(where: str, surface: Surface) -> list[Ints]:
+def bodies(where: str, surface: TriangleSurface) -> list[Ints]:
     """Faces (k, 3) of each body, outside seen counter-clockwise, in the order of the file.
 
     A shell that is inside out as a whole, with all it holds, is turned: of a closed surface there is no
@@ -66,7 +66,7 @@ def _volume(corners: Floats) -> float:
     return float((a * np.cross(b, c)).sum() / 6)
 
 
-def _nesting(surface: Surface, shells: list[Ints]) -> tuple[Ints, Ints]:
+def _nesting(surface: TriangleSurface, shells: list[Ints]) -> tuple[Ints, Ints]:
     """The innermost shell around each shell, -1 for none, and how many there are around it."""
     lo = np.array([surface.corners[faces].min(axis=(0, 1)) for faces in shells])
     hi = np.array([surface.corners[faces].max(axis=(0, 1)) for faces in shells])
@@ -80,7 +80,7 @@ def _nesting(surface: Surface, shells: list[Ints]) -> tuple[Ints, Ints]:
     return np.array([max(outer, key=lambda k: depth[k], default=-1) for outer in around]), depth
 
 
-def _is_inside(surface: Surface, inner: Ints, outer: Ints) -> bool:
+def _is_inside(surface: TriangleSurface, inner: Ints, outer: Ints) -> bool:
     """Does a shell lie inside of another that it does not cross?"""
     vertices = np.unique(surface.faces[inner])
     probes = surface.vertices[vertices[np.linspace(0, len(vertices) - 1, _PROBES).astype(np.int64)]]
@@ -103,7 +103,7 @@ def _winding(corners: Floats, point: Floats) -> float:
     return float(np.arctan2(above, below).sum() / (2 * np.pi))
 
 
-def _joined(surface: Surface, shell: Ints, body: Ints) -> Ints:
+def _joined(surface: TriangleSurface, shell: Ints, body: Ints) -> Ints:
     """Body of each shell (s,), where shells that share a vertex are of one body."""
     corner = surface.faces.ravel()
     owner = np.zeros(len(surface.vertices), dtype=np.int64)
@@ -115,6 +115,6 @@ def _joined(surface: Surface, shell: Ints, body: Ints) -> Ints:
     return result
 
 
-def _around(surface: Surface, faces: Ints) -> str:
+def _around(surface: TriangleSurface, faces: Ints) -> str:
     x, y, z = surface.corners[faces].reshape(-1, 3).mean(axis=0) + 0.0
     return f"around ({x:.5g}, {y:.5g}, {z:.5g}) mm"

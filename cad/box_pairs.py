@@ -1,7 +1,7 @@
-"""Which boxes of many overlap: the broad phase of every question about pairs of faces.
+"""Overlapping pairs of boxes: the broad phase of collision tests between faces.
 
 A balanced tree of boxes is walked against itself, many pairs of nodes at a time (after Gottschalk, Lin and
-Manocha, OBBTree, SIGGRAPH 1996, with boxes along the axes). Stands beneath `self_crossing`.
+Manocha, OBBTree, SIGGRAPH 1996, with boxes along the axes).
 """
 
 from collections.abc import Iterator

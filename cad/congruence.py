@@ -1,12 +1,11 @@
-"""Does a motion bring a solid onto itself? A proof over the whole surface, and not by samples of it.
+"""Congruence of a solid with itself after a motion: a proof over the whole surface, without sampling.
 
-From a `Solid` and a motion to a bound on the Hausdorff distance between the surface and the moved surface,
-for `merging`. Why it holds: the distance from one triangle is convex, so over a piece of a facet it is
-nowhere larger than at the corners of the piece; the distance from the surface is no larger. A facet whose
-corners come to those of a facet is done with that. Any other piece is held against the triangle that
-is nearest to its middle, and cut along that triangle's border where it reaches beyond it, so that different
-triangulations of one surface are found to be one. Vertices and middles that are too far end it at once.
-Rounding is allowed for with 1e-9 of the size.
+The result bounds the Hausdorff distance between the surface and the moved surface. Why it holds: the distance
+from one triangle is convex, so over a piece of a facet it is nowhere larger than at the corners of the piece;
+the distance from the surface is no larger. A facet whose corners come to those of a facet is done with that.
+Any other piece is held against the triangle that is nearest to its middle, and cut along that triangle's
+border where it reaches beyond it, so that different triangulations of one surface are found to be one.
+Vertices and middles that are too far end it at once. Rounding is allowed for with 1e-9 of the size.
 """
 
 import numpy as np

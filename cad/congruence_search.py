@@ -1,11 +1,10 @@
-"""Are two stacks of sections the same up to a rigid motion in the plane? All motions that make them so.
+"""Congruence of two stacks of sections: all rigid motions in the plane that bring one onto the other.
 
-Between cross sections and whoever asks what fingers can tell apart: duplicates among stable states,
-twins among objects. The search of the turn misses nothing: with reference points together (`stacks`) the
-outlines are within (1 + 4/π) of the wanted distance if any shift brings them within it, and a turn by w
-moves no corner at radius r by more than 2 r sin(w/2), so a whole interval of turns is ruled out by one
-corner that is too far away. Each local minimum that is left is refined by shift and turn (`alignment`)
-and measured exactly.
+It finds duplicates among stable states and twins among objects. The search of the turn misses nothing: with
+reference points together (`stacks`) the outlines are within (1 + 4/π) of the wanted distance if any shift
+brings them within it, and a turn by w moves no corner at radius r by more than 2 r sin(w/2), so a whole
+interval of turns is ruled out by one corner that is too far away. Each local minimum that is left is refined
+by shift and turn (`alignment`) and measured exactly.
 """
 
 import math
@@ -17,8 +16,8 @@ import numpy as np
 import shapely
 from shapely import affinity
 
-from palpate.cad.alignment import Pose, aligned, largest_mm, moved
-from palpate.cad.outline_distance import Outline
+from palpate.cad.alignment import PlanarPose, align, largest_mm, moved
+from palpate.cad.outline_distance import OutlineTree
 from palpate.cad.stacks import STEINER, Stack, could_match, round_bound_mm, stack_of
 from palpate.geometry import Floats, Ints
 
@@ -66,10 +65,10 @@ def motions(a: Sequence[Any], b: Sequence[Any], within_mm: float, most: int | No
     if not could_match(mine, its, within_mm):
         return []
     if round_bound_mm(mine, its) <= within_mm:
-        return [_motion(mine, its, Pose(0.0, its.centre_mm), any_turn=True)]
+        return [_motion(mine, its, PlanarPose(0.0, its.centre_mm), any_turn=True)]
     found: list[Motion] = []
     for turn in _turns(mine, its, within_mm):
-        pose = aligned(mine, its, Pose(turn, its.centre_mm), within_mm)
+        pose = align(mine, its, PlanarPose(turn, its.centre_mm), within_mm)
         motion = _motion(mine, its, pose)
         if motion.apart_mm <= within_mm + 1e-8 * its.reach_mm and _fills(mine, its, motion, within_mm):
             found.append(motion)
@@ -87,10 +86,10 @@ def apart_mm(a: Sequence[Any], b: Sequence[Any], turn_rad: float, shift_mm: Floa
         return 0.0
     mine, its = stack_of(a), stack_of(b)
     centre = moved(mine.centre_mm[None], turn_rad)[0] + shift_mm
-    return largest_mm(mine, its, Pose(turn_rad, centre))
+    return largest_mm(mine, its, PlanarPose(turn_rad, centre))
 
 
-def _motion(a: Stack, b: Stack, pose: Pose, any_turn: bool = False) -> Motion:
+def _motion(a: Stack, b: Stack, pose: PlanarPose, any_turn: bool = False) -> Motion:
     turn = math.remainder(pose.turn_rad, 2 * math.pi)
     shift = pose.centre_mm - moved(a.centre_mm[None], turn)[0]
     return Motion(turn, shift, largest_mm(a, b, pose), any_turn)
@@ -132,7 +131,7 @@ def _ruled(a: Stack, b: Stack, turn: Floats, half: float, limit: float, most: in
     return worst, kept
 
 
-def _distances(points: Floats, outline: Outline, turn: Floats, centre: Floats) -> Floats:
+def _distances(points: Floats, outline: OutlineTree, turn: Floats, centre: Floats) -> Floats:
     """Distance (t, p) from an outline of points (p, 2) about the origin, turned and brought to a centre."""
     c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
     x = c * points[:, 0] - s * points[:, 1] + centre[0]

@@ -1,13 +1,13 @@
-"""Curves of drawings, and the chords that stand for them. Between the readers of drawings and `chains`.
+"""Curves of drawings, and their approximation by chords.
 
 Two kinds are enough for all that DXF and SVG know: arcs of ellipses, and Bézier curves with weights (a line
 is one of degree 1; a NURBS falls into them by knot insertion). Chords have their ends on the curve. No point
 of the curve is further than the stated deviation from its chord, and no normal of it differs by more than
 asin(4 · deviation / length of the chord) from the chord's: what `CrossSection` promises of an edge.
 
-Proofs. *Arc of an ellipse*, semi-axes a ≥ b, a chord over the parameter h: it is the affine image of an
-arc of the unit circle, which deviates by 1 − cos(h/2); images of distances grow at most a-fold. The sine of
-the angle between tangent and chord is at most 2a sin²(h/2) / length of the chord; a quarter of that times the
+Proofs. *Arc of an ellipse*, semi-axes a ≥ b, a chord over the parameter h: it is the affine image of an arc
+of the unit circle, which deviates by 1 − cos(h/2); images of distances grow at most a-fold. The sine of the
+angle between tangent and chord is at most 2a sin²(h/2) / length of the chord; a quarter of that times the
 length, a/2 · sin²(h/2), is at most a (1 − cos(h/2)). *Bézier curve*: each point is a weighted mean of the
 control points, so its distance from the chord is at most that of the furthest one, times 1 − 2^(1−n) where
 the weights are equal (the first and last, on the chord, have at least 2^(1−n) of the mean's weight); each

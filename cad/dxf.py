@@ -1,4 +1,4 @@
-"""DXF drawings as outlines of flat parts, in mm. One of the readers; what it finds goes to `chains`.
+"""DXF reader: drawings as outlines of flat parts, in mm.
 
 The file's own unit counts; one that it lacks has to be said.
 """

@@ -1,8 +1,9 @@
-"""DXF entities as strokes. Between `dxf`, which walks through the file, and `chains`.
+"""DXF entities as strokes in the plane of the drawing.
 
 Some kinds have coordinates of their own: those of their extrusion direction, which mirrored entities have
 turned to (0, 0, -1). All come out in the drawing's plane, seen from above. Source: DXF reference, Object
-Coordinate Systems, https://help.autodesk.com/view/OARX/2024/ENU/?guid=GUID-D99F1509-E4E4-47A3-8691-92EA07DC88F5
+Coordinate Systems,
+https://help.autodesk.com/view/OARX/2024/ENU/?guid=GUID-D99F1509-E4E4-47A3-8691-92EA07DC88F5
 """
 
 import math
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from ezdxf.entities.spline import Spline
     from ezdxf.math import Vec3
 
-__all__ = ["DRAWN", "NOT_DRAWN", "NotFlatError", "Placing", "curves"]
+__all__ = ["DRAWN", "NOT_DRAWN", "BlockTransform", "NotFlatError", "curves"]
 
 DRAWN = frozenset({"LINE", "ARC", "CIRCLE", "ELLIPSE", "LWPOLYLINE", "POLYLINE", "SPLINE"})
 """Kinds that outlines are made of."""
@@ -49,24 +50,24 @@ class NotFlatError(Exception):
 
 
 @dataclass(frozen=True, eq=False)
-class Placing:
+class BlockTransform:
     """A point p (3,) of the model space or a block is at p @ matrix (3, 3) + shift_mm (3,) in the drawing."""
 
     matrix: Floats
     shift_mm: Floats
 
-    def of(self, insert: "Insert") -> "Placing":
+    def of(self, insert: "Insert") -> "BlockTransform":
         """For what is in a block that is inserted here."""
         # ezdxf's own placing of blocks in blocks is wrong where the outer one is stretched in one direction.
         rows = np.array(tuple(insert.matrix44())).reshape(4, 4)
-        return Placing(rows[:3, :3] @ self.matrix, rows[3, :3] @ self.matrix + self.shift_mm)
+        return BlockTransform(rows[:3, :3] @ self.matrix, rows[3, :3] @ self.matrix + self.shift_mm)
 
     def __call__(self, points: Sequence["Vec3"]) -> Floats:
         """Points (n, 3) in the drawing, mm."""
         return np.array([tuple(point) for point in points]).reshape(-1, 3) @ self.matrix + self.shift_mm
 
 
-def curves(entity: "DXFGraphic", placing: Placing) -> tuple[tuple[Curve, ...], float]:
+def curves(entity: "DXFGraphic", placing: BlockTransform) -> tuple[tuple[Curve, ...], float]:
     """The curves of an entity of a kind in `DRAWN`, in mm, and the height that it lies at.
 
     Raises NotFlatError.
@@ -82,7 +83,7 @@ Made = tuple[tuple[Curve, ...], Floats]
 
 
 def _in_plane(
-    entity: "Circle | LWPolyline | Polyline", elevation: float, made: Sequence[Curve], placing: Placing
+    entity: "Circle | LWPolyline | Polyline", elevation: float, made: Sequence[Curve], placing: BlockTransform
 ) -> Made:
     """Curves in an entity's own plane, as they are seen from above."""
     ocs = entity.ocs()
@@ -94,12 +95,12 @@ def _in_plane(
     return tuple(mapped(curve, axes[:2], shift[:2]) for curve in made), heights
 
 
-def _line(entity: "Line", placing: Placing) -> Made:
+def _line(entity: "Line", placing: BlockTransform) -> Made:
     ends = placing([entity.dxf.start, entity.dxf.end])
     return (line(ends[:, :2]),), ends[:, 2]
 
 
-def _circle(entity: "Circle | DxfArc", placing: Placing) -> Made:
+def _circle(entity: "Circle | DxfArc", placing: BlockTransform) -> Made:
     dxf = entity.dxf
     start, sweep = 0.0, 2 * math.pi
     if entity.dxftype() == "ARC":
@@ -109,7 +110,7 @@ def _circle(entity: "Circle | DxfArc", placing: Placing) -> Made:
     return _in_plane(entity, dxf.center.z, [arc], placing)
 
 
-def _ellipse(entity: "Ellipse", placing: Placing) -> Made:
+def _ellipse(entity: "Ellipse", placing: BlockTransform) -> Made:
     dxf = entity.dxf
     points = placing([dxf.center, dxf.center + dxf.major_axis, dxf.center + entity.minor_axis])
     axes = (points[1:] - points[0])[:, :2]
@@ -125,13 +126,13 @@ def _sweep(start_rad: float, end_rad: float) -> float:
     return 2 * math.pi if whole else sweep
 
 
-def _light_polyline(entity: "LWPolyline", placing: Placing) -> Made:
+def _light_polyline(entity: "LWPolyline", placing: BlockTransform) -> Made:
     corners = np.array(entity.get_points("xyb"), dtype=np.float64).reshape(-1, 3)
     made = _edges(corners[:, :2], corners[:, 2], entity.closed)
     return _in_plane(entity, entity.dxf.elevation, made, placing)
 
 
-def _polyline(entity: "Polyline", placing: Placing) -> Made:
+def _polyline(entity: "Polyline", placing: BlockTransform) -> Made:
     if not (entity.is_2d_polyline or entity.is_3d_polyline):
         raise NotFlatError("is a mesh")
     if entity.dxf.flags & (entity.CURVE_FIT_VERTICES_ADDED | entity.SPLINE_FIT_VERTICES_ADDED):
@@ -155,7 +156,7 @@ def _edges(corners: Floats, bulges: Floats, closed: bool) -> list[Curve]:
     return [bulge(corners[k], corners[(k + 1) % len(corners)], float(bulges[k])) for k in range(last)]
 
 
-def _spline(entity: "Spline", placing: Placing) -> Made:
+def _spline(entity: "Spline", placing: BlockTransform) -> Made:
     points = placing(entity.control_points)
     if not len(points):
         raise NotFlatError("has fit points but no control points; save it with control points")
@@ -174,7 +175,7 @@ def _spline(entity: "Spline", placing: Placing) -> Made:
     return found, points[:, 2]
 
 
-_MAKERS: dict[str, Callable[[Any, Placing], Made]] = {
+_MAKERS: dict[str, Callable[[Any, BlockTransform], Made]] = {
     "LINE": _line,
     "ARC": _circle,
     "CIRCLE": _circle,

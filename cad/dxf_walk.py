@@ -1,4 +1,4 @@
-"""Which entities of a DXF file are outlines: a walk through its model space and blocks. Part of `dxf`.
+"""Outline entities of a DXF file: a walk through its model space and blocks.
 
 What counts: lines, arcs, circles, ellipses, polylines and splines on layers that are on, thawed and plotted,
 drawn in a continuous line. Dashed and chain lines stand for hidden edges and centre lines (ISO 128) and are
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, NotFlatError, Placing, curves
+from palpate.cad.dxf_entities import DRAWN, NOT_DRAWN, BlockTransform, NotFlatError, curves
 from palpate.cad.loop_assembly import Stroke
 from palpate.errors import InputError
 from palpate.files.limits import DRAWN_PIECES, NESTING
@@ -32,7 +32,7 @@ class _Style:
 
     layer: str
     linetype: str
-    placing: Placing
+    placing: BlockTransform
 
 
 class Walk:
@@ -50,7 +50,7 @@ class Walk:
 
     def all(self) -> None:
         """Go through the model space. Raises InputError for what cannot be an outline of a flat part."""
-        style = _Style("0", "CONTINUOUS", Placing(self._unit_mm * np.eye(3), np.zeros(3)))
+        style = _Style("0", "CONTINUOUS", BlockTransform(self._unit_mm * np.eye(3), np.zeros(3)))
         for entity in self._document.modelspace():
             self._collect(entity, style, ())
 
@@ -77,7 +77,7 @@ class Walk:
         else:
             self._keep(entity, layer, outer.placing)
 
-    def _keep(self, entity: "DXFGraphic", layer: str, placing: Placing) -> None:
+    def _keep(self, entity: "DXFGraphic", layer: str, placing: BlockTransform) -> None:
         label, kind = f"layer '{layer}'", entity.dxftype()
         if kind not in DRAWN:
             raise InputError(

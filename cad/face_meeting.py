@@ -1,16 +1,16 @@
-"""Do two faces of a surface pass through each other? Many pairs at once.
+"""Intersection test for pairs of faces, the narrow phase: do they pass through each other?
 
 Faces that merely touch do not: neighbours at their common vertices, a tip on a face, an edge along an edge.
-The narrow phase of `self_crossing`, which says what the tolerance is. One face of a pair is cut by the plane
-of the other (Möller, A fast triangle-triangle intersection test, Journal of Graphics Tools 2(2), 1997); where
-they share a stretch, it is the order of the four half-planes around it that tells crossing from touching.
+`self_crossing` defines the tolerance. One face of a pair is cut by the plane of the other (Möller, A fast
+triangle-triangle intersection test, Journal of Graphics Tools 2(2), 1997); where they share a stretch, it is
+the order of the four half-planes around it that tells crossing from touching.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.cad.surface import Surface
+from palpate.cad.surface import TriangleSurface
 from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["Meetings", "folded_edges", "meetings"]
@@ -30,7 +30,7 @@ class Meetings:
     places: Floats
 
 
-def meetings(surface: Surface, pairs: Ints) -> Meetings:
+def meetings(surface: TriangleSurface, pairs: Ints) -> Meetings:
     """Those of the pairs (k, 2) of faces that cross, or lie in one plane and overlap.
 
     No face may be thin. Pairs with a common edge are left out: see `folded_edges`.
@@ -51,7 +51,7 @@ def meetings(surface: Surface, pairs: Ints) -> Meetings:
     )
 
 
-def folded_edges(surface: Surface) -> Meetings:
+def folded_edges(surface: TriangleSurface) -> Meetings:
     """Neighbours that are folded flat onto each other along their common edge."""
     face, side = np.nonzero(surface.neighbours > np.arange(len(surface.faces))[:, None])
     pairs = np.column_stack([face, surface.neighbours[face, side]])
@@ -62,13 +62,13 @@ def folded_edges(surface: Surface) -> Meetings:
     return Meetings(pairs[found], places[found])
 
 
-def _slender_first(surface: Surface, pairs: Ints) -> Ints:
+def _slender_first(surface: TriangleSurface, pairs: Ints) -> Ints:
     """Turn pairs so that the second face is the less slender one: its plane is known better."""
     turned = surface.heights[pairs[:, 0]] > surface.heights[pairs[:, 1]]
     return np.where(turned[:, None], pairs[:, ::-1], pairs)
 
 
-def _sides(surface: Surface, pairs: Ints) -> Ints:
+def _sides(surface: TriangleSurface, pairs: Ints) -> Ints:
     """On which side of the second face's plane each corner of the first is, (k, 3): -1, 0 (in it) or 1."""
     corners = surface.corners[pairs[:, 0]]
     base, normal = surface.corners[pairs[:, 1], 0], surface.normals[pairs[:, 1]]
@@ -85,7 +85,7 @@ def _reaches(sides: Ints) -> Bools:
     return result
 
 
-def _overlapping(surface: Surface, pairs: Ints) -> tuple[Bools, Floats]:
+def _overlapping(surface: TriangleSurface, pairs: Ints) -> tuple[Bools, Floats]:
     """Do faces in one plane overlap by more than the tolerance, whichever way that is measured?
 
     Convex shapes overlap unless an edge of one of them separates them. The place is the middle of the two
@@ -113,7 +113,7 @@ def _gaps(shape: Floats, other: Floats, normal: Floats) -> Floats:
     return beyond
 
 
-def _crossing(surface: Surface, pairs: Ints, sides: Ints) -> tuple[Bools, Floats]:
+def _crossing(surface: TriangleSurface, pairs: Ints, sides: Ints) -> tuple[Bools, Floats]:
     """Do first faces, of which some corners are on either side of the second's plane, pass through it?"""
     corners = surface.corners[pairs]
     base, normal = corners[:, 1], surface.normals[pairs[:, 1]]

@@ -1,6 +1,6 @@
-"""How far the surface in a slab of heights is from one outline: the proof behind a cross section.
+"""Hausdorff bound between one outline and the surface in a slab of heights: the proof behind a cross section.
 
-From a `Surface`, a range of heights and an outline to a bound on what the recogniser calls being off. Every
+It bounds what the recogniser calls an object's tolerance. Every
 facet is clipped to the slab and projected: all edges of all true sections in the slab lie in these pieces,
 and all convex corners on the clipped edges between facets. The distance to one edge (or vertex) of the
 outline is convex over a piece, so the greatest of its corners' distances bounds it. An edge of length L
@@ -17,11 +17,19 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.cad.resting_surface import Surface
+from palpate.cad.resting_surface import RestingSurface
 from palpate.cad.simplify import turned
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["Outline", "Pieces", "clipped", "corners_of", "facets_of", "need", "outline_of"]
+__all__ = [
+    "FacetPieces",
+    "OutlineEdges",
+    "clip_facets",
+    "corners_of",
+    "distance_bound",
+    "facets_of",
+    "outline_of",
+]
 
 _HALVINGS = 24
 _AT_ONCE = 20_000
@@ -31,7 +39,7 @@ _LOOK = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class OutlineEdges:
     """The n edges of an outline's rings, and the vertices that they start from.
 
     `start` (n, 2) mm; `along`, `normal` (n, 2): unit vectors, the normal outwards; `length` (n,) mm;
@@ -46,7 +54,7 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class FacetPieces:
     """Convex pieces (k) of what a finger may touch: the hull of `points` (k, p, 2), mm.
 
     Normals turn left from `first` to `last` (k, 2), by less than 180°, unless a piece is `bare`.
@@ -60,11 +68,11 @@ class Pieces:
     def __len__(self) -> int:
         return len(self.points)
 
-    def select(self, rows: Ints | Bools) -> "Pieces":
+    def select(self, rows: Ints | Bools) -> "FacetPieces":
         """Those at `rows` (indices or a mask)."""
-        return Pieces(self.points[rows], self.first[rows], self.last[rows], self.bare[rows])
+        return FacetPieces(self.points[rows], self.first[rows], self.last[rows], self.bare[rows])
 
-    def split(self) -> "Pieces":
+    def split(self) -> "FacetPieces":
         """Both halves of every one: the hull's fan is cut at its longest sides."""
         fan = self.points.shape[1] - 2
         if fan < 1:
@@ -82,10 +90,10 @@ class Pieces:
         halves = [np.stack(corners, axis=1) for corners in ((begin, middle, rest), (middle, end, rest))]
         return self._like(np.stack(halves, axis=1))
 
-    def _like(self, points: Floats) -> "Pieces":
+    def _like(self, points: Floats) -> "FacetPieces":
         """Of `points` (k, c, p, 2): c children of each."""
         children = points.shape[1]
-        return Pieces(
+        return FacetPieces(
             points.reshape(-1, *points.shape[2:]),
             np.repeat(self.first, children, axis=0),
             np.repeat(self.last, children, axis=0),
@@ -93,7 +101,7 @@ class Pieces:
         )
 
 
-def outline_of(rings: list[Floats]) -> Outline:
+def outline_of(rings: list[Floats]) -> OutlineEdges:
     """Edges of rings (n, 2) with the solid on their left."""
     start = np.concatenate(rings) if rings else np.zeros((0, 2))
     counts = [len(ring) for ring in rings]
@@ -106,10 +114,10 @@ def outline_of(rings: list[Floats]) -> Outline:
     leg[before] = start - start[before]
     length = np.hypot(*leg.T)
     along = leg / length[:, None]
-    return Outline(start, along, np.stack([along[:, 1], -along[:, 0]], axis=1), length, before)
+    return OutlineEdges(start, along, np.stack([along[:, 1], -along[:, 0]], axis=1), length, before)
 
 
-def clipped(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
+def clip_facets(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> Floats:
     """Projected corners (k, 6, 2), in order, of facets clipped to a range of heights; some are repeated."""
     corners = surface.vertices_mm[surface.faces[facets]]
     begin, end = _clip(corners, np.roll(corners, -1, axis=1), from_mm, to_mm)
@@ -124,14 +132,14 @@ def clipped(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Flo
     return result
 
 
-def facets_of(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Pieces:
+def facets_of(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> FacetPieces:
     """Every edge of every section in the range lies in one of these."""
-    points = clipped(surface, facets, from_mm, to_mm)
+    points = clip_facets(surface, facets, from_mm, to_mm)
     normal = surface.normal[facets]
-    return Pieces(points, normal, normal, surface.bare[facets])
+    return FacetPieces(points, normal, normal, surface.bare[facets])
 
 
-def corners_of(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> Pieces:
+def corners_of(surface: RestingSurface, facets: Ints, from_mm: float, to_mm: float) -> FacetPieces:
     """Every convex corner of every section in the range lies on one of these: edges between `facets`."""
     edges = np.unique(surface.edges[facets])
     one, other = surface.sides[edges].T
@@ -145,7 +153,7 @@ def corners_of(surface: Surface, facets: Ints, from_mm: float, to_mm: float) -> 
     inside = (high > from_mm) & (low < to_mm) & (low < high)
     convex = (bend > 0) & inside & ~surface.bare[left] & ~surface.bare[right]
     begin, end = _clip(ends[convex, 0], ends[convex, 1], from_mm, to_mm)
-    return Pieces(
+    return FacetPieces(
         np.stack([begin, end], axis=1)[:, :, :2],
         before[convex],
         after[convex],
@@ -169,8 +177,8 @@ def _clip(begin: Floats, end: Floats, from_mm: float, to_mm: float) -> tuple[Flo
     return one, other
 
 
-def need(
-    pieces: Pieces, outline: Outline, near: cKDTree, owner: Ints, target_mm: float, floor_mm: float
+def distance_bound(
+    pieces: FacetPieces, outline: OutlineEdges, near: cKDTree, owner: Ints, target_mm: float, floor_mm: float
 ) -> tuple[float, bool]:
     """(How far the pieces are from the outline, whether that is within the target).
 
@@ -201,9 +209,9 @@ def need(
 
 
 def _searched(
-    pieces: Pieces, outline: Outline, tree: shapely.STRtree, target_mm: float
+    pieces: FacetPieces, outline: OutlineEdges, tree: shapely.STRtree, target_mm: float
 ) -> tuple[float, bool]:
-    """As `need`, with all edges nearby."""
+    """As `distance_bound`, with all edges nearby."""
     most = 0.0
     for _ in range(_HALVINGS):
         if not len(pieces):
@@ -226,7 +234,7 @@ def _searched(
     return float(each.max()), False
 
 
-def _asked_of_edge(pieces: Pieces, outline: Outline, edge: Ints) -> Floats:
+def _asked_of_edge(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
     """What each point (k, p) of each piece asks of an edge each."""
     away = pieces.points - outline.start[edge][:, None]
     length, unit = outline.length[edge], outline.along[edge]
@@ -240,7 +248,7 @@ def _asked_of_edge(pieces: Pieces, outline: Outline, edge: Ints) -> Floats:
     return result
 
 
-def _asked_of_vertex(pieces: Pieces, outline: Outline, edge: Ints) -> Floats:
+def _asked_of_vertex(pieces: FacetPieces, outline: OutlineEdges, edge: Ints) -> Floats:
     """What each point (k, p) of each piece asks of the vertex that an edge each starts from."""
     distance = np.hypot(*np.moveaxis(pieces.points - outline.start[edge][:, None], -1, 0))
     previous = outline.before[edge]

@@ -13,7 +13,7 @@ import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from palpate.cad.surface import Surface
+from palpate.cad.surface import TriangleSurface
 from palpate.geometry import Bools, Floats, Ints
 
 __all__ = ["height_fields"]
@@ -23,7 +23,7 @@ _FACING = 0.15
 _SAME_AREA = 1e-9
 
 
-def height_fields(surface: Surface) -> Ints:
+def height_fields(surface: TriangleSurface) -> Ints:
     """A number (m,) for each face: faces with the same one do not cross each other; -1: not known."""
     views = _views()
     result = _checked(surface, views, _few_views(surface, views))
@@ -34,7 +34,7 @@ def height_fields(surface: Surface) -> Ints:
     return np.where(left & (again >= 0), again + len(left), result)
 
 
-def _checked(surface: Surface, views: Floats, view: Ints) -> Ints:
+def _checked(surface: TriangleSurface, views: Floats, view: Ints) -> Ints:
     """Numbers of the height fields among connected faces with the same view (m,), else -1."""
     # A face without a plane goes with a neighbour, so that it does not cut a part in two.
     for side in range(3):
@@ -56,7 +56,7 @@ def _views() -> Floats:
     return result
 
 
-def _few_views(surface: Surface, views: Floats) -> Ints:
+def _few_views(surface: TriangleSurface, views: Floats) -> Ints:
     """For each face the index of a view that it faces, few views in all; -1 for none."""
     facing = surface.normals @ views.T > _FACING
     area = surface.heights + surface.tolerance
@@ -84,7 +84,7 @@ def _grouped(part: Ints) -> list[Ints]:
     return np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
 
 
-def _is_field(surface: Surface, faces: Ints, rim: Bools, view: Floats) -> bool:
+def _is_field(surface: TriangleSurface, faces: Ints, rim: Bools, view: Floats) -> bool:
     """Does the outline of some faces, seen along `view`, go round every point at most once?
 
     The faces cover a point as often as their outline winds round it. Where its edges only meet at their

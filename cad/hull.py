@@ -1,9 +1,9 @@
 """The convex hull of a solid, seen from its centre of mass: its flat faces and the edges between them.
 
-From a `Solid` to `tumbling` and `stable`: a solid on a plane rests on a face of its hull. Qhull makes
-triangles; here those in one plane become one face again. A face grows from its largest triangle and takes
-in neighbours whose corners are within 1e-5 of the solid's size from that triangle's plane: more than
-single precision loses in files, less than any gap that lets a part rock noticeably.
+A solid on a plane rests on a face of its hull. Qhull makes triangles; here those in one plane become one face
+again. A face grows from its largest triangle and takes in neighbours whose corners are within 1e-5 of the
+solid's size from that triangle's plane: more than single precision loses in files, less than any gap that
+lets a part rock noticeably.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Strokes become closed loops: ends that meet are joined. Between the readers of drawings and `nesting`.
+"""Assembly of strokes into closed loops: ends that meet are joined.
 
 Drawings are stored as strokes in any order and direction, each with its own rounding. Ends nearer than
 `JOIN_MM` to each other are the same point; nothing further apart is ever bridged. What joining moves is added

@@ -1,10 +1,10 @@
-"""Stable states that fingers cannot tell apart become one: a cube has six faces to rest on and one state.
+"""Merging of congruent stable states: a cube has six faces to rest on and one state.
 
-From `stable` to cross sections of what is left. Two states are one if a rigid motion in the plane, never
-a reflection, brings exact sections of one onto those of the other (`sameness`) at heights in the middle
-between levels of corners, of both, and if that motion brings the whole resting solid onto itself
-(`congruence`): sections propose, the surface decides. Whatever is at the same height of its centre of mass
-and as tall is compared; whatever is not proven to be the same stays a state of its own.
+Two states are one if a rigid motion in the plane, never a reflection, brings exact sections of one onto those
+of the other (`congruence_search`) at heights in the middle between levels of corners, of both, and if that
+motion brings the whole resting solid onto itself (`congruence`): sections propose, the surface decides.
+States with the same height and the same height of the centre of mass are compared; a state that is not proven
+to be congruent stays its own.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from palpate.cad.hull import centre_of_mass
 from palpate.cad.resting_surface import ROUNDING
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.symmetries import Symmetries
+from palpate.cad.symmetries import KnownSymmetries
 from palpate.cad.values import Solid, StableState
 from palpate.geometry import Floats
 
@@ -110,7 +110,9 @@ def merged(
     groups: list[_Group] = []
     families: list[_Family] = []
     looks = round(effort * (1 + len(solid.faces) / _FACETS))
-    pairs = _Pairs(solid, slices_of, within_mm, looks, None if ball else Symmetries(SurfaceDistance(solid)))
+    pairs = _Pairs(
+        solid, slices_of, within_mm, looks, None if ball else KnownSymmetries(SurfaceDistance(solid))
+    )
     for state in compared:
         sliced = _sliced(solid, state, families, slices_of, within_mm, _POLE if ball else 0.0)
         group, apart = _home(sliced, groups, pairs)
@@ -213,7 +215,7 @@ class _Pairs:
     """
 
     def __init__(
-        self, solid: Solid, slices_of: SlicesOf, within_mm: float, looks: int, known: Symmetries | None
+        self, solid: Solid, slices_of: SlicesOf, within_mm: float, looks: int, known: KnownSymmetries | None
     ) -> None:
         self.slices_of = slices_of
         self.within_mm = within_mm
@@ -250,7 +252,7 @@ class _Pairs:
         every = motions(first, second, self.within_mm, most=_TURNS)
         return self._of_solid(one.state, other.state, every)
 
-    def _by_symmetry(self, known: Symmetries, one: StableState, other: StableState) -> float | None:
+    def _by_symmetry(self, known: KnownSymmetries, one: StableState, other: StableState) -> float | None:
         """Distance by a known symmetry of the solid, or two in a row, if it is nearly exact.
 
         Then no sections need to be compared. Putting it upright moves no point by more than some vertex;

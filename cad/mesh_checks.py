@@ -1,7 +1,7 @@
-"""Are the triangles of a file the surface of solid bodies? One `Solid` for each, or what is wrong and where.
+"""Checks of a triangle mesh: one `Solid` for each of its bodies, or what is wrong and where.
 
-Between the readers of meshes and STEP files and everything that computes with solids. Equal corners become
-one vertex, which is all that formats without vertices (STL) leave to do; nothing else is repaired.
+Equal corners become one vertex, which is all that formats without vertices (STL) leave to do; nothing else is
+repaired.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ from scipy.spatial import cKDTree
 
 from palpate.cad.bodies import bodies
 from palpate.cad.self_crossing import ENOUGH, crossings
-from palpate.cad.surface import Surface, edge_keys, rounding, surface_of
+from palpate.cad.surface import TriangleSurface, edge_keys, rounding, surface_of
 from palpate.cad.values import Solid
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
 
-__all__ = ["LARGEST_MM", "MM_PER_UNIT", "SMALLEST_MM", "checked_solids"]
+__all__ = ["LARGEST_MM", "MM_PER_UNIT", "SMALLEST_MM", "check_solids"]
 
 SMALLEST_MM = 1.0
 LARGEST_MM = 1000.0
@@ -28,7 +28,7 @@ _FAR_MM = 10000.0
 MM_PER_UNIT = {"mm": 1.0, "inch": 25.4, "m": 1000.0}
 
 
-def checked_solids(
+def check_solids(
     where: str, name: str, vertices_mm: Floats, faces: Ints, off_mm: float = 0.0, units: str | None = None
 ) -> tuple[Solid, ...]:
     """Check the triangles of one part of a file and split them into bodies that do not touch.
@@ -153,7 +153,7 @@ def _check_edges(where: str, vertices: Floats, faces: Ints) -> None:
         )
 
 
-def _check_crossings(where: str, surface: Surface) -> None:
+def _check_crossings(where: str, surface: TriangleSurface) -> None:
     found = crossings(surface)
     if not len(found.pairs):
         return

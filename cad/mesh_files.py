@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.cad.extras import needed
-from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
+from palpate.cad.mesh_checks import MM_PER_UNIT, check_solids
 from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
 from palpate.cad.values import Solid
@@ -64,7 +64,7 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     vertices, faces = _one_mesh(path, _scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")
-    return checked_solids(str(path), path.stem, vertices * MM_PER_UNIT[units], faces, units=units)
+    return check_solids(str(path), path.stem, vertices * MM_PER_UNIT[units], faces, units=units)
 
 
 def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
@@ -87,7 +87,7 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):
         where = f"{path}: {shape.name}"
-        solids += checked_solids(where, shape.name, shape.vertices * _3MF_MM[unit], shape.faces)
+        solids += check_solids(where, shape.name, shape.vertices * _3MF_MM[unit], shape.faces)
     return tuple(solids)
 
 

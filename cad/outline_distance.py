@@ -1,8 +1,8 @@
-"""How far outlines in the plane are from each other: the Hausdorff distance of boundaries, to the last edge.
+"""Hausdorff distance of outlines in the plane, exact along edges.
 
-Beneath `sameness`. Distances from points to an outline find their nearest edge in shapely's STRtree; the
-largest distance from an edge is bounded from both sides and the edge halved until the bounds meet, since
-the furthest point of an edge need not be one of its ends (as `shapely.hausdorff_distance` has it).
+Distances from points to an outline find their nearest edge in shapely's STRtree; the largest distance from an
+edge is bounded from both sides and the edge halved until the bounds meet, since the furthest point of an edge
+need not be one of its ends (as `shapely.hausdorff_distance` has it).
 """
 
 from functools import cached_property
@@ -13,7 +13,7 @@ import shapely
 
 from palpate.geometry import Floats, Ints
 
-__all__ = ["Outline", "distance_to_edges", "furthest_mm"]
+__all__ = ["OutlineTree", "distance_to_edges", "furthest_mm"]
 
 _SHARE = 1e-6
 _ROUNDING_MM = 1e-9
@@ -21,7 +21,7 @@ _ROUNDING_MM = 1e-9
 _HALVINGS = 48
 
 
-class Outline:
+class OutlineTree:
     """All rings of a shapely geometry as edges from `starts_mm` (n, 2) to `ends_mm` (n, 2).
 
     `ring` (n,): the ring that each edge is of; edges without length are left out.
@@ -54,7 +54,7 @@ def distance_to_edges(points_mm: Floats, starts_mm: Floats, ends_mm: Floats) -> 
     return result
 
 
-def furthest_mm(starts_mm: Floats, ends_mm: Floats, other: Outline) -> float:
+def furthest_mm(starts_mm: Floats, ends_mm: Floats, other: OutlineTree) -> float:
     """Upper bound of the largest distance of points on edges (n, 2) → (n, 2) from an outline.
 
     At most 1e-6 of itself and 1e-9 mm too large. Why the bound from above holds: the distance from one

@@ -1,4 +1,4 @@
-"""The header of a PLY file against its length: what is announced and not there. Part of `mesh_files`.
+"""Check of a PLY header against the length of its file: data that are announced and missing.
 
 trimesh reads as many rows as there are, without a word. Source: G. Turk, The PLY Polygon File Format, 1994.
 """

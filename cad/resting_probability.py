@@ -1,10 +1,10 @@
-"""How often a solid that is dropped anyhow comes to rest on each face of its hull: the quasi-static estimate.
+"""Resting probability of each face of a hull, for a solid dropped at random: the quasi-static estimate.
 
-Between `hull` and `stable`. All attitudes are equally likely, the solid hits the plane with the face that is
-below its centre of mass, and rolls without momentum: where the centre of mass is not above the face, over the
-edge between the two, face by face, until it is (Wiegley, Rao & Goldberg, Computing a statistical distribution
-of stable poses for a polyhedron, Allerton 1992; Goldberg, Mirtich et al., Part pose statistics, IEEE Trans.
-Robotics and Automation 15, 1999).
+All attitudes are equally likely, the solid hits the plane with the face that is below its centre of mass, and
+rolls without momentum: where the centre of mass is not above the face, over the edge between the two, face by
+face, until it is (Wiegley, Rao & Goldberg, Computing a statistical distribution of stable poses for a
+polyhedron, Allerton 1992; Goldberg, Mirtich et al., Part pose statistics, IEEE Trans. Robotics and Automation
+15, 1999).
 """
 
 import math

@@ -1,8 +1,8 @@
 """A solid as it rests on the support plane: its facets' heights and headings, ready to be sliced.
 
-Between `StableState`s and cross sections. Here heights are rounded once and for all: facets that are level
-within 1 µm are made level, and those thinner than 1 µm are taken to have no normal of their own, because
-coordinates in files are no better than that. So a height means that height within 1 µm.
+Heights are rounded here, once: facets that are level within 1 µm are made level, and those thinner than 1 µm
+are taken to have no normal of their own, because coordinates in files are no better than that. So a height
+means that height within 1 µm.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from palpate.cad.values import Solid, StableState
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["HEIGHT_MM", "ROUNDING", "Surface", "surface_of"]
+__all__ = ["HEIGHT_MM", "ROUNDING", "TriangleSurface", "surface_of"]
 
 
 ROUNDING = 2e-7
@@ -24,7 +24,7 @@ HEIGHT_MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class RestingSurface:
     """A closed surface of m triangles in the frame of its state, z upwards from the support plane, mm.
 
     `vertices_mm` (n, 3); `faces` (m, 3), counter-clockwise seen from outside; `edges` (m, 3): the number of
@@ -71,7 +71,7 @@ class Surface:
         return np.unique(height[~(above & below)])
 
 
-def surface_of(solid: Solid, state: StableState) -> Surface:
+def surface_of(solid: Solid, state: StableState) -> RestingSurface:
     """Lay a solid as a state says.
 
     Raises InputError if its surface is not closed.
@@ -89,7 +89,7 @@ def surface_of(solid: Solid, state: StableState) -> Surface:
     size = float(np.ptp(vertices, axis=0).max())
     slope = np.abs(normal[:, 2]) / np.maximum(flat, 1e-300)
     bare = level | (thickness < HEIGHT_MM)
-    return Surface(
+    return RestingSurface(
         vertices,
         solid.faces,
         edges,

@@ -1,4 +1,4 @@
-"""Loops become the parts of a drawing: which is the outline of a part and which a hole. Behind `chains`.
+"""Nesting of closed loops: which is the outline of a part, and which a hole.
 
 Every second loop from outside is a hole, whatever the file says of filling. Each outermost loop, with all
 that lies in it, is a part of its own: a sheet with several outlines shows several parts.

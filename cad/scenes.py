@@ -1,7 +1,4 @@
-"""Shapes of a scene, each once: four screws of an assembly are one object.
-
-Between trimesh's scenes, which 3MF and STEP files are read into, and `mesh_checks`.
-"""
+"""Distinct shapes of a trimesh scene (3MF, STEP): four screws of an assembly are one object."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,14 +9,14 @@ from palpate.errors import InputError
 from palpate.files.limits import FACETS
 from palpate.geometry import Floats, Ints
 
-__all__ = ["Placed", "distinct_shapes", "triangles"]
+__all__ = ["ScenePart", "distinct_shapes", "triangles"]
 
 _SAME = 1e-6
 """Transforms whose lengths and angles differ by less are the same but for position and heading."""
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class ScenePart:
     """A part of a scene where it first occurs: `vertices` (n, 3) in the scene's frame, `faces` (m, 3)."""
 
     name: str
@@ -46,9 +43,9 @@ def triangles(where: str, mesh: Any) -> tuple[Floats, Ints]:
     return vertices, faces
 
 
-def distinct_shapes(where: str, scene: Any, fallback: str) -> list[Placed]:
+def distinct_shapes(where: str, scene: Any, fallback: str) -> list[ScenePart]:
     """Parts of a trimesh scene that differ in more than place and heading, by name or `fallback`."""
-    found: list[Placed] = []
+    found: list[ScenePart] = []
     seen: dict[str, list[Floats]] = {}
     for node in sorted(scene.graph.nodes_geometry, key=lambda node: _order(scene, node)):
         transform, geometry = scene.graph[node]
@@ -63,7 +60,7 @@ def distinct_shapes(where: str, scene: Any, fallback: str) -> list[Placed]:
             continue
         name = str(geometry).strip() or fallback
         vertices, faces = triangles(f"{where}: {name}", mesh)
-        found.append(Placed(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
+        found.append(ScenePart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
     return found
 
 

@@ -1,9 +1,9 @@
 """Cross sections of a resting solid, adapted in height and proven.
 
-From a `Surface` to `CrossSection`s. Each stands for a slab of heights by one outline, taken near the slab's
-middle and simplified. `tube` bounds how far every true edge in the slab is from it; outside of a tube of that
-radius round its edges nothing changes over the slab, so every true section's material is within it of the
-outline's; `kept` proves the reverse. Slabs end at level faces and where upright walls begin or end; in
+Each stands for a slab of heights by one outline, taken near the slab's middle and simplified. `hausdorff_bound`
+bounds how far every true edge in the slab is from it; outside of a tube of that radius round its edges nothing
+changes over the slab, so every true section's material is within it of the outline's; `thin_features` proves
+the reverse. Slabs end at level faces and where upright walls begin or end; in
 between they are made as high as the proof allows.
 """
 
@@ -14,10 +14,10 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
-from palpate.cad.hausdorff_bound import Outline, corners_of, facets_of, need, outline_of
-from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, Surface, surface_of
-from palpate.cad.simplify import simplified
-from palpate.cad.slicing import Ring, regions_of, sliced
+from palpate.cad.hausdorff_bound import OutlineEdges, corners_of, distance_bound, facets_of, outline_of
+from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, RestingSurface, surface_of
+from palpate.cad.simplify import simplify_ring
+from palpate.cad.slicing import SectionRing, regions_of, slice_surface
 from palpate.cad.thin_features import kept
 from palpate.cad.values import CrossSection, Region, Solid, StableState
 from palpate.errors import InputError
@@ -108,7 +108,7 @@ def _long_runs(sections: list[CrossSection]) -> Iterator[CrossSection]:
 
 
 def _ranges(
-    solid: Solid, surface: Surface, heights_mm: Sequence[tuple[float, float]] | None
+    solid: Solid, surface: RestingSurface, heights_mm: Sequence[tuple[float, float]] | None
 ) -> list[tuple[float, float]]:
     """Disjoint ranges of height, ascending, within the part."""
     top = surface.top_mm
@@ -143,7 +143,7 @@ class _Trial:
 _Slab = tuple[tuple[float, float], _Trial]
 
 
-def _slabs(surface: Surface, begin: float, end: float, budget: float) -> Iterator[_Slab]:
+def _slabs(surface: RestingSurface, begin: float, end: float, budget: float) -> Iterator[_Slab]:
     """Slabs that tile a range, each as high as can be; those with a problem have no outline.
 
     Beside a height that has a problem more and more is skipped, so that a nearly level wall is soon over.
@@ -176,7 +176,12 @@ def _slabs(surface: Surface, begin: float, end: float, budget: float) -> Iterato
 
 
 def _begun_lower(
-    surface: Surface, last: _Slab, here: tuple[float, _Trial], high: float, peaks: Floats, budget: float
+    surface: RestingSurface,
+    last: _Slab,
+    here: tuple[float, _Trial],
+    high: float,
+    peaks: Floats,
+    budget: float,
 ) -> tuple[_Slab, tuple[float, float], _Trial]:
     """The slab before and the one that follows it, if none is found that begins where that one ends.
 
@@ -192,7 +197,7 @@ def _begun_lower(
     return last, (end, here[0]), here[1]
 
 
-def _foreseen(surface: Surface, at: float, high: float, likely_mm: float) -> float:
+def _foreseen(surface: RestingSurface, at: float, high: float, likely_mm: float) -> float:
     """Height of a slab from `at` in which no facet drifts sideways by more, up to `high`: a guess for one."""
     facets = surface.within(at, high)
     begin, drift = np.maximum(surface.low[facets], at), surface.drift[facets]
@@ -200,7 +205,7 @@ def _foreseen(surface: Surface, at: float, high: float, likely_mm: float) -> flo
     return float(end[end < surface.high[facets]].min(initial=high)) - at
 
 
-def _likely(surface: Surface, at: float, to: float, trial: _Trial, budget: float) -> float:
+def _likely(surface: RestingSurface, at: float, to: float, trial: _Trial, budget: float) -> float:
     """How far a facet may drift in the next slab, judged by how far an outline was off in this one."""
     facets = surface.within(at, to)
     height = np.minimum(surface.high[facets], to) - np.maximum(surface.low[facets], at)
@@ -210,7 +215,7 @@ def _likely(surface: Surface, at: float, to: float, trial: _Trial, budget: float
     return _AIM * budget * min(max(drifted / trial.drift_mm, 1.0), _MORE)
 
 
-def _breaks(surface: Surface, budget: float) -> Floats:
+def _breaks(surface: RestingSurface, budget: float) -> Floats:
     """Heights (k,) of level faces, and those at which all walls begin or cease to be upright."""
     corners = surface.vertices_mm[surface.faces[surface.level]]
     extent = np.ptp(corners, axis=1).max(axis=1, initial=0.0)
@@ -224,7 +229,7 @@ def _breaks(surface: Surface, budget: float) -> Floats:
 
 
 def _highest(
-    surface: Surface, at: float, high: float, height: float, peaks: Floats, budget: float
+    surface: RestingSurface, at: float, high: float, height: float, peaks: Floats, budget: float
 ) -> tuple[float, _Trial]:
     """The end of the highest slab from `at` that is found in a few tries, up to `high`.
 
@@ -286,7 +291,7 @@ def _next(
     return (least + bad) / 2 if good is not None else at + (bad - at) / 4
 
 
-def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
+def _trial(surface: RestingSurface, low: float, high: float, budget: float) -> _Trial:
     """Try one outline for a slab."""
     facets = surface.within(low, high)
     if not len(facets):
@@ -294,7 +299,9 @@ def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
     upright = bool((surface.upright | surface.bare)[facets].all())
     for share in (0.5, 0.42, 0.61):
         raw = [
-            ring for ring in map(_cleaned, sliced(surface, low + share * (high - low))) if len(ring.points)
+            ring
+            for ring in map(_cleaned, slice_surface(surface, low + share * (high - low)))
+            if len(ring.points)
         ]
         most = budget * (_SHARE_UPRIGHT if upright else _SHARE)
         few = sum(len(ring.points) for ring in raw) <= _FEW_EDGES
@@ -308,10 +315,10 @@ def _trial(surface: Surface, low: float, high: float, budget: float) -> _Trial:
 
 
 def _proven(
-    surface: Surface,
+    surface: RestingSurface,
     facets: Ints,
     slab: tuple[float, float],
-    raw: list[Ring],
+    raw: list[SectionRing],
     simplify: float,
     budget: float,
 ) -> _Trial | None:
@@ -320,7 +327,7 @@ def _proven(
     count, stray = 0, 0.0
     for ring in raw:
         least = min(simplify, _LEAST_SHARE * float(np.ptp(ring.points, axis=0).max()))
-        own = simplified(ring.points, surface.normal[ring.facet], surface.bare[ring.facet], least)
+        own = simplify_ring(ring.points, surface.normal[ring.facet], surface.bare[ring.facet], least)
         if len(own) < 3:
             own = np.arange(len(ring.points))
         place = (np.searchsorted(own, np.arange(len(ring.points)), side="right") - 1) % len(own)
@@ -345,11 +352,11 @@ def _proven(
 
 
 def _off(
-    surface: Surface,
+    surface: RestingSurface,
     facets: Ints,
     slab: tuple[float, float],
-    raw: list[Ring],
-    outline: Outline,
+    raw: list[SectionRing],
+    outline: OutlineEdges,
     owners: list[Ints],
     budget: float,
 ) -> tuple[float, bool]:
@@ -359,7 +366,7 @@ def _off(
     near, owner = cKDTree(middles), np.concatenate(owners)
     most = 0.0
     for pieces in (facets_of(surface, facets, *slab), corners_of(surface, facets, *slab)):
-        off, good = need(pieces, outline, near, owner, budget, budget)
+        off, good = distance_bound(pieces, outline, near, owner, budget, budget)
         most = max(most, off)
         if not good:
             return off, False
@@ -374,7 +381,7 @@ def _stray(points: Floats, chosen: Floats, place: Ints) -> float:
     return float(np.hypot(*(away - share[:, None] * leg).T).max())
 
 
-def _cleaned(ring: Ring) -> Ring:
+def _cleaned(ring: SectionRing) -> SectionRing:
     """Without points that repeat the one before."""
     far = np.hypot(*(np.roll(ring.points, -1, axis=0) - ring.points).T) > _POINT_MM
-    return Ring(ring.points[far], ring.facet[far])
+    return SectionRing(ring.points[far], ring.facet[far])

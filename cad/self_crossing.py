@@ -11,7 +11,7 @@ import numpy as np
 from palpate.cad.box_pairs import overlapping_pairs
 from palpate.cad.face_meeting import Meetings, folded_edges, meetings
 from palpate.cad.height_fields import height_fields
-from palpate.cad.surface import Surface
+from palpate.cad.surface import TriangleSurface
 
 __all__ = ["ENOUGH", "crossings"]
 
@@ -20,7 +20,7 @@ ENOUGH = 1000
 _AT_ONCE = 1 << 16
 
 
-def crossings(surface: Surface) -> Meetings:
+def crossings(surface: TriangleSurface) -> Meetings:
     """Pairs of faces that cross or overlap each other; more than `ENOUGH` are not told apart."""
     found = [folded_edges(surface)]
     solid = np.flatnonzero(~surface.thin)

@@ -1,16 +1,16 @@
 """Outlines with as few edges as a budget allows, in the recogniser's sense of being off.
 
-From rings of a slice to the regions of a cross section. An edge of length L stands for a run of true edges as
-well as the recogniser's tolerance δ says: they lie within δ of it and their normals differ by at most
-asin(4δ/L). So a chord costs the greater of the run's distance and of L/4 times the sine of the angle between
-normals, and a step of 0.03 mm in a long wall stays, because its riser cannot pass for the wall.
+An edge of length L stands for a run of true edges as well as the recogniser's tolerance δ says: they lie
+within δ of it and their normals differ by at most asin(4δ/L). So a chord costs the greater of the run's
+distance and of L/4 times the sine of the angle between normals, and a step of 0.03 mm in a long wall stays,
+because its riser cannot pass for the wall.
 """
 
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["simplified", "turned"]
+__all__ = ["simplify_ring", "turned"]
 
 _STRAIGHT = 1e-7
 """Sine of the turn between facets of one plane, or next to it."""
@@ -27,7 +27,7 @@ def turned(normal: Floats, other: Floats) -> Floats:
     return np.where(normal[:, 0] * other[:, 0] + normal[:, 1] * other[:, 1] > 0, across, 1.0)
 
 
-def simplified(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
+def simplify_ring(points: Floats, normal: Floats, bare: Bools, budget_mm: float) -> Ints:
     """Which points (k,) of a ring (n, 2) to keep, ascending, so that no chord costs more than the budget.
 
     `normal` (n, 2): the outward unit normal of the edge after each point, unless it is `bare`. Points in a

@@ -1,7 +1,4 @@
-"""Is a part of a size that fingers can tell? Beside the readers: all of them ask before they go on.
-
-A unit that was taken wrongly makes a part 25.4 or 1000 times too large or too small; that shows here.
-"""
+"""Sizes and units of parts: a wrong unit makes a part 25.4 or 1000 times too large or too small."""
 
 import numpy as np
 

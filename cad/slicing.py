@@ -1,8 +1,7 @@
 """The exact section of a closed triangle surface at a height, as rings and as regions.
 
-From a `Surface` to what the division in height works on. Vertices at the very height count as above it, which
-moves the plane by nothing and spares all special cases; rings are followed from facet to facet through shared
-edges, so nothing is matched by coordinates.
+Vertices at the very height count as above it, which moves the plane by nothing and spares all special cases;
+rings are followed from facet to facet through shared edges, so nothing is matched by coordinates.
 """
 
 from collections.abc import Sequence
@@ -11,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from palpate.cad.resting_surface import Surface
+from palpate.cad.resting_surface import RestingSurface
 from palpate.cad.values import Region
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
 
-__all__ = ["Ring", "area_of", "regions_of", "sliced"]
+__all__ = ["SectionRing", "area_of", "regions_of", "slice_surface"]
 
 
 @dataclass(frozen=True, eq=False)
-class Ring:
+class SectionRing:
     """A closed outline with the solid on its left: edge k runs from point k to the next, along a facet.
 
     `points` (n, 2) mm; `facet` (n,): the number of the facet that each edge lies on.
@@ -30,7 +29,7 @@ class Ring:
     facet: Ints
 
 
-def sliced(surface: Surface, height_mm: float) -> list[Ring]:
+def slice_surface(surface: RestingSurface, height_mm: float) -> list[SectionRing]:
     """Rings in which the plane at `height_mm` cuts the surface; consecutive points may coincide."""
     facets = np.flatnonzero((surface.low < height_mm) & (surface.high >= height_mm))
     if not len(facets):
@@ -57,7 +56,7 @@ def sliced(surface: Surface, height_mm: float) -> list[Ring]:
             seen[at] = True
             own.append(at)
             at = following[at]
-        rings.append(Ring(points[own], facets[own]))
+        rings.append(SectionRing(points[own], facets[own]))
     return rings
 
 

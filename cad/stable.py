@@ -1,8 +1,8 @@
-"""How a solid can rest on a plane: its stable states, how likely each is and how soon it tips over.
+"""Stable states of a solid on a plane, with resting probability and tipping angle.
 
-From a `Solid` to `merging`, and on to cross sections. A state is a face of the convex hull with the centre of
-mass above it. Its x axis is the file's x axis as seen from above (the file's y axis where x is within 26° of
-upright): it depends on the way the part was drawn and not on how its curves were cut into triangles.
+A state is a face of the convex hull with the centre of mass above it. Its x axis is the file's x axis as seen
+from above (the file's y axis where x is within 26° of upright): it depends on the way the part was drawn and
+not on how its curves were cut into triangles.
 """
 
 import math

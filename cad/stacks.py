@@ -1,11 +1,11 @@
-"""Sections of a solid at several heights, as one figure that can be turned and shifted in the plane.
+"""Stacks: sections at several heights as one figure that is turned and shifted in the plane.
 
-Between shapely's geometries and `sameness`. A stack has a reference point that moves with it and hardly
-moves when it is bent: the mean of the Steiner points of the sections' convex hulls. If a motion brings
-every section of one stack within d of the other's, the reference points come within 4/π · d of each
-other, and no point that follows every motion does better (Aichholzer, Alt & Rote, Matching shapes with a
-reference point, Int. J. Computational Geometry and Applications 7, 1997). `could_match` and
-`round_bound_mm` use nothing that can be wrong by more than they allow for: what they rule out is out.
+A stack has a reference point that moves with it and hardly moves when it is bent: the mean of the Steiner
+points of the sections' convex hulls. If a motion brings every section of one stack within d of the other's,
+the reference points come within 4/π · d of each other, and no point that follows every motion does better
+(Aichholzer, Alt & Rote, Matching shapes with a reference point, Int. J. Computational Geometry and
+Applications 7, 1997). `could_match` and `round_bound_mm` use nothing that can be wrong by more than they
+allow for: what they rule out is out.
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from palpate.cad.outline_distance import Outline
+from palpate.cad.outline_distance import OutlineTree
 from palpate.geometry import Floats
 
 __all__ = ["STEINER", "Stack", "could_match", "round_bound_mm", "stack_of"]
@@ -37,7 +37,7 @@ class Stack:
 
     full: tuple[bool, ...]
     regions: tuple[Any, ...]
-    outlines: tuple[Outline, ...]
+    outlines: tuple[OutlineTree, ...]
     steiner_mm: Floats
     centre_mm: Floats
     reach_mm: float
@@ -51,7 +51,7 @@ def stack_of(sections: Sequence[Any]) -> Stack:
     """A stack of polygonal shapely geometries; at least one is not empty."""
     full = tuple(not item.is_empty for item in sections)
     regions = tuple(item for item in sections if not item.is_empty)
-    outlines = tuple(Outline(item) for item in regions)
+    outlines = tuple(OutlineTree(item) for item in regions)
     hulls = shapely.convex_hull(np.array(regions, dtype=object))
     steiner = np.array([_steiner_point(item) for item in hulls])
     centre = steiner.mean(axis=0)
@@ -128,7 +128,7 @@ def _apart(points: Floats, k: int, m: int) -> float:
     return float(np.hypot(*(points[k] - points[m])))
 
 
-def _radii(outline: Outline, centre: Floats) -> Floats | None:
+def _radii(outline: OutlineTree, centre: Floats) -> Floats | None:
     """Least and largest radius (r, 2) of every ring, inner rings first; None if one does not go round."""
     p, q = outline.starts_mm - centre, outline.ends_mm - centre
     _, first = np.unique(outline.ring, return_index=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.cad.extras import needed
-from palpate.cad.mesh_checks import MM_PER_UNIT, checked_solids
+from palpate.cad.mesh_checks import MM_PER_UNIT, check_solids
 from palpate.cad.scenes import distinct_shapes
 from palpate.cad.surface import rounding
 from palpate.cad.values import Solid
@@ -51,7 +51,7 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     for shape in distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
         off = math.nextafter(curve_mm + rounding(vertices), math.inf)
-        solids += checked_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
+        solids += check_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
     if not solids:
         raise InputError(f"{path}: holds no solid")
     return tuple(solids)

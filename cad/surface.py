@@ -1,8 +1,4 @@
-"""A closed surface of triangles with what its geometry is asked for again and again: neighbours and planes.
-
-Made by `mesh_checks` once every edge is known to belong to two faces; `height_fields` and `self_crossing`
-look into it.
-"""
+"""A closed triangle surface with its adjacency and planes; every edge belongs to two faces."""
 
 from dataclasses import dataclass
 
@@ -10,14 +6,14 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["Surface", "edge_keys", "rounding", "surface_of"]
+__all__ = ["TriangleSurface", "edge_keys", "rounding", "surface_of"]
 
 _ROUNDING = 2.0**-20
 """Eight times the spacing of single-precision numbers, in which most files are written."""
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class TriangleSurface:
     """`vertices` (n, 3), `faces` (m, 3) and their `corners` (m, 3, 3).
 
     Edge k of a face runs from its corner k to the next one. `neighbours` (m, 3): the face on the other side
@@ -56,7 +52,7 @@ def edge_keys(faces: Ints, count: int) -> tuple[Ints, Ints]:
     return start * count + end, end * count + start
 
 
-def surface_of(vertices: Floats, faces: Ints, tolerance: float) -> Surface:
+def surface_of(vertices: Floats, faces: Ints, tolerance: float) -> TriangleSurface:
     """Take a surface apart whose every directed edge has its reverse in exactly one other face."""
     keys, reverse = edge_keys(faces, len(vertices))
     order = np.argsort(keys, axis=None)
@@ -68,7 +64,7 @@ def surface_of(vertices: Floats, faces: Ints, tolerance: float) -> Surface:
     size = np.sqrt((twice**2).sum(axis=1))
     heights = np.divide(size, longest, out=np.zeros(len(faces)), where=longest > 0)
     normals = np.where((heights > tolerance)[:, None], twice / np.where(size > 0, size, 1.0)[:, None], 0.0)
-    return Surface(
+    return TriangleSurface(
         vertices,
         faces,
         corners,

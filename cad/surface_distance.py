@@ -1,8 +1,8 @@
-"""Which triangle of a surface is nearest to a point, and how far: for hundreds of thousands of points.
+"""Distance of points from a triangle surface, and the nearest triangle: for hundreds of thousands of points.
 
-Beneath `congruence`. Triangles are found by their boxes as they are seen along the axis that the surface is
-most square to: seen so, few of them lie above each other. Radii grow: a point that is nearly on the
-surface meets one or two triangles, and how far to look at most is known from the nearest vertex.
+Triangles are found by their boxes as they are seen along the axis that the surface is most square to: seen
+so, few of them lie above each other. Radii grow: a point that is nearly on the surface meets one or two
+triangles, and how far to look at most is known from the nearest vertex.
 """
 
 from functools import cached_property

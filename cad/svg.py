@@ -1,4 +1,4 @@
-"""SVG drawings as outlines of flat parts, in mm. One of the readers; what it finds goes to `chains`.
+"""SVG reader: drawings as outlines of flat parts, in mm.
 
 What counts is geometry: paths, rectangles, circles, ellipses, polygons, polylines and lines, however they are
 painted; neither fill rule nor clipping changes it. What is not displayed, or has neither fill nor stroke, and
@@ -17,7 +17,7 @@ from palpate.cad.curves import Arc, Curve, line, mapped
 from palpate.cad.extras import readable
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
 from palpate.cad.ring_nesting import parts
-from palpate.cad.svg_page import Page, bare_svg, page, parsed
+from palpate.cad.svg_page import Page, bare_svg, page, parse_svg
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
 
@@ -31,7 +31,7 @@ def read_svg(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, .
     is so much. Raises InputError for a file that is no SVG, has no or other units, or whose lines are no
     closed outlines, with coordinates in mm from the top left, y downwards.
     """
-    root = parsed(path)
+    root = parse_svg(path)
     size = page(root, units, path)
     with readable(path, "SVG"):
         strokes = list(_strokes(bare_svg(root, size, path), size))

@@ -1,4 +1,4 @@
-"""The XML of an SVG file: its page and units, and that all of its shapes can be read. Part of `svg`.
+"""The XML of an SVG file: its page and units, and a check that all of its shapes can be read.
 
 svgelements goes on quietly past what it does not understand, which would change outlines; so attributes are
 checked here before. Source: SVG 2, https://www.w3.org/TR/SVG2/
@@ -15,7 +15,7 @@ from palpate.errors import InputError
 from palpate.files import read_bytes
 from palpate.files.limits import CAD_BYTES
 
-__all__ = ["Page", "bare_svg", "page", "parsed"]
+__all__ = ["Page", "bare_svg", "page", "parse_svg"]
 
 # Atomic groups: a number is never split, so that a fault far behind takes no second try from before.
 _SIZE = r"(?>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
@@ -76,7 +76,7 @@ class Page:
     user_mm: float
 
 
-def parsed(path: Path) -> ElementTree.Element:
+def parse_svg(path: Path) -> ElementTree.Element:
     """The outermost element. Raises InputError for what is no SVG file."""
     try:
         root = ElementTree.fromstring(read_bytes(path, CAD_BYTES, "keep the outlines only"))

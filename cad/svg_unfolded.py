@@ -1,4 +1,4 @@
-"""How much an SVG file comes to with every copy drawn, known before any is. Part of `svg_page`.
+"""Size of an SVG file with every copy drawn, computed before any is.
 
 A `use` is a copy of another element with all that it holds. A few lines of copies of copies are more than any
 computer draws ("billion laughs").

@@ -1,9 +1,9 @@
-"""The symmetries of a solid that have been found, so that those they make together need no search or proof.
+"""Known symmetries of a solid: their products need no search and no proof of their own.
 
-Beneath `merging`. Two motions in a row are apart by no more than both together, because neither changes
-distances: from a few that are proven on the surface follow hundreds. So each is first made as exact as the
-solid is, by bringing the vertices onto each other in the mean (Kabsch, A solution for the best rotation to
-relate two sets of vectors, Acta Crystallographica A32, 1976).
+Two motions in a row are apart by no more than both together, because neither changes distances: from a few
+that are proven on the surface follow hundreds. So each is first made as exact as the solid is, by bringing
+the vertices onto each other in the mean (Kabsch, A solution for the best rotation to relate two sets of
+vectors, Acta Crystallographica A32, 1976).
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.surface_distance import SurfaceDistance
 from palpate.geometry import Floats
 
-__all__ = ["Symmetries", "Symmetry"]
+__all__ = ["KnownSymmetries", "SolidSymmetry"]
 
 _MOST = 128
 """So many are kept as they come, later on only those that two others in a row do not make."""
@@ -24,7 +24,7 @@ _LEAST_PAIRS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Symmetry:
+class SolidSymmetry:
     """A motion in the file's frame that brings the solid onto itself within `apart_mm`.
 
     A vertex v goes to `rotation` (3, 3) @ v + `shift_mm` (3,).
@@ -34,41 +34,41 @@ class Symmetry:
     shift_mm: Floats
     apart_mm: float
 
-    def then(self, after: "Symmetry") -> "Symmetry":
+    def then(self, after: "SolidSymmetry") -> "SolidSymmetry":
         """Both in a row, this one first."""
-        return Symmetry(
+        return SolidSymmetry(
             after.rotation @ self.rotation,
             after.rotation @ self.shift_mm + after.shift_mm,
             after.apart_mm + self.apart_mm,
         )
 
-    def back(self) -> "Symmetry":
+    def back(self) -> "SolidSymmetry":
         """The inverse."""
         turned = self.rotation.T
-        return Symmetry(turned, -turned @ self.shift_mm, self.apart_mm)
+        return SolidSymmetry(turned, -turned @ self.shift_mm, self.apart_mm)
 
 
-class Symmetries:
+class KnownSymmetries:
     """Those of one `surface` that are known so far, each with its inverse."""
 
     def __init__(self, surface: SurfaceDistance) -> None:
         self.surface = surface
-        self._known = [Symmetry(np.eye(3), np.zeros(3), 0.0)]
+        self._known = [SolidSymmetry(np.eye(3), np.zeros(3), 0.0)]
 
     def proven(self, rotation: Floats, shift_mm: Floats, apart_mm: float) -> None:
         """Remember a motion that the surface was found to allow."""
-        found = Symmetry(rotation, shift_mm, apart_mm)
+        found = SolidSymmetry(rotation, shift_mm, apart_mm)
         self._keep(found if apart_mm <= _EXACT * self.surface.size_mm else self._exact(found))
 
-    def remember(self, found: Symmetry) -> None:
+    def remember(self, found: SolidSymmetry) -> None:
         """One that others made, unless many are known."""
         if len(self._known) < _MOST:
             self._keep(found)
 
-    def _keep(self, found: Symmetry) -> None:
+    def _keep(self, found: SolidSymmetry) -> None:
         self._known += [found, found.back()]
 
-    def taking(self, one: Floats, other: Floats, within_rad: float) -> Symmetry | None:
+    def taking(self, one: Floats, other: Floats, within_rad: float) -> SolidSymmetry | None:
         """The one, or two in a row, that takes a direction (3,) most nearly to another; None if beyond.
 
         Of such as do so equally well one that is as little apart as can be.
@@ -86,7 +86,7 @@ class Symmetries:
             return None
         return self._known[before].then(self._known[after])
 
-    def _exact(self, found: Symmetry) -> Symmetry:
+    def _exact(self, found: SolidSymmetry) -> SolidSymmetry:
         """The motion that brings vertices best onto those that they come near to, if that is proven."""
         surface = self.surface
         points = surface.vertices_mm @ found.rotation.T + found.shift_mm
@@ -101,4 +101,4 @@ class Symmetries:
         rotation = v.T @ proper @ u.T
         shift = its - rotation @ middle
         apart = surface_apart_between_mm(surface, rotation, shift, found.apart_mm)
-        return found if apart is None else Symmetry(rotation, shift, apart)
+        return found if apart is None else SolidSymmetry(rotation, shift, apart)

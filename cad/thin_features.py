@@ -1,9 +1,9 @@
-"""Nothing thin is lost: material of an outline is near to material at every height of its slab.
+"""Thin features: material of an outline is near to material at every height of its slab.
 
-The other half of the proof in `tube`. Every edge of a true section in the slab is within `off` of the
-outline's, so what lies deeper than that in the outline is solid at every height. Where this is not enough (at
-sharp corners and in thin fins), what the slab's clipped facets do not touch of the exact section is solid at
-every height, because the surface crosses no vertical line elsewhere.
+The other half of the proof in `hausdorff_bound`. Every edge of a true section in the slab is within `off` of
+the outline's, so what lies deeper than that in the outline is solid at every height. Where this is not enough
+(at sharp corners and in thin fins), what the slab's clipped facets do not touch of the exact section is solid
+at every height, because the surface crosses no vertical line elsewhere.
 """
 
 import math
@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import shapely
 
-from palpate.cad.hausdorff_bound import clipped
-from palpate.cad.resting_surface import HEIGHT_MM, Surface
+from palpate.cad.hausdorff_bound import clip_facets
+from palpate.cad.resting_surface import HEIGHT_MM, RestingSurface
 from palpate.cad.values import Region
 from palpate.geometry import Bools, Floats, Ints
 
@@ -30,7 +30,7 @@ _COARSE = 0.01
 def kept(
     model: Sequence[Region],
     exact: Callable[[], Sequence[Region]],
-    surface: Surface,
+    surface: RestingSurface,
     facets: Ints,
     slab_mm: tuple[float, float],
     off_mm: float,
@@ -49,7 +49,7 @@ def kept(
             return allowed
     # Heights are meant within HEIGHT_MM: at a peak in the very end of a slab there is no material left.
     least = min(HEIGHT_MM, (slab_mm[1] - slab_mm[0]) / 8)
-    points = clipped(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
+    points = clip_facets(surface, facets, slab_mm[0] + least, slab_mm[1] - least)
     bounds = shapely.bounds(shapely.get_parts(lost)) + 2 * allowed_mm * np.array([-1, -1, 1, 1])
     window = shapely.union_all(shapely.box(*bounds.T))
     swept = shapely.convex_hull(shapely.multipoints(points[_meeting(points, bounds)]))

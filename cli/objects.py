@@ -112,13 +112,13 @@ def _import(
     units, parts of odd sizes.
     """
     from palpate.cli.objects_import import Into, heights_of, run_import
-    from palpate.rig.catalogue.cad_import import Wanted
+    from palpate.rig.catalogue.cad_import import ImportOptions
 
     with if_interrupted("nothing was written"):
         raise typer.Exit(
             run_import(
                 file,
-                Wanted(
+                ImportOptions(
                     units=None if units is None else units.value,
                     name=name,
                     tolerance_mm=tolerance,

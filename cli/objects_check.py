@@ -12,7 +12,7 @@ from palpate.config.results import to_json
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.finger_model import rig_fingers
 from palpate.rig.catalogue.reachability_text import finding_lines
-from palpate.rig.catalogue.section_stack import resting
+from palpate.rig.catalogue.section_stack import state_sections
 from palpate.rig.catalogue.separating_heights import separating
 from palpate.rig.catalogue.twins import alike
 from palpate.views.catalogue.check_text import check_lines
@@ -25,7 +25,7 @@ def run_objects_check(*, objects: Path, rig: Path | None, json: bool, calibratio
     """Compare and print; returns the exit code: 1 if some pair can never be told apart."""
     rig_file = load_calibrated(rig, calibration=calibration).rig
     objects_file = load_objects(objects)
-    fingers, states = rig_fingers(rig_file), resting(objects_file)
+    fingers, states = rig_fingers(rig_file), state_sections(objects_file)
     print_notices(finding_lines(rig_file, objects_file.objects, str(objects)))
     with Doing(Terminal(stderr=True, soft_wrap=True), "comparing") as doing:
         doing.now(f"{len(states)} states")

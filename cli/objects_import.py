@@ -14,7 +14,7 @@ from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_j
 from palpate.config.results import to_json
 from palpate.errors import InputError
 from palpate.files.writing import check_place, write_text
-from palpate.rig.catalogue.cad_import import ImportedObject, Wanted, import_file
+from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
 from palpate.views.import_table import show
 
 __all__ = ["Into", "heights_of", "run_import"]
@@ -31,20 +31,20 @@ class Into:
     add: bool = False
 
 
-def run_import(source: Path, wanted: Wanted, into: Into, *, json: bool) -> int:
+def run_import(source: Path, options: ImportOptions, into: Into, *, json: bool) -> int:
     """Read, compute, write, tell; returns the exit code.
 
     The objects file is written last, at once, and only if it can be read again.
     """
     begin = time.perf_counter()
-    _check_wanted(wanted)
+    _check_options(options)
     target = into.path or Path(f"{source.stem}.objects.json")
     there = _there(target, add=into.add)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
     with Doing(console, f"reading {source.name}") as doing:
-        imported = import_file(source, wanted, doing.now)
+        imported = import_file(source, options, doing.now)
         doing.now(f"writing {target}")
-        text, told = _joined(there, imported.objects)
+        text, result = _joined(there, imported.objects)
         checked_objects(text, str(source))
         written = objects_json(text)
         write_text(target, written)
@@ -52,7 +52,7 @@ def run_import(source: Path, wanted: Wanted, into: Into, *, json: bool) -> int:
         source=str(source),
         objects_file=str(target),
         bytes=len(written.encode()),
-        objects=told,
+        objects=result,
         warnings=imported.warnings,
         seconds=time.perf_counter() - begin,
     )
@@ -76,20 +76,20 @@ def heights_of(text: str) -> tuple[float, ...]:
     return tuple(sorted(found))
 
 
-def _check_wanted(wanted: Wanted) -> None:
+def _check_options(options: ImportOptions) -> None:
     limits = (
-        ("--tolerance", wanted.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
-        ("--deviation", wanted.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),
-        ("--thickness", wanted.thickness_mm, _LEAST_TOLERANCE_MM, _MOST_THICKNESS_MM, " mm"),
-        ("--least-probability", wanted.least_probability, 0.0, 1.0, ""),
+        ("--tolerance", options.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
+        ("--deviation", options.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),
+        ("--thickness", options.thickness_mm, _LEAST_TOLERANCE_MM, _MOST_THICKNESS_MM, " mm"),
+        ("--least-probability", options.least_probability, 0.0, 1.0, ""),
     )
     for option, value, least, most, unit in limits:
         if value is not None and not least <= value <= most:
             raise InputError(f"{option} is {value:g}{unit}; it must be from {least:g} to {most:g}{unit}")
-    if wanted.name is not None and (not wanted.name.isprintable() or wanted.name.strip() != wanted.name):
+    if options.name is not None and (not options.name.isprintable() or options.name.strip() != options.name):
         raise InputError("--name must be printable characters without blanks around them")
-    if wanted.name is not None and not 0 < len(wanted.name) <= 90:
-        raise InputError(f"--name has {len(wanted.name)} characters; it must have from 1 to 90")
+    if options.name is not None and not 0 < len(options.name) <= 90:
+        raise InputError(f"--name has {len(options.name)} characters; it must have from 1 to 90")
 
 
 def _there(target: Path, *, add: bool) -> ObjectsFileText | None:
@@ -112,5 +112,5 @@ def _joined(
     names = {entry.name for entry in old}
     objects = [fresh.get(entry.name, entry) for entry in old]
     objects += [text for name, text in fresh.items() if name not in names]
-    told = tuple(item.told.model_copy(update={"replaced": item.told.name in names}) for item in new)
-    return ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects), told
+    result = tuple(item.result.model_copy(update={"replaced": item.result.name in names}) for item in new)
+    return ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects), result

@@ -13,10 +13,10 @@ from palpate.config.results import to_json
 from palpate.files.writing import check_place, write_text
 from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.finger_model import rig_fingers
-from palpate.rig.catalogue.section_stack import Resting, resting
+from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.symmetry import symmetry_of_state
 from palpate.rig.catalogue.twins import Likeness, Pair, alike
-from palpate.views.catalogue.card import Told, Twins
+from palpate.views.catalogue.card import CardFacts, TwinNote
 from palpate.views.catalogue.listing import print_listing
 from palpate.views.catalogue.picture import draw_objects
 from palpate.views.catalogue.results import name_out, pair_out, rig_out
@@ -44,19 +44,19 @@ def run_objects_show(
     `every`: a long listing, with each state and pair for itself; JSON has them always.
     """
     fingers = rig_fingers(load_calibrated(rig, calibration=calibration).rig)
-    states = resting(load_objects(objects))
+    states = state_sections(load_objects(objects))
     place = picture or picture_beside(objects)
     check_place(place)
     with Doing(Terminal(stderr=True, soft_wrap=True), f"comparing {len(states)} states") as doing:
         pairs = alike(states, fingers, motions)
         doing.now("drawing")
-        told = {state: Told(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
-        drawing, left_out = draw_objects(objects.name, states, told, fingers)
+        facts = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
+        drawing, left_out = draw_objects(objects.name, states, facts, fingers)
     write_text(place, drawing)
     out = ObjectsListingOut(
         objects=str(objects),
         rig=rig_out(fingers, shipped=rig is None),
-        states=tuple(_listed(state, told[state]) for state in states),
+        states=tuple(_listed(state, facts[state]) for state in states),
         twins=tuple(pair_out(pair) for pair in pairs),
         picture=str(place),
         left_out=tuple(name_out(state) for state in left_out),
@@ -74,7 +74,7 @@ def picture_beside(objects: Path) -> Path:
     return Path(f"{objects.stem.removesuffix('.objects')}.objects.svg")
 
 
-def _twins(state: Resting, pairs: Sequence[Pair]) -> tuple[Twins, ...]:
+def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
     """Which states feel like one, or may; those that do for certain first."""
     others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKE}
     for pair in pairs:
@@ -82,10 +82,10 @@ def _twins(state: Resting, pairs: Sequence[Pair]) -> tuple[Twins, ...]:
             other = (pair.second if pair.first.state is state else pair.first).state
             same_object = other.object_name == state.object_name
             others[pair.likeness].append(other.state.name if same_object else other.name)
-    return tuple(Twins(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
+    return tuple(TwinNote(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
 
 
-def _listed(state: Resting, told: Told) -> StateListedOut:
+def _listed(state: StateSections, facts: CardFacts) -> StateListedOut:
     edges = [level.edges for level in state.levels]
     found = state.state
     return StateListedOut(
@@ -95,7 +95,7 @@ def _listed(state: Resting, told: Told) -> StateListedOut:
         edges=(min(edges), max(edges)),
         top_mm=found.top_mm,
         heights_mm=found.heights_mm,
-        symmetry_order=told.symmetry_order,
+        symmetry_order=facts.symmetry_order,
         probability=found.probability,
         tipping_angle_rad=found.tipping_angle_rad,
         tolerance_mm=state.tolerance_mm,

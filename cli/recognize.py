@@ -12,7 +12,7 @@ from palpate.files.writing import write_text
 from palpate.recognizer import Hypothesis
 from palpate.recognizer.explanation import Why
 from palpate.recognizer.statistics import MemoCounts, memo_counts
-from palpate.views.explanation import Felt, explanation_lines, why_lines
+from palpate.views.explanation import ContactRecord, explanation_lines, why_lines
 from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["run_recognize"]
@@ -84,10 +84,10 @@ def _print(answer: RecognitionAnswer) -> None:
     typer.echo(f"{1000 * answer.seconds:.1f} ms")
 
 
-def _print_why(because: Why | None, felt: Felt) -> None:
+def _print_why(because: Why | None, record: ContactRecord) -> None:
     if because is None:
         return
-    for line in why_lines(because, felt):
+    for line in why_lines(because, record):
         typer.echo(line)
     for item in because.hypotheses[:_SHOWN]:
         typer.echo(f"  {hypothesis_line(item)}")

@@ -1,4 +1,4 @@
-"""What `palpate check` found, as tables for a terminal. From a `CheckOut` to rich."""
+"""The result of `palpate check` as tables on the terminal."""
 
 from rich.console import Console
 from rich.markup import escape

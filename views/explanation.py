@@ -1,7 +1,4 @@
-"""Explanations in words and as JSON values: why nothing fits a file of contacts, or why one object does not.
-
-Beside `report`: from `recognizer.explain` to a person or a program.
-"""
+"""Explanations in words and as JSON: why no object fits a file of contacts, or why one does not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,8 +11,8 @@ from palpate.recognizer.explanation import Reason, Why, moved, suspects
 from palpate.views.recognition import hypothesis_out
 
 __all__ = [
+    "ContactRecord",
     "Explanation",
-    "Felt",
     "explain",
     "explanation_lines",
     "explanation_out",
@@ -47,7 +44,7 @@ _CAUSES: Mapping[Reason, str] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class ContactRecord:
     """The contacts of a file, grip by grip; says which of them a contact (the same object) is."""
 
     grips: Sequence[Sequence[Contact]]
@@ -84,16 +81,16 @@ class Explanation:
     max_spurious: int
 
 
-def explain(catalogue: Catalogue, felt: Felt, max_spurious: int) -> Explanation:
+def explain(catalogue: Catalogue, record: ContactRecord, max_spurious: int) -> Explanation:
     """Look for an explanation of the verdict none, given with `max_spurious` contacts left out."""
     return Explanation(
-        moved(catalogue, felt.grips, max_spurious),
-        suspects(catalogue, felt.contacts, max_spurious),
+        moved(catalogue, record.grips, max_spurious),
+        suspects(catalogue, record.contacts, max_spurious),
         max_spurious,
     )
 
 
-def explanation_lines(explanation: Explanation, felt: Felt) -> list[str]:
+def explanation_lines(explanation: Explanation, record: ContactRecord) -> list[str]:
     """The verdict none, for people."""
     lines = ["nothing in the catalogue fits all contacts"]
     if explanation.max_spurious:
@@ -104,17 +101,17 @@ def explanation_lines(explanation: Explanation, felt: Felt) -> list[str]:
         )
     more = explanation.max_spurious + 1
     lines += [
-        f"without contact {felt.words(contact)} something fits: it may be spurious (--max-spurious {more})"
+        f"without contact {record.words(contact)} something fits: it may be spurious (--max-spurious {more})"
         for contact in explanation.spurious
     ]
     return lines
 
 
-def explanation_out(explanation: Explanation, felt: Felt) -> ExplanationOut:
+def explanation_out(explanation: Explanation, record: ContactRecord) -> ExplanationOut:
     """The explanation as a JSON value."""
     return ExplanationOut(
         moved_after_grip=explanation.moved_after_grip,
-        spurious=tuple(felt.out(contact) for contact in explanation.spurious),
+        spurious=tuple(record.out(contact) for contact in explanation.spurious),
     )
 
 
@@ -133,7 +130,7 @@ def state_named(catalogue: Catalogue, text: str) -> tuple[str, str | None]:
     raise InputError(f"--why: no object {shown(text)} in the catalogue{hint}")
 
 
-def why_lines(why: Why, felt: Felt) -> list[str]:
+def why_lines(why: Why, record: ContactRecord) -> list[str]:
     """Why the object was ruled out, or that it was not, as a table of the tests that left fewer or more."""
     name = why.object_name if why.state_name is None else f"{why.object_name}, {why.state_name}"
     rows = [("after a look at", "interpretations left")]
@@ -142,32 +139,32 @@ def why_lines(why: Why, felt: Felt) -> list[str]:
         if step.left != before or step is why.steps[-1]:
             *others, new = step.contacts
             test = _TESTS[step.reason]
-            told = test.format(new=felt.words(new), others=felt.listed(others) if others else "")
+            told = test.format(new=record.words(new), others=record.listed(others) if others else "")
             rows.append((told, str(step.left)))
         before = step.left
     width = max(len(test) for test, _ in rows)
-    lines = [f"{name}: {_cause(why, felt)}", *(f"  {test:<{width}}  {left}" for test, left in rows)]
+    lines = [f"{name}: {_cause(why, record)}", *(f"  {test:<{width}}  {left}" for test, left in rows)]
     if why.conflict:
-        lines.append(_conflict(felt, why.conflict))
+        lines.append(_conflict(record, why.conflict))
     return lines
 
 
-def _cause(why: Why, felt: Felt) -> str:
+def _cause(why: Why, record: ContactRecord) -> str:
     step = why.ruled_out
     if step is None:
         return "not ruled out"
     missed = step.reason is Reason.PATH and not step.contacts[0].touched
     cause = "by {all}" if missed else _CAUSES[step.reason]
-    return f"ruled out {cause.format(all=felt.listed(step.contacts))}"
+    return f"ruled out {cause.format(all=record.listed(step.contacts))}"
 
 
-def _conflict(felt: Felt, contacts: Sequence[Contact]) -> str:
+def _conflict(record: ContactRecord, contacts: Sequence[Contact]) -> str:
     if len(contacts) == 1:
-        return f"{felt.words(contacts[0])} alone cannot be true of it"
-    return f"{felt.listed(contacts)} cannot {'both' if len(contacts) == 2 else 'all'} be true of it"
+        return f"{record.words(contacts[0])} alone cannot be true of it"
+    return f"{record.listed(contacts)} cannot {'both' if len(contacts) == 2 else 'all'} be true of it"
 
 
-def why_out(why: Why, felt: Felt) -> WhyOut:
+def why_out(why: Why, record: ContactRecord) -> WhyOut:
     """Why the object was ruled out, as a JSON value."""
     return WhyOut(
         object=why.object_name,
@@ -176,11 +173,11 @@ def why_out(why: Why, felt: Felt) -> WhyOut:
         steps=tuple(
             StepOut(
                 reason=step.reason.value,
-                contacts=tuple(felt.out(contact) for contact in step.contacts),
+                contacts=tuple(record.out(contact) for contact in step.contacts),
                 left=step.left,
             )
             for step in why.steps
         ),
-        conflict=tuple(felt.out(contact) for contact in why.conflict),
+        conflict=tuple(record.out(contact) for contact in why.conflict),
         hypotheses=tuple(hypothesis_out(item) for item in why.hypotheses),
     )

@@ -1,4 +1,4 @@
-"""A plan as JSON values and as a picture. The end of the data's way, beside `report`."""
+"""A plan as `palpate/grip@1`."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What an import made, for a terminal of 80 columns. From an `ImportOut` to rich."""
+"""The result of an import, for a terminal of 80 columns."""
 
 import math
 

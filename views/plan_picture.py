@@ -1,8 +1,8 @@
-"""A plan as a picture: hypotheses, what was felt so far, and the approaches with what they are to feel."""
+"""A plan as a picture: hypotheses, contacts so far, and the next approaches with their predictions."""
 
 from palpate.recognizer import Grip, Hypothesis, Prediction
 from palpate.rig.identification.next_grip import Planned
-from palpate.views.explanation import Felt
+from palpate.views.explanation import ContactRecord
 from palpate.views.plan_text import (
     certainty,
     direction,
@@ -13,7 +13,7 @@ from palpate.views.plan_text import (
     rests_on,
     stop_words,
 )
-from palpate.views.recognition import rings_at, touch_of
+from palpate.views.recognition import rings_at, touch_mark
 from palpate.views.scene import picture
 
 __all__ = ["plan_picture"]
@@ -21,7 +21,7 @@ __all__ = ["plan_picture"]
 _SETS_SHOWN = 3
 
 
-def plan_picture(planned: Planned, felt: Felt, title: str) -> str:
+def plan_picture(planned: Planned, record: ContactRecord, title: str) -> str:
     """SVG of a plan after what was felt; `title` says where it comes from."""
     recognition, rig = planned.recognition, planned.rig
     count = len(recognition.hypotheses)
@@ -36,8 +36,8 @@ def plan_picture(planned: Planned, felt: Felt, title: str) -> str:
             ),
             others=tuple(_hypothesis(item) for item in recognition.hypotheses),
             touches=tuple(
-                touch_of(number, contact)
-                for number, grip in enumerate(felt.grips, start=1)
+                touch_mark(number, contact)
+                for number, grip in enumerate(record.grips, start=1)
                 for contact in grip
             ),
             bases=tuple(picture.FingerBase(item.name, item.base_mm) for item in rig.fingers),
@@ -81,23 +81,23 @@ def _facts(planned: Planned) -> list[tuple[str, str]]:
     return rows
 
 
-def _approach(planned: Planned, grip: Grip, row: int) -> picture.PlannedApproach:
+def _approach(planned: Planned, grip: Grip, row: int) -> picture.ApproachArrow:
     candidate, travel = grip.approaches[row], grip.travels_mm[row]
     x, y = (f"{value:.1f}".replace("-", "−") for value in candidate.start_mm)
-    return picture.PlannedApproach(
+    return picture.ApproachArrow(
         planned.rig.fingers[candidate.finger_index].name,
         candidate.start_mm,
         candidate.direction_rad,
         travel,
         candidate.finger.tip_radius_mm,
         (f"{x}, {y}", direction(candidate.direction_rad), f"{travel:.1f}"),
-        tuple(_foretold(item) for item in grip.predictions.of_approach(row)),
+        tuple(_predicted_stop(item) for item in grip.predictions.of_approach(row)),
     )
 
 
-def _foretold(item: Prediction) -> picture.Foretold:
+def _predicted_stop(item: Prediction) -> picture.PredictedStop:
     stop, normal = stop_words(item), normal_words(item)
     if stop is None or normal is None:
-        return picture.Foretold(None, True, ("misses",))
+        return picture.PredictedStop(None, True, ("misses",))
     words = (stop, normal, *(["or misses"] if may_miss(item) else []))
-    return picture.Foretold((item.earliest_mm, item.furthest_mm), may_miss(item), words)
+    return picture.PredictedStop((item.earliest_mm, item.furthest_mm), may_miss(item), words)

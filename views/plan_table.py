@@ -1,4 +1,4 @@
-"""A plan on the terminal: the approaches, and beneath them what each hypothesis foretells of each."""
+"""A plan on the terminal: the approaches, and the predictions of each hypothesis."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A recognition as JSON values, as a picture, and its contacts as a file. The end of the data's way."""
+"""A recognition as JSON and as a picture, and its contacts as a file."""
 
 from collections.abc import Sequence
 
@@ -19,14 +19,14 @@ from palpate.rig.identification.result import bounds_out, configuration_out
 from palpate.views.scene import picture
 
 __all__ = [
+    "bounded_pose",
     "contacts_json",
     "hypothesis_out",
-    "pose_of",
+    "other_hypothesis",
     "recognition_out",
     "recognition_picture",
     "rings_at",
-    "still_possible",
-    "touch_of",
+    "touch_mark",
 ]
 
 
@@ -71,9 +71,9 @@ def recognition_picture(recognition: Recognition, title: str) -> str:
             title=title,
             subtitle=(_verdict_line(recognition),),
             found=rings_at(hypotheses[0]) if hypotheses else (),
-            pose=pose_of(hypotheses[0]) if hypotheses else None,
-            others=tuple(still_possible(item) for item in hypotheses[1:]),
-            touches=tuple(touch_of(1, contact) for contact in recognition.contacts),
+            pose=bounded_pose(hypotheses[0]) if hypotheses else None,
+            others=tuple(other_hypothesis(item) for item in hypotheses[1:]),
+            touches=tuple(touch_mark(1, contact) for contact in recognition.contacts),
         )
     )
 
@@ -134,13 +134,15 @@ def _verdict_line(recognition: Recognition) -> str:
     return f"{recognition.verdict.value}: {len(recognition.hypotheses)} hypotheses after {touched} contacts"
 
 
-def pose_of(item: Hypothesis) -> picture.Pose:
+def bounded_pose(item: Hypothesis) -> picture.BoundedPose:
     """A hypothesis's configuration with its bounds, for a picture."""
     at, bounds = item.configuration, item.bounds
-    return picture.Pose((at.x_mm, *bounds.x_mm), (at.y_mm, *bounds.y_mm), (at.theta_rad, *bounds.theta_rad))
+    return picture.BoundedPose(
+        (at.x_mm, *bounds.x_mm), (at.y_mm, *bounds.y_mm), (at.theta_rad, *bounds.theta_rad)
+    )
 
 
-def still_possible(item: Hypothesis) -> picture.OtherHypothesis:
+def other_hypothesis(item: Hypothesis) -> picture.OtherHypothesis:
     """A hypothesis beside the first one, for a picture."""
     return picture.OtherHypothesis(
         item.state.object_name, f"still possible, {100 * item.weight:.0f} %", rings_at(item)
@@ -154,10 +156,10 @@ def rings_at(item: Hypothesis) -> tuple[Floats, ...]:
     return tuple(ring @ rotation_matrix(at.theta_rad).T + [at.x_mm, at.y_mm] for ring in section.rings)
 
 
-def touch_of(grip: int, contact: Contact) -> picture.Touch:
+def touch_mark(grip: int, contact: Contact) -> picture.TouchMark:
     """A contact or a miss of a grip, counted from 1, for a picture."""
     normal = contact.normal
-    return picture.Touch(
+    return picture.TouchMark(
         contact.name,
         grip,
         contact.start_mm,

@@ -7,7 +7,7 @@ from palpate.geometry import Floats
 from palpate.rig.emulated.scene import Placement, rings_of
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.result import hypotheses_of
-from palpate.views.recognition import pose_of, rings_at, still_possible, touch_of
+from palpate.views.recognition import bounded_pose, other_hypothesis, rings_at, touch_mark
 from palpate.views.scene import picture
 
 __all__ = ["identification_picture"]
@@ -18,7 +18,7 @@ def identification_picture(
 ) -> str:
     """SVG of a run: the object found, contacts, approaches, and what was ruled out when."""
     hypotheses = hypotheses_of(result)
-    others = [still_possible(item) for item in hypotheses[1:]]
+    others = [other_hypothesis(item) for item in hypotheses[1:]]
     others += [
         picture.OtherHypothesis(item.state.object_name, f"ruled out by grip {grip}", rings_at(item))
         for grip, item in sorted(result.ruled_out, key=lambda pair: -pair[1].weight)
@@ -37,11 +37,11 @@ def identification_picture(
             title=f"{result.outcome.value.capitalize()}: {name}",
             subtitle=(f"rig {rig.name}",),
             found=() if first is None else rings_at(first),
-            pose=None if first is None else pose_of(first),
+            pose=None if first is None else bounded_pose(first),
             truth=truth,
             others=tuple(others),
             touches=tuple(
-                touch_of(number, touch.contact)
+                touch_mark(number, touch.contact)
                 for number, grip in enumerate(result.grips, start=1)
                 for touch in grip
             ),

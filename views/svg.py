@@ -1,7 +1,7 @@
 """Writing SVG as text: elements, fixed rounding, escaping, and an estimate of how wide text will be.
 
-Beneath the picture of a recognition. Only presentation attributes, no style sheet and no scripts, so that a
-picture can be pasted into a page beside others and looks the same in a browser, a mail and a converter.
+Only presentation attributes, no style sheet and no scripts, so that a picture can be pasted into a page
+beside others and looks the same in a browser, a mail and a converter.
 """
 
 import unicodedata

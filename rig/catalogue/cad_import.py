@@ -1,4 +1,4 @@
-"""From a CAD file to object models: joins `cad`, which knows geometry, and `config`, which knows files.
+"""CAD import: makes object models of the parts of a CAD file.
 
 What `tolerance_mm` allows is shared out: to curves that become edges, to states that are nearly the same, and
 to cross sections that stand for many. What they came to is added up and written as the object's tolerance.
@@ -20,19 +20,19 @@ from palpate.config.objects_file import FLAT
 from palpate.config.objects_tables import ObjectText, SectionText, StateText
 from palpate.errors import InputError
 from palpate.files import confined
-from palpate.rig.catalogue.import_states import Shares, Stood, standing
+from palpate.rig.catalogue.import_states import ImportedStates, Shares, import_states
 from palpate.rig.catalogue.objects_text import bound_mm, edges_of, frame_out, polygons_text, rounded
 
-__all__ = ["Imported", "ImportedObject", "Wanted", "import_file"]
+__all__ = ["ImportOptions", "Imported", "ImportedObject", "import_file"]
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 _CURVE_SHARE, _MERGED_SHARE = 0.3, 0.2
 _ORIGIN_DECIMALS = 3
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ImportOptions:
     """What is asked of an import.
 
     `units`: of files that say none. `name`: instead of the file's. `tolerance_mm`: what approximations may
@@ -56,7 +56,7 @@ class ImportedObject:
     """An object as it stands in an objects file, and what people are told about it."""
 
     text: ObjectText
-    told: ImportedObjectOut
+    result: ImportedObjectOut
 
 
 @dataclass(frozen=True)
@@ -67,41 +67,45 @@ class Imported:
     warnings: tuple[str, ...]
 
 
-def import_file(path: Path, wanted: Wanted, tell: Tell = lambda _: None) -> Imported:
-    """Read a file and make an object of each of its parts; `tell` hears what is being done.
+def import_file(path: Path, options: ImportOptions, report: Report = lambda _: None) -> Imported:
+    """Read a file and make an object of each of its parts; `report` hears what is being done.
 
     Raises InputError for a file that is no sound part, and for sections that the tolerance does not allow.
     """
-    tell(f"reading {path.name}")
+    report(f"reading {path.name}")
     if is_drawing(path):
-        return _drawings(path, wanted)
-    if wanted.thickness_mm is not None:
+        return _drawings(path, options)
+    if options.thickness_mm is not None:
         raise InputError(f"--thickness is for drawings; {path} holds solids, which have heights of their own")
-    curve = _CURVE_SHARE * wanted.tolerance_mm
-    solids = confined(path, simpler(path), read_solids, path, wanted.units, curve)
+    curve = _CURVE_SHARE * options.tolerance_mm
+    solids = confined(path, simpler(path), read_solids, path, options.units, curve)
     objects, warnings = [], []
-    for solid, name in zip(solids, _names([solid.name for solid in solids], wanted), strict=True):
-        stood = standing(solid, _shares(solid, wanted), partial(_told_of, tell, name))
-        objects.append(_solid_object(solid, name, stood, wanted))
-        warnings += [f'object "{name}": {text}' for text in stood.warnings]
+    for solid, name in zip(solids, _names([solid.name for solid in solids], options), strict=True):
+        imported = import_states(solid, _shares(solid, options), partial(_report_of, report, name))
+        objects.append(_solid_object(solid, name, imported, options))
+        warnings += [f'object "{name}": {text}' for text in imported.warnings]
     return Imported(tuple(objects), tuple(warnings))
 
 
-def _told_of(tell: Tell, name: str, what: str) -> None:
-    tell(f"{name}: {what}")
+def _report_of(report: Report, name: str, what: str) -> None:
+    report(f"{name}: {what}")
 
 
-def _shares(solid: Solid, wanted: Wanted) -> Shares:
-    merged = 0.0 if wanted.as_is else _MERGED_SHARE * (wanted.tolerance_mm - solid.off_mm)
+def _shares(solid: Solid, options: ImportOptions) -> Shares:
+    merged = 0.0 if options.as_is else _MERGED_SHARE * (options.tolerance_mm - solid.off_mm)
     return Shares(
-        wanted.tolerance_mm - merged, merged, wanted.heights_mm, wanted.least_probability, as_is=wanted.as_is
+        options.tolerance_mm - merged,
+        merged,
+        options.heights_mm,
+        options.least_probability,
+        as_is=options.as_is,
     )
 
 
-def _names(found: Sequence[str], wanted: Wanted) -> list[str]:
+def _names(found: Sequence[str], options: ImportOptions) -> list[str]:
     """A name for each part, all different: those in the file, or the one asked for with numbers."""
-    if wanted.name is not None:
-        found = [wanted.name] if len(found) == 1 else [f"{wanted.name}-{k + 1}" for k in range(len(found))]
+    if options.name is not None:
+        found = [options.name] if len(found) == 1 else [f"{options.name}-{k + 1}" for k in range(len(found))]
     names: list[str] = []
     for name in found:
         plain, number, taken = _printable(name), 1, name in names
@@ -117,8 +121,10 @@ def _printable(name: str) -> str:
     return " ".join(kept.split())[:90] or "part"
 
 
-def _solid_object(solid: Solid, name: str, stood: Stood, wanted: Wanted) -> ImportedObject:
-    tolerance = bound_mm([max(item.off_mm for item in stood.states), wanted.deviation_mm])
+def _solid_object(
+    solid: Solid, name: str, imported: ImportedStates, options: ImportOptions
+) -> ImportedObject:
+    tolerance = bound_mm([max(item.off_mm for item in imported.states), options.deviation_mm])
     out = ImportedObjectOut(
         name=name,
         replaced=False,
@@ -127,33 +133,33 @@ def _solid_object(solid: Solid, name: str, stood: Stood, wanted: Wanted) -> Impo
         facets=len(solid.faces),
         tolerance=tolerance,
         curve_tolerance=bound_mm([solid.off_mm]),
-        deviation=wanted.deviation_mm,
-        states=tuple(item.told for item in stood.states),
-        left_out=stood.left_out,
+        deviation=options.deviation_mm,
+        states=tuple(item.result for item in imported.states),
+        left_out=imported.left_out,
     )
-    states = [item.text for item in stood.states]
+    states = [item.text for item in imported.states]
     return ImportedObject(ObjectText(name=name, tolerance=tolerance, states=states), out)
 
 
-def _drawings(path: Path, wanted: Wanted) -> Imported:
-    thickness = wanted.thickness_mm
+def _drawings(path: Path, options: ImportOptions) -> Imported:
+    thickness = options.thickness_mm
     if thickness is None:
         raise InputError(
             f"{path} is a drawing, which says nothing of heights: add --thickness with the part's"
         )
-    drawings = confined(path, simpler(path), read_drawings, path, wanted.units, wanted.tolerance_mm)
-    names = _names([drawing.name for drawing in drawings], wanted)
+    drawings = confined(path, simpler(path), read_drawings, path, options.units, options.tolerance_mm)
+    names = _names([drawing.name for drawing in drawings], options)
     pairs = zip(drawings, names, strict=True)
-    return Imported(tuple(_flat_object(drawing, name, thickness, wanted) for drawing, name in pairs), ())
+    return Imported(tuple(_flat_object(drawing, name, thickness, options) for drawing, name in pairs), ())
 
 
-def _flat_object(drawing: Drawing, name: str, thickness_mm: float, wanted: Wanted) -> ImportedObject:
+def _flat_object(drawing: Drawing, name: str, thickness_mm: float, options: ImportOptions) -> ImportedObject:
     """A drawing is an object with one state, its centre of area above the origin, to a micrometre."""
     area = shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in drawing.regions])
     x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
     height = rounded(thickness_mm)
     section = SectionText(z=(0.0, height), polygons=polygons_text(drawing.regions, (x, y)))
-    told = ImportedStateOut(
+    result = ImportedStateOut(
         name=FLAT,
         probability=None,
         tipping_angle=None,
@@ -166,7 +172,7 @@ def _flat_object(drawing: Drawing, name: str, thickness_mm: float, wanted: Wante
         merged_tolerance=0.0,
         frame=frame_out(np.eye(3), np.array([-x, -y, 0.0])),
     )
-    tolerance = bound_mm([drawing.off_mm, wanted.deviation_mm])
+    tolerance = bound_mm([drawing.off_mm, options.deviation_mm])
     west, south, east, north = area.bounds
     out = ImportedObjectOut(
         name=name,
@@ -176,8 +182,8 @@ def _flat_object(drawing: Drawing, name: str, thickness_mm: float, wanted: Wante
         facets=None,
         tolerance=tolerance,
         curve_tolerance=bound_mm([drawing.off_mm]),
-        deviation=wanted.deviation_mm,
-        states=(told,),
+        deviation=options.deviation_mm,
+        states=(result,),
         left_out=(),
     )
     state = StateText(name=FLAT, height=height, sections=[section])

@@ -1,7 +1,4 @@
-"""What of a rig decides which parts it can tell apart: heights, tips, and how far off contacts may be.
-
-From the rig file to `objects_twins`.
-"""
+"""Finger model of a rig for comparing parts: heights, tip radii and the bound on contacts."""
 
 import math
 from collections.abc import Sequence

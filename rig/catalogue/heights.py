@@ -1,4 +1,4 @@
-"""Are a catalogue's objects known at the heights where fingers touch? Beside every way in for both.
+"""Known heights: refuses objects whose sections are not known where fingers touch.
 
 An object that was imported near some heights only has nothing at others, as far as its sections say. A finger
 there would take it for free space, so such a pair is refused before anything is recognised or moved.
@@ -13,7 +13,7 @@ from palpate.errors import InputError
 from palpate.geometry import ObjectModel
 from palpate.recognizer import Contact
 
-__all__ = ["FingerAt", "HasHeight", "check_known", "fingers_of"]
+__all__ = ["FingerAtHeight", "HasHeight", "check_known", "fingers_of"]
 
 
 class HasHeight(Protocol):
@@ -31,16 +31,16 @@ class HasHeight(Protocol):
 
 
 @dataclass(frozen=True)
-class FingerAt:
+class FingerAtHeight:
     """A finger of which only contacts are known."""
 
     name: str
     height_mm: float
 
 
-def fingers_of(contacts: Iterable[Contact]) -> list[FingerAt]:
+def fingers_of(contacts: Iterable[Contact]) -> list[FingerAtHeight]:
     """The fingers that made contacts, once for each of their heights."""
-    return list(dict.fromkeys(FingerAt(item.name, item.finger.height_mm) for item in contacts))
+    return list(dict.fromkeys(FingerAtHeight(item.name, item.finger.height_mm) for item in contacts))
 
 
 def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) -> None:

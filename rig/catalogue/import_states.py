@@ -1,6 +1,6 @@
-"""How a solid rests and what fingers meet then: an import's geometry, state by state.
+"""Stable states of an imported solid, with their cross sections.
 
-Between `cad` and `importing`. Stable states that are the same but for a turn about the vertical become one.
+Stable states that are the same but for a turn about the vertical become one.
 """
 
 import os
@@ -14,9 +14,9 @@ import shapely
 
 from palpate.cad.as_drawn import as_drawn
 from palpate.cad.merging import MergedState, merged
-from palpate.cad.resting_surface import Surface, surface_of
+from palpate.cad.resting_surface import RestingSurface, surface_of
 from palpate.cad.sections import sections_of
-from palpate.cad.slicing import regions_of, sliced
+from palpate.cad.slicing import regions_of, slice_surface
 from palpate.cad.stable import LeftOut, stable_states
 from palpate.cad.values import CrossSection, Solid, StableState
 from palpate.config.import_result import ImportedStateOut, LeftOutOut
@@ -35,9 +35,9 @@ from palpate.rig.catalogue.objects_text import (
     share,
 )
 
-__all__ = ["Shares", "Standing", "Stood", "standing"]
+__all__ = ["ImportedState", "ImportedStates", "Shares", "import_states"]
 
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
 
 _MOST_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes half as many at 0.1 mm
 
@@ -46,7 +46,7 @@ _MOST_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes
 class Shares:
     """What an import may lose: to curves and few sections together, and to states that are made one.
 
-    The rest as `importing.Wanted` has it.
+    The rest as `importing.ImportOptions` has it.
     """
 
     sections_mm: float
@@ -57,34 +57,34 @@ class Shares:
 
 
 @dataclass(frozen=True)
-class Standing:
+class ImportedState:
     """A state as it stands in an objects file, and what people are told about it.
 
     `off_mm`: how far true sections may be from those written, what the surface itself is off included.
     """
 
     text: StateText
-    told: ImportedStateOut
+    result: ImportedStateOut
     off_mm: float
 
 
 @dataclass(frozen=True)
-class Stood:
+class ImportedStates:
     """Every state of a solid that is written, and what is left out."""
 
-    states: tuple[Standing, ...]
+    states: tuple[ImportedState, ...]
     left_out: tuple[LeftOutOut, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
-def standing(solid: Solid, shares: Shares, tell: Tell) -> Stood:
-    """The states of a solid with their sections; `tell` hears what is being done.
+def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
+    """The states of a solid with their sections; `report` hears what is being done.
 
     Raises InputError for sections that the tolerance does not allow.
     """
     if shares.as_is:
-        return _as_it_lies(solid, shares, tell)
-    tell("stable states")
+        return _as_it_lies(solid, shares, report)
+    report("stable states")
     stable, unstable = stable_states(solid)
     kept, out = merged(solid, stable, _Slices(solid).of, shares.merged_mm, shares.least_probability)
     if not kept:
@@ -92,19 +92,21 @@ def standing(solid: Solid, shares: Shares, tell: Tell) -> Stood:
             f"{solid.name}: no stable state is as probable as {shares.least_probability:g}: "
             "give a smaller --least-probability, or --states as-is"
         )
-    tell(f"sections of {len(kept)} states")
-    states = _all_sectioned(solid, kept, shares, tell)
-    return Stood(tuple(states), _left_out([*unstable, *out]))
+    report(f"sections of {len(kept)} states")
+    states = _all_sectioned(solid, kept, shares, report)
+    return ImportedStates(tuple(states), _left_out([*unstable, *out]))
 
 
-def _all_sectioned(solid: Solid, kept: Sequence[MergedState], shares: Shares, tell: Tell) -> list[Standing]:
+def _all_sectioned(
+    solid: Solid, kept: Sequence[MergedState], shares: Shares, report: Report
+) -> list[ImportedState]:
     """All states, several at once; whoever interrupts this need not wait for those that have been begun."""
     others = set(active_children())
     with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1), initializer=_leave_signals) as pool:
         try:
             work = [pool.submit(_sectioned, solid, item, shares) for item in kept]
             for done, _ in enumerate(as_completed(work), start=1):
-                tell(f"sections of {len(kept)} states, {done} done")
+                report(f"sections of {len(kept)} states, {done} done")
             return [future.result() for future in work]
         except BaseException:
             for child in set(active_children()) - others:
@@ -118,19 +120,19 @@ def _leave_signals() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> Standing:
+def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> ImportedState:
     """One state, in a process of its own: large parts take seconds for each."""
-    return _standing(item.state, _sections(solid, item.state, shares), solid, item)
+    return _imported_state(item.state, _sections(solid, item.state, shares), solid, item)
 
 
-def _as_it_lies(solid: Solid, shares: Shares, tell: Tell) -> Stood:
+def _as_it_lies(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
     """The only state of a solid that is not dropped."""
     state = as_drawn(solid)
     warnings = (
         () if state.tipping_angle_rad > 0 else ("would topple as it lies in the file, if nothing held it",)
     )
-    tell("sections")
-    return Stood((_standing(state, _sections(solid, state, shares), solid),), (), warnings)
+    report("sections")
+    return ImportedStates((_imported_state(state, _sections(solid, state, shares), solid),), (), warnings)
 
 
 class _Slices:
@@ -138,7 +140,9 @@ class _Slices:
 
     def __init__(self, solid: Solid) -> None:
         self._solid = solid
-        self._last: tuple[StableState, Surface] | None = None  # one: hundreds of large surfaces are too many
+        self._last: tuple[StableState, RestingSurface] | None = (
+            None  # one: hundreds of large surfaces are too many
+        )
 
     def of(self, state: StableState, heights_mm: Floats) -> list[shapely.Geometry]:
         """What is solid at each of the heights; empty above the part."""
@@ -148,8 +152,8 @@ class _Slices:
         return [_region(surface, float(height)) for height in heights_mm]
 
 
-def _region(surface: Surface, height_mm: float) -> shapely.Geometry:
-    regions = regions_of([ring.points for ring in sliced(surface, height_mm)])
+def _region(surface: RestingSurface, height_mm: float) -> shapely.Geometry:
+    regions = regions_of([ring.points for ring in slice_surface(surface, height_mm)])
     return shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in regions])
 
 
@@ -164,12 +168,12 @@ def _top_mm(solid: Solid, state: StableState) -> float:
     return float((solid.vertices_mm @ state.rotation[2]).max() + state.offset_mm[2])
 
 
-def _standing(
+def _imported_state(
     state: StableState,
     sections: Sequence[CrossSection],
     solid: Solid,
     found: MergedState | None = None,
-) -> Standing:
+) -> ImportedState:
     """A state in the words of the file and of the result; `found`: None for one that nobody dropped."""
     probability = None if found is None else share(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
@@ -191,7 +195,7 @@ def _standing(
         sections=some,
     )
     off = max(section.off_mm for section in sections)
-    told = ImportedStateOut(
+    result = ImportedStateOut(
         name=state.name,
         probability=probability,
         tipping_angle=tipping,
@@ -204,7 +208,7 @@ def _standing(
         merged_tolerance=bound_mm([apart_mm]),
         frame=frame_out(state.rotation, state.offset_mm),
     )
-    return Standing(text, told, off + apart_mm)
+    return ImportedState(text, result, off + apart_mm)
 
 
 def _left_out(items: Sequence[LeftOut]) -> tuple[LeftOutOut, ...]:
@@ -212,8 +216,8 @@ def _left_out(items: Sequence[LeftOut]) -> tuple[LeftOutOut, ...]:
     groups: dict[str, list[LeftOut]] = {}
     for item in items:
         groups.setdefault(item.reason.partition(":")[0], []).append(item)
-    told = [
+    result = [
         LeftOutOut(reason=reason, states=len(some), probability=sum(item.probability for item in some))
         for reason, some in groups.items()
     ]
-    return tuple(sorted(told, key=lambda item: -item.probability))
+    return tuple(sorted(result, key=lambda item: -item.probability))

@@ -1,7 +1,4 @@
-"""From cross sections to what stands in an objects file. Between `cad` and the writer of `config`.
-
-Coordinates are rounded to six decimals. Nothing else is done to them: whoever writes the file checks it.
-"""
+"""Cross sections as values of an objects file: coordinates with six decimals, bounds rounded outward."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,6 @@
-"""Reachability of a catalogue: which states the fingers of a rig cannot feel, or not as they should.
+"""Reachability of a catalogue: states that the fingers of a rig cannot touch, or only some of them.
 
-From rig file and objects to `objects_findings_words`. Looks at heights and sizes only, never at poses, so it
-costs next to nothing before a run.
+Looks at heights and sizes only, never at poses, so it costs next to nothing before a run.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""What cannot be felt of a catalogue, in words: one line a kind of trouble, or a refusal.
-
-Beside every command that takes a rig and objects, before anything is compared or moved.
-"""
+"""Reachability of a catalogue in words: one line per kind of problem, or a refusal before anything moves."""
 
 from collections.abc import Sequence
 from itertools import groupby

@@ -1,8 +1,4 @@
-"""What a tip reaches of a state over a range of height, with what comparing it needs again and again.
-
-Between `objects_twins` and `objects_separating`: each of n states is compared with n − 1 others, at the same
-ranges of height.
-"""
+"""The region of a state that a tip reaches, with measures that are computed once for all comparisons."""
 
 import math
 from functools import cached_property
@@ -15,12 +11,12 @@ from palpate.cad.congruence_search import Motion
 from palpate.geometry import Floats
 from palpate.rig.catalogue.region_measures import measures
 
-__all__ = ["Reached", "surely_within"]
+__all__ = ["ReachedRegion", "surely_within"]
 
 _CERTAIN = 0.98  # of a buffer's distance: GEOS evens out hollows of the outline by up to a hundredth of it
 
 
-class Reached:
+class ReachedRegion:
     """A region (mm) that tips can touch all around; its numbers and its surroundings are found once."""
 
     def __init__(self, region: shapely.Geometry) -> None:
@@ -46,7 +42,7 @@ class Reached:
         return self._near[within_mm]
 
 
-def surely_within(one: Reached, other: Reached, motion: Motion, within_mm: float) -> bool:
+def surely_within(one: ReachedRegion, other: ReachedRegion, motion: Motion, within_mm: float) -> bool:
     """Whether the motion brings the outline of one within a distance of the other's, and the other way round.
 
     True is certain, for arcs of buffers are chords. False is not: `apart_mm` tells then.

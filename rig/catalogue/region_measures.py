@@ -1,9 +1,9 @@
-"""Numbers that regions a small distance apart must nearly share: most pairs are told apart by them alone.
+"""Measures of regions that bound their distance: most pairs are distinguished by them alone.
 
-Beneath `objects_twins`. Where A lies within L of B, A's area is at most what B's becomes when B is grown by
-L: area + L · perimeter + n π L² for n parts (Steiner's formula, an upper bound where B is not convex). The
-same holds for the convex hulls, whose perimeters grow by 2 π L, and for the smallest discs that hold them,
-whose radii grow by L. None of them depends on place and turn.
+Where A lies within L of B, A's area is at most what B's becomes when B is grown by L: area + L · perimeter +
+n π L² for n parts (Steiner's formula, an upper bound where B is not convex). The same holds for the convex
+hulls, whose perimeters grow by 2 π L, and for the smallest discs that hold them, whose radii grow by L. None
+of them depends on place and turn.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,6 @@
-"""A state of an object as fingers meet it: what is there at each height, and how well that is known.
+"""Sections of a state by height, and at which heights they are known.
 
-From the objects file to `objects_twins` and `objects_picture`. Regions are Shapely's, mm, in the object's own
-frame.
+Regions are Shapely's, mm, in the object's own frame.
 """
 
 from collections.abc import Sequence
@@ -13,7 +12,7 @@ import shapely
 from palpate.config import ObjectsFile
 from palpate.geometry import Section, State
 
-__all__ = ["Level", "Range", "Resting", "joined_ranges", "region_at", "resting"]
+__all__ = ["Level", "Range", "StateSections", "joined_ranges", "region_at", "state_sections"]
 
 Range = tuple[float, float]
 
@@ -34,7 +33,7 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Resting:
+class StateSections:
     """One state of one object; the true outlines are within `tolerance_mm` of the regions."""
 
     object_name: str
@@ -75,10 +74,12 @@ class Resting:
         return tuple(sorted({*ends, 0.0, self.state.top_mm}))
 
 
-def resting(objects: ObjectsFile) -> tuple[Resting, ...]:
+def state_sections(objects: ObjectsFile) -> tuple[StateSections, ...]:
     """Every state of every object, in the file's order."""
     return tuple(
-        Resting(item.name, state, item.tolerance_mm) for item in objects.objects for state in item.states
+        StateSections(item.name, state, item.tolerance_mm)
+        for item in objects.objects
+        for state in item.states
     )
 
 

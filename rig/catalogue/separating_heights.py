@@ -1,7 +1,7 @@
-"""At which heights another finger would tell two states apart that the rig's own fingers do not.
+"""Separating heights: where one more finger would distinguish two states that the rig's fingers do not.
 
-From a `Pair` to ranges of height. A range counts only if no motion at all leaves the sections at the fingers'
-heights and in the range within what contacts may hide: no turned or shifted alternative is forgotten.
+A range counts only if no motion at all leaves the sections at the fingers' heights and in the range within
+what contacts may hide: no turned or shifted alternative is forgotten.
 """
 
 from collections.abc import Iterator
@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.cad.congruence_search import Motion, apart_mm
-from palpate.rig.catalogue.reached_regions import Reached, surely_within
+from palpate.rig.catalogue.reached_regions import ReachedRegion, surely_within
 from palpate.rig.catalogue.region_measures import within_reach
 from palpate.rig.catalogue.section_stack import Range, joined_ranges
 from palpate.rig.catalogue.twins import FindMotions, Pair
 
-__all__ = ["MOST_TRIED", "Separating", "separating"]
+__all__ = ["MOST_TRIED", "SeparatingHeights", "separating"]
 
 _THINNEST_MM = 0.01  # no finger is put into less: tops that are off by a rounding differ there
 
@@ -25,7 +25,7 @@ MOST_TRIED = 64
 
 
 @dataclass(frozen=True)
-class Separating:
+class SeparatingHeights:
     """Ranges of height (mm) at which a finger would tell the two apart; those wider than 0.01 mm.
 
     `tried` of `ranges` were looked at; `known`: whether both states are known at every height.
@@ -37,7 +37,7 @@ class Separating:
     known: bool
 
 
-def separating(pair: Pair, find: FindMotions) -> Separating:
+def separating(pair: Pair, find: FindMotions) -> SeparatingHeights:
     """Look through all ranges of height over which neither state changes."""
     ranges = list(_ranges(pair))
     if len(ranges) > MOST_TRIED:
@@ -48,7 +48,7 @@ def separating(pair: Pair, find: FindMotions) -> Separating:
     states = (pair.first.state.state, pair.second.state.state)
     known = all(state.heights_mm is None for state in states)
     wide = [found for found in joined_ranges(telling) if found[1] - found[0] > _THINNEST_MM]
-    return Separating(tuple(wide), len(chosen), len(ranges), known)
+    return SeparatingHeights(tuple(wide), len(chosen), len(ranges), known)
 
 
 def _ranges(pair: Pair) -> Iterator[Range]:
@@ -74,7 +74,7 @@ def _tells(pair: Pair, height_mm: float, find: FindMotions) -> bool:
     return not find((*one, new.region), (*other, its.region), pair.within_mm)
 
 
-def _keeps(motion: Motion, one: Reached, other: Reached, within_mm: float) -> bool:
+def _keeps(motion: Motion, one: ReachedRegion, other: ReachedRegion, within_mm: float) -> bool:
     """Whether the two are still within the distance of each other: cheaply, if that is certain."""
     if surely_within(one, other, motion, within_mm):
         return True

@@ -1,4 +1,4 @@
-"""Rotational symmetry of a section and of a state, as the recogniser has it. For listing and picture."""
+"""Rotational symmetry of a section and of a state, as the recogniser has it."""
 
 from dataclasses import dataclass
 
@@ -8,33 +8,33 @@ import shapely
 from palpate.geometry import Floats, Polygon, Section, State
 from palpate.recognizer.catalogue import SYMMETRY_TOLERANCE_MM
 from palpate.recognizer.symmetry import centroid, symmetry_order
-from palpate.rig.catalogue.section_stack import Resting
+from palpate.rig.catalogue.section_stack import StateSections
 
-__all__ = ["Symmetry", "symmetry_of_region", "symmetry_of_state"]
+__all__ = ["SectionSymmetry", "symmetry_of_region", "symmetry_of_state"]
 
 
 @dataclass(frozen=True, eq=False)
-class Symmetry:
+class SectionSymmetry:
     """It looks the same after each nth of a turn, n = `order`, about its centre of area (2,), mm."""
 
     order: int
     centre_mm: Floats
 
 
-def symmetry_of_region(region: shapely.Geometry) -> Symmetry:
-    """Symmetry of one section."""
+def symmetry_of_region(region: shapely.Geometry) -> SectionSymmetry:
+    """SectionSymmetry of one section."""
     return _symmetry([(0.0, 1.0, region)])
 
 
-def symmetry_of_state(state: Resting) -> Symmetry:
-    """Symmetry of all sections of a state together."""
+def symmetry_of_state(state: StateSections) -> SectionSymmetry:
+    """SectionSymmetry of all sections of a state together."""
     return _symmetry([(*level.z_mm, level.region) for level in state.levels])
 
 
-def _symmetry(parts: list[tuple[float, float, shapely.Geometry]]) -> Symmetry:
+def _symmetry(parts: list[tuple[float, float, shapely.Geometry]]) -> SectionSymmetry:
     state = State("", tuple(Section((low, high), _polygons(region)) for low, high, region in parts))
     centre = centroid(state)
-    return Symmetry(symmetry_order(state, centre, SYMMETRY_TOLERANCE_MM), centre)
+    return SectionSymmetry(symmetry_order(state, centre, SYMMETRY_TOLERANCE_MM), centre)
 
 
 def _polygons(region: shapely.Geometry) -> tuple[Polygon, ...]:

@@ -1,7 +1,7 @@
-"""Where no fingertip gets: slots that are too narrow, the insides of corners, holes. Regions in and out.
+"""Tip reach: the places that no fingertip gets to, such as narrow slots, inner corners and holes.
 
-Between `objects_stack` and everything that compares or draws what fingers can feel. A tip comes from outside
-and keeps its height, so it stays out of holes, and of pockets whose mouths are narrower than it is.
+A tip comes from outside and keeps its height, so it stays out of holes, and of pockets whose mouths are
+narrower than it is.
 """
 
 import shapely

@@ -1,9 +1,9 @@
-"""Which states a rig's fingers can never tell apart, and which they may not. Between states and results.
+"""Twins: states that a rig's fingers can never distinguish, or perhaps not.
 
-Two states feel the same where one rigid motion in the plane brings what tips can reach of the one onto that
-of the other, at every height that fingers are at. How far off it leaves them is a Hausdorff distance, and the
-least over all such motions decides. Fingers are taken to be able to touch everywhere at their height, so a
-pair that is called the same stays the same for a rig that reaches less.
+Two states are twins if one rigid motion in the plane brings what tips can reach of the one onto that of the
+other, at every height that fingers are at. How far off it leaves them is a Hausdorff distance, and the least
+over all such motions decides. Fingers are taken to be able to touch everywhere at their height, so a pair
+that is called the same stays the same for a rig that reaches less.
 """
 
 import math
@@ -18,12 +18,12 @@ import shapely
 from palpate.cad.congruence_search import Motion, apart_mm
 from palpate.geometry import Floats
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
-from palpate.rig.catalogue.reached_regions import Reached
+from palpate.rig.catalogue.reached_regions import ReachedRegion
 from palpate.rig.catalogue.region_measures import measures, within_reach
-from palpate.rig.catalogue.section_stack import Resting
+from palpate.rig.catalogue.section_stack import StateSections
 from palpate.rig.catalogue.tip_reach import filled
 
-__all__ = ["Felt", "FindMotions", "Likeness", "Pair", "alike"]
+__all__ = ["FindMotions", "Likeness", "Pair", "ReachableState", "alike"]
 
 FindMotions = Callable[[Sequence[shapely.Geometry], Sequence[shapely.Geometry], float], Sequence[Motion]]
 """`palpate.cad.congruence_search.motions`, or another that finds all motions within a distance."""
@@ -45,10 +45,10 @@ class Likeness(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class ReachableState:
     """A state as a rig's fingers feel it: at `known`, those of the rig's heights at which it is known."""
 
-    state: Resting
+    state: StateSections
     fingers: RigFingers
 
     @cached_property
@@ -61,16 +61,16 @@ class Felt:
         """What the fingers reach of the state at each of those heights."""
         return {at: filled(self.state.region_at(at.height_mm), at.tip_radius_mm) for at in self.known}
 
-    def reached_at(self, height_mm: float) -> Reached:
+    def reached_at(self, height_mm: float) -> ReachedRegion:
         """What the rig's slimmest tips would reach at another height."""
         levels = tuple(k for k, level in enumerate(self.state.levels) if level.is_at(height_mm))
         if levels not in self._reached:
             region = self.state.region_at(height_mm)
-            self._reached[levels] = Reached(filled(region, self.fingers.slimmest_mm))
+            self._reached[levels] = ReachedRegion(filled(region, self.fingers.slimmest_mm))
         return self._reached[levels]
 
     @cached_property
-    def _reached(self) -> dict[tuple[int, ...], Reached]:
+    def _reached(self) -> dict[tuple[int, ...], ReachedRegion]:
         """By the levels that are found at a height: so often is it computed, not once for every pair."""
         return {}
 
@@ -84,8 +84,8 @@ class Pair:
     hide. `compared`: at which heights; `motions`: all fits, or some that show that there is one.
     """
 
-    first: Felt
-    second: Felt
+    first: ReachableState
+    second: ReachableState
     likeness: Likeness
     apart_mm: float | None
     tolerance_mm: float
@@ -99,26 +99,26 @@ class Pair:
         return _stacks(self.first, self.second, self.compared)
 
 
-def alike(states: Sequence[Resting], fingers: RigFingers, find: FindMotions) -> tuple[Pair, ...]:
+def alike(states: Sequence[StateSections], fingers: RigFingers, find: FindMotions) -> tuple[Pair, ...]:
     """Every pair of states that the rig's fingers cannot, or may not, tell apart, in the states' order."""
-    felt = [Felt(state, fingers) for state in states]
-    pairs = (_pair(felt[i], felt[k], find) for i, k in _candidates(felt, fingers))
+    reachable = [ReachableState(state, fingers) for state in states]
+    pairs = (_pair(reachable[i], reachable[k], find) for i, k in _candidates(reachable, fingers))
     return tuple(pair for pair in pairs if pair is not None)
 
 
-def _candidates(felt: Sequence[Felt], fingers: RigFingers) -> Iterator[tuple[int, int]]:
+def _candidates(reachable: Sequence[ReachableState], fingers: RigFingers) -> Iterator[tuple[int, int]]:
     """Pairs that measures do not tell apart."""
-    tolerance = np.array([item.state.tolerance_mm for item in felt])
+    tolerance = np.array([item.state.tolerance_mm for item in reachable])
     within = tolerance[:, None] + tolerance + 2 * fingers.bound_mm + _ROUNDING_MM
     possible = np.triu(np.ones(within.shape, dtype=bool), 1)
     for at in fingers.at:
-        known = np.array([at in item.region for item in felt])
-        found: Floats = measures([item.region.get(at, shapely.Polygon()) for item in felt])
+        known = np.array([at in item.region for item in reachable])
+        found: Floats = measures([item.region.get(at, shapely.Polygon()) for item in reachable])
         possible &= within_reach(found[:, None], found[None], within) | ~(known[:, None] & known)
     yield from map(tuple, np.argwhere(possible).tolist())
 
 
-def _pair(first: Felt, second: Felt, find: FindMotions) -> Pair | None:
+def _pair(first: ReachableState, second: ReachableState, find: FindMotions) -> Pair | None:
     """The two compared; None if they are told apart."""
     tolerance = first.state.tolerance_mm + second.state.tolerance_mm
     within = tolerance + 2 * first.fingers.bound_mm
@@ -170,7 +170,7 @@ def _apart_about(
 
 
 def _stacks(
-    first: Felt, second: Felt, compared: Sequence[AtHeight]
+    first: ReachableState, second: ReachableState, compared: Sequence[AtHeight]
 ) -> tuple[tuple[shapely.Geometry, ...], tuple[shapely.Geometry, ...]]:
     """What fingers reach of both at the same heights; without those at which there is nothing of either."""
     met = [at for at in compared if not (first.region[at].is_empty and second.region[at].is_empty)]

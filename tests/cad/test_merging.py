@@ -8,7 +8,7 @@ import shapely
 import trimesh
 from shared_files import cad_file
 
-from palpate.cad.merging import merged
+from palpate.cad.merging import merge_states
 from palpate.cad.stable import stable_states
 from palpate.cad.values import Solid
 
@@ -37,7 +37,7 @@ def slicer(mesh):
 
 def run(mesh, within=0.05, **options):
     states, _ = stable_states(solid(mesh))
-    found, out = merged(solid(mesh), states, slicer(mesh), within, **options)
+    found, out = merge_states(solid(mesh), states, slicer(mesh), within, **options)
     total = sum(item.state.probability for item in found) + sum(item.probability for item in out)
     assert total == pytest.approx(1.0)
     assert [item.state.name for item in found] == [f"state-{k}" for k in range(1, len(found) + 1)]
@@ -171,7 +171,7 @@ def test_an_engraving_between_the_sections_keeps_states_apart():
         seen[state.name] = slicer(mesh)(state, heights_mm)
         return seen[state.name]
 
-    found, _ = merged(solid(mesh), states, slices_of, 0.05)
+    found, _ = merge_states(solid(mesh), states, slices_of, 0.05)
     full = [name for name, sections in seen.items() if all(abs(item.area - 400) < 1e-6 for item in sections)]
     assert len(full) == 4, "seen by their sections alone, four states are those of a plain cube"
     assert counts(found) == [1] * 6

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from palpate.cad.mesh_checks import checked_solids
+from palpate.cad.mesh_checks import check_solids
 from palpate.errors import InputError
 
 
@@ -16,7 +16,7 @@ def box(extents=(10, 20, 30), at=(0, 0, 0)):
 
 def read(*shapes, units=None, drop=()):
     both = trimesh.util.concatenate(shapes)
-    return checked_solids("part.stl", "part", both.vertices, np.delete(both.faces, drop, axis=0), units=units)
+    return check_solids("part.stl", "part", both.vertices, np.delete(both.faces, drop, axis=0), units=units)
 
 
 def volume(solid):
@@ -46,7 +46,7 @@ def test_repeated_and_nearly_equal_corners_are_one_vertex_and_the_move_is_told()
     shape = box()
     rng = np.random.default_rng(0)
     corners = shape.triangles.reshape(-1, 3) + rng.uniform(-1e-6, 1e-6, (36, 3))
-    (solid,) = checked_solids("part.stl", "part", corners, np.arange(36).reshape(-1, 3))
+    (solid,) = check_solids("part.stl", "part", corners, np.arange(36).reshape(-1, 3))
     assert len(solid.vertices_mm) == 8
     assert 0 < solid.off_mm < 1e-5
     assert volume(solid) == pytest.approx(6000, rel=1e-5)
@@ -83,7 +83,7 @@ def test_a_face_that_is_turned_over_is_refused():
     faces = shape.faces.copy()
     faces[3] = faces[3][::-1]
     with pytest.raises(InputError, match="one face is turned over"):
-        checked_solids("part.stl", "part", shape.vertices, faces)
+        check_solids("part.stl", "part", shape.vertices, faces)
 
 
 def test_bodies_that_overlap_are_refused_with_a_place_on_both():
@@ -114,16 +114,16 @@ def test_numbers_that_are_none_are_refused():
     vertices = np.array(shape.vertices)
     vertices[2, 1] = np.nan
     with pytest.raises(InputError, match=r"nan.*must be finite"):
-        checked_solids("part.stl", "part", vertices, shape.faces)
+        check_solids("part.stl", "part", vertices, shape.faces)
 
 
 def test_a_sheet_of_two_sides_encloses_nothing_or_overlaps():
     with pytest.raises(InputError, match=r"overlap|no volume"):
-        checked_solids(
+        check_solids(
             "p", "p", np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0.0]]), np.array([[0, 1, 2], [0, 2, 1]])
         )
 
 
 def test_no_faces_are_refused():
     with pytest.raises(InputError, match="has no faces"):
-        checked_solids("p", "p", np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))
+        check_solids("p", "p", np.zeros((3, 3)), np.zeros((0, 3), dtype=np.int64))

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from palpate.cad.resting_surface import Surface, surface_of
-from palpate.cad.slicing import area_of, regions_of, sliced
+from palpate.cad.resting_surface import RestingSurface, surface_of
+from palpate.cad.slicing import area_of, regions_of, slice_surface
 from palpate.cad.values import Region, Solid, StableState
 from palpate.errors import InputError
 from palpate.geometry import Floats
@@ -14,7 +14,7 @@ from palpate.geometry import Floats
 SQUARE = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])
 
 
-def surface_from(mesh: trimesh.Trimesh, rotation: Floats) -> Surface:
+def surface_from(mesh: trimesh.Trimesh, rotation: Floats) -> RestingSurface:
     solid = Solid("part", np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64))
     lowest = (solid.vertices_mm @ rotation.T)[:, 2].min()
     state = StableState("a", rotation, np.array([0.0, 0.0, -lowest]), 1.0, 0.5, np.zeros((3, 2)))
@@ -40,7 +40,7 @@ def test_areas_are_those_of_trimesh(mesh: trimesh.Trimesh, seed: int) -> None:
     surface = surface_from(mesh, rotation)
     moved = trimesh.Trimesh(surface.vertices_mm, surface.faces, process=False)
     for height in np.random.default_rng(seed).uniform(0.01, 0.99, 6) * surface.top_mm:
-        regions = regions_of([ring.points for ring in sliced(surface, height)])
+        regions = regions_of([ring.points for ring in slice_surface(surface, height)])
         lines = trimesh.intersections.mesh_plane(moved, [0, 0, 1], [0, 0, height], return_faces=True)
         (start, end), normal = lines[0][:, :, :2].swapaxes(0, 1), moved.face_normals[lines[1]]
         # Gauss: the area is half the flux of the position through the edges.
@@ -53,14 +53,16 @@ def test_areas_are_those_of_trimesh(mesh: trimesh.Trimesh, seed: int) -> None:
 def test_a_plane_through_vertices_is_no_special_case() -> None:
     surface = surface_from(trimesh.creation.icosphere(2, radius=7), np.eye(3))
     for height in np.unique(surface.vertices_mm[:, 2])[1:-1]:
-        (region,) = regions_of([r.points for r in sliced(surface, height) if abs(area_of(r.points)) > 1e-9])
-        (above,) = regions_of([r.points for r in sliced(surface, height + 1e-9)])
+        (region,) = regions_of(
+            [r.points for r in slice_surface(surface, height) if abs(area_of(r.points)) > 1e-9]
+        )
+        (above,) = regions_of([r.points for r in slice_surface(surface, height + 1e-9)])
         assert area_of(region.outer) == pytest.approx(area_of(above.outer), abs=1e-6)
 
 
 def test_every_edge_lies_on_its_facet() -> None:
     surface = surface_from(trimesh.creation.box((3, 4, 5)), Rotation.random(random_state=2).as_matrix())
-    (ring,) = sliced(surface, surface.top_mm / 2)
+    (ring,) = slice_surface(surface, surface.top_mm / 2)
     leg = np.roll(ring.points, -1, axis=0) - ring.points
     outward = np.column_stack([leg[:, 1], -leg[:, 0]]) / np.hypot(*leg.T)[:, None]
     np.testing.assert_allclose(outward, surface.normal[ring.facet], atol=1e-9)

@@ -1,4 +1,4 @@
-"""Symmetries made of others hold on the surface itself; turns of a prism are the oracle."""
+"""KnownSymmetries made of others hold on the surface itself; turns of a prism are the oracle."""
 
 import math
 
@@ -8,7 +8,7 @@ import trimesh
 
 from palpate.cad.congruence import surface_apart_mm
 from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.symmetries import Symmetries, Symmetry
+from palpate.cad.symmetries import KnownSymmetries, SolidSymmetry
 from palpate.cad.values import Solid
 
 CORNERS = 16
@@ -33,7 +33,7 @@ def about_the_axis(rotation, apart_mm):
 
 
 def test_two_in_a_row_are_bounded_by_both_together(prism):
-    first, second = (Symmetry(*about_the_axis(turn(k, off), 0.02)) for k, off in ((3, 8e-4), (4, 9e-4)))
+    first, second = (SolidSymmetry(*about_the_axis(turn(k, off), 0.02)) for k, off in ((3, 8e-4), (4, 9e-4)))
     both = first.then(second)
     assert both.apart_mm == pytest.approx(0.04)
     really = surface_apart_mm(prism, both.rotation, both.shift_mm, 0.1)
@@ -44,7 +44,7 @@ def test_two_in_a_row_are_bounded_by_both_together(prism):
 
 
 def test_what_is_asked_for_is_made_of_two(prism):
-    known = Symmetries(SurfaceDistance(prism))
+    known = KnownSymmetries(SurfaceDistance(prism))
     x = np.array([1.0, 0.0, 0.0])
     assert known.taking(x, turn(3) @ x, 1e-3) is None
     known.proven(*about_the_axis(turn(3), 1e-9))
@@ -57,7 +57,7 @@ def test_what_is_asked_for_is_made_of_two(prism):
 
 
 def test_a_rough_one_is_made_exact(prism):
-    known = Symmetries(SurfaceDistance(prism))
+    known = KnownSymmetries(SurfaceDistance(prism))
     rough = about_the_axis(turn(3, 2e-4), 0.005)
     assert surface_apart_mm(prism, *rough[:2], 0.01) > 5e-4
     known.proven(*rough)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from palpate.cad.hausdorff_bound import Outline, Pieces, need, outline_of
+from palpate.cad.hausdorff_bound import FacetPieces, OutlineEdges, distance_bound, outline_of
 from palpate.geometry import Floats
 
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
@@ -18,13 +18,13 @@ def pieces_of(
     first: tuple[float, float],
     last: tuple[float, float],
     bare: bool = False,
-) -> Pieces:
-    return Pieces(np.array([points]), np.array([first]), np.array([last]), np.array([bare]))
+) -> FacetPieces:
+    return FacetPieces(np.array([points]), np.array([first]), np.array([last]), np.array([bare]))
 
 
-def needed(pieces: Pieces, outline: Outline, target: float) -> tuple[float, bool]:
+def needed(pieces: FacetPieces, outline: OutlineEdges, target: float) -> tuple[float, bool]:
     middles = outline.start + outline.along * outline.length[:, None] / 2
-    return need(pieces, outline, cKDTree(middles), np.arange(len(middles)), target, 0.0)
+    return distance_bound(pieces, outline, cKDTree(middles), np.arange(len(middles)), target, 0.0)
 
 
 def test_a_wall_on_an_edge_needs_nothing() -> None:
@@ -76,7 +76,7 @@ def test_a_long_wall_may_be_shared_by_two_edges() -> None:
     assert 0.00999 <= found <= 0.02
 
 
-def of_point(point: Floats, normal: Floats, outline: Outline) -> float:
+def of_point(point: Floats, normal: Floats, outline: OutlineEdges) -> float:
     """What a point asks of the outline's edges alone, the plain way."""
     best = np.inf
     for start, along, length, own in zip(
@@ -97,7 +97,7 @@ def test_no_point_of_a_wall_needs_more_than_the_wall(seed: int) -> None:
     at = int(random.integers(40))
     corners = outline.start[at] + random.normal(0, 0.4, (3, 2))
     normal = outline.normal[at]
-    wall = Pieces(corners[None], normal[None], normal[None], np.array([False]))
+    wall = FacetPieces(corners[None], normal[None], normal[None], np.array([False]))
     found, good = needed(wall, outline, 2.0)
     inside = random.dirichlet([1, 1, 1], 200) @ corners
     # Vertices may serve in place of edges, so the outline's edges alone need no less.

@@ -9,7 +9,7 @@ from command import Ended, run_here
 
 from palpate.config import load_objects
 from palpate.errors import InputError
-from palpate.rig.catalogue.heights import FingerAt, check_known
+from palpate.rig.catalogue.heights import FingerAtHeight, check_known
 
 OUTER = [[-30.0, -20.0], [30.0, -20.0], [30.0, 20.0], [-30.0, 20.0]]
 
@@ -41,7 +41,7 @@ def contacts(folder: Path, height: float) -> Path:
 )
 def test_a_finger_must_be_where_the_state_is_known(tmp_path: Path, height: float, known: bool) -> None:
     objects = load_objects(write(tmp_path, [[4.5, 5.5], [11.5, 12.5]])).objects
-    fingers = [FingerAt("f0", 5.0), FingerAt("f1", height)]
+    fingers = [FingerAtHeight("f0", 5.0), FingerAtHeight("f1", height)]
     if known:
         check_known(objects, fingers)
         return
@@ -55,7 +55,7 @@ def test_a_finger_must_be_where_the_state_is_known(tmp_path: Path, height: float
 
 
 def test_objects_without_heights_are_known(tmp_path: Path) -> None:
-    check_known(load_objects(write(tmp_path, None)).objects, [FingerAt("f1", 10.0)])
+    check_known(load_objects(write(tmp_path, None)).objects, [FingerAtHeight("f1", 10.0)])
 
 
 @pytest.fixture

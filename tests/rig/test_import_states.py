@@ -11,8 +11,8 @@ import pytest
 from solids import ELL, prism
 
 from palpate.cad.values import Solid
-from palpate.rig.catalogue import import_states
-from palpate.rig.catalogue.import_states import Shares, standing
+from palpate.rig.catalogue import import_states as module
+from palpate.rig.catalogue.import_states import Shares, import_states
 
 SHARES = Shares(0.5, 0.1, None, 0.01, as_is=False)
 
@@ -37,12 +37,12 @@ def test_interrupted_it_does_not_wait_for_states_that_were_begun(monkeypatch: py
         time.sleep(600)
         return None
 
-    monkeypatch.setattr(import_states, "sections_of", endless)
+    monkeypatch.setattr(module, "sections_of", endless)
     mesh = prism(ELL, 20)
     solid = Solid("angle", np.asarray(mesh.vertices), np.asarray(mesh.faces))
     others = set(active_children())
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
-        standing(solid, SHARES, lambda _: None)
+        import_states(solid, SHARES, lambda _: None)
     assert time.monotonic() - began < 300
     assert set(active_children()) <= others

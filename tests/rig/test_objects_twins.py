@@ -31,8 +31,8 @@ from palpate.config import load_objects, load_rig, shipped_rig
 from palpate.errors import InputError
 from palpate.rig.catalogue.finger_model import heights_in_words, rig_fingers
 from palpate.rig.catalogue.region_measures import measures, within_reach
-from palpate.rig.catalogue.section_stack import Resting, joined_ranges, resting
-from palpate.rig.catalogue.separating_heights import MOST_TRIED, Separating, separating
+from palpate.rig.catalogue.section_stack import StateSections, joined_ranges, state_sections
+from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating
 from palpate.rig.catalogue.tip_reach import filled, unreached
 from palpate.rig.catalogue.twins import Likeness, Pair, alike
 
@@ -43,21 +43,21 @@ LIMIT = 2 * BOUND_MM
 def states(tmp_path: Path) -> Any:
     """Parts as states, by way of a file."""
 
-    def of(*parts: Any) -> tuple[Resting, ...]:
+    def of(*parts: Any) -> tuple[StateSections, ...]:
         file = tmp_path / "parts.json"
         file.write_text(json.dumps(objects(*parts)))
-        return resting(load_objects(file))
+        return state_sections(load_objects(file))
 
     return of
 
 
-def compared(found: tuple[Resting, ...], *heights: float) -> Pair | None:
+def compared(found: tuple[StateSections, ...], *heights: float) -> Pair | None:
     """The only pair of two states, if it is listed at all."""
     pairs = alike(found, fingers_at(*heights), motions)
     return pairs[0] if pairs else None
 
 
-def told(pair: Pair | None) -> Separating:
+def told(pair: Pair | None) -> SeparatingHeights:
     assert pair is not None
     return separating(pair, motions)
 
@@ -72,7 +72,7 @@ def test_parts_that_differ_low_down_feel_the_same_and_a_low_finger_would_tell(st
     assert pair is not None
     assert pair.likeness is Likeness.SAME
     assert pair.apart_mm == pytest.approx(0.0, abs=1e-6)
-    assert told(pair) == Separating(((5.0, 8.0),), 3, 3, True)
+    assert told(pair) == SeparatingHeights(((5.0, 8.0),), 3, 3, True)
     assert compared(found, 10, 6) is None
     both = compared(found, 10, 4)
     assert both is not None
@@ -260,7 +260,7 @@ def test_measures_tell_a_square_from_a_longer_one_and_from_nothing() -> None:
 
 @needs_shared_outlines
 def test_pairs_that_are_told_apart_fit_in_no_way_that_brute_force_finds() -> None:
-    found = resting(load_objects(SHARED_OUTLINES))[:50]
+    found = state_sections(load_objects(SHARED_OUTLINES))[:50]
     fingers = fingers_at(10, bound=2.0)
     listed = {(pair.first.state.name, pair.second.state.name) for pair in alike(found, fingers, motions)}
     regions = [filled(state.region_at(10), 5.0) for state in found]

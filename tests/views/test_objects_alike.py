@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from palpate.config.objects_result import PairOut, StateNameOut
 from palpate.views.catalogue.check_text import fit_words
-from palpate.views.catalogue.equivalent_pairs import Alike, put_together
+from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
 from palpate.views.catalogue.known_heights import known_words
 
 
@@ -31,7 +31,7 @@ def pair(first: int, second: int, likeness: str = "same", apart_mm: float | None
     )
 
 
-def pairs_of(group: Alike) -> list[frozenset[tuple[str, str]]]:
+def pairs_of(group: TwinGroup) -> list[frozenset[tuple[str, str]]]:
     """The pairs that a group says."""
     first, second = ([(item.object, item.state) for item in side] for side in (group.first, group.second))
     return [frozenset(names) for names in (product(first, second) if second else combinations(first, 2))]
@@ -40,7 +40,7 @@ def pairs_of(group: Alike) -> list[frozenset[tuple[str, str]]]:
 def test_six_states_of_two_kinds_are_three_groups() -> None:
     kinds = [0, 0, 1, 1, 0, 0]
     twins = [pair(i, k, "same" if kinds[i] == kinds[k] else "doubtful") for i, k in combinations(range(6), 2)]
-    within, across, other = put_together(twins)
+    within, across, other = group_pairs(twins)
     assert within.first == tuple(map(state, (0, 1, 4, 5)))
     assert not within.second
     assert (across.first, across.second) == (within.first, tuple(map(state, (2, 3))))
@@ -50,12 +50,12 @@ def test_six_states_of_two_kinds_are_three_groups() -> None:
 
 
 def test_a_chain_stays_a_chain() -> None:
-    found = put_together([pair(0, 1), pair(1, 2), pair(2, 3)])
+    found = group_pairs([pair(0, 1), pair(1, 2), pair(2, 3)])
     assert [len(group.pairs) for group in found] == [1, 1, 1]
 
 
 def test_two_that_are_told_apart_are_alike_to_a_third() -> None:
-    (group,) = put_together([pair(0, 2), pair(1, 2)])
+    (group,) = group_pairs([pair(0, 2), pair(1, 2)])
     assert (group.first, group.second) == ((state(0), state(1)), (state(2),))
 
 
@@ -63,7 +63,7 @@ def test_two_that_are_told_apart_are_alike_to_a_third() -> None:
 def test_groups_say_every_pair_once_and_no_other(likeness: list[str | None]) -> None:
     ways = zip(combinations(range(8), 2), likeness, strict=True)
     twins = [pair(*both, how) for both, how in ways if how is not None]
-    groups = put_together(twins)
+    groups = group_pairs(twins)
     said = Counter(both for group in groups for both in pairs_of(group))
     wanted = {frozenset((item.object, item.state) for item in (one.first, one.second)) for one in twins}
     assert said == Counter(wanted)

@@ -11,9 +11,9 @@ from stacked_parts import L_SHAPE, fingers_at, moved, objects, part, polygon, re
 
 from palpate.config import load_objects, shipped_objects
 from palpate.rig.catalogue.finger_model import RigFingers
-from palpate.rig.catalogue.section_stack import Resting, resting
+from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.symmetry import symmetry_of_region, symmetry_of_state
-from palpate.views.catalogue.card import Told, Twins, ranges_words
+from palpate.views.catalogue.card import CardFacts, TwinNote, ranges_words
 from palpate.views.catalogue.height_ladder import shade
 from palpate.views.catalogue.layout import MOST_CARDS, MOST_CONTOURS, cards_of
 from palpate.views.catalogue.picture import draw_objects
@@ -31,25 +31,25 @@ U_SHAPE = [[0, 0], [60, 0], [60, 50], [48, 50], [48, 14], [12, 14], [12, 50], [0
 def states(tmp_path: Path) -> Any:
     """Parts as states, by way of a file."""
 
-    def of(*parts: Any) -> tuple[Resting, ...]:
+    def of(*parts: Any) -> tuple[StateSections, ...]:
         file = tmp_path / "parts.json"
         file.write_text(json.dumps(objects(*parts)))
-        return resting(load_objects(file))
+        return state_sections(load_objects(file))
 
     return of
 
 
 LONG = "bracket-with-a-name-as-from-a-drawing-office, state-1"
 TWINS = (
-    Twins("feels like", tuple(f"state-{k}" for k in range(2, 9))),
-    Twins("may feel like", (LONG, "that")),
-    Twins("as far as known like", (LONG,)),
+    TwinNote("feels like", tuple(f"state-{k}" for k in range(2, 9))),
+    TwinNote("may feel like", (LONG, "that")),
+    TwinNote("as far as known like", (LONG,)),
 )
 
 
-def drawn(found: tuple[Resting, ...], fingers: RigFingers = FINGERS) -> ET.Element:
+def drawn(found: tuple[StateSections, ...], fingers: RigFingers = FINGERS) -> ET.Element:
     """The picture, parsed; every state feels like some, of which one has a long name."""
-    told = {state: Told(symmetry_of_state(state).order, TWINS) for state in found}
+    told = {state: CardFacts(symmetry_of_state(state).order, TWINS) for state in found}
     return ET.fromstring(draw_objects("parts.json", found, told, fingers)[0])
 
 
@@ -133,7 +133,7 @@ def test_sections_stay_inside_of_their_cards_and_leave_the_texts_free(states: An
 
 def test_the_picture_is_the_same_each_time_and_tells_itself_in_words(states: Any) -> None:
     found = states(*odd_parts())
-    told = {state: Told(1, ()) for state in found}
+    told = {state: CardFacts(1, ()) for state in found}
     first, second = (draw_objects("a.json", found, told, FINGERS)[0] for _ in range(2))
     assert first == second
     description = ET.fromstring(first).findtext(f"{NS}desc")
@@ -201,7 +201,7 @@ def test_of_many_sections_some_are_drawn_with_those_that_fingers_meet(states: An
 def test_a_large_file_makes_a_bounded_picture_that_says_what_is_left_out(states: Any) -> None:
     tall = [part(f"p{k}", *(section(z, z + 1, polygon(60, 30 - z)) for z in range(5))) for k in range(250)]
     found = states(*tall)
-    told = {state: Told(1, ()) for state in found}
+    told = {state: CardFacts(1, ()) for state in found}
     text, left_out = draw_objects("many.json", found, told, FINGERS)
     assert [state.object_name for state in left_out] == [f"p{k}" for k in range(MOST_CARDS, 250)]
     assert len(text) < 4e6
@@ -214,7 +214,7 @@ def test_a_large_file_makes_a_bounded_picture_that_says_what_is_left_out(states:
 
 
 def test_shipped_objects_have_a_card_each() -> None:
-    found = resting(load_objects(shipped_objects()))
+    found = state_sections(load_objects(shipped_objects()))
     picture = drawn(found)
     assert len(cards(picture)) == len(found) == 6
 

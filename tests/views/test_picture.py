@@ -15,13 +15,13 @@ from palpate.views.label_placement import Box, LabelPlacer
 from palpate.views.scene.approaches import lanes
 from palpate.views.scene.frame import View, nice_step, view_of
 from palpate.views.scene.picture import (
+    ApproachArrow,
+    BoundedPose,
     FingerBase,
-    Foretold,
     OtherHypothesis,
     Picture,
-    PlannedApproach,
-    Pose,
-    Touch,
+    PredictedStop,
+    TouchMark,
     draw,
 )
 from palpate.views.svg import number, shorten, text_width, wrap
@@ -40,15 +40,15 @@ def turned(ring: Floats, x: float, y: float, theta: float) -> Floats:
 def picture(scale: float = 1.0, others: int = 2) -> Picture:
     rng = np.random.default_rng(5)
     touches = (
-        Touch("f1", 1, (0.0, 80 * scale), (0.0, 15 * scale), 5 * scale, True, (1.4, 1.8)),
-        Touch("f2", 1, (-80 * scale, 0.0), (-25 * scale, 0.0), 5 * scale, True),
-        Touch("f2", 2, (-80 * scale, -40 * scale), (150 * scale, -40 * scale), 5 * scale, False),
+        TouchMark("f1", 1, (0.0, 80 * scale), (0.0, 15 * scale), 5 * scale, True, (1.4, 1.8)),
+        TouchMark("f2", 1, (-80 * scale, 0.0), (-25 * scale, 0.0), 5 * scale, True),
+        TouchMark("f2", 2, (-80 * scale, -40 * scale), (150 * scale, -40 * scale), 5 * scale, False),
     )
     return Picture(
         title="plate, flat: identified",
         subtitle=("emulated bench, seed 7",),
         found=(SQUARE * scale, HOLE * scale),
-        pose=Pose((0.0, -0.1, 0.1), (0.0, -0.1, 0.1), (0.0, -0.01, 0.01)),
+        pose=BoundedPose((0.0, -0.1, 0.1), (0.0, -0.1, 0.1), (0.0, -0.01, 0.01)),
         truth=(SQUARE * scale + 0.1 * scale,),
         others=tuple(
             OtherHypothesis(
@@ -121,7 +121,7 @@ def test_found_outline_is_drawn_where_it_is_with_its_hole() -> None:
 
 
 def test_bounds_are_rounded_outward_about_the_value_shown() -> None:
-    pose = Pose((1.004, 0.9, 1.0641), (-2.0, -2.0, -2.0), (0.0, 0.0, math.radians(0.101)))
+    pose = BoundedPose((1.004, 0.9, 1.0641), (-2.0, -2.0, -2.0), (0.0, 0.0, math.radians(0.101)))
     shown = texts(draw(replace(picture(), pose=pose)))
     at = shown.index("x", shown.index("Configuration and certified bounds"))
     assert shown[at + 1 : at + 3] == ["1.00 mm", "± 0.10 mm"]
@@ -230,10 +230,10 @@ def plan(count: int, fingers: int = 2, name: str = "f") -> Picture:
             lo = float(rng.uniform(20, 45))
             stop = None if index % 3 == 2 else (lo, lo + float(rng.uniform(1, 12)))
             words = ("misses",) if stop is None else (f"{stop[0]:.1f} … {stop[1]:.1f}", "1 … 2°")
-            foretold.append(Foretold(stop, stop is None or index % 4 == 0, words))
+            foretold.append(PredictedStop(stop, stop is None or index % 4 == 0, words))
         words = ("1.0, 2.0", "3.0°", "70.0")
         approaches.append(
-            PlannedApproach(f"{name}{k + 1}", start, 2 * k + math.pi, 70.0, 5.0, words, tuple(foretold))
+            ApproachArrow(f"{name}{k + 1}", start, 2 * k + math.pi, 70.0, 5.0, words, tuple(foretold))
         )
     return replace(
         picture(others=count),
@@ -271,7 +271,7 @@ def test_bars_lie_where_hypotheses_foretell_the_stop(count: int) -> None:
     for approach in shown.approaches:
         start, end = view.at(approach.start_mm), view.at(approach.at(approach.travel_mm))
         along = (end - start) / np.hypot(*(end - start))
-        for index, told in enumerate(approach.foretold):
+        for index, told in enumerate(approach.predictions):
             bars = [
                 [(float(item.attrib[f"x{k}"]), float(item.attrib[f"y{k}"])) for k in (1, 2)]
                 for item in root.iter(f"{NS}line")
@@ -293,7 +293,7 @@ def test_window_holds_the_stops_of_a_plan() -> None:
     shown = plan(6, 3)
     view = view_of(shown, 0.0, 0.0)
     for approach in shown.approaches:
-        ends = [end for told in approach.foretold if told.stop_mm is not None for end in told.stop_mm]
+        ends = [end for told in approach.predictions if told.stop_mm is not None for end in told.stop_mm]
         assert all(view.holds(approach.at(end)) for end in ends)
 
 

@@ -1,8 +1,4 @@
-"""One card of the picture of objects: names on top, the section with its pockets, numbers beneath. To SVG.
-
-Between `objects_picture_plan` and `objects_picture`; the heights beside the drawing are in
-`objects_picture_ladder`.
-"""
+"""One card of the picture of objects: names on top, the section with its pockets, numbers beneath."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +12,7 @@ from palpate.errors import counted
 from palpate.geometry import Floats
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range
-from palpate.rig.catalogue.symmetry import Symmetry, symmetry_of_region
+from palpate.rig.catalogue.symmetry import SectionSymmetry, symmetry_of_region
 from palpate.rig.catalogue.tip_reach import unreached
 from palpate.views.catalogue.height_ladder import draw_ladder, shade
 from palpate.views.catalogue.known_heights import known_words
@@ -37,7 +33,7 @@ from palpate.views.scene.frame import nice_step
 from palpate.views.scene.style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
 from palpate.views.svg import element, path_data, shorten, shorten_middle, text, text_width
 
-__all__ = ["Told", "Twins", "draw_card", "ranges_words"]
+__all__ = ["CardFacts", "TwinNote", "draw_card", "ranges_words"]
 
 _FINE = 0.15  # SVG units that a drawn line may be off
 _MOST_RAYS = 12
@@ -46,7 +42,7 @@ _RAY = 0.6  # of the way to the furthest corner
 
 
 @dataclass(frozen=True)
-class Twins:
+class TwinNote:
     """`names` of other states, and in `words` how they are like a card's: "feels like"."""
 
     words: str
@@ -54,14 +50,16 @@ class Twins:
 
 
 @dataclass(frozen=True)
-class Told:
+class CardFacts:
     """What is known of a card's state besides: `twins` are other states that feel like it, or may."""
 
     symmetry_order: int
-    twins: tuple[Twins, ...]
+    twins: tuple[TwinNote, ...]
 
 
-def draw_card(card: Card, told: Told, fingers: RigFingers, corner: tuple[float, float], scale: float) -> str:
+def draw_card(
+    card: Card, facts: CardFacts, fingers: RigFingers, corner: tuple[float, float], scale: float
+) -> str:
     """The card with its upper left corner at `corner`; `scale`: SVG units per mm."""
     left, top = corner
     middle = np.array([left + MARGIN + ROOM / 2, top + LINES + ROOM / 2])
@@ -70,12 +68,12 @@ def draw_card(card: Card, told: Told, fingers: RigFingers, corner: tuple[float, 
         "rect", x=left, y=top, width=WIDTH, height=HEIGHT, rx=4.0, fill=CARD, stroke=RULE, stroke_width=THIN
     )
     if card.is_stack:
-        drawing, beneath = _stack(card, page, fingers), _stack_words(card, told)
+        drawing, beneath = _stack(card, page, fingers), _stack_words(card, facts)
     else:
         symmetry = symmetry_of_region(card.shown[0].region)
         tip_mm = min(_radii(card.ranges_mm, fingers), default=fingers.slimmest_mm)
         drawing = _section(card.shown[0], page, tip_mm, symmetry)
-        beneath = _section_words(card, told, symmetry)
+        beneath = _section_words(card, facts, symmetry)
     ladder = draw_ladder(card, fingers, left + WIDTH - MARGIN - BAR_WIDTH, top + LINES)
     return (
         frame
@@ -83,7 +81,7 @@ def draw_card(card: Card, told: Told, fingers: RigFingers, corner: tuple[float, 
         + drawing
         + _scale_bar(left + MARGIN, top + HEIGHT - BOTTOM + 12, scale)
         + ladder
-        + _beneath(beneath, told, left, top)
+        + _beneath(beneath, facts, left, top)
     )
 
 
@@ -137,7 +135,7 @@ def _path(
     )
 
 
-def _section(level: Level, page: _Page, tip_mm: float, symmetry: Symmetry) -> str:
+def _section(level: Level, page: _Page, tip_mm: float, symmetry: SectionSymmetry) -> str:
     return (
         _pockets(level, page, tip_mm)
         + _path(page.shape(level.region), FOUND_FILL, FOUND, 1.6)
@@ -167,7 +165,7 @@ def _pockets(level: Level, page: _Page, tip_mm: float) -> str:
     return outside + _path(page.shape(unreached(level.region, tip_mm)), UNREACHED, UNREACHED_LINE, 0.8, "3 2")
 
 
-def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: Symmetry) -> str:
+def _symmetry_marks(region: shapely.Geometry, page: _Page, symmetry: SectionSymmetry) -> str:
     """The centre, and a ray towards the furthest corner with its images; a circle where there are many."""
     if symmetry.order == 1:
         return ""
@@ -220,32 +218,32 @@ def _heading(card: Card, left: float, top: float) -> str:
     return "".join(shown)
 
 
-def _section_words(card: Card, told: Told, symmetry: Symmetry) -> str:
+def _section_words(card: Card, facts: CardFacts, symmetry: SectionSymmetry) -> str:
     words = f"{counted(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
-    if told.symmetry_order != symmetry.order:
-        words += ", state not" if told.symmetry_order == 1 else f", state {told.symmetry_order}-fold"
+    if facts.symmetry_order != symmetry.order:
+        words += ", state not" if facts.symmetry_order == 1 else f", state {facts.symmetry_order}-fold"
     return words
 
 
-def _stack_words(card: Card, told: Told) -> str:
+def _stack_words(card: Card, facts: CardFacts) -> str:
     edges = [level.edges for level in card.state.levels]
     low, high = min(edges), max(edges)
-    return f"{low if low == high else f'{low}–{high}'} edges, {_fold(told.symmetry_order)}"
+    return f"{low if low == high else f'{low}–{high}'} edges, {_fold(facts.symmetry_order)}"
 
 
 def _fold(order: int) -> str:
     return "not symmetric" if order == 1 else f"{order}-fold symmetric"
 
 
-def _beneath(words: str, told: Told, left: float, top: float) -> str:
+def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:
     room, x, y = WIDTH - 2 * MARGIN, left + MARGIN, top + HEIGHT - BOTTOM + 42
     shown = [text(shorten(words, 11.5, room), x, y, size=11.5, fill=MUTED)]
-    for number, twins in enumerate(told.twins, 1):
+    for number, twins in enumerate(facts.twins, 1):
         shown.append(text(_twins_words(twins, room), x, y + 16 * number, size=11.5, fill=TRUTH))
     return "".join(shown)
 
 
-def _twins_words(twins: Twins, room: float) -> str:
+def _twins_words(twins: TwinNote, room: float) -> str:
     """As many names as fit, and how many more there are; of a name that is too long, beginning and end."""
     for count in range(len(twins.names), 1, -1):
         words = f"{twins.words} {', '.join(twins.names[:count])}{_more(twins, count)}"
@@ -256,7 +254,7 @@ def _twins_words(twins: Twins, room: float) -> str:
     return f"{before}{shorten_middle(twins.names[0], 11.5, left)}{more}"
 
 
-def _more(twins: Twins, shown: int) -> str:
+def _more(twins: TwinNote, shown: int) -> str:
     return f" and {len(twins.names) - shown} more" if len(twins.names) > shown else ""
 
 

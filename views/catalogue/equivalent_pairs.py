@@ -1,7 +1,7 @@
-"""Pairs of states that are not told apart, put together without loss: six states have fifteen pairs.
+"""Groups of pairs of twins: six states that are all alike make fifteen pairs and one group.
 
-From the twins of a listing to `objects_listing`. States are put together that stand to each other as they
-stand to all the rest: a group is alike within itself, and two groups are alike throughout, or not at all.
+States are grouped that stand to each other as they stand to all the rest: a group is alike within itself, and
+two groups are alike throughout, or not at all.
 """
 
 from collections.abc import Iterator, Sequence
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 from palpate.config.objects_result import PairOut, StateNameOut
 
-__all__ = ["Alike", "put_together"]
+__all__ = ["TwinGroup", "group_pairs"]
 
 _Name = tuple[str, str]
 _Relation = tuple[object, ...]
 
 
 @dataclass(frozen=True)
-class Alike:
+class TwinGroup:
     """Every state of `first` with every one of `second`; if that is empty, all of `first` with each other.
 
     `pairs`: all of them, at least one. They are alike in everything but `apart_mm`.
@@ -27,7 +27,7 @@ class Alike:
     pairs: tuple[PairOut, ...]
 
 
-def put_together(pairs: Sequence[PairOut]) -> tuple[Alike, ...]:
+def group_pairs(pairs: Sequence[PairOut]) -> tuple[TwinGroup, ...]:
     """The pairs in groups, ordered by the first pair of each."""
     names = {_key(item): item for pair in pairs for item in (pair.first, pair.second)}
     relations: dict[_Name, dict[_Name, _Relation]] = {name: {} for name in names}
@@ -42,7 +42,7 @@ def put_together(pairs: Sequence[PairOut]) -> tuple[Alike, ...]:
         together.setdefault((min(first, second), max(first, second)), []).append(pair)
     members = [tuple(names[name] for name in group) for group in groups]
     return tuple(
-        Alike(members[one], () if one == other else members[other], tuple(found))
+        TwinGroup(members[one], () if one == other else members[other], tuple(found))
         for (one, other), found in together.items()
     )
 

@@ -1,4 +1,4 @@
-"""At which heights a state is known, or is not, in as few words as wanted. For listing and picture."""
+"""Heights at which a state is known, or is not, in as few words as there is room for."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
-"""What of a file goes into its picture: which sections share a drawing, and what is left out of a large file.
+"""Layout of the picture of objects: which sections share a card, and what is left out of a large file.
 
-From states to cards, for `objects_picture`. A state with a few different sections gets a card for each, one
-with many gets one card with some of them over each other; so do all in a file that would need too many.
+A state with a few different sections gets a card for each, one with many gets one card with some of them over
+each other; so do all in a file that would need too many.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from palpate.rig.catalogue.finger_model import RigFingers
-from palpate.rig.catalogue.section_stack import Level, Range, Resting
+from palpate.rig.catalogue.section_stack import Level, Range, StateSections
 
 __all__ = ["MOST_CARDS", "MOST_CONTOURS", "Card", "cards_of"]
 
@@ -30,7 +30,7 @@ class Card:
     `number` of `different`: which of the state's different sections it is, from 1.
     """
 
-    state: Resting
+    state: StateSections
     shown: tuple[Level, ...]
     different: int
     number: int = 1
@@ -42,7 +42,9 @@ class Card:
         return not self.ranges_mm
 
 
-def cards_of(states: Sequence[Resting], fingers: RigFingers) -> tuple[tuple[Card, ...], tuple[Resting, ...]]:
+def cards_of(
+    states: Sequence[StateSections], fingers: RigFingers
+) -> tuple[tuple[Card, ...], tuple[StateSections, ...]]:
     """The cards in the states' order, and the states for which there is no room."""
     sections = [_different(state) for state in states]
     single = sum(len(found) if len(found) <= _FEW else 1 for found in sections) > MOST_CARDS
@@ -58,7 +60,7 @@ def cards_of(states: Sequence[Resting], fingers: RigFingers) -> tuple[tuple[Card
     return tuple(cards), tuple(states[MOST_CARDS:])
 
 
-def _different(state: Resting) -> list[tuple[Level, ...]]:
+def _different(state: StateSections) -> list[tuple[Level, ...]]:
     """The state's different sections from the bottom up, each with all levels at which it is found."""
     found: dict[bytes, list[Level]] = {}
     for level in state.levels:

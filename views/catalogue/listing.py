@@ -1,4 +1,4 @@
-"""The listing of `palpate objects show`: a table of states, then twins. From the result to a terminal.
+"""The listing of `palpate objects show`: a table of states, then twins.
 
 What goes on a screen is what a person reads there; `--all` lists every state and every pair.
 """
@@ -16,7 +16,7 @@ from rich.text import Text
 from palpate.config.objects_result import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
 from palpate.errors import counted
 from palpate.views.catalogue.check_text import fit_words, rig_words
-from palpate.views.catalogue.equivalent_pairs import Alike, put_together
+from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
 from palpate.views.catalogue.known_heights import known_words
 from palpate.views.tables import table
 
@@ -111,7 +111,7 @@ def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]
         for pair in out.twins:
             lines += _pair_lines(pair)
     else:
-        groups = put_together(out.twins)
+        groups = group_pairs(out.twins)
         for group in groups[:_SHOWN]:
             lines += _pair_lines(*group.pairs) if len(group.pairs) == 1 else _group_lines(group, width)
         if len(groups) > _SHOWN:
@@ -120,7 +120,7 @@ def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]
     return [*lines, "`palpate objects check` says which heights would tell them apart", ""]
 
 
-def _group_lines(group: Alike, width: int) -> Iterator[str]:
+def _group_lines(group: TwinGroup, width: int) -> Iterator[str]:
     """States of which each is like each, or each of some like each of others."""
     sign = _SIGNS[group.pairs[0].likeness]
     if group.second:

@@ -1,6 +1,6 @@
-"""The picture of a file's objects: a card for every state and section, in rows. States to one SVG document.
+"""The picture of a file's objects: a card for every state and section, in rows of one SVG document.
 
-The end of the way of `palpate objects show`. Pure and deterministic: equal values give equal text.
+Pure and deterministic: equal values give equal text.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,8 +9,8 @@ import shapely
 
 from palpate.errors import counted
 from palpate.rig.catalogue.finger_model import RigFingers, heights_in_words
-from palpate.rig.catalogue.section_stack import Resting
-from palpate.views.catalogue.card import Told, draw_card
+from palpate.rig.catalogue.section_stack import StateSections
+from palpate.views.catalogue.card import CardFacts, draw_card
 from palpate.views.catalogue.height_ladder import shade
 from palpate.views.catalogue.layout import Card, cards_of
 from palpate.views.catalogue.style import (
@@ -33,8 +33,8 @@ _NAMES_LEFT_OUT = 6
 
 
 def draw_objects(
-    title: str, states: Sequence[Resting], told: Mapping[Resting, Told], fingers: RigFingers
-) -> tuple[str, tuple[Resting, ...]]:
+    title: str, states: Sequence[StateSections], facts: Mapping[StateSections, CardFacts], fingers: RigFingers
+) -> tuple[str, tuple[StateSections, ...]]:
     """The picture as an SVG document, and the states that it has no room for. `title`: the file's name."""
     cards, left_out = cards_of(states, fingers)
     columns = min(_COLUMNS, max(len(cards), 2))
@@ -45,7 +45,7 @@ def draw_objects(
     for index, card in enumerate(cards):
         row, column = divmod(index, columns)
         corner = (_EDGE + column * (WIDTH + GAP), y + row * (HEIGHT + GAP))
-        drawn.append(draw_card(card, told[card.state], fingers, corner, scales[card.state.object_name]))
+        drawn.append(draw_card(card, facts[card.state], fingers, corner, scales[card.state.object_name]))
     y += -(-len(cards) // columns) * (HEIGHT + GAP)
     for line in _left_out_lines(left_out, width - 2 * _EDGE):
         y += 20
@@ -54,7 +54,7 @@ def draw_objects(
     picture = element(
         "svg",
         element("title", escape(title)),
-        element("desc", escape(_description(states, told))),
+        element("desc", escape(_description(states, facts))),
         element("rect", width=width, height=height, fill=PAPER),
         *head,
         *drawn,
@@ -69,7 +69,7 @@ def draw_objects(
 
 
 def _head(
-    title: str, states: Sequence[Resting], cards: Sequence[Card], fingers: RigFingers, room: float
+    title: str, states: Sequence[StateSections], cards: Sequence[Card], fingers: RigFingers, room: float
 ) -> tuple[list[str], float]:
     """Title, what it is of, and the meaning of the colours; where they end."""
     objects = len({state.object_name for state in states})
@@ -137,7 +137,7 @@ def _scales(cards: Sequence[Card]) -> dict[str, float]:
     return {name: (ROOM - 8) / size for name, size in largest.items()}
 
 
-def _left_out_lines(left_out: Sequence[Resting], room: float) -> list[str]:
+def _left_out_lines(left_out: Sequence[StateSections], room: float) -> list[str]:
     if not left_out:
         return []
     names = "; ".join(state.name for state in left_out[:_NAMES_LEFT_OUT])
@@ -150,11 +150,11 @@ def _left_out_lines(left_out: Sequence[Resting], room: float) -> list[str]:
     )
 
 
-def _description(states: Sequence[Resting], told: Mapping[Resting, Told]) -> str:
+def _description(states: Sequence[StateSections], facts: Mapping[StateSections, CardFacts]) -> str:
     """The picture in words, for those who do not see it."""
     words = []
     for state in states:
-        twins = told[state].twins
+        twins = facts[state].twins
         like = "".join(f"; {item.words} {', '.join(item.names)}" for item in twins)
         words.append(
             f"{state.name}: {counted(len(state.levels), 'section', 'sections')} up to "

@@ -1,4 +1,4 @@
-"""Pairs and separating heights as they are printed and written as JSON. Between twins and results."""
+"""Pairs of twins and separating heights as values of the JSON results."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from palpate.config.objects_result import (
     UnknownHeightOut,
 )
 from palpate.rig.catalogue.finger_model import RigFingers
-from palpate.rig.catalogue.section_stack import Resting
-from palpate.rig.catalogue.separating_heights import Separating
+from palpate.rig.catalogue.section_stack import StateSections
+from palpate.rig.catalogue.separating_heights import SeparatingHeights
 from palpate.rig.catalogue.twins import Pair
 
 __all__ = ["name_out", "not_known_out", "pair_out", "rig_out", "separating_out"]
@@ -29,7 +29,7 @@ def rig_out(fingers: RigFingers, *, shipped: bool) -> RigHeightsOut:
     )
 
 
-def name_out(state: Resting) -> StateNameOut:
+def name_out(state: StateSections) -> StateNameOut:
     """A state by its names."""
     return StateNameOut(object=state.object_name, state=state.state.name)
 
@@ -47,7 +47,7 @@ def pair_out(pair: Pair) -> PairOut:
     )
 
 
-def separating_out(pair: Pair, found: Separating) -> SeparatingOut:
+def separating_out(pair: Pair, found: SeparatingHeights) -> SeparatingOut:
     """A pair with the heights that would tell its states apart."""
     return SeparatingOut(
         **pair_out(pair).model_dump(),
@@ -58,7 +58,7 @@ def separating_out(pair: Pair, found: Separating) -> SeparatingOut:
     )
 
 
-def not_known_out(states: Sequence[Resting], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:
+def not_known_out(states: Sequence[StateSections], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:
     """States that are not known at the height of some finger."""
     found = []
     for state in states:

@@ -1,4 +1,4 @@
-"""What is watched, as lines: for a person, or JSON for a program. From `FingerView` to text."""
+"""The state of watched fingers as lines: text for people, JSON for programs."""
 
 import math
 from collections.abc import Sequence

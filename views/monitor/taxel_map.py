@@ -1,8 +1,8 @@
-"""Maps of taxels in characters and colours: from forces to cells of a terminal. Part of the watch view.
+"""Taxel maps on the terminal: forces as characters and colours.
 
-The scale has ten steps, 1-2-5, of which the top one begins at half the array's full scale or below:
-taxels of one touch differ by a factor of a hundred. Where there is no colour the steps are characters.
-Taxels that cannot be trusted have a sign of their own on both.
+The scale has ten steps, 1-2-5, of which the top one begins at half the array's full scale or below: taxels of
+one touch differ by a factor of a hundred. Where there is no colour the steps are characters. Taxels that
+cannot be trusted have a sign of their own on both.
 """
 
 import math

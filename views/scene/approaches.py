@@ -1,4 +1,4 @@
-"""Approaches of the next grip in the drawing: an arrow each, and on it where hypotheses foretell its stop.
+"""Approaches of the next grip in the drawing: arrows with the stops that each hypothesis predicts.
 
 Stops that overlap lie in lanes beside each other, so that each can be seen; the circles of the tip at their
 ends are where they are. Stops that overlap share one label with the letters of their hypotheses.
@@ -14,7 +14,7 @@ from palpate.views.label_placement import LabelPlacer
 from palpate.views.scene.frame import View
 from palpate.views.scene.marks import arrow_head, end_cross, last_shown, leader
 from palpate.views.scene.style import INK, LABEL, LINE, MOST_OTHERS, THIN
-from palpate.views.scene.values import Picture, PlannedApproach
+from palpate.views.scene.values import ApproachArrow, Picture
 from palpate.views.svg import element, shorten, text, text_width
 
 __all__ = ["approach_labels", "draw_approach", "lanes"]
@@ -32,7 +32,7 @@ Stop = tuple[int, float, float]
 """Index of a hypothesis, and between which travels (mm) it foretells the stop."""
 
 
-def draw_approach(picture: Picture, item: PlannedApproach, view: View, placer: LabelPlacer) -> str:
+def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: LabelPlacer) -> str:
     """The way from its start, the stops on it, and its end if nothing may stop it."""
     start, end = view.at(item.start_mm), view.at(item.at(item.travel_mm))
     along = _along(item)
@@ -50,7 +50,7 @@ def draw_approach(picture: Picture, item: PlannedApproach, view: View, placer: L
         arrow_head(before if is_room else end, along),
         element("circle", cx=start[0], cy=start[1], r=2.2, fill=INK),
     ]
-    if any(told.may_miss for told in item.foretold):
+    if any(told.may_miss for told in item.predictions):
         shown.append(end_cross(end))
         placer.add_disc(end, 5.0, 2.0)
     crowd = len(stops) > _CLEAR_STOPS
@@ -64,7 +64,7 @@ def draw_approach(picture: Picture, item: PlannedApproach, view: View, placer: L
     return "".join(shown)
 
 
-def approach_labels(picture: Picture, item: PlannedApproach, view: View, placer: LabelPlacer) -> str:
+def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: LabelPlacer) -> str:
     """The finger's name, the letters of the stops, and of the misses."""
     along = _along(item)
     square = math.atan2(along[0], along[1])
@@ -87,9 +87,9 @@ def approach_labels(picture: Picture, item: PlannedApproach, view: View, placer:
     return "".join(shown)
 
 
-def _misses(item: PlannedApproach) -> list[tuple[list[int], str]]:
+def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
     """Which hypotheses say that it misses, and which that it may, with the words for it."""
-    told = list(enumerate(item.foretold[:MOST_OTHERS]))
+    told = list(enumerate(item.predictions[:MOST_OTHERS]))
     surely = [index for index, outcome in told if outcome.stop_mm is None]
     perhaps = [index for index, outcome in told if outcome.may_miss and outcome.stop_mm is not None]
     said = ((surely, "misses" if len(surely) == 1 else "miss"), (perhaps, "may miss"))
@@ -115,15 +115,15 @@ def lanes(stops: Sequence[Stop], gap_mm: float) -> list[int]:
     return [taken[index] for index, _, _ in stops]
 
 
-def _along(item: PlannedApproach) -> Floats:
+def _along(item: ApproachArrow) -> Floats:
     """Unit vector of the travel on the page."""
     return np.array([math.cos(item.direction_rad), -math.sin(item.direction_rad)])
 
 
-def _stops(item: PlannedApproach) -> list[Stop]:
+def _stops(item: ApproachArrow) -> list[Stop]:
     return [
         (index, *told.stop_mm)
-        for index, told in enumerate(item.foretold[:MOST_OTHERS])
+        for index, told in enumerate(item.predictions[:MOST_OTHERS])
         if told.stop_mm is not None
     ]
 

@@ -1,6 +1,6 @@
 """The drawing itself, left of the panel: outlines, approaches and contacts in W, y upwards, in one scale.
 
-Called by `picture.draw`. Things are drawn first and labelled last, where the labels cover nothing.
+Things are drawn first and labelled last, where the labels cover nothing.
 """
 
 import math
@@ -31,7 +31,7 @@ from palpate.views.scene.style import (
     TIP_FILL,
     TRUTH,
 )
-from palpate.views.scene.values import Picture, Pose, Touch
+from palpate.views.scene.values import BoundedPose, Picture, TouchMark
 from palpate.views.svg import element, escape, number, path_data, shorten, text, text_width
 
 __all__ = ["draw_view"]
@@ -157,7 +157,7 @@ def _found(picture: Picture, view: View, placer: LabelPlacer) -> str:
     return "".join(shown)
 
 
-def _pose_mark(pose: Pose, view: View, placer: LabelPlacer) -> str:
+def _pose_mark(pose: BoundedPose, view: View, placer: LabelPlacer) -> str:
     """The origin of the object's frame with its own x axis."""
     at = view.at((pose.x_mm[0], pose.y_mm[0]))
     tip = at + 22 * np.array([math.cos(pose.theta_rad[0]), -math.sin(pose.theta_rad[0])])
@@ -190,7 +190,7 @@ def _axis_letters(view: View, placer: LabelPlacer) -> str:
     return "".join(shown)
 
 
-def _approach(touch: Touch, view: View, placer: LabelPlacer) -> str:
+def _approach(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     """The way of the tip's centre; what a miss has swept is shaded."""
     start, end = view.at(touch.start_mm), view.at(touch.end_mm)
     placer.add_line(np.array([start, end]), 1.0)
@@ -209,7 +209,7 @@ def _approach(touch: Touch, view: View, placer: LabelPlacer) -> str:
     return swept + element("line", **ends, stroke=MISS, stroke_width=LINE, stroke_dasharray="6 4") + begin
 
 
-def _tip(touch: Touch, view: View, placer: LabelPlacer) -> str:
+def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     centre, radius = view.at(touch.end_mm), touch.tip_radius_mm * view.scale
     x, y = centre.tolist()
     placer.add_disc(centre, max(radius, 4.0) + 2, 2.0)
@@ -243,7 +243,7 @@ def _tip(touch: Touch, view: View, placer: LabelPlacer) -> str:
     return "".join(shown)
 
 
-def _touch_label(touch: Touch, view: View, placer: LabelPlacer) -> str:
+def _touch_label(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     content = f"{shorten(touch.finger, LABEL, 90, bold=True)} · {touch.grip}"
     width = text_width(content, LABEL, bold=True)
     end, start = view.at(touch.end_mm), view.at(touch.start_mm)

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.geometry import Floats
 from palpate.views.label_placement import Box
 from palpate.views.scene.style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
-from palpate.views.scene.values import Picture, PlannedApproach, Touch
+from palpate.views.scene.values import ApproachArrow, Picture, TouchMark
 from palpate.views.svg import element, number, text
 
 __all__ = ["View", "grid", "nice_step", "scale_bar", "ticks", "view_of"]
@@ -96,14 +96,16 @@ def view_of(picture: Picture, left: float, top: float) -> View:
     )
 
 
-def _around(touch: Touch) -> Floats:
+def _around(touch: TouchMark) -> Floats:
     centre = np.array([touch.end_mm])
     return np.vstack([centre - touch.tip_radius_mm, centre + touch.tip_radius_mm])
 
 
-def _stops(item: PlannedApproach) -> Floats:
+def _stops(item: ApproachArrow) -> Floats:
     """Where the tip may be stopped (n, 2), with its radius around; n may be 0."""
-    ends = [end for told in item.foretold[:MOST_OTHERS] if told.stop_mm is not None for end in told.stop_mm]
+    ends = [
+        end for told in item.predictions[:MOST_OTHERS] if told.stop_mm is not None for end in told.stop_mm
+    ]
     centres = np.array([item.at(end) for end in ends]).reshape(-1, 2)
     return np.vstack([centres - item.tip_radius_mm, centres + item.tip_radius_mm])
 

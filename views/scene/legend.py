@@ -1,4 +1,4 @@
-"""The legend: what the marks of the picture mean. Part of the panel."""
+"""The legend: what the marks of the picture mean."""
 
 import math
 from collections.abc import Callable
@@ -35,7 +35,7 @@ _ROW = 20.0
 def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
     """What the marks in the drawing mean; only those that are there."""
     planned = bool(picture.approaches)
-    foretold = [item for approach in picture.approaches for item in approach.foretold]
+    foretold = [item for approach in picture.approaches for item in approach.predictions]
     other = "other " if picture.found else ""
     touched = [touch for touch in picture.touches if touch.touched]
     entries: list[tuple[bool, Callable[[float, float], str], str]] = [

@@ -1,4 +1,4 @@
-"""The table as a whole, small, with the window that the drawing shows. Part of the panel."""
+"""The table as a whole, small, with the window that the drawing shows."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
 """The panel right of the drawing: pose with bounds, facts, other hypotheses, legend, the table as a whole.
 
-Called by `picture.draw`. All words that need room are here, so that the drawing stays a drawing.
+All words that need room are here, so that the drawing stays a drawing.
 """
 
 import math
@@ -9,9 +9,9 @@ from palpate.views.scene.frame import View
 from palpate.views.scene.legend import legend
 from palpate.views.scene.marks import badge, heading
 from palpate.views.scene.overview import whole_table
-from palpate.views.scene.predictions import foretold_table, foretold_width
+from palpate.views.scene.predictions import prediction_table, prediction_width
 from palpate.views.scene.style import FOUND, MOST_OTHERS, MUTED, Column
-from palpate.views.scene.values import Picture, Pose
+from palpate.views.scene.values import BoundedPose, Picture
 from palpate.views.svg import shorten, text, text_width
 
 __all__ = ["draw_panel", "panel_width"]
@@ -22,14 +22,14 @@ _ROW = 20.0
 
 def panel_width(picture: Picture) -> float:
     """Width of the panel, SVG units."""
-    return max(_WIDTH, foretold_width(picture))
+    return max(_WIDTH, prediction_width(picture))
 
 
 def draw_panel(picture: Picture, view: View, column: Column, top: float) -> tuple[str, float]:
     """The panel, and the y at which it ends; SVG units."""
     y = top
     shown = []
-    for part in (_pose, _facts, _others, foretold_table, legend, whole_table):
+    for part in (_pose, _facts, _others, prediction_table, legend, whole_table):
         drawn, end = part(picture, view, column, y)
         shown.append(drawn)
         y = end + (16.0 if end > y else 0.0)
@@ -50,7 +50,7 @@ def _pose(picture: Picture, _view: View, column: Column, y: float) -> tuple[str,
     return "".join(shown), y + 6
 
 
-def _pose_rows(pose: Pose) -> list[tuple[str, str, str]]:
+def _pose_rows(pose: BoundedPose) -> list[tuple[str, str, str]]:
     turned = tuple(math.degrees(value) for value in pose.theta_rad)
     return [
         (name, f"{_minus(values[0])}{unit}", f"± {_outward(values)}{unit}")

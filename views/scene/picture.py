@@ -1,7 +1,7 @@
-"""The picture of a recognition: what was felt, what it is, and what it was taken not to be. Values to SVG.
+"""The picture of a recognition: contacts, the object found, and the other hypotheses.
 
-Stands at the end of the data's way, beside the JSON result: the drawing in W on the left, everything that
-needs words in a panel on the right. Pure and deterministic: equal values give equal text.
+The drawing in W is on the left, everything that needs words in a panel on the right. Pure and deterministic:
+equal values give equal text.
 """
 
 import zlib
@@ -11,24 +11,24 @@ from palpate.views.scene.frame import view_of
 from palpate.views.scene.panel import draw_panel, panel_width
 from palpate.views.scene.style import INK, MUTED, PAPER, Column
 from palpate.views.scene.values import (
+    ApproachArrow,
+    BoundedPose,
     FingerBase,
-    Foretold,
     OtherHypothesis,
     Picture,
-    PlannedApproach,
-    Pose,
-    Touch,
+    PredictedStop,
+    TouchMark,
 )
 from palpate.views.svg import element, escape, number, text, wrap
 
 __all__ = [
+    "ApproachArrow",
+    "BoundedPose",
     "FingerBase",
-    "Foretold",
     "OtherHypothesis",
     "Picture",
-    "PlannedApproach",
-    "Pose",
-    "Touch",
+    "PredictedStop",
+    "TouchMark",
     "draw",
 ]
 

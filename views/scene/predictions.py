@@ -1,12 +1,12 @@
-"""What each hypothesis foretells of each approach, as a table in the panel. Part of the picture of a plan."""
+"""Table of predictions: the outcome of each approach under each hypothesis."""
 
 from palpate.views.scene.frame import View
 from palpate.views.scene.marks import badge, heading
 from palpate.views.scene.style import INK, MOST_OTHERS, MUTED, RULE, THIN, Column
-from palpate.views.scene.values import OtherHypothesis, Picture, PlannedApproach
+from palpate.views.scene.values import ApproachArrow, OtherHypothesis, Picture
 from palpate.views.svg import element, shorten, text
 
-__all__ = ["foretold_table", "foretold_width"]
+__all__ = ["prediction_table", "prediction_width"]
 
 _NAME, _OUTCOME = 136.0, 106.0
 _ABREAST = 3  # approaches beside each other
@@ -15,14 +15,14 @@ _SIZE = 11.5
 _HEADS = ("from x, y (mm)", "along", "at most (mm)", "stop (mm), normal")
 
 
-def foretold_width(picture: Picture) -> float:
+def prediction_width(picture: Picture) -> float:
     """Width (SVG units) that the table needs; 0 without approaches."""
     if not picture.approaches:
         return 0.0
     return _NAME + _OUTCOME * min(len(picture.approaches), _ABREAST)
 
 
-def foretold_table(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
+def prediction_table(picture: Picture, _view: View, column: Column, y: float) -> tuple[str, float]:
     """A row for each hypothesis that is drawn, a column for each approach; the y at which it ends."""
     if not picture.approaches:
         return "", y
@@ -41,7 +41,7 @@ def foretold_table(picture: Picture, _view: View, column: Column, y: float) -> t
 
 
 def _block(
-    picture: Picture, approaches: tuple[PlannedApproach, ...], column: Column, y: float
+    picture: Picture, approaches: tuple[ApproachArrow, ...], column: Column, y: float
 ) -> tuple[str, float]:
     at = [column.right - _OUTCOME * (len(approaches) - k) for k in range(len(approaches))]
     shown = [_lines((item.finger,), x, y, bold=True) for item, x in zip(approaches, at, strict=True)]
@@ -53,7 +53,7 @@ def _block(
             element("line", x1=column.left, y1=y, x2=column.right, y2=y, stroke=RULE, stroke_width=THIN / 2)
         )
         shown.append(_name(picture, index, other, column.left, at[0], y))
-        told = [item.foretold[index].words for item in approaches]
+        told = [item.predictions[index].words for item in approaches]
         shown += [_outcome(words, x, y) for words, x in zip(told, at, strict=True)]
         y += _LINE * max(2, *(len(words) for words in told)) + 6
     return "".join(shown), y

@@ -1,7 +1,7 @@
 """What a picture of a recognition shows, as plain values in W; mm and rad.
 
-From a session's end to `picture.draw`. Nothing here knows of fingers, files or the recogniser, so that a
-picture can be drawn from a live session, from a log and from a recognition without a rig alike.
+Nothing here knows of fingers, files or the recogniser, so that a picture can be drawn from a live session,
+from a log and from a recognition without a rig alike.
 """
 
 import math
@@ -10,11 +10,19 @@ from dataclasses import dataclass
 from palpate.geometry import Floats
 from palpate.views.scene.style import BADGES, HUES
 
-__all__ = ["FingerBase", "Foretold", "OtherHypothesis", "Picture", "PlannedApproach", "Pose", "Touch"]
+__all__ = [
+    "ApproachArrow",
+    "BoundedPose",
+    "FingerBase",
+    "OtherHypothesis",
+    "Picture",
+    "PredictedStop",
+    "TouchMark",
+]
 
 
 @dataclass(frozen=True)
-class Pose:
+class BoundedPose:
     """A configuration with its certified bounds, each as (value, lo, hi)."""
 
     x_mm: tuple[float, float, float]
@@ -35,7 +43,7 @@ class OtherHypothesis:
 
 
 @dataclass(frozen=True)
-class Touch:
+class TouchMark:
     """One approach of one finger: the tip's centre went from `start_mm` to `end_mm`, touching or missing.
 
     `normal_rad`: the object's outward normals that the contact allows, counter-clockwise from lo to hi.
@@ -59,7 +67,7 @@ class FingerBase:
 
 
 @dataclass(frozen=True)
-class Foretold:
+class PredictedStop:
     """What an approach meets if a hypothesis is true: a stop after a travel of `stop_mm` (lo, hi), or a miss.
 
     `stop_mm` is None if nothing can stop it. `words` say the same, a line each.
@@ -71,7 +79,7 @@ class Foretold:
 
 
 @dataclass(frozen=True)
-class PlannedApproach:
+class ApproachArrow:
     """A path that a tip's centre is to take, and what each of the picture's `others` foretells of it."""
 
     finger: str
@@ -80,7 +88,7 @@ class PlannedApproach:
     travel_mm: float
     tip_radius_mm: float
     words: tuple[str, ...]
-    foretold: tuple[Foretold, ...]
+    predictions: tuple[PredictedStop, ...]
 
     def at(self, travel_mm: float) -> tuple[float, float]:
         """Where the tip's centre is after a travel, W."""
@@ -103,14 +111,14 @@ class Picture:
     title: str
     subtitle: tuple[str, ...] = ()
     found: tuple[Floats, ...] = ()
-    pose: Pose | None = None
+    pose: BoundedPose | None = None
     truth: tuple[Floats, ...] = ()
     others: tuple[OtherHypothesis, ...] = ()
-    touches: tuple[Touch, ...] = ()
+    touches: tuple[TouchMark, ...] = ()
     bases: tuple[FingerBase, ...] = ()
     workspace_radius_mm: float | None = None
     facts: tuple[tuple[str, str], ...] = ()
-    approaches: tuple[PlannedApproach, ...] = ()
+    approaches: tuple[ApproachArrow, ...] = ()
 
     @property
     def colours(self) -> tuple[str, ...]:
