@@ -16,8 +16,8 @@ from palpate.rig.identification.next_grip import Planned
 from palpate.rig.session.run import IdentificationRun
 from palpate.views.answer import answer_lines, picture_facts
 from palpate.views.explanation import (
+    ContactRecord,
     Explanation,
-    Felt,
     explain,
     explanation_lines,
     explanation_out,
@@ -107,7 +107,7 @@ class Plan:
     """The next grip for some contacts (`palpate/grip@1`), and what each hypothesis predicts of it."""
 
     planned: Planned
-    contacts: Felt
+    contacts: ContactRecord
     catalogue: Catalogue
     title: str
 
@@ -145,7 +145,7 @@ class RecognitionAnswer:
     """Hypotheses that agree with some contacts (`palpate/recognition@1`)."""
 
     recognition: Recognition
-    contacts: Felt
+    contacts: ContactRecord
     catalogue: Catalogue
     max_spurious: int
     seconds: float

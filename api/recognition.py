@@ -11,7 +11,7 @@ from palpate.recognizer import Catalogue
 from palpate.rig.catalogue.heights import check_known, fingers_of
 from palpate.rig.conversion import grips_of
 from palpate.rig.identification.next_grip import plan_for
-from palpate.views.explanation import Felt
+from palpate.views.explanation import ContactRecord
 from palpate.vocabulary import Strategy
 
 __all__ = ["plan", "recognise"]
@@ -55,8 +55,10 @@ def plan(
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
 
 
-def _contacts(contacts: ContactsFile | PathLike) -> Felt:
-    return Felt(grips_of(contacts if isinstance(contacts, ContactsFile) else load_contacts(contacts)))
+def _contacts(contacts: ContactsFile | PathLike) -> ContactRecord:
+    return ContactRecord(
+        grips_of(contacts if isinstance(contacts, ContactsFile) else load_contacts(contacts))
+    )
 
 
 def _name(given: object, otherwise: str) -> str:

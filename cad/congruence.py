@@ -17,7 +17,7 @@ from palpate.geometry import Bools, Floats, Ints
 __all__ = ["surface_apart_between_mm", "surface_apart_mm"]
 
 _CLOSE = 1e-6
-"""Share of the size that need not be told from zero."""
+"""Share of the size that counts as zero."""
 _ROUNDING = 1e-9
 _WORTH, _SHARE = 1.5, 0.1
 """Where some point is off, a bound of so many times its distance and this share of what is wanted will do."""

@@ -24,7 +24,7 @@ from palpate.cad.symmetries import KnownSymmetries
 from palpate.cad.values import Solid, StableState
 from palpate.geometry import Floats
 
-__all__ = ["MergedState", "SlicesOf", "merged"]
+__all__ = ["MergedState", "SlicesOf", "merge_states"]
 
 SlicesOf = Callable[[StableState, Floats], Sequence[Any]]
 """Exact sections of a state at heights (k,) as polygonal shapely geometries, empty ones above it."""
@@ -87,7 +87,7 @@ class _Group:
     apart_mm: float = 0.0
 
 
-def merged(
+def merge_states(
     solid: Solid,
     states: Sequence[StableState],
     slices_of: SlicesOf,

@@ -20,7 +20,7 @@ __all__ = ["LARGEST_MM", "MM_PER_UNIT", "SMALLEST_MM", "check_solids"]
 
 SMALLEST_MM = 1.0
 LARGEST_MM = 1000.0
-"""Between these is the largest side of every part that a hand of this size tells by touch."""
+"""Between these is the largest side of every part that a hand of this size can recognise."""
 
 _FAR_MM = 10000.0
 """Bodies of one file are all within this."""

@@ -13,7 +13,7 @@ from palpate.cad.values import Solid, StableState
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["HEIGHT_MM", "ROUNDING", "TriangleSurface", "surface_of"]
+__all__ = ["HEIGHT_MM", "ROUNDING", "RestingSurface", "surface_of"]
 
 
 ROUNDING = 2e-7

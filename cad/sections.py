@@ -1,10 +1,10 @@
 """Cross sections of a resting solid, adapted in height and proven.
 
-Each stands for a slab of heights by one outline, taken near the slab's middle and simplified. `hausdorff_bound`
-bounds how far every true edge in the slab is from it; outside of a tube of that radius round its edges nothing
-changes over the slab, so every true section's material is within it of the outline's; `thin_features` proves
-the reverse. Slabs end at level faces and where upright walls begin or end; in
-between they are made as high as the proof allows.
+Each stands for a slab of heights by one outline, taken near the slab's middle and simplified.
+`hausdorff_bound` bounds how far every true edge in the slab is from it; outside of a tube of that radius
+round its edges nothing changes over the slab, so every true section's material is within it of the outline's;
+`thin_features` proves the reverse. Slabs end at level faces and where upright walls begin or end; in between
+they are made as high as the proof allows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,7 +18,7 @@ from palpate.cad.hausdorff_bound import OutlineEdges, corners_of, distance_bound
 from palpate.cad.resting_surface import HEIGHT_MM, ROUNDING, RestingSurface, surface_of
 from palpate.cad.simplify import simplify_ring
 from palpate.cad.slicing import SectionRing, regions_of, slice_surface
-from palpate.cad.thin_features import kept
+from palpate.cad.thin_features import material_bound_mm
 from palpate.cad.values import CrossSection, Region, Solid, StableState
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
@@ -343,7 +343,7 @@ def _proven(
         return None
     regions = regions_of(rings)
     off = max(off, stray, 1e-9 * surface.size_mm)
-    reached = kept(
+    reached = material_bound_mm(
         regions, lambda: regions_of([ring.points for ring in raw]), surface, facets, slab, off, budget
     )
     if reached is None:

@@ -21,7 +21,7 @@ _AT_ONCE = 1 << 16
 
 
 def crossings(surface: TriangleSurface) -> Meetings:
-    """Pairs of faces that cross or overlap each other; more than `ENOUGH` are not told apart."""
+    """Pairs of faces that cross or overlap each other; the search ends after `ENOUGH`."""
     found = [folded_edges(surface)]
     solid = np.flatnonzero(~surface.thin)
     corners = surface.corners[solid]

@@ -17,7 +17,7 @@ from palpate.cad.resting_surface import HEIGHT_MM, RestingSurface
 from palpate.cad.values import Region
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["kept"]
+__all__ = ["material_bound_mm"]
 
 _QUARTER = 16
 """Chords per quarter circle in buffers: inscribed, so growing gives too little, and shrinking is enlarged."""
@@ -27,7 +27,7 @@ _COARSE = 0.01
 """Of what is allowed, for simplifying what is solid at every height."""
 
 
-def kept(
+def material_bound_mm(
     model: Sequence[Region],
     exact: Callable[[], Sequence[Region]],
     surface: RestingSurface,

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import typer
 
-from palpate.cad.congruence_search import motions
 from palpate.cli.terminal import Doing, Terminal, print_notices
 from palpate.config import load_objects
 from palpate.config.objects_result import ObjectsCheckOut
@@ -13,8 +12,8 @@ from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.finger_model import rig_fingers
 from palpate.rig.catalogue.reachability_text import finding_lines
 from palpate.rig.catalogue.section_stack import state_sections
-from palpate.rig.catalogue.separating_heights import separating
-from palpate.rig.catalogue.twins import alike
+from palpate.rig.catalogue.separating_heights import separating_heights
+from palpate.rig.catalogue.twins import find_twins
 from palpate.views.catalogue.check_text import check_lines
 from palpate.views.catalogue.results import not_known_out, rig_out, separating_out
 
@@ -29,11 +28,11 @@ def run_objects_check(*, objects: Path, rig: Path | None, json: bool, calibratio
     print_notices(finding_lines(rig_file, objects_file.objects, str(objects)))
     with Doing(Terminal(stderr=True, soft_wrap=True), "comparing") as doing:
         doing.now(f"{len(states)} states")
-        pairs = alike(states, fingers, motions)
+        pairs = find_twins(states, fingers)
         found = []
         for number, pair in enumerate(pairs, 1):
             doing.now(f"heights of pair {number} of {len(pairs)}")
-            found.append(separating_out(pair, separating(pair, motions)))
+            found.append(separating_out(pair, separating_heights(pair)))
     compared = len(states) * (len(states) - 1) // 2
     out = ObjectsCheckOut(
         objects=str(objects),

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import typer
 
-from palpate.cad.congruence_search import motions
 from palpate.cli.terminal import Doing, Terminal
 from palpate.config import load_objects
 from palpate.config.objects_result import ObjectsListingOut, StateListedOut
@@ -15,7 +14,7 @@ from palpate.rig.calibrated_rig import load_calibrated
 from palpate.rig.catalogue.finger_model import rig_fingers
 from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.symmetry import symmetry_of_state
-from palpate.rig.catalogue.twins import Likeness, Pair, alike
+from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
 from palpate.views.catalogue.card import CardFacts, TwinNote
 from palpate.views.catalogue.listing import print_listing
 from palpate.views.catalogue.picture import draw_objects
@@ -48,7 +47,7 @@ def run_objects_show(
     place = picture or picture_beside(objects)
     check_place(place)
     with Doing(Terminal(stderr=True, soft_wrap=True), f"comparing {len(states)} states") as doing:
-        pairs = alike(states, fingers, motions)
+        pairs = find_twins(states, fingers)
         doing.now("drawing")
         facts = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
         drawing, left_out = draw_objects(objects.name, states, facts, fingers)

@@ -1,4 +1,4 @@
-"""The end of `palpate identify` in words: the answer, what else it may be, or why there is none."""
+"""The answer of `palpate identify` in words, with its alternatives, or the reason why there is none."""
 
 import math
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ from palpate.vocabulary import IdentificationVerdict
 __all__ = ["answer_lines", "picture_facts"]
 
 _ALTERNATIVES_SHOWN = 12
-_RETOUCH = "`palpate check --touch` tells"
+_RETOUCH = "`palpate check --touch` shows"
 
 
 def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str]:
-    """The answer for a person, and how it compares with the truth if that is known.
+    """The answer as lines for the terminal, compared with the truth if that is known.
 
-    `advice`: what to look at if the table was all but untouched (`untouched_lines`).
+    `advice`: what to check if hardly anything was touched (`untouched_lines`).
     """
     lines = [*_verdict_lines(out), *_place_lines(out)]
     if out.object is None and out.verdict == IdentificationVerdict.UNRESOLVED:
@@ -25,10 +25,9 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     if len(out.alternatives) > _ALTERNATIVES_SHOWN:
         lines.append(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
     if out.verdict == IdentificationVerdict.IDENTIFIED and out.foretold:
-        lines.append(f"  {counted(out.foretold, 'touch', 'touches')} came out as foretold")
+        lines.append(f"  {counted(out.foretold, 'touch', 'touches')} matched the prediction")
         if out.unnoticed_shift is not None:
-            shift = f"{out.unnoticed_shift:.1f} mm"
-            lines.append(f"  a shift by more than {shift} before the last grip would have been noticed")
+            lines.append(f"  smallest detectable shift before the last grip: {out.unnoticed_shift:.1f} mm")
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
@@ -70,9 +69,9 @@ def _place_lines(out: IdentificationOut) -> list[str]:
 
 
 def _verdict_lines(out: IdentificationOut) -> list[str]:
-    """What it is, or why that is not said."""
+    """The verdict with the object, or the reason why none is named."""
     if out.object is None and out.verdict == IdentificationVerdict.UNKNOWN:
-        lines = [f"{out.verdict}: no object of the catalogue agrees with what was felt"]
+        lines = [f"{out.verdict}: no object of the catalogue agrees with the contacts"]
         if out.moved_before:
             lines.append(f"  or it was moved again: it seems to have been moved before grip {_last(out)}")
         if out.calibration is not None:
@@ -83,10 +82,12 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
         return [f"{out.verdict}: {_untouched_words(out)}"]
     name = f"{out.object}, {out.state}"
     if out.verdict == IdentificationVerdict.UNRESOLVED:
-        left = "is all that agrees with what was felt" if not out.alternatives else "is still possible"
+        left = (
+            "is the only one that agrees with the contacts" if not out.alternatives else "is still possible"
+        )
         lines = [f"{out.verdict}: {name} {left}"]
     elif out.verdict == IdentificationVerdict.INDISTINGUISHABLE:
-        lines = [f"{out.verdict}: {name}, or something that no touch within reach tells from it"]
+        lines = [f"{out.verdict}: {name}, or something that no touch within reach distinguishes from it"]
     else:
         lines = [f"{out.verdict}: {name}"]
     if out.moved_before:
@@ -95,7 +96,7 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
 
 
 def _untouched_words(out: IdentificationOut) -> str:
-    """Why there is not even a hypothesis."""
+    """Why there is no hypothesis."""
     if out.swept:
         since = f" since grip {_last(out)}" if out.moved_before else ""
         return (
@@ -103,11 +104,11 @@ def _untouched_words(out: IdentificationOut) -> str:
         )
     if not out.contacts:
         return f"nothing was touched in {counted(out.grips, 'grip', 'grips')}"
-    return f"{counted(out.contacts, 'contact is', 'contacts are')} too few to tell anything"
+    return f"{counted(out.contacts, 'contact is', 'contacts are')} too few for a hypothesis"
 
 
 def _drift_line(found: CalibrationUsedOut) -> str:
-    """That touches do not agree with the calibration."""
+    """Warning: touches do not agree with the calibration."""
     return (
         f"  touches differ by {found.residual_rms_mm:.3f} mm, the calibration of {found.made[:10]} lets "
         f"expect {found.expected_rms_mm:.3f}: the rig may have changed, or the part gave way; {_RETOUCH}"

@@ -113,8 +113,8 @@ def _calibration(found: CalibrationCheckOut) -> str:
         f"±{found.direction_deg:.3g}°"
     )
     match = {True: "of these devices", False: "[red]of other devices[/]", None: "devices not known"}
-    told = [found.made[:10], f"{age} old", bounds, match[found.devices_match]]
-    return ", ".join(told if found.touch is None else [*told, _touch(found.touch)])
+    words = [found.made[:10], f"{age} old", bounds, match[found.devices_match]]
+    return ", ".join(words if found.touch is None else [*words, _touch(found.touch)])
 
 
 def _touch(found: TouchCheckOut) -> str:

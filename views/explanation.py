@@ -139,8 +139,8 @@ def why_lines(why: Why, record: ContactRecord) -> list[str]:
         if step.left != before or step is why.steps[-1]:
             *others, new = step.contacts
             test = _TESTS[step.reason]
-            told = test.format(new=record.words(new), others=record.listed(others) if others else "")
-            rows.append((told, str(step.left)))
+            words = test.format(new=record.words(new), others=record.listed(others) if others else "")
+            rows.append((words, str(step.left)))
         before = step.left
     width = max(len(test) for test, _ in rows)
     lines = [f"{name}: {_cause(why, record)}", *(f"  {test:<{width}}  {left}" for test, left in rows)]

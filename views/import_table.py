@@ -48,7 +48,7 @@ def _body(item: ImportedObjectOut) -> str:
 
 
 def _states(item: ImportedObjectOut) -> Table:
-    numbers = "probability", "tips at", "height", "sections", "edges", "off by"
+    numbers = "prob.", "tips at", "height", "sections", "edges", "off by"
     rows = table(folded("state"), *numbers, numbers=numbers)
     for state in item.states:
         tips = state.tipping_angle

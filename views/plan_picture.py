@@ -22,7 +22,7 @@ _SETS_SHOWN = 3
 
 
 def plan_picture(planned: Planned, record: ContactRecord, title: str) -> str:
-    """SVG of a plan after what was felt; `title` says where it comes from."""
+    """SVG of a plan; `title` names the contacts and the rig."""
     recognition, rig = planned.recognition, planned.rig
     count = len(recognition.hypotheses)
     touched = sum(contact.touched for contact in recognition.contacts)
@@ -71,10 +71,10 @@ def _facts(planned: Planned) -> list[tuple[str, str]]:
         if len(planned.recognition.hypotheses) > 1 and not planned.hopeless:
             rows.append(("decisive", "yes" if grip.decisive else "no"))
             if grip.decisive:
-                rows.append(("for touches within", rests_on(planned, grip)))
+                rows.append(("for contacts within", rests_on(planned, grip)))
     share = left_over(planned)
     if share is not None:
-        rows.append(("will stay confused", share))
+        rows.append(("remaining confusion", share))
     rows += [("indistinguishable", named(group)) for group in planned.alike[:_SETS_SHOWN]]
     if len(planned.alike) > _SETS_SHOWN:
         rows.append(("more such sets", str(len(planned.alike) - _SETS_SHOWN)))

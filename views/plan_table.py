@@ -57,7 +57,7 @@ def print_plan(planned: Planned, console: Console) -> None:
         console.print(line)
     share = left_over(planned)
     if share is not None:
-        console.print(f"expected to stay confused: {share} of what needs telling apart")
+        console.print(f"expected remaining confusion: {share}")
     for group in planned.alike[:_SETS_SHOWN]:
         console.print(f"indistinguishable within reach: {named(group)}")
     if len(planned.alike) > _SETS_SHOWN:

@@ -48,7 +48,7 @@ def stop_words(item: Prediction) -> str | None:
 
 
 def normal_words(item: Prediction) -> str | None:
-    """Which normals may be felt there, in whole degrees rounded outward; None if nothing stops it."""
+    """Interval of the contact normal, in whole degrees rounded outward; None if nothing stops it."""
     interval = outward_normals(item)
     if interval is None or not math.isfinite(item.earliest_mm):
         return None
@@ -62,7 +62,7 @@ def may_miss(item: Prediction) -> bool:
 
 
 def rests_on(planned: Planned, grip: Grip) -> str:
-    """How sharp touches must be for the grip to be decisive."""
+    """The bounds on contacts for which the grip is decisive."""
     ordered = [grip.approaches[row] for row in planned.rows]
     names = [planned.rig.fingers[item.finger_index].name for item in ordered]
     bounds = [f"{math.floor(100 * item.position_bound_mm) / 100:.2f}" for item in ordered]
@@ -74,22 +74,19 @@ def rests_on(planned: Planned, grip: Grip) -> str:
 
 
 def certainty(planned: Planned) -> list[str]:
-    """What the grip promises, or why there is none."""
+    """The certificate of the grip, or why there is no grip."""
     grip, recognition = planned.grip, planned.recognition
     if planned.hopeless:
         more = [] if grip is None else ["the grip can only place them more finely"]
-        return ["nothing within reach tells apart what is left", *more]
+        return ["no approach within reach distinguishes the hypotheses that are left", *more]
     if recognition.verdict is RecognitionVerdict.UNIQUE:
         return [_about_one(planned)]
     if grip is None:
-        return ["no grip: no approach that is left promises to tell anything apart"]
+        return ["no grip: no approach that is left is expected to distinguish the hypotheses"]
     if not grip.decisive:
-        return ["not decisive: what some outcomes leave, another touch may tell apart"]
-    left = "one set that nothing tells apart" if planned.alike else "one hypothesis"
-    return [
-        f"decisive: whatever is felt leaves {left}, as long as no touch is blunter than "
-        f"{rests_on(planned, grip)}"
-    ]
+        return ["not decisive: some outcomes leave hypotheses that another touch may distinguish"]
+    left = "one indistinguishable set" if planned.alike else "one hypothesis"
+    return [f"decisive: every outcome leaves {left}, if contacts are within {rests_on(planned, grip)}"]
 
 
 def left_over(planned: Planned) -> str | None:

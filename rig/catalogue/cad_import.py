@@ -53,7 +53,7 @@ class ImportOptions:
 
 @dataclass(frozen=True)
 class ImportedObject:
-    """An object as it stands in an objects file, and what people are told about it."""
+    """An imported object: its text in an objects file, and its entry in the result."""
 
     text: ObjectText
     result: ImportedObjectOut

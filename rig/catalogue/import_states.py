@@ -13,7 +13,7 @@ from multiprocessing import active_children
 import shapely
 
 from palpate.cad.as_drawn import as_drawn
-from palpate.cad.merging import MergedState, merged
+from palpate.cad.merging import MergedState, merge_states
 from palpate.cad.resting_surface import RestingSurface, surface_of
 from palpate.cad.sections import sections_of
 from palpate.cad.slicing import regions_of, slice_surface
@@ -58,7 +58,7 @@ class Shares:
 
 @dataclass(frozen=True)
 class ImportedState:
-    """A state as it stands in an objects file, and what people are told about it.
+    """An imported state: its text in an objects file, and its entry in the result.
 
     `off_mm`: how far true sections may be from those written, what the surface itself is off included.
     """
@@ -86,7 +86,7 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
         return _as_it_lies(solid, shares, report)
     report("stable states")
     stable, unstable = stable_states(solid)
-    kept, out = merged(solid, stable, _Slices(solid).of, shares.merged_mm, shares.least_probability)
+    kept, out = merge_states(solid, stable, _Slices(solid).of, shares.merged_mm, shares.least_probability)
     if not kept:
         raise InputError(
             f"{solid.name}: no stable state is as probable as {shares.least_probability:g}: "
@@ -100,7 +100,7 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
 def _all_sectioned(
     solid: Solid, kept: Sequence[MergedState], shares: Shares, report: Report
 ) -> list[ImportedState]:
-    """All states, several at once; whoever interrupts this need not wait for those that have been begun."""
+    """All states, in parallel processes; an interruption does not wait for those that have been begun."""
     others = set(active_children())
     with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1), initializer=_leave_signals) as pool:
         try:
@@ -174,7 +174,7 @@ def _imported_state(
     solid: Solid,
     found: MergedState | None = None,
 ) -> ImportedState:
-    """A state in the words of the file and of the result; `found`: None for one that nobody dropped."""
+    """A state as text of the file and as result; `found`: None for a part that rests as drawn."""
     probability = None if found is None else share(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
     some = sections_text([section for section in sections if section.regions])

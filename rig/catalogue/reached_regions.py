@@ -11,7 +11,7 @@ from palpate.cad.congruence_search import Motion
 from palpate.geometry import Floats
 from palpate.rig.catalogue.region_measures import measures
 
-__all__ = ["ReachedRegion", "surely_within"]
+__all__ = ["ReachedRegion", "certainly_within"]
 
 _CERTAIN = 0.98  # of a buffer's distance: GEOS evens out hollows of the outline by up to a hundredth of it
 
@@ -42,10 +42,10 @@ class ReachedRegion:
         return self._near[within_mm]
 
 
-def surely_within(one: ReachedRegion, other: ReachedRegion, motion: Motion, within_mm: float) -> bool:
+def certainly_within(one: ReachedRegion, other: ReachedRegion, motion: Motion, within_mm: float) -> bool:
     """Whether the motion brings the outline of one within a distance of the other's, and the other way round.
 
-    True is certain, for arcs of buffers are chords. False is not: `apart_mm` tells then.
+    True is certain, for arcs of buffers are chords. False is not: `apart_mm` decides then.
     """
     c, s = math.cos(motion.turn_rad), math.sin(motion.turn_rad)
     x, y = motion.shift_mm.tolist()

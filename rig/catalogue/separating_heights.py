@@ -10,13 +10,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.cad.congruence_search import Motion, apart_mm
-from palpate.rig.catalogue.reached_regions import ReachedRegion, surely_within
+from palpate.cad.congruence_search import Motion, apart_mm, motions
+from palpate.rig.catalogue.reached_regions import ReachedRegion, certainly_within
 from palpate.rig.catalogue.region_measures import within_reach
 from palpate.rig.catalogue.section_stack import Range, joined_ranges
-from palpate.rig.catalogue.twins import FindMotions, Pair
+from palpate.rig.catalogue.twins import Pair
 
-__all__ = ["MOST_TRIED", "SeparatingHeights", "separating"]
+__all__ = ["MOST_TRIED", "SeparatingHeights", "separating_heights"]
 
 _THINNEST_MM = 0.01  # no finger is put into less: tops that are off by a rounding differ there
 
@@ -26,7 +26,7 @@ MOST_TRIED = 64
 
 @dataclass(frozen=True)
 class SeparatingHeights:
-    """Ranges of height (mm) at which a finger would tell the two apart; those wider than 0.01 mm.
+    """Ranges of height (mm) at which a finger would distinguish the two; those wider than 0.01 mm.
 
     `tried` of `ranges` were looked at; `known`: whether both states are known at every height.
     """
@@ -37,17 +37,15 @@ class SeparatingHeights:
     known: bool
 
 
-def separating(pair: Pair, find: FindMotions) -> SeparatingHeights:
+def separating_heights(pair: Pair) -> SeparatingHeights:
     """Look through all ranges of height over which neither state changes."""
     ranges = list(_ranges(pair))
-    if len(ranges) > MOST_TRIED:
-        chosen = np.unique(np.linspace(0, len(ranges) - 1, MOST_TRIED).round().astype(int)).tolist()
-    else:
-        chosen = list(range(len(ranges)))
-    telling = [ranges[k] for k in chosen if _tells(pair, sum(ranges[k]) / 2, find)]
+    count = min(len(ranges), MOST_TRIED)
+    chosen = np.linspace(0, len(ranges) - 1, count).round().astype(int).tolist()
+    found = [ranges[k] for k in chosen if _distinguishes(pair, sum(ranges[k]) / 2)]
     states = (pair.first.state.state, pair.second.state.state)
     known = all(state.heights_mm is None for state in states)
-    wide = [found for found in joined_ranges(telling) if found[1] - found[0] > _THINNEST_MM]
+    wide = [(low, high) for low, high in joined_ranges(found) if high - low > _THINNEST_MM]
     return SeparatingHeights(tuple(wide), len(chosen), len(ranges), known)
 
 
@@ -61,8 +59,8 @@ def _ranges(pair: Pair) -> Iterator[Range]:
             yield low, high
 
 
-def _tells(pair: Pair, height_mm: float, find: FindMotions) -> bool:
-    """Whether a finger of the rig's slimmest kind at a height would tell the two apart."""
+def _distinguishes(pair: Pair, height_mm: float) -> bool:
+    """Whether a finger of the rig's slimmest kind at a height would distinguish the two."""
     new, its = (item.reached_at(height_mm) for item in (pair.first, pair.second))
     if new.region.is_empty and its.region.is_empty:
         return False
@@ -71,11 +69,11 @@ def _tells(pair: Pair, height_mm: float, find: FindMotions) -> bool:
     if any(_keeps(motion, new, its, pair.within_mm) for motion in pair.motions):
         return False
     one, other = pair.touched
-    return not find((*one, new.region), (*other, its.region), pair.within_mm)
+    return not motions((*one, new.region), (*other, its.region), pair.within_mm)
 
 
 def _keeps(motion: Motion, one: ReachedRegion, other: ReachedRegion, within_mm: float) -> bool:
     """Whether the two are still within the distance of each other: cheaply, if that is certain."""
-    if surely_within(one, other, motion, within_mm):
+    if certainly_within(one, other, motion, within_mm):
         return True
     return apart_mm([one.region], [other.region], motion.turn_rad, motion.shift_mm) <= within_mm

@@ -7,7 +7,7 @@ that is called the same stays the same for a rig that reaches less.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import shapely
 
-from palpate.cad.congruence_search import Motion, apart_mm
+from palpate.cad.congruence_search import Motion, apart_mm, motions
 from palpate.geometry import Floats
 from palpate.rig.catalogue.finger_model import AtHeight, RigFingers
 from palpate.rig.catalogue.reached_regions import ReachedRegion
@@ -23,20 +23,17 @@ from palpate.rig.catalogue.region_measures import measures, within_reach
 from palpate.rig.catalogue.section_stack import StateSections
 from palpate.rig.catalogue.tip_reach import filled
 
-__all__ = ["FindMotions", "Likeness", "Pair", "ReachableState", "alike"]
-
-FindMotions = Callable[[Sequence[shapely.Geometry], Sequence[shapely.Geometry], float], Sequence[Motion]]
-"""`palpate.cad.congruence_search.motions`, or another that finds all motions within a distance."""
+__all__ = ["Likeness", "Pair", "ReachableState", "find_twins"]
 
 _ROUNDING_MM = 1e-6
 _TURNS_TRIED = 8
 
 
 class Likeness(StrEnum):
-    """How alike two states feel; those that are told apart are not listed.
+    """How alike two states feel; those that are distinguished are not listed.
 
     The same within their tolerances; within what contacts may hide as well; or not known, because one of them
-    is not at the height of some finger, and the others do not tell them apart.
+    is not at the height of some finger, and the others do not distinguish them.
     """
 
     SAME = "same"
@@ -46,7 +43,7 @@ class Likeness(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class ReachableState:
-    """A state as a rig's fingers feel it: at `known`, those of the rig's heights at which it is known."""
+    """What a rig's fingers reach of a state, at those of the rig's heights at which it is known."""
 
     state: StateSections
     fingers: RigFingers
@@ -77,7 +74,7 @@ class ReachableState:
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two states that are not sure to be told apart.
+    """Two states that are not certain to be distinguished.
 
     `apart_mm`: how far the sections that fingers meet are apart in the best fit; None if no finger meets
     either, or nothing is known. `tolerance_mm`: of both together; `within_mm`: that and what contacts may
@@ -99,10 +96,10 @@ class Pair:
         return _stacks(self.first, self.second, self.compared)
 
 
-def alike(states: Sequence[StateSections], fingers: RigFingers, find: FindMotions) -> tuple[Pair, ...]:
+def find_twins(states: Sequence[StateSections], fingers: RigFingers) -> tuple[Pair, ...]:
     """Every pair of states that the rig's fingers cannot, or may not, tell apart, in the states' order."""
     reachable = [ReachableState(state, fingers) for state in states]
-    pairs = (_pair(reachable[i], reachable[k], find) for i, k in _candidates(reachable, fingers))
+    pairs = (_pair(reachable[i], reachable[k]) for i, k in _candidates(reachable, fingers))
     return tuple(pair for pair in pairs if pair is not None)
 
 
@@ -118,29 +115,29 @@ def _candidates(reachable: Sequence[ReachableState], fingers: RigFingers) -> Ite
     yield from map(tuple, np.argwhere(possible).tolist())
 
 
-def _pair(first: ReachableState, second: ReachableState, find: FindMotions) -> Pair | None:
-    """The two compared; None if they are told apart."""
+def _pair(first: ReachableState, second: ReachableState) -> Pair | None:
+    """The two compared; None if they are distinguished."""
     tolerance = first.state.tolerance_mm + second.state.tolerance_mm
     within = tolerance + 2 * first.fingers.bound_mm
     compared = tuple(at for at in first.known if at in second.region)
     one, other = _stacks(first, second, compared)
 
-    # Nothing is empty on one side alone: that would have been told apart by its measures.
-    def pair(likeness: Likeness, apart_mm: float | None, motions: Sequence[Motion] = ()) -> Pair:
-        return Pair(first, second, likeness, apart_mm, tolerance, within, compared, tuple(motions))
+    # Nothing is empty on one side alone: its measures would have distinguished that.
+    def pair(likeness: Likeness, apart_mm: float | None, fits: Sequence[Motion] = ()) -> Pair:
+        return Pair(first, second, likeness, apart_mm, tolerance, within, compared, tuple(fits))
 
     all_known = Likeness.SAME if compared == first.fingers.at else Likeness.UNKNOWN
     if not one:
         return pair(all_known, None)
-    motions = find(one, other, within)
-    if not motions:
+    found = motions(one, other, within)
+    if not found:
         return None
-    apart = min(motion.apart_mm for motion in motions)
-    if motions[0].any_turn:  # it stands for all turns, of which it need not be the best
+    apart = min(motion.apart_mm for motion in found)
+    if found[0].any_turn:  # it stands for all turns, of which it need not be the best
         apart = min(apart, _round_apart_mm(one, other))
     if apart > tolerance + _ROUNDING_MM:
-        return pair(Likeness.DOUBTFUL, apart, motions)
-    return pair(all_known, apart, motions)
+        return pair(Likeness.DOUBTFUL, apart, found)
+    return pair(all_known, apart, found)
 
 
 def _round_apart_mm(one: Sequence[shapely.Geometry], other: Sequence[shapely.Geometry]) -> float:

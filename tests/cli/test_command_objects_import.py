@@ -263,7 +263,7 @@ def test_broken_files_are_refused(tmp_path: Path, ask: Ask) -> None:
 def test_the_summary_fits_80_columns(angle: Path, ask: Ask) -> None:
     ended = ask(angle, *COARSE)
     assert max(map(len, ended.out.splitlines())) <= 80
-    assert "how often" in ended.out
+    assert "prob." in ended.out
     assert "palpate objects show angle.objects.json" in ended.out
 
 

@@ -56,14 +56,14 @@ def test_check_says_what_is_never_told_apart_and_what_would_help(ask: Ask) -> No
     ended = ask("check", PARTS)
     assert (ended.code, ended.err) == (1, "")
     assert re.search(
-        r"^6 states, 15 pairs:\n +13 told apart\n +1 never .*\n +1 may or may not", ended.out, re.M
+        r"^6 states, 15 pairs:\n +13 distinguished\n +1 never .*\n +1 may or may not", ended.out, re.M
     )
-    never, maybe = ended.out.split("never told apart\n", 2)[2].split("may or may not be told apart\n")
+    never, maybe = ended.out.split("never distinguished\n", 2)[2].split("may or may not be distinguished\n")
     assert f"  angle, s\n  = {NAME}, s\n" in never.replace("  =  ", "\n  = ")
-    assert "a finger at 5–8 mm would tell them apart" in never
+    assert "a finger at 5–8 mm would distinguish them" in never
     assert "block, s  ≈  wider, s" in maybe
     assert "0.50 mm apart at 10 mm" in maybe
-    assert "no one height would tell them apart for certain" in maybe
+    assert "no one height would distinguish them for certain" in maybe
     assert max(map(len, ended.out.splitlines())) <= 80
 
 
@@ -86,14 +86,14 @@ def test_check_ends_well_if_nothing_is_the_same(ask: Ask) -> None:
     low = ask("check", PARTS[:2], "--rig", rig_with(6, 10, 10))
     assert low.code == 0
     assert "at 6 mm: f1, tip of radius 5 mm" in low.out
-    assert "0 never told apart" in low.out
+    assert "0 never distinguished" in low.out
 
 
 def test_check_says_which_states_are_not_known_where_fingers_are(ask: Ask) -> None:
     known = part("known", section(9, 11, FOOT), heights=[[9, 11]], height=30.0)
     ended = ask("check", [known, part("foot", section(0, 30, FOOT))], "--rig", rig_with(10, 10, 20))
     assert ended.code == 0
-    assert "1 not told apart as far as their sections are known" in ended.out
+    assert "1 not distinguished as far as their sections are known" in ended.out
     assert "known, s: 20 mm" in ended.out
     assert "no one height at which both are known" in ended.out
 
@@ -174,7 +174,7 @@ def test_no_finger_is_advised_where_tops_differ_by_a_rounding(ask: Ask) -> None:
 
 def test_show_says_that_all_is_told_apart(ask: Ask) -> None:
     ended = ask("show", [PARTS[2], part("disc", section(0, 20, polygon(30, 20)))])
-    assert "these fingers tell all states apart" in ended.out
+    assert "these fingers distinguish all states" in ended.out
 
 
 @pytest.mark.parametrize("command", ["show", "check"])

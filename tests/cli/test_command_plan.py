@@ -188,7 +188,7 @@ def test_twins_are_called_indistinguishable(ask: Ask, tmp_path: Path) -> None:
     assert ended.code == 1
     ended = ask(grips, "--objects", twins_file(tmp_path))
     assert ended.code == 1
-    assert "nothing within reach tells apart what is left\n" in ended.out
+    assert "no approach within reach distinguishes" in ended.out
     assert "indistinguishable within reach: a and b\n" in ended.out
     assert "other [hand]" in ended.out
 
@@ -301,7 +301,7 @@ def test_a_decisive_grip_says_what_that_rests_on(ask: Ask) -> None:
             continue
         said = ask([grip]).out
         if found["decisive"]:
-            assert "\ndecisive: whatever is felt leaves one hypothesis, as long as no touch is" in said
+            assert "\ndecisive: every outcome leaves one hypothesis, if contacts are within" in said
             bluntest = max(item["position_bound"] for item in found["approaches"])
             assert f"± {bluntest:.2f} mm and ± 12.5°" in " ".join(said.split())
             assert math.degrees(found["assumes"]["normal_half_range"]) == pytest.approx(12.5, abs=1e-4)

@@ -26,15 +26,14 @@ from stacked_parts import (
     section,
 )
 
-from palpate.cad.congruence_search import motions
 from palpate.config import load_objects, load_rig, shipped_rig
 from palpate.errors import InputError
 from palpate.rig.catalogue.finger_model import heights_in_words, rig_fingers
 from palpate.rig.catalogue.region_measures import measures, within_reach
 from palpate.rig.catalogue.section_stack import StateSections, joined_ranges, state_sections
-from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating
+from palpate.rig.catalogue.separating_heights import MOST_TRIED, SeparatingHeights, separating_heights
 from palpate.rig.catalogue.tip_reach import filled, unreached
-from palpate.rig.catalogue.twins import Likeness, Pair, alike
+from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
 
 LIMIT = 2 * BOUND_MM
 
@@ -53,13 +52,13 @@ def states(tmp_path: Path) -> Any:
 
 def compared(found: tuple[StateSections, ...], *heights: float) -> Pair | None:
     """The only pair of two states, if it is listed at all."""
-    pairs = alike(found, fingers_at(*heights), motions)
+    pairs = find_twins(found, fingers_at(*heights))
     return pairs[0] if pairs else None
 
 
 def told(pair: Pair | None) -> SeparatingHeights:
     assert pair is not None
-    return separating(pair, motions)
+    return separating_heights(pair)
 
 
 def test_parts_that_differ_low_down_feel_the_same_and_a_low_finger_would_tell(states: Any) -> None:
@@ -262,7 +261,7 @@ def test_measures_tell_a_square_from_a_longer_one_and_from_nothing() -> None:
 def test_pairs_that_are_told_apart_fit_in_no_way_that_brute_force_finds() -> None:
     found = state_sections(load_objects(SHARED_OUTLINES))[:50]
     fingers = fingers_at(10, bound=2.0)
-    listed = {(pair.first.state.name, pair.second.state.name) for pair in alike(found, fingers, motions)}
+    listed = {(pair.first.state.name, pair.second.state.name) for pair in find_twins(found, fingers)}
     regions = [filled(state.region_at(10), 5.0) for state in found]
     near = 0
     for i, first in enumerate(regions):

@@ -204,7 +204,7 @@ def test_the_answer_says_so() -> None:
     assert drift in answer_lines(ended(IdentificationVerdict.IDENTIFIED, drifted=True))
     assert drift not in answer_lines(ended(IdentificationVerdict.IDENTIFIED, drifted=False))
     assert answer_lines(ended(IdentificationVerdict.UNKNOWN, drifted=None)) == [
-        "unknown: no object of the catalogue agrees with what was felt",
+        "unknown: no object of the catalogue agrees with the contacts",
         "  or the rig has changed since its calibration of 2026-05-04: `palpate check --touch` tells",
     ]
 

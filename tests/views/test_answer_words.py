@@ -60,12 +60,12 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
         (
             ended(IdentificationVerdict.IDENTIFIED, foretold=3),
             "identified: plate, flat",
-            "  3 touches came out as foretold",
+            "  3 touches matched the prediction",
         ),
         (
             ended(IdentificationVerdict.IDENTIFIED, foretold=3, unnoticed_shift=6.25),
             "identified: plate, flat",
-            "  a shift by more than 6.2 mm before the last grip would have been noticed",
+            "  smallest detectable shift before the last grip: 6.2 mm",
         ),
         (
             ended(IdentificationVerdict.IDENTIFIED, moved_before=(2,)),
@@ -74,12 +74,12 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
         ),
         (
             ended(IdentificationVerdict.INDISTINGUISHABLE, alternatives=(TWIN,)),
-            "indistinguishable: plate, flat, or something that no touch within reach tells from it",
+            "indistinguishable: plate, flat, or something that no touch within reach distinguishes from it",
             "  or other, flat at x 1.00 mm, y 2.00 mm, θ 28.65°",
         ),
         (
             ended(IdentificationVerdict.INDISTINGUISHABLE, alternatives=(TURNED,)),
-            "indistinguishable: plate, flat, or something that no touch within reach tells from it",
+            "indistinguishable: plate, flat, or something that no touch within reach distinguishes from it",
             "  or turned by 179.8° and moved by 0.4 mm: x 1.00 mm, y 2.00 mm, θ 28.65°",
         ),
         (
@@ -89,7 +89,7 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
         ),
         (
             ended(IdentificationVerdict.UNKNOWN, moved_before=(3,), **NOTHING),
-            "unknown: no object of the catalogue agrees with what was felt",
+            "unknown: no object of the catalogue agrees with the contacts",
             "  or it was moved again: it seems to have been moved before grip 3",
         ),
     ],
@@ -104,7 +104,7 @@ def test_nothing_is_said_that_is_not_so() -> None:
     said = "\n".join(answer_lines(ended(IdentificationVerdict.UNKNOWN, **NOTHING)))
     assert "moved" not in said
     said = "\n".join(answer_lines(ended(IdentificationVerdict.UNRESOLVED)))
-    assert "is all that agrees" in said
+    assert "the only one that agrees" in said
     assert "foretold" not in said
     advice = ["is a part on the table?"]
     for values, words in (

@@ -318,7 +318,7 @@ def test_names_in_a_plan_are_escaped_and_shortened() -> None:
 def test_legend_of_a_plan_names_what_is_drawn() -> None:
     shown = texts(draw(plan(2, 1)))
     assert "approach of the next grip" in shown
-    assert "where a hypothesis foretells the stop" in shown
+    assert "predicted stop of a hypothesis" in shown
     assert "object found" not in shown
     assert "other hypothesis, by letter" not in shown
     assert "approach of the next grip" not in texts(draw(picture()))

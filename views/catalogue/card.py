@@ -102,7 +102,7 @@ class _Page:
         self._middle, self._scale = middle, scale
 
     def shape(self, region: shapely.Geometry) -> shapely.Geometry:
-        """A region on the page, without points that nobody would see."""
+        """A region on the page, simplified to what is visible."""
         scale, (x, y) = self._scale, self._middle
         move = (scale, 0, 0, -scale, x - scale * self._centre[0], y + scale * self._centre[1])
         return affinity.affine_transform(region, move).simplify(_FINE)

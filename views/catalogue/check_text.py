@@ -22,15 +22,15 @@ def check_lines(out: ObjectsCheckOut) -> list[str]:
         *rig_words(out.rig),
         "",
         f"{counted(out.states, 'state', 'states')}, {counted(out.pairs_compared, 'pair', 'pairs')}:",
-        f"  {out.told_apart:5d} told apart",
-        f"  {len(never):5d} never told apart",
-        f"  {len(maybe):5d} may or may not be told apart",
+        f"  {out.told_apart:5d} distinguished",
+        f"  {len(never):5d} never distinguished",
+        f"  {len(maybe):5d} may or may not be distinguished",
     ]
     if unknown:
-        lines.append(f"  {len(unknown):5d} not told apart as far as their sections are known")
-    lines += _kind("never told apart", "=", never)
-    lines += _kind("may or may not be told apart", "≈", maybe)
-    lines += _kind("not told apart as far as known", "?", unknown)
+        lines.append(f"  {len(unknown):5d} not distinguished as far as their sections are known")
+    lines += _kind("never distinguished", "=", never)
+    lines += _kind("may or may not be distinguished", "≈", maybe)
+    lines += _kind("not distinguished as far as known", "?", unknown)
     if out.not_known:
         lines += ["", "not known at the height of a finger; import them again with --heights"]
         lines += [
@@ -65,7 +65,7 @@ def fit_words(*pairs: PairOut) -> str:
     least, most = f"{min(found):.2f}", f"{max(found):.2f}"
     apart = f"{least if least == most else f'{least}–{most}'} mm apart at {at}"
     if pair.likeness == "doubtful":
-        return f"{apart}; {pair.within_mm:.2f} mm are told apart for certain"
+        return f"{apart}; {pair.within_mm:.2f} mm are certain to be distinguished"
     if max(found) < _NOTHING_MM:
         return f"the same at {at}"
     allowed = f", within their tolerances ({pair.tolerance_mm:.2f} mm)" if pair.tolerance_mm else ""
@@ -95,15 +95,15 @@ def _pair_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
 
 
 def _help_words(pair: SeparatingOut) -> str:
-    """Which heights would tell the two apart."""
+    """Which heights would distinguish the two."""
     if pair.separating_mm:
         shown = [_inside(found) for found in pair.separating_mm[:_RANGES_SHOWN]]
         more = len(pair.separating_mm) - len(shown)
         rest = f" and {counted(more, 'more range', 'more ranges')}" if more else ""
-        return f"a finger at {' or '.join(shown)} mm{rest} would tell them apart"
+        return f"a finger at {' or '.join(shown)} mm{rest} would distinguish them"
     if not pair.known:
-        return "no one height at which both are known would tell them apart"
-    return "no one height would tell them apart for certain"
+        return "no one height at which both are known would distinguish them"
+    return "no one height would distinguish them for certain"
 
 
 def _inside(range_mm: tuple[float, float]) -> str:

@@ -16,7 +16,7 @@ def known_words(known_mm: Sequence[Range], top_mm: float, most: int) -> str:
     """Such as "known at 4.5–5.5 mm only", or "not known at 17.33–17.36 mm" where little is unknown.
 
     `known_mm`: ascending ranges, both ends included; `top_mm`: how high the part is. Ends are rounded to
-    0.01 mm so that no more is called known than is. `most`: how many ranges are told one by one.
+    0.01 mm so that no more is called known than is. `most`: how many ranges are listed.
     """
     ends = [0.0, *(z for found in known_mm for z in found), top_mm]
     gaps = [(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True) if low < high]

@@ -29,7 +29,7 @@ _SIGNS = {"same": "=", "doubtful": "≈", "unknown": "?"}
 
 
 def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = False) -> None:
-    """Print the states object by object, what feels alike, and where the picture is.
+    """Print the states object by object, twins, and where the picture is.
 
     `every`: all states, and each pair that feels alike for itself.
     """
@@ -105,8 +105,8 @@ def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator
 
 def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]:
     if not out.twins:
-        return ["these fingers tell all states apart"]
-    lines = ["not told apart by these fingers: = never, ≈ perhaps not, ? as far as known"]
+        return ["these fingers distinguish all states"]
+    lines = ["not distinguished by these fingers: = never, ≈ perhaps not, ? as far as known"]
     if every:
         for pair in out.twins:
             lines += _pair_lines(pair)
@@ -117,7 +117,7 @@ def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]
         if len(groups) > _SHOWN:
             pairs = sum(len(group.pairs) for group in groups[_SHOWN:])
             lines.append(f"  and {counted(pairs, 'more pair', 'more pairs')}; --all lists them")
-    return [*lines, "`palpate objects check` says which heights would tell them apart", ""]
+    return [*lines, "`palpate objects check` says which heights would distinguish them", ""]
 
 
 def _group_lines(group: TwinGroup, width: int) -> Iterator[str]:

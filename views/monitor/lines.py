@@ -18,13 +18,13 @@ __all__ = ["age_words", "flag_words", "line_of", "out_of", "place_words", "summa
 
 def line_of(view: FingerView, t_s: float) -> str:
     """One line about a finger, for where there is no screen."""
-    felt = view.tare.value
+    state = view.tare.value
     if view.counts is None or view.silent:
-        felt = "no frames"
+        state = "no frames"
     elif view.tare is TareState.DONE:
-        felt = _contact_words(view)
+        state = _contact_words(view)
     return (
-        f"{t_s:8.2f} s  {view.name}  {felt}; {view.rate_hz:.1f} frames/s, "
+        f"{t_s:8.2f} s  {view.name}  {state}; {view.rate_hz:.1f} frames/s, "
         f"the last {age_words(view.age_s)} ago; {_counter_words(view.counters)}"
     )
 

@@ -30,9 +30,9 @@ _EIGHTHS = " ▏▎▍▌▋▊▉█"
 
 @dataclass(frozen=True, eq=False)
 class WatchPicture:
-    """All that the screen shows. `title` says of what, `notes` what people should know.
+    """All that the screen shows. `title`: of which rig, `notes`: for the operator.
 
-    `full_force_n` is the end of the force's bar; `keys` whether anybody can type.
+    `full_force_n` is the end of the force's bar; `keys`: the keyboard is read.
     """
 
     title: str

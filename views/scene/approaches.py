@@ -29,7 +29,7 @@ _GAP = 3.0  # between two stops in one lane
 _CIRCLE = np.column_stack([np.cos(np.arange(0, 6.28, 0.4)), np.sin(np.arange(0, 6.28, 0.4))])
 
 Stop = tuple[int, float, float]
-"""Index of a hypothesis, and between which travels (mm) it foretells the stop."""
+"""Index of a hypothesis, and the interval of travels (mm) in which it predicts the stop."""
 
 
 def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: LabelPlacer) -> str:
@@ -50,7 +50,7 @@ def draw_approach(picture: Picture, item: ApproachArrow, view: View, placer: Lab
         arrow_head(before if is_room else end, along),
         element("circle", cx=start[0], cy=start[1], r=2.2, fill=INK),
     ]
-    if any(told.may_miss for told in item.predictions):
+    if any(outcome.may_miss for outcome in item.predictions):
         shown.append(end_cross(end))
         placer.add_disc(end, 5.0, 2.0)
     crowd = len(stops) > _CLEAR_STOPS
@@ -89,11 +89,11 @@ def approach_labels(picture: Picture, item: ApproachArrow, view: View, placer: L
 
 def _misses(item: ApproachArrow) -> list[tuple[list[int], str]]:
     """Which hypotheses say that it misses, and which that it may, with the words for it."""
-    told = list(enumerate(item.predictions[:MOST_OTHERS]))
-    surely = [index for index, outcome in told if outcome.stop_mm is None]
-    perhaps = [index for index, outcome in told if outcome.may_miss and outcome.stop_mm is not None]
-    said = ((surely, "misses" if len(surely) == 1 else "miss"), (perhaps, "may miss"))
-    return [(letters, verb) for letters, verb in said if letters]
+    outcomes = list(enumerate(item.predictions[:MOST_OTHERS]))
+    certain = [index for index, outcome in outcomes if outcome.stop_mm is None]
+    possible = [index for index, outcome in outcomes if outcome.may_miss and outcome.stop_mm is not None]
+    verbs = ((certain, "misses" if len(certain) == 1 else "miss"), (possible, "may miss"))
+    return [(letters, verb) for letters, verb in verbs if letters]
 
 
 def _name(finger: str, at: Floats, towards: float, placer: LabelPlacer) -> str:
@@ -122,9 +122,9 @@ def _along(item: ApproachArrow) -> Floats:
 
 def _stops(item: ApproachArrow) -> list[Stop]:
     return [
-        (index, *told.stop_mm)
-        for index, told in enumerate(item.predictions[:MOST_OTHERS])
-        if told.stop_mm is not None
+        (index, *outcome.stop_mm)
+        for index, outcome in enumerate(item.predictions[:MOST_OTHERS])
+        if outcome.stop_mm is not None
     ]
 
 

@@ -104,7 +104,7 @@ def _around(touch: TouchMark) -> Floats:
 def _stops(item: ApproachArrow) -> Floats:
     """Where the tip may be stopped (n, 2), with its radius around; n may be 0."""
     ends = [
-        end for told in item.predictions[:MOST_OTHERS] if told.stop_mm is not None for end in told.stop_mm
+        end for stop in item.predictions[:MOST_OTHERS] if stop.stop_mm is not None for end in stop.stop_mm
     ]
     centres = np.array([item.at(end) for end in ends]).reshape(-1, 2)
     return np.vstack([centres - item.tip_radius_mm, centres + item.tip_radius_mm])

@@ -35,7 +35,7 @@ _ROW = 20.0
 def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str, float]:
     """What the marks in the drawing mean; only those that are there."""
     planned = bool(picture.approaches)
-    foretold = [item for approach in picture.approaches for item in approach.predictions]
+    predicted = [item for approach in picture.approaches for item in approach.predictions]
     other = "other " if picture.found else ""
     touched = [touch for touch in picture.touches if touch.touched]
     entries: list[tuple[bool, Callable[[float, float], str], str]] = [
@@ -45,8 +45,8 @@ def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str,
         (bool(picture.others) and not planned, _other_key, f"{other}hypothesis, by letter"),
         (planned, _hypothesis_key, "hypothesis, by letter and colour"),
         (planned, _approach_key, "approach of the next grip"),
-        (any(item.stop_mm for item in foretold), _stop_key, "where a hypothesis foretells the stop"),
-        (any(item.may_miss for item in foretold), _end_key, "where it ends if nothing stops it"),
+        (any(item.stop_mm for item in predicted), _stop_key, "predicted stop of a hypothesis"),
+        (any(item.may_miss for item in predicted), _end_key, "where it ends if nothing stops it"),
         (bool(touched), _touch_key, "approach, and the tip in contact"),
         (any(t.normal_rad for t in touched), _normal_key, "range of the outward normal"),
         (len(touched) < len(picture.touches), _miss_key, "approach that touched nothing"),

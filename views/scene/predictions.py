@@ -26,9 +26,9 @@ def prediction_table(picture: Picture, _view: View, column: Column, y: float) ->
     """A row for each hypothesis that is drawn, a column for each approach; the y at which it ends."""
     if not picture.approaches:
         return "", y
-    many = f"hypotheses foretell ({len(picture.others)})"
-    title = many if len(picture.others) > 1 else "hypothesis foretells"
-    shown = [heading(f"What the {title}", column, y + 12)]
+    count = len(picture.others)
+    title = f"Predictions of the hypotheses ({count})" if count > 1 else "Predictions of the hypothesis"
+    shown = [heading(title, column, y + 12)]
     y += 22
     for first in range(0, len(picture.approaches), _ABREAST):
         part, y = _block(picture, picture.approaches[first : first + _ABREAST], column, y)
@@ -53,9 +53,9 @@ def _block(
             element("line", x1=column.left, y1=y, x2=column.right, y2=y, stroke=RULE, stroke_width=THIN / 2)
         )
         shown.append(_name(picture, index, other, column.left, at[0], y))
-        told = [item.predictions[index].words for item in approaches]
-        shown += [_outcome(words, x, y) for words, x in zip(told, at, strict=True)]
-        y += _LINE * max(2, *(len(words) for words in told)) + 6
+        outcomes = [item.predictions[index].words for item in approaches]
+        shown += [_outcome(words, x, y) for words, x in zip(outcomes, at, strict=True)]
+        y += _LINE * max(2, *(len(words) for words in outcomes)) + 6
     return "".join(shown), y
 
 

@@ -80,7 +80,7 @@ class PredictedStop:
 
 @dataclass(frozen=True)
 class ApproachArrow:
-    """A path that a tip's centre is to take, and what each of the picture's `others` foretells of it."""
+    """The planned path of a tip's centre, with the prediction of each of the picture's `others`."""
 
     finger: str
     start_mm: tuple[float, float]
