@@ -134,7 +134,7 @@ class Plan:
 
     def __repr__(self) -> str:
         grip, count = self.planned.grip, len(self.planned.recognition.hypotheses)
-        what = "no grip" if grip is None else f"{len(grip.candidates)} approaches"
+        what = "no grip" if grip is None else f"{len(grip.approaches)} approaches"
         return (
             f"<Plan {what}{', decisive' if grip is not None and grip.decisive else ''}; {count} hypotheses>"
         )

@@ -40,7 +40,7 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
     rows = [
         ("grips", str(out.grips)),
         ("touches", str(out.touches)),
-        ("came out as foretold", str(out.foretold)),
+        ("matched the prediction", str(out.foretold)),
         ("strategy", out.strategy.value),
         ("rig time", f"{out.rig_seconds:.1f} s"),
         ("devices", "emulated" if out.emulated else "hardware"),
