@@ -164,3 +164,31 @@ def test_console_script_is_installed_and_helps(clean: Path) -> None:
     script = clean / "bin" / "palpate"
     assert script.is_file()
     assert "identify" in run(script, "--help", cwd=clean)
+
+
+@pytest.fixture(scope="module")
+def with_plugin(clean: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the example plug-in, installed beside palpate; returns the copy."""
+    copy = tmp_path_factory.mktemp("plugin") / "array_plugin"
+    shutil.copytree(ROOT / "examples" / "array_plugin", copy)
+    pip = (sys.executable, "-m", "pip", "--python", clean / "bin" / "python", "--disable-pip-version-check")
+    run(*pip, "install", "--no-deps", "--no-index", "--no-build-isolation", copy, cwd=clean)
+    return copy
+
+
+def test_an_installed_plug_in_passes_its_own_tests(clean: Path, with_plugin: Path) -> None:
+    tests = with_plugin / "tests"
+    said = run(clean / "bin" / "python", "-m", "pytest", "-q", "-p", "no:cacheprovider", tests, cwd=tests)
+    assert " passed" in said
+
+
+def test_an_emulated_rig_with_a_plug_in_is_checked_and_identifies(clean: Path, with_plugin: Path) -> None:
+    program = (
+        "from pathlib import Path; from palpate.testing import rig_with_arrays\n"
+        "print(rig_with_arrays(Path(), 'lines', {'counts_per_n': 2000.0, 'oversampling': 2}, rate_hz=100.0))"
+    )
+    rig = run(clean / "bin" / "python", "-c", program, cwd=clean).strip()
+    checked = json.loads(run(clean / "bin" / "palpate", "check", "--rig", rig, "--json", cwd=clean))
+    assert {(array["protocol"], array["firmware"]) for array in checked["arrays"]} == {("lines", "lines 1")}
+    answer = run(clean / "bin" / "palpate", "identify", "--rig", rig, "--seed", "7", "--json", cwd=clean)
+    assert json.loads(answer)["verdict"] == "identified"
