@@ -4,11 +4,14 @@ Pydantic's own leniency ("1" for 1, true for 1.0) is switched off value by value
 kind of value in a file is an error with a place rather than a guess.
 """
 
+from collections.abc import Iterable
 from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from palpate.config.problems import problem, shown
+from palpate.errors import InputError
+from palpate.extensions import load
 
 __all__ = [
     "Bounded",
@@ -24,6 +27,7 @@ __all__ = [
     "Positive",
     "Text",
     "in_order",
+    "plugin",
 ]
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -83,6 +87,14 @@ def in_order(pair: tuple[float, float]) -> tuple[float, float]:
 
 Bounded = Annotated[tuple[Number, Number], AfterValidator(in_order)]
 """[lo, hi] with lo < hi."""
+
+
+def plugin(group: str, name: str, built_in: Iterable[str], *place: str) -> object:
+    """What a plug-in registers as `name` in `group`; a validator's error at `place` if none does."""
+    try:
+        return load(group, name, built_in)
+    except InputError as error:
+        raise problem(str(error), *place) from error
 
 
 class FileModel(BaseModel):

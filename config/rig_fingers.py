@@ -18,11 +18,10 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text
+from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, plugin
 from palpate.config.problems import TAG, problem
 from palpate.config.rig_servos import AimConfig, Angle, JointConfig, Share, SlideConfig
-from palpate.errors import InputError
-from palpate.extensions import TACTILE_ARRAYS, broken, load
+from palpate.extensions import TACTILE_ARRAYS, broken
 
 __all__ = [
     "PALPATE_PROTOCOL",
@@ -169,13 +168,10 @@ class MountedArrayConfig(ArrayConfig):
 
 def _model_of(protocol: str) -> type[ArrayConfig]:
     """The model that a plug-in gives for the array's table."""
-    try:
-        plugin = load(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL])
-        model = getattr(plugin, "config", None)
-        if not (isinstance(model, type) and issubclass(model, ArrayConfig)):
-            raise broken(TACTILE_ARRAYS, protocol, "its config is no subclass of ArrayConfig")
-    except InputError as error:
-        raise problem(str(error), "protocol") from error
+    model = getattr(plugin(TACTILE_ARRAYS, protocol, [PALPATE_PROTOCOL], "protocol"), "config", None)
+    if not (isinstance(model, type) and issubclass(model, ArrayConfig)):
+        reason = "its config is no subclass of ArrayConfig"
+        raise problem(str(broken(TACTILE_ARRAYS, protocol, reason)), "protocol")
     return model
 
 

@@ -5,12 +5,13 @@ stops that do not fit that are refused here, at the key to be changed. Units are
 """
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from palpate.config.fields import FileModel, Length, Number, Point, in_order
+from palpate.config.fields import FileModel, Length, Number, Point, Text, in_order, plugin
 from palpate.config.problems import problem
+from palpate.extensions import SERVO_MODELS
 
 __all__ = ["AimConfig", "Angle", "JointConfig", "Share", "SlideConfig", "StageConfig"]
 
@@ -26,7 +27,17 @@ def _not_zero(value: float) -> float:
     return value
 
 
-ServoModel = Literal["XL330-M288", "XC330-M288", "XM430-W350"]
+BUILT_IN_MODELS = ("XL330-M288", "XC330-M288", "XM430-W350")
+"""Servo models of rig files that need no plug-in."""
+
+
+def _known_model(name: str) -> str:
+    if name not in BUILT_IN_MODELS:
+        plugin(SERVO_MODELS, name, BUILT_IN_MODELS)
+    return name
+
+
+ServoModel = Annotated[Text, Field(examples=list(BUILT_IN_MODELS)), AfterValidator(_known_model)]
 DxlId = Annotated[int, Field(strict=True, ge=0, le=252)]
 Angle = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-360, le=360)]
 Share = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, lt=1)]

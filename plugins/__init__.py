@@ -5,6 +5,8 @@
 """
 
 from palpate.config import ArrayConfig, MountedArrayConfig
+from palpate.drivers.dynamixel.manual import COMMON_ITEMS, Access, Area, TableItem, table_of
+from palpate.drivers.dynamixel.specifications import MotorConstants, ServoSpecification
 from palpate.drivers.emulators.bench import SampledArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.description import Description, Shape
@@ -20,6 +22,9 @@ from palpate.rig.arrays import ArrayPlugin
 from palpate.rig.conversion import mounting_of
 
 __all__ = [
+    "COMMON_ITEMS",
+    "Access",
+    "Area",
     "ArrayConfig",
     "ArrayCounters",
     "ArrayDriver",
@@ -35,14 +40,18 @@ __all__ = [
     "FrameStream",
     "FrameTimes",
     "InputError",
+    "MotorConstants",
     "MountedArrayConfig",
     "Mounting",
     "Port",
     "SampledArray",
+    "ServoSpecification",
     "Shape",
+    "TableItem",
     "TactileFrame",
     "Taxels",
     "mounting_of",
     "printable",
+    "table_of",
     "wire_time_s",
 ]

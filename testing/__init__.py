@@ -6,17 +6,19 @@ tests use it too.
 
 import pytest
 
-pytest.register_assert_rewrite("palpate.testing.arrays")
+pytest.register_assert_rewrite("palpate.testing.arrays", "palpate.testing.servos")
 
 from palpate.drivers.transport.clock import VirtualClock  # noqa: E402 - asserts are rewritten first
 from palpate.testing.arrays import ArrayBench, ArrayConformance  # noqa: E402
 from palpate.testing.rigs import rig_with_arrays, served  # noqa: E402
+from palpate.testing.servos import ServoConformance  # noqa: E402
 from palpate.testing.stream_fuzz import FuzzTally, StreamDecoder, fuzz  # noqa: E402
 
 __all__ = [
     "ArrayBench",
     "ArrayConformance",
     "FuzzTally",
+    "ServoConformance",
     "StreamDecoder",
     "VirtualClock",
     "fuzz",

@@ -195,10 +195,8 @@ _TORQUE_ON_BY_GOAL = 0x08
 _TIME_BASED = 0x04
 
 
-def table_of(model_number: int, firmware: int) -> tuple[TableItem, ...] | None:
-    """Every item of a model with that firmware, in order of address; None if the model is not known."""
-    if model_number not in _CHANGES:
-        return None
+def table_of(model_number: int, firmware: int) -> tuple[TableItem, ...]:
+    """Every item of a built-in model with that firmware, in order of address."""
     changes = dict(_CHANGES[model_number])
     absent: set[str] = set()
     extended = firmware >= EXTENDED_FIRMWARE[model_number]

@@ -6,7 +6,6 @@ defaults, ranges, the layout of older and newer firmware; and, from the specific
 means.
 """
 
-import math
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -14,8 +13,10 @@ from importlib.resources.abc import Traversable
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.control_table import Item
-from palpate.drivers.dynamixel.manual import Access, Area, TableItem, table_of
+from palpate.drivers.dynamixel.manual import Access, Area, TableItem
+from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, ServoSpecification, specification
 from palpate.errors import InputError
+from palpate.extensions import SERVO_MODELS, available
 
 __all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
 
@@ -47,11 +48,6 @@ class Torque:
     nm_per_a: float
 
 
-_TORQUES = {
-    1020: Torque(2.69e-3, 1193, 4.1 / 2.3),  # XM430-W350 at 12 V
-    1200: Torque(1.0e-3, 1750, 0.52 / 1.47),  # XL330-M288 at 5 V
-    1240: Torque(1.0e-3, 2352, 0.93 / 1.8),  # XC330-M288 at 5 V
-}
 # e-Manual: firmware from which a series answers fast reads; two-axis models never do
 _FAST_FROM = {"430": 45, "540": 45, "330": 46}
 
@@ -60,7 +56,8 @@ _FAST_FROM = {"430": 45, "540": 45, "330": 46}
 class Model:
     """A model with a firmware; None while nobody has asked the servo for it.
 
-    `zero_tick`: Present Position at 0 rad. `items`: the vendor's, by name. `indirect`: the first row of
+    `zero_tick`: Present Position at 0 rad. `fast_from`: first firmware that answers fast reads, None if
+    none does. `items`: the vendor's, by name. `indirect`: the first row of
     indirect addresses, None if there is none. `table`: the e-Manual's items with access, default and
     range; None for models of which only the vendor's tables are known.
     """
@@ -71,6 +68,7 @@ class Model:
     zero_tick: int
     rad_per_tick: float
     velocity_unit_rad_s: float
+    fast_from: int | None
     items: dict[str, Item]
     indirect: Indirect | None
     table: dict[str, TableItem] | None
@@ -98,16 +96,15 @@ class Model:
     @property
     def answers_fast(self) -> bool:
         """Whether Fast Sync Read and Fast Bulk Read are known to this firmware (e-Manual, Protocol 2.0)."""
-        least = _FAST_FROM.get(self.name[2:5], math.inf)
-        return self.name[0] == "X" and self.firmware is not None and self.firmware >= least
+        least = self.fast_from
+        return self.firmware is not None and least is not None and self.firmware >= least
 
     @property
     def known_torque(self) -> Torque:
         """Units of current. Raises InputError for a model of which they are not known."""
         if self.torque is None:
             raise InputError(
-                f"what a current of a {self.name} means is not known; known are "
-                + ", ".join(_named(number) for number in _TORQUES)
+                f"what a current of a {self.name} means is not known; known are " + ", ".join(SPECIFICATIONS)
             )
         return self.torque
 
@@ -118,11 +115,47 @@ class Model:
 
 
 def model_named(name: str, firmware: int | None = None) -> Model:
-    """Find a model by its name; raises InputError listing known ones."""
+    """Find a model by its name; raises InputError listing known ones.
+
+    A plug-in's model goes before the vendor's table of the same name, which knows less.
+    """
+    if name not in SPECIFICATIONS and name in available(SERVO_MODELS):
+        return _specified(specification(name), firmware)
     for number, found in _numbers().items():
         if _name_of(found) == name:
             return model_numbered(number, firmware)
     raise InputError(f"servo model {name!r} is not known; known are {', '.join(models_known())}")
+
+
+def _specified(found: ServoSpecification, firmware: int | None) -> Model:
+    table = _table(found, firmware)
+    items = {item.name: _item(item.name, item.address, item.size, table) for item in table.values()}
+    return Model(
+        name=found.name,
+        number=found.number,
+        firmware=firmware,
+        zero_tick=ct.ZERO_TICK,
+        rad_per_tick=ct.RAD_PER_TICK,
+        velocity_unit_rad_s=ct.VELOCITY_UNIT_RAD_S,
+        fast_from=found.extended_firmware,
+        items=items,
+        indirect=_indirect(items),
+        table=table,
+        torque=_torque(found, table),
+    )
+
+
+def _table(found: ServoSpecification, firmware: int | None) -> dict[str, TableItem]:
+    return {item.name: item for item in found.items(_NEWEST if firmware is None else firmware)}
+
+
+def _torque(found: ServoSpecification | None, table: dict[str, TableItem] | None) -> Torque | None:
+    if found is None or table is None:
+        return None
+    motor = found.motor
+    return Torque(
+        found.current_unit_a, table["Current Limit"].high, motor.stall_torque_nm / motor.stall_current_a
+    )
 
 
 @cache
@@ -134,6 +167,7 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
     file = _numbers().get(number)
     if file is None:
         raise InputError(f"model number {number} is not in the vendor's tables")
+    name = _name_of(file)
     newer = file.replace(".model", "_fw52.model")
     if (firmware is None or firmware >= _NEW_LAYOUT) and _vendor(newer).is_file():
         file = newer
@@ -142,21 +176,22 @@ def model_numbered(number: int, firmware: int | None = None) -> Model:
     units = {row[0]: float(row[1]) for row in sections["unit info"]}
     full_turn = kind["value_of_max_radian_position"] - kind["value_of_min_radian_position"]
     radians = kind["max_radian"] - kind["min_radian"]
-    known = table_of(number, _NEWEST if firmware is None else firmware)
-    table = None if known is None else {item.name: item for item in known}
+    known = SPECIFICATIONS.get(name)
+    table = None if known is None else _table(known, firmware)
     items = {row[2]: _item(row[2], int(row[0]), int(row[1]), table) for row in sections["control table"]}
     return Model(
-        name=_named(number),
+        name=name,
         number=number,
         firmware=firmware,
         zero_tick=round(kind["value_of_zero_radian_position"]),
         # the X series' tables give ±3.14159265 for 4095 steps; a turn has 4096 (e-Manual)
         rad_per_tick=ct.RAD_PER_TICK if full_turn == 4095 else radians / full_turn,
         velocity_unit_rad_s=units.get("Present Velocity", ct.VELOCITY_UNIT_RAD_S),
+        fast_from=_FAST_FROM.get(name[2:5]) if name[0] == "X" else None,
         items=items,
         indirect=_indirect(items),
         table=table,
-        torque=_TORQUES.get(number),
+        torque=_torque(known, table),
     )
 
 

@@ -61,7 +61,7 @@ class Servo:
                 f"(model number {answer.model_number}), not {self.model.name}; "
                 "check ids and `model` in the rig file"
             )
-        self.model = model_numbered(answer.model_number, answer.firmware)
+        self.model = model_named(self.model.name, answer.firmware)
         level = self.item("Status Return Level")
         try:
             quiet = self._bus.read(self.dxl_id, level, alert=False) < ct.ANSWERS_ALL

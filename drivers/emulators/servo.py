@@ -20,8 +20,8 @@ from palpate.drivers.dynamixel.packet import (
     StatusErrorCode,
     StatusPacket,
 )
+from palpate.drivers.dynamixel.specifications import MotorConstants, specification
 from palpate.drivers.emulators.servo_instructions import SECONDARY_INSTRUCTIONS, carry_out
-from palpate.drivers.emulators.servo_models import MotorConstants, servo_model
 from palpate.drivers.emulators.servo_motion import ShaftMotion
 from palpate.drivers.emulators.servo_protection import OVERLOAD_BIT
 from palpate.drivers.emulators.servo_table import Refused
@@ -48,9 +48,9 @@ class EmulatedServo:
         """Power up at shaft angle `start_rad` with torque off.
 
         `firmware`: Firmware Version, None for the model's usual one. `baud_rate_code`: item Baud Rate, 3 is
-        1 Mbps. `constants` replace the model's motor. ValueError for a model that is not emulated.
+        1 Mbps. `constants` replace the model's motor. Raises InputError for an unknown model.
         """
-        built = servo_model(model)
+        built = specification(model)
         if constants is not None:
             built = replace(built, motor=constants)
         self._unit = ServoUnit(

@@ -9,8 +9,8 @@ Plain floats and slots: an emulated session takes tens of thousands of steps.
 
 import math
 
+from palpate.drivers.dynamixel.specifications import MotorConstants
 from palpate.drivers.emulators.servo_laws import Law, PositionExtras
-from palpate.drivers.emulators.servo_models import MotorConstants
 
 __all__ = ["ShaftMotion"]
 

@@ -5,7 +5,7 @@ which limits there are ("Shutdown", "Temperature Limit", "Min/Max Voltage Limit"
 and how a servo warms up it does not say. Those are guesses.
 """
 
-from palpate.drivers.emulators.servo_models import ServoModel
+from palpate.drivers.dynamixel.specifications import ServoSpecification
 from palpate.drivers.emulators.servo_table import ControlTable
 
 __all__ = [
@@ -38,7 +38,7 @@ _COOLING_S = 120.0
 class Protection:
     """Watches current, temperature and supply. `temperature_c` and `supply_v` may be set from outside."""
 
-    def __init__(self, model: ServoModel, table: ControlTable) -> None:
+    def __init__(self, model: ServoSpecification, table: ControlTable) -> None:
         self.temperature_c = _AIR_C
         self.supply_v = model.nominal_v
         self._table = table

@@ -4,8 +4,9 @@ Below `servo` (the face towards mechanics and wire) and `servo_instructions` (pa
 which addresses and values are possible; here stands what depends on the servo's state.
 """
 
-from palpate.drivers.dynamixel.manual import EXTENDED_FIRMWARE, Access, Area, TableItem, table_of
+from palpate.drivers.dynamixel.manual import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
+from palpate.drivers.dynamixel.specifications import ServoSpecification
 from palpate.drivers.emulators.servo_backup import Backup
 from palpate.drivers.emulators.servo_drive import (
     GOAL_OF_MODE,
@@ -14,7 +15,6 @@ from palpate.drivers.emulators.servo_drive import (
     TORQUE_ON_BY_GOAL,
     ServoDrive,
 )
-from palpate.drivers.emulators.servo_models import ServoModel
 from palpate.drivers.emulators.servo_motion import ShaftMotion
 from palpate.drivers.emulators.servo_protection import Protection
 from palpate.drivers.emulators.servo_table import ControlTable, Refused
@@ -53,18 +53,15 @@ _DRIVE_SETTINGS = _GOALS | {
 class ServoUnit:
     """A servo without its wire. `deaf_s`: how long it will not listen, because it boots."""
 
-    def __init__(self, model: ServoModel, firmware: int, motion: ShaftMotion) -> None:
-        """Factory-new and not yet started: call `start`. ValueError for a model that the manual lacks."""
-        items = table_of(model.number, firmware)
-        if items is None:
-            raise ValueError(f"no control table of model number {model.number}")
+    def __init__(self, model: ServoSpecification, firmware: int, motion: ShaftMotion) -> None:
+        """Factory-new and not yet started: call `start`."""
         self.model = model
         self.motion = motion
-        self.table = ControlTable(items)
+        self.table = ControlTable(model.items(firmware))
         self.drive = ServoDrive(self.table, motion, model.current_unit_a)
         self.protection = Protection(model, self.table)
         self.backup = Backup()
-        self.extended = firmware >= EXTENDED_FIRMWARE[model.number]
+        self.extended = firmware >= model.extended_firmware
         self.firmware = firmware
         self.registered: tuple[int, bytes] | None = None
         self.deaf_s = 0.0

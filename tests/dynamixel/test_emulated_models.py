@@ -8,6 +8,7 @@ from servo_console import Console
 from palpate.drivers.dynamixel.manual import MODEL_NAMES, Access, table_of
 from palpate.drivers.dynamixel.packet import Instruction, StatusErrorCode
 from palpate.drivers.emulators.servo import EmulatedServo
+from palpate.errors import InputError
 
 RPM = 2 * math.pi / 60
 MODELS = list(MODEL_NAMES.values())
@@ -93,7 +94,7 @@ def test_pwm_slope_is_stored() -> None:
 
 
 def test_an_unknown_model_is_refused() -> None:
-    with pytest.raises(ValueError, match="XM540"):
+    with pytest.raises(InputError, match='"XM540-W270"; allowed: "XM430-W350"'):
         EmulatedServo(1, model="XM540-W270")
 
 
