@@ -1,1 +1,1 @@
-"""Measuring a rig by moving it, and the fits that turn what it felt into its numbers and their bounds."""
+"""Calibration: what a rig measures of itself, and the estimators of values and bounds."""

@@ -134,11 +134,11 @@ def _aim_turns(spec: SlideFingerConfig, found: LocatedReference) -> bool:
     """Whether contacts wander round the tip the way they must if the aim turns as described."""
     own = [k for k, item in enumerate(found.touched) if item.finger == spec.name]
     fit = found.fit
-    felt = np.unwrap([found.touched[k].angle_rad for k in own])
-    probes_towards = -fit.normal[own]
+    measured = np.unwrap([found.touched[k].angle_rad for k in own])
+    towards = -fit.normal[own]
     aims = np.array([found.touched[k].servos_rad[0] for k in own]) / spec.aim.gear_ratio
-    bearing = np.unwrap(np.arctan2(probes_towards[:, 1], probes_towards[:, 0]) - aims)
-    return len(own) > 1 and float(np.dot(felt - felt.mean(), bearing - bearing.mean())) > 0
+    bearing = np.unwrap(np.arctan2(towards[:, 1], towards[:, 0]) - aims)
+    return len(own) > 1 and float(np.dot(measured - measured.mean(), bearing - bearing.mean())) > 0
 
 
 def _result(

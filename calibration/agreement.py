@@ -1,8 +1,8 @@
-"""Do touches of a thing of known shape agree with the calibration? After the thing's pose has been fitted.
+"""Chi-square test for drift: do touches of a thing of known shape agree with the calibration?
 
-Used by whoever has touched something whose shape is known: an identified object in a session, a disc that was
-put there to be touched (`palpate check --touch`). The calibration says by how much touches may differ; that
-they differ by more is either chance, at a stated rate, or the rig is no longer what it was.
+The thing is an identified object in a session, or a disc that was put there to be touched (`palpate check
+--touch`); its pose has been fitted. The calibration states by how much touches may differ; that they differ
+by more is either chance, at a stated rate, or the rig has changed.
 """
 
 import math
@@ -37,7 +37,7 @@ _LEAST_MM = 1e-4  # nothing agrees better
 
 @dataclass(frozen=True)
 class ContactUncertainty:
-    """What a finger's contacts are off by, as standard deviations in mm.
+    """Standard uncertainties of a finger's contacts, mm.
 
     `scatter_mm`: each touch by itself, along the surface's normal. `fit_mm`: all touches alike, in an unknown
     direction. `along_mm` and `across_mm`: each touch by itself, along and across the slide. `sigmas`: bounds
@@ -88,7 +88,7 @@ class Agreement:
 
 
 def contact_uncertainties(calibration: CalibrationFile, *, at_rest: bool) -> list[ContactUncertainty] | None:
-    """What a calibration promises of every finger; None if it does not bound the contacts of all.
+    """Standard uncertainties of every finger by a calibration; None if it does not bound the contacts of all.
 
     `at_rest`: touches were measured with slides at rest, anywhere in an encoder step; else on the move, as
     those of the calibration itself.
@@ -105,7 +105,7 @@ def contact_uncertainties(calibration: CalibrationFile, *, at_rest: bool) -> lis
 def _promise(
     finger: FingerCalibration, scatter_mm: float, coverage: float, *, at_rest: bool
 ) -> ContactUncertainty | None:
-    # The way back from bounds to deviations that `placed.bounds_of` went. Overshoot is left out: that of slow
+    # The way back from bounds to deviations that `bound_contacts` went. Overshoot is left out: that of slow
     # touches is in what they differ by. Slides rest at the same end of a step time and again, so half a step
     # is not divided by anything. Play may be taken up anywhere.
     if finger.bounds is None or finger.place is None:

@@ -1,8 +1,8 @@
-"""Play of a slide, from presses that go in slowly and come back slowly.
+"""Backlash of a slide, from presses that go in slowly and come back slowly.
 
-From `measured.Press` to `backlash_mm` of the rig file and the bounds of positions. Going back, the tip
-stands still until the drive has used up the play, so that one force is met at two servo angles; they are
-twice the half play apart. Nothing has to be known of the force but that it grows with the dent.
+Going back, the tip stands still until the drive has taken up the backlash, so that one force is met at two
+servo angles; they are twice the half backlash apart. Nothing has to be known of the force but that it grows
+with the dent.
 """
 
 import math
@@ -28,7 +28,7 @@ _DEGREE = 3  # of the curve from force to place
 
 @dataclass(frozen=True)
 class Backlash:
-    """Play of a slide, either way (half of what lies between its flanks), ± a standard deviation; mm."""
+    """Half backlash of a slide (half of what lies between its flanks), ± a standard deviation; mm."""
 
     half_mm: float
     sigma_mm: float
@@ -37,19 +37,18 @@ class Backlash:
 def estimate_backlash(
     press: PressMeasurement, force: Floats, mm_per_rad: float, lag_samples: float = 0.0
 ) -> Backlash:
-    """The half play that one press shows; `force` (n,): any measure of the load that grows with it.
+    """Half backlash by one press; `force` (n,): any measure of the load that grows with it.
 
     `lag_samples`: by how many samples the force is older than the angle beside it, 0.5 where it is the mean
-    of all frames since the sample before. It would count as play, by speed × time.
+    of all frames since the sample before. It would count as backlash, by speed × time.
 
-    Place is fitted as one curve of the force for both legs, plus the half play going in, less it going
+    Place is fitted as one curve of the force for both legs, plus the half backlash going in, less it going
     back. Every slice of the force weighs the same in each leg, so that neither an uneven pace nor noise of
-    the force, which flattens the curve, moves one leg against the other. Encoder steps average out.
-    What else is lost between servo and tip, a drive that winds up under its friction, cannot be told from
-    play and is counted: it is lost motion all the same. A skin that pushes back less than it was pushed
-    hides play instead, by half the difference of its dents at one force; the deviation, which is that of
-    single slices, shows such a thing in part.
-    Raises InputError if the two legs have too little in common.
+    the force, which flattens the curve, moves one leg against the other. Encoder steps average out. What else
+    is lost between servo and tip, a drive that winds up under its friction, cannot be distinguished and is
+    counted: it is lost motion all the same. A skin that pushes back less than it was pushed hides backlash
+    instead, by half the difference of its dents at one force; the deviation, which is that of single slices,
+    shows such a thing in part. Raises InputError if the two legs have too little in common.
     """
     number = np.arange(len(press.slide_rad))
     place = mm_per_rad * np.interp(number - lag_samples, number, press.slide_rad)
@@ -70,13 +69,13 @@ def estimate_backlash(
 
 
 def combine_backlash(plays: Sequence[Backlash]) -> Backlash:
-    """The play of a slide from several presses: their median, and how far one more may be off it.
+    """Backlash of a slide from several presses: their median, and how far one more may be off it.
 
-    The deviation is that of the presses among one another, because play differs from place to place, and
+    The deviation is that of the presses among one another, because backlash differs from place to place, and
     what a single one is uncertain by. ValueError for none.
     """
     if not plays:
-        raise ValueError("play is combined from at least one press")
+        raise ValueError("backlash is combined from at least one press")
     half = np.array([play.half_mm for play in plays])
     middle = float(np.median(half))
     spread = 1.4826 * float(np.median(np.abs(half - middle)))
@@ -85,7 +84,7 @@ def combine_backlash(plays: Sequence[Backlash]) -> Backlash:
 
 
 def _usable(press: PressMeasurement, force: Floats) -> tuple[Bools, Ints, Ints]:
-    """Which samples (n,) say something; of those the leg (0 in, 1 out) and the slice of force."""
+    """Which samples (n,) count; of those the leg (0 in, 1 out) and the slice of force."""
     noise = float(np.std(force[press.leg == FREE])) if (press.leg == FREE).sum() > 1 else 0.0
     legs = [force[press.leg == leg] for leg in (IN, OUT)]
     if min(len(leg) for leg in legs) < _SLICES:
@@ -113,6 +112,6 @@ def _unit(values: Floats) -> Floats:
 
 def _too_little(press: PressMeasurement) -> InputError:
     return InputError(
-        f"finger {press.finger}, placing {press.placing}: going in and going back, its press felt too few of "
-        "the same forces to show the slide's play; press harder or more slowly"
+        f"finger {press.finger}, placing {press.placing}: going in and going back, its press measured "
+        "too few of the same forces to show the slide's backlash; press harder or more slowly"
     )

@@ -1,6 +1,6 @@
-"""Is a reference what it is said to be, and does it stand still? What is found wrong is refused, not fitted.
+"""Consistency of touches: is a reference as described, and does it stand still?
 
-Looks at touches and fits; raises errors that say which reference, and what to do.
+What is inconsistent is refused, not fitted: errors name the reference and what to do.
 """
 
 import math

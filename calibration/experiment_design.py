@@ -1,8 +1,8 @@
-"""Which touches say most about where fingers stand. From a fit so far to the next grips.
+"""Experiment design: which touches say most about where fingers stand.
 
 Every touch that could be made has a row of derivatives; the one that shrinks the covariance most is taken,
-again and again (D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would slip, or
-that might meet a corner, are not offered.
+again and again (greedy D-optimal design; Fedorov, Theory of Optimal Experiments, 1972). Touches that would
+slip, or that might meet a corner, are not offered.
 """
 
 import math
@@ -37,8 +37,9 @@ _HALVINGS = 24
 
 @dataclass(frozen=True, eq=False)
 class PredictedTouches:
-    """Where each approach should meet a reference: `slide_rad` (m,) of its slide, nan where it does not.
+    """Predicted touches: where each approach meets a reference.
 
+    `slide_rad` (m,): servo angle of its slide there, nan where it meets nothing.
     `oblique_rad` (m,): from head-on, positive counter-clockwise; `room_mm` (m,): to the end of the face;
     `rows` (m, unknowns): derivatives of the residual by all values and poses.
     """
@@ -116,7 +117,7 @@ def choose_touches(
     sigma_mm: float,
     count: int,
 ) -> list[list[Probe]]:
-    """`count` grips, each with a touch of every finger that has a good one; the most telling ones first."""
+    """`count` grips, the most informative first, each with a touch of every finger that has a good one."""
     left = foreseen.good.copy()
     spread = covariance.copy()
     finger = np.array([item.finger for item in approaches])
@@ -128,8 +129,8 @@ def choose_touches(
             if not len(own):
                 continue
             rows = foreseen.rows[own]
-            told = np.einsum("ij,jk,ik->i", rows, spread, rows)
-            best = int(own[told.argmax()])
+            information = np.einsum("ij,jk,ik->i", rows, spread, rows)
+            best = int(own[information.argmax()])
             row = foreseen.rows[best]
             carried = spread @ row
             spread -= np.outer(carried, carried) / (sigma_mm**2 + row @ carried)

@@ -1,6 +1,6 @@
-"""The fit of all fingers in one frame: from touches of references at unknown places to where fingers stand.
+"""Bundle adjustment of all fingers in one frame, from touches of references at unknown places.
 
-Takes `Touched` values and what the rig file says, gives values with a covariance. Every touch says one thing:
+Every touch gives one equation:
 the tip's centre is as far from the reference's surface as the tip's radius less its dent. The estimate is the
 most probable one under the rig file's bounds as wide priors, found by robust least squares (Huber's and
 Cauchy's losses; Triggs et al., Bundle Adjustment, 2000, sections 4 and 9 for outliers and free networks).
@@ -244,7 +244,7 @@ class _Problem:
         for k, root in enumerate(self._whitening):
             at = slice(k * COLUMNS, (k + 1) * COLUMNS)
             own[at, at] = root
-        # A disc's orientation cannot be felt: its own prior keeps it where it is.
+        # A disc's orientation cannot be measured: its own prior keeps it where it is.
         rest = np.array([0.0 if p.reference.turns else 1.0 for p in self.placings])
         still = np.zeros((len(poses), len(x)))
         still[np.arange(len(poses)), len(prior) + 3 * np.arange(len(poses)) + 2] = rest

@@ -1,6 +1,6 @@
-"""The step of calibration that measures where fingers stand: references at several places, touched by all.
+"""Calibration step for where fingers stand: references at several places, touched by all fingers.
 
-Between the prober and the fit. Each placing begins with touches that find the reference, goes on with those
+Each placing begins with touches that find the reference, goes on with those
 that say most, and ends with the first of these again: a reference that has moved meanwhile shows.
 """
 
@@ -36,7 +36,7 @@ _HELD_OUT_EVERY = (
     7  # one touch in so many shows whether the fit keeps its promises; not a multiple of fingers
 )
 _LEAST_SHARE = 0.04  # of the expected squares: some 0.002 mm; what gains do to forces repeats itself
-_LATE_MM = 0.005  # a tip creeps 1 mm in a second, and what was felt is a few milliseconds old
+_LATE_MM = 0.005  # a tip creeps 1 mm in a second, and its measured force is a few milliseconds old
 _TYPICAL_MM = 0.012
 _COUNT = 6
 _AWAY = 0.4  # of the workspace's radius: where references lie
@@ -144,6 +144,6 @@ def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit:
 
 
 def hold_out(count: int) -> Bools:
-    """Which of `count` touches (count,) are foretold rather than fitted."""
+    """Which of `count` touches (count,) are predicted rather than fitted."""
     result: Bools = np.arange(count) % _HELD_OUT_EVERY == _HELD_OUT_EVERY - 1
     return result

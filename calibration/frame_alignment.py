@@ -1,4 +1,4 @@
-"""From a fit of fingers to what the calibration file says: places in the hand frame, bounds, residuals.
+"""Frame alignment: a fit's fingers in the hand frame, with their bounds and residuals.
 
 The bound on a finger's contacts is a sum of parts, so that it can be read and argued with: what the fit
 leaves open, what touches differ by, encoder steps, the aim's play, what stopping adds (docs/calibration.md).
@@ -108,9 +108,9 @@ def estimate_array_headings(
         own = np.flatnonzero((touches.finger == index) & ~fit.outlier)
         aim = (touches.aim_rad[own] - model.aim_zero_rad) / model.gear_ratio
         travel = fit.values[index, HEADING] + aim - touches.way[own] * fit.values[index, AIM_PLAY]
-        probes_towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
-        felt = np.array([touched[k].angle_rad for k in own.tolist()])
-        off = np.angle(np.exp(1j * (probes_towards - travel - felt)))
+        towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
+        measured = np.array([touched[k].angle_rad for k in own.tolist()])
+        off = np.angle(np.exp(1j * (towards - travel - measured)))
         middle = float(np.median(off))
         spread = 1.4826 * float(np.median(np.abs(off - middle)))
         found.append((middle, 1.2533 * spread / math.sqrt(max(len(own), 1))))
@@ -233,7 +233,7 @@ def summarise_residuals(
 ) -> Residuals:
     """How well touches agree; `without`: the fit that does not know those `held_out` (n,)."""
     used = ~fit.outlier
-    foretold = without.residual_mm[held_out & used]
+    predicted = without.residual_mm[held_out & used]
     own = fit.residual_mm[used]
     seen = []
     for k in range(len(touches.finger)):
@@ -258,8 +258,8 @@ def summarise_residuals(
         degrees_of_freedom=fit.freedom,
         chi_square=fit.chi_square,
         outliers=int(fit.outlier.sum()),
-        held_out=len(foretold),
-        held_out_rms_mm=float(np.sqrt((foretold**2).mean())) if len(foretold) else 0.0,
-        held_out_largest_mm=float(np.abs(foretold).max()) if len(foretold) else 0.0,
+        held_out=len(predicted),
+        held_out_rms_mm=float(np.sqrt((predicted**2).mean())) if len(predicted) else 0.0,
+        held_out_largest_mm=float(np.abs(predicted).max()) if len(predicted) else 0.0,
         touches_seen=seen,
     )

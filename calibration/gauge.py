@@ -1,8 +1,8 @@
-"""The hand frame: which of all frames a calibration speaks of, as touching things shows none.
+"""Gauge freedom: which of all frames a calibration refers to, since touches determine none.
 
 Touches of references at unknown places say where fingers stand to one another, not where the rig stands on
 its table. So W is defined by the rig file: it is the frame in which bases and headings are, all in all,
-nearest to what the file says. Used by the fit of the fingers, and by whoever compares with emulated truth.
+nearest to what the file says.
 """
 
 import math

@@ -1,7 +1,7 @@
-"""What a rig that is being calibrated measures: touches of references, presses, idle arrays.
+"""Measurements of a rig that is being calibrated: touches of references, presses, stops, idle arrays.
 
-The values between whoever moves the rig (`prober.Prober`, carried out by `palpate.rig`) and the fits, which
-are pure functions of them. Servo angles count from Goal Position 2048, the servo next to the base first.
+A `prober.Prober` makes them; the estimators are pure functions of them. Servo angles count from Goal Position
+2048, the servo next to the base first.
 """
 
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ __all__ = ["FREE", "IN", "OUT", "IdleMeasurement", "PressMeasurement", "StopMeas
 
 
 FREE, IN, OUT = 0, 1, 2
-"""Legs of a press: before anything is felt, pressing on, going back."""
+"""Legs of a press: before contact, pressing on, going back."""
 
 
 @dataclass(frozen=True)
 class TouchMeasurement:
-    """A finger that stands in contact with a reference, after a slow touch.
+    """Contact of a finger at rest with a reference, after a slow touch.
 
     `placing`: number of the placing of a reference that was touched. `servos_rad`: aim and slide. `aim_way`:
-    +1 if the aim came to its angle from below, -1 from above, 0 if nobody knows: it says where its play is.
-    `angle_rad` ± `angle_half_rad`: direction from the tip's axis to the contact, from the array's middle.
-    `force_n` ± `force_bound_n`: what the array felt, with what was known of its gains then.
+    +1 if the aim came to its angle from below, -1 from above, 0 if unknown: it determines the side of its
+    backlash. `angle_rad` ± `angle_half_rad`: direction from the tip's axis to the contact, from the array's
+    middle. `force_n` ± `force_bound_n`: by the array, with its gains as known then.
     """
 
     finger: str
@@ -37,7 +37,7 @@ class TouchMeasurement:
 
 @dataclass(frozen=True, eq=False)
 class PressMeasurement:
-    """A slow press at one aim and back, n samples in the order of time.
+    """Slow press at one aim and back, n samples in the order of time.
 
     `aim_rad`: servo angle of the aim. `slide_rad` (n,): servo angle of the slide; `current_a` (n,): its
     Present Current, positive if it pushes the tip out. `leg` (n,): FREE, IN or OUT. `counts` (n, rows, cols):
@@ -64,11 +64,11 @@ class IdleMeasurement:
 
 @dataclass(frozen=True)
 class StopMeasurement:
-    """A slide that was stopped by a contact at a speed.
+    """Stop of a slide that met a contact at a speed.
 
-    `felt_rad`: slide's servo angle when the contact had been felt and the stop was sent; `stood_rad`: where
-    it came to stand; `contact_rad`: where a slow touch at the same aim stood. `samples_s`: time between two
-    looks at the array.
+    `felt_rad`: slide's servo angle when the contact had been detected and the stop was sent; `stood_rad`:
+    where it came to stand; `contact_rad`: where a slow touch at the same aim stood. `samples_s`: time between
+    two looks at the array.
     """
 
     finger: str

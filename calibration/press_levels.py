@@ -65,8 +65,8 @@ def average_levels(
 ) -> PressLevels:
     """Cut each press's way in into `LEVELS` levels of equal travel.
 
-    `live` and `full` (rows, cols): taxels that are looked at, and counts at which they are saturated:
-    samples with such a one are left out. Raises InputError for a press that moves or feels too little.
+    `live` and `full` (rows, cols): taxels that are looked at, and counts at which they are saturated: samples
+    with such a one are left out. Raises InputError for a press with too few samples in motion or in contact.
     """
     parts = [_levels(pressed.press, live, full, noise, mm_per_rad) for pressed in presses]
     return PressLevels(
@@ -84,9 +84,9 @@ def average_levels(
 def informative_presses(
     presses: Sequence[PressAtBearing], live: Bools, full: Floats, noise: float, mm_per_rad: float
 ) -> list[PressAtBearing]:
-    """Presses that moved and felt enough, or all if these are fewer than half.
+    """Presses with enough samples in motion and in contact, or all if these are fewer than half.
 
-    A reference whose place is known by a few touches is met a little elsewhere than foreseen now and then.
+    A reference whose place is known by a few touches is met a little elsewhere than predicted now and then.
     """
     found = [item for item in presses if _enough(*_parts(item.press, live, full, noise, mm_per_rad))]
     return found if 2 * len(found) >= len(presses) else list(presses)
@@ -97,9 +97,9 @@ def _parts(
 ) -> tuple[Bools, Bools]:
     """Samples (n,) of a slide that moves: those of its free way, and those that count as pressing."""
     total = press.counts[:, live].sum(axis=1)
-    felt = total > _FELT_SIGMAS * noise * np.sqrt(live.sum())
+    in_contact = total > _FELT_SIGMAS * noise * np.sqrt(live.sum())
     within = ~((press.counts >= full) & live).any(axis=(1, 2))
-    return _moving(press, FREE, mm_per_rad), _moving(press, IN, mm_per_rad) & felt & within
+    return _moving(press, FREE, mm_per_rad), _moving(press, IN, mm_per_rad) & in_contact & within
 
 
 def _enough(free: Bools, chosen: Bools) -> bool:
@@ -114,7 +114,7 @@ def _levels(
     if not _enough(free, chosen):
         raise InputError(
             f"finger {press.finger}, placing {press.placing}: a press has too few samples of a slide that "
-            f"moves ({free.sum()} free, {chosen.sum()} that feel something; {_FEWEST} are needed); begin it "
+            f"moves ({free.sum()} free, {chosen.sum()} in contact; {_FEWEST} are needed); begin it "
             "further away, press harder or more slowly"
         )
     place, current, counts = place[chosen], press.current_a[chosen], press.counts[chosen]

@@ -1,9 +1,8 @@
-"""How a cylindrical tip that is pressed against a reference spreads its force over the array's columns.
+"""Pressure distribution of a cylindrical tip on a reference, over the array's columns.
 
 The skin is an elastic foundation (Johnson, Contact Mechanics, ch. 4.3) that yields along the radius:
 pressure in a direction grows with how far the reference reaches into the undeformed circle there.
-References are flat faces and discs. Whole arrays, n contacts at a time; `gains` compares it with what
-columns read.
+References are flat faces and discs. Whole arrays, n contacts at a time.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,4 @@
-"""What calibration asks of a rig: to touch, to press, to be still. Carried out by `palpate.rig` on real and
-emulated devices alike; calibration itself knows neither ports nor clocks.
-"""
+"""Prober: the measurements that calibration asks of a rig, real or emulated, without ports or clocks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ __all__ = ["Probe", "Prober", "SlideApproach"]
 
 @dataclass(frozen=True)
 class SlideApproach:
-    """A straight way of a slide: its finger, the servo angle of its aim, and its slide's first and last."""
+    """Straight path of a slide: its finger, the servo angle of its aim, and its slide's first and last."""
 
     finger: int
     aim_rad: float
@@ -40,7 +38,7 @@ class Prober(Protocol):
 
     @property
     def approaches(self) -> Sequence[SlideApproach]:
-        """Every way that is free."""
+        """Every free path."""
         ...
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
@@ -71,7 +69,7 @@ class Prober(Protocol):
         ...
 
     def idle(self, seconds: float) -> list[IdleMeasurement]:
-        """What every array says when nothing touches it."""
+        """Record every array with nothing touching it."""
         ...
 
     def home(self, finger: int, stop_mm: float) -> float:

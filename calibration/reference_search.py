@@ -1,7 +1,4 @@
-"""Finding a reference that was put somewhere, and the approaches that meet it as wanted.
-
-The first thing that every step does with a reference. From touches to a fit, and to probes at bearings.
-"""
+"""Reference search: touches that locate a reference that was put down, and approaches at given bearings."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A calibration under way, format `palpate/calibration-run@1`: what is done, so that it can be resumed.
+"""Run record of a calibration under way, format `palpate/calibration-run@1`, by which it can be resumed.
 
 JSON beside the rig file, replaced whole after every step and every placing. It belongs to one rig as
 described, one set of references and one set of devices; for others it is begun anew.
@@ -17,7 +17,7 @@ __all__ = ["RunRecord"]
 
 
 class RunRecord(FileModel):
-    """What a calibration has done so far; steps that are not done are left out."""
+    """Results of a calibration so far; steps that are not done are left out."""
 
     format: Literal["palpate/calibration-run@1"] = "palpate/calibration-run@1"
     steps: Items[str] = Field(description="Steps that were asked for.")

@@ -1,7 +1,7 @@
 """Stop latency of slides, and bounds on the overshoot that it costs at each speed.
 
 A slide that meets something
-runs on for as long as the contact takes to be felt, the stop to be sent and the slide to stand: its
+runs on for as long as the contact takes to be detected, the stop to be sent and the slide to stand: its
 latency. Part of that is the wait between two looks at the array, anything from nothing to all of it.
 """
 

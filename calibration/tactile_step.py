@@ -39,7 +39,7 @@ def measure_tactile(
     *,
     tell: Callable[[str], None],
 ) -> list[TactileCalibration]:
-    """Measure every finger's array; `arrays`: their descriptions. Raises InputError for too little felt."""
+    """Measure every finger's array; `arrays`: their descriptions. Raises what `fit_gains` raises."""
     prober.clear()
     tell(f"arrays untouched for {_IDLE_S:g} s")
     idles = prober.idle(_IDLE_S)

@@ -1,4 +1,4 @@
-"""What `palpate calibrate` says with `--json`, format `palpate/calibrate@1`."""
+"""Result of `palpate calibrate --json`, format `palpate/calibrate@1`."""
 
 from typing import Literal
 
@@ -28,7 +28,7 @@ class CalibratedFingerOut(Out):
 class CalibrateOut(Out):
     """A calibration that was carried out. `steps`: those that it was asked for; `file`, `report`: written.
 
-    `rms_mm`, `held_out_rms_mm`: residuals of touches, fitted and foretold; null before fingers were placed.
+    `rms_mm`, `held_out_rms_mm`: residuals of touches, fitted and predicted; null before fingers were placed.
     `rig_seconds` is the rig's own time (virtual when emulated), `wall_seconds` what the user waited.
     """
 

@@ -1,4 +1,4 @@
-"""What calibration found of a rig, format `palpate/calibration@1`: TOML beside the rig file.
+"""Calibration of a rig, format `palpate/calibration@1`: TOML beside the rig file.
 
 `palpate calibrate` writes it, `calibrated` lays it over the rig file that it was made for, and every other
 command takes the rig from there. `docs/calibration-file.md` explains every key.
@@ -52,7 +52,7 @@ class TouchResidual(FileModel):
     y_mm: Measured = Field(description="Likewise.")
     normal_deg: Measured = Field(description="Direction of the reference's outward normal there, from +x.")
     residual_mm: Measured = Field(description="Distance from where it should be, along the normal, outward.")
-    held_out: Flag = Field(description="It was not fitted, only foretold.")
+    held_out: Flag = Field(description="It was not fitted, only predicted.")
     outlier: Flag = Field(description="It was left out because it does not agree with the others.")
 
 
@@ -65,7 +65,7 @@ class Residuals(FileModel):
     degrees_of_freedom: Count = Field(description="Fitted touches less what they determine.")
     chi_square: MeasuredLength = Field(description="Sum of squares of residuals over expected deviations.")
     outliers: Count = Field(description="Touches that were left out.")
-    held_out: Count = Field(description="Touches that were only foretold.")
+    held_out: Count = Field(description="Touches that were only predicted.")
     held_out_rms_mm: MeasuredLength = Field(description="Root mean square of their residuals; 0 for none.")
     held_out_largest_mm: MeasuredLength = Field(description="The largest of them; 0 for none.")
     touches_seen: Items[TouchResidual] = Field(default=[], description="Every touch.")

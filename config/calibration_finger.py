@@ -1,6 +1,6 @@
-"""What a calibration file says of one finger: its array, its actuators, its place, its bounds.
+"""Calibration of one finger: its array, its actuators, its place, its bounds.
 
-`calibration_file` puts the fingers together, `calibrated` lays them over a rig. Units are the suffixes of the
+Units are the suffixes of the
 names: mm, degrees, N, A, s; covariances in mm and rad. Frames are those of the rig file.
 """
 
@@ -42,7 +42,7 @@ _ASYMMETRY = 1e-6  # of entries that twelve digits and another order of sums can
 
 
 class UnusableTaxel(FileModel):
-    """A taxel that tells nothing, and why."""
+    """A taxel that is left out, and why."""
 
     row: Count = Field(description="Row, from the tip's lower end up, from 0.")
     col: Count = Field(description="Column, from 0.")

@@ -1,7 +1,6 @@
-"""A rig with its calibration laid over it, and whether that belongs to this rig at all.
+"""Calibration overlay: a rig with its measured values, and whether the calibration belongs to it.
 
-Between the two files and everyone who builds a hand: what comes out is a `RigFile` like any other, with
-numbers that were measured and bounds that hold for them.
+The result is a `RigFile` like any other, with values that were measured and bounds that hold for them.
 """
 
 import hashlib

@@ -1,4 +1,4 @@
-"""A calibration file as TOML that people can read. The way out for `CalibrationFile`.
+"""Writer of calibration files: TOML that people can read.
 
 Numbers are as the model holds them: rounded already, bounds upward (`calibration_numbers`).
 """

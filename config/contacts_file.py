@@ -1,6 +1,6 @@
-"""Contacts, format `palpate/contacts@1`: what fingers felt, or did not feel, grip by grip.
+"""Contacts, format `palpate/contacts@1`: touches and misses, grip by grip.
 
-Stands where a session's contacts come from a file instead of the bench. Everything is in the
+Everything is in the
 support-plane frame W, mm and rad. The values keep the file's field names, which carry no unit suffix: the
 file's `units` header fixes them.
 """

@@ -1,4 +1,4 @@
-"""From a file's bytes to a checked pydantic model, or one `InputError` line. The way in for all formats.
+"""Loading of files: from bytes to a checked pydantic model, or one `InputError` line, for all formats.
 
 Every failure names the file, the place in it, what is wrong and what is allowed: a missing file, bytes
 that are not UTF-8, broken JSON or TOML (line and column), keys given twice, unknown keys, wrong values.

@@ -1,6 +1,6 @@
-"""What is wrong with a file, in words for the person who wrote it.
+"""Error messages for files: what is wrong, in words for the person who wrote the file.
 
-Turns pydantic's findings into `Problem` values: a place in the user's own terms and one sentence.
+Turns pydantic's validation errors into `Problem` values: a place in the user's own terms and one sentence.
 Nothing of pydantic's vocabulary, and none of its links, gets past this module.
 """
 
@@ -31,7 +31,7 @@ Place = tuple[str | int, ...]
 """Keys and indices (from 0) from the top of a file to a value."""
 
 TAG = "type="
-"""What the tags of models that are told apart by a key `type` begin with; they are no part of a place."""
+"""What the tags of models that are distinguished by a key `type` begin with; they are no part of a place."""
 
 _OWN_TYPE = "palpate"
 _KINDS: Mapping[str, str] = {
@@ -209,7 +209,7 @@ def _sentence(  # noqa: PLR0911 - a table with logic
 
 
 def _other_type(detail: ErrorDetails, model: type[BaseModel]) -> str:
-    """About a key `type` that names none of the models that are told apart by it."""
+    """About a key `type` that names none of the models that are distinguished by it."""
     value = detail["input"]
     given = value.get("type") if isinstance(value, Mapping) else value
     return f"is {shown(given)}; allowed: {', '.join(map(shown, _tags_at(model, detail['loc'])))}"
@@ -262,7 +262,7 @@ def _kind_at(model: type[BaseModel], place: Place) -> Any:
 
 
 def _tagged(kind: Any) -> dict[str, Any]:
-    """Models of a union that is told apart by tags, by tag; empty for anything else."""
+    """Models of a tagged union, by tag; empty for anything else."""
     if get_origin(kind) not in {Union, UnionType}:
         return {}
     found = {}

@@ -1,1 +1,1 @@
-"""Setting up and calibrating a rig: motors, calibration runs, the quick re-touch."""
+"""Commissioning of a rig: motor setup and calibration runs."""

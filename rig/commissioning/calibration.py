@@ -1,4 +1,4 @@
-"""A calibration from the first step to the file: `palpate calibrate`'s work, on real and emulated rigs alike.
+"""Calibration run from the first step to the file, on real and emulated rigs alike.
 
 Runs the steps of `calibration` one after the other, each with a hand of its own that knows what the earlier
 ones found, and keeps what is done in a run record, from which it can be resumed.
@@ -85,7 +85,7 @@ class RunRecordStore(Protocol):
     """Keeps the run record between runs."""
 
     def load(self) -> RunRecord | None:
-        """What an earlier run has left, None if nothing."""
+        """The record of an earlier run, None if there is none."""
         ...
 
     def save(self, record: RunRecord) -> None:

@@ -1,4 +1,4 @@
-"""A hand that calibrates: connects a bench's devices for each step. Between `outside` and `calibrating`."""
+"""Connector of a rig for the steps of a calibration, each with a hand of its own."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ __all__ = ["rig_connector"]
 
 
 def rig_connector(outside: Outside, table: Table, notice: Callable[[str], None]) -> RigConnector:
-    """What connects the rig outside, with somebody at its table; `notice`: what the operator should do."""
+    """A connector of the rig in this environment; `notice` is called with what the operator should do."""
 
     @contextmanager
     def connect(rig: RigFile, *, moving: bool) -> Iterator[ConnectedRig]:

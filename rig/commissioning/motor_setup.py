@@ -1,6 +1,6 @@
-"""Setting up a rig's servos one after another, with a person who plugs them in. Called by `setup-motors`.
+"""Motor setup: ids, baud rates and limits of a rig's servos, one after another, as an operator plugs them in.
 
-Nothing is hidden if it ends in between: every write that was confirmed is in the result.
+Every write that was confirmed is in the result, also if the setup ends early.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,7 @@ __all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all
 
 
 class OperatorReply(Enum):
-    """What a person says who was asked to connect a servo."""
+    """Answer of an operator who was asked to connect a servo."""
 
     GO = "go"
     SKIP = "skip"

@@ -1,1 +1,1 @@
-"""Examining a rig without moving it: servos, arrays, adapters, calibration."""
+"""Diagnostics: checks of servos, arrays, adapters and calibration, bus scan, emergency stop."""

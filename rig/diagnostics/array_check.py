@@ -1,6 +1,6 @@
-"""Looking at one tactile array of a rig: what it is, what it finds in itself, and how many frames arrive.
+"""Check of one tactile array: identity, self-test, and rate of frames.
 
-Between the array's driver and `checking`. The array is left as after `connect`, and stopped.
+The array is left as after `connect`, and stopped.
 """
 
 from collections.abc import Collection, Sequence
@@ -26,7 +26,7 @@ _TAXELS_NAMED = 6
 
 
 def check_array(spec: FingerConfig, wanted_hz: float, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
-    """Let one array examine itself, if it can, and stream for a while; count what arrives."""
+    """Run the self-test of an array, if it has one, and count the frames of a second."""
     timer = latency_timer_s(spec.array.port)
     blank = ArrayCheckOut(
         finger=spec.name,
@@ -52,16 +52,16 @@ def check_array(spec: FingerConfig, wanted_hz: float, clock: Clock, open_port: O
     return found
 
 
-def _introduced(out: ArrayCheckOut, told: Description) -> ArrayCheckOut:
+def _introduced(out: ArrayCheckOut, description: Description) -> ArrayCheckOut:
     return out.model_copy(
         update={
             "answers": True,
-            "firmware": told.firmware,
-            "unique_id": told.unique_id.hex(),
-            "emulated": told.emulated,
-            "shape": told.shape.name.lower(),
-            "rows": told.rows,
-            "columns": told.cols,
+            "firmware": description.firmware,
+            "unique_id": description.unique_id.hex(),
+            "emulated": description.emulated,
+            "shape": description.shape.name.lower(),
+            "rows": description.rows,
+            "columns": description.cols,
         }
     )
 

@@ -1,7 +1,4 @@
-"""Where a command for setting up finds its servos: a port by name, a rig file's bus, or the emulated bench.
-
-Between the command line and the drivers; the commands on whole rigs take their ports from here, too.
-"""
+"""Selection of a servo bus: a port by name, a rig file's bus, or the emulated bench."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +29,7 @@ class BusEndpoint:
     """A bus: its port as people call it, how to open it, and what is known of it.
 
     `rig` is None if only a port was named. `urls`: where ports of an emulated rig really are. `devices`: what
-    hangs on them, which lives as long as somebody owns it.
+    hangs on them, which lives as long as it is referenced.
     """
 
     port: str

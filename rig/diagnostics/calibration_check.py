@@ -1,7 +1,4 @@
-"""The calibration in `palpate check`: what it promises, how old it is, and whether it is of these devices.
-
-After the devices were looked at (`checking`), which say who they are.
-"""
+"""Check of a calibration: its bounds, its age, and whether it was made with these devices."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -19,7 +16,7 @@ OLD_DAYS = 90
 
 
 def with_calibration(out: CheckOut, on_bench: RigOnBench, now: datetime) -> CheckOut:
-    """A check's result with what there is to say of the rig's calibration; as it was without one."""
+    """A check's result with findings on the rig's calibration; unchanged without one."""
     file = on_bench.calibration
     if file is None:
         return out

@@ -1,4 +1,4 @@
-"""What to say of an adapter's latency timer. For commands that look at ports."""
+"""Warnings about an adapter's latency timer."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _GOOD_S = 1e-3
 
 
 def timer_warnings(port: str, timer_s: float | None) -> list[str]:
-    """What to do about an adapter that holds answers back; nothing if it does not, or nobody knows."""
+    """What to do about an adapter that holds answers back; nothing if it does not, or if that is unknown."""
     if timer_s is None or timer_s <= _GOOD_S:
         return []
     known = latency_timer_file(port)

@@ -1,6 +1,6 @@
-"""A quick re-touch: does a disc, touched a few times by every finger, agree with the calibration?
+"""Re-touch of a reference: does a disc, touched a few times by every finger, agree with the calibration?
 
-The work of `palpate check --touch`, on real and emulated rigs alike. Fingers stand where the calibration
+Fingers stand where the calibration
 says; only the disc's place is fitted.
 """
 

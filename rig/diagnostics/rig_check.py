@@ -1,6 +1,6 @@
-"""Looking at a whole rig without moving it. Between the drivers and `palpate check`.
+"""Check of a whole rig without moving it.
 
-Each device is looked at by itself (`check_devices`, `check_array`), so that a silent one hides no other; then
+Each device is checked by itself, so that a silent one hides no other; then
 all servos are read over and over, as a run does.
 """
 
@@ -30,7 +30,7 @@ __all__ = ["check_rig"]
 
 
 def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lambda _: None) -> CheckOut:
-    """Look at every device of a rig; `now` hears what is looked at.
+    """Check every device of a rig; `now` is called with what is being checked.
 
     Raises DeviceError if the bus's port is missing or fails; everything else is in the result.
     """

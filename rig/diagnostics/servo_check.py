@@ -1,6 +1,6 @@
-"""Looking at the servos of a rig without moving them: one servo, or the loop over all.
+"""Check of servos without moving them: one servo, or the read loop over all.
 
-Between the drivers and `checking`. Torque stays as it is found, and nothing is written to EEPROM.
+Torque stays as it is found, and nothing is written to EEPROM.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ def check_servo(bus: Bus, wanted: WantedServo) -> ServoCheckOut:
     servo = wanted.servo
     blank = ServoCheckOut(id=servo.dxl_id, owner=wanted.owner, model=servo.model.name, answers=False)
     try:
-        told = servo.check()
+        reply = servo.check()
         eeprom = wanted.eeprom()
         health = read_health(bus, servo, eeprom)
     except PortFailed:
@@ -52,7 +52,7 @@ def check_servo(bus: Bus, wanted: WantedServo) -> ServoCheckOut:
         owner=wanted.owner,
         model=servo.model.name,
         answers=True,
-        firmware=told.firmware,
+        firmware=reply.firmware,
         voltage_v=health.voltage_v,
         voltage_limits_v=(low, high),
         temperature_c=health.temperature_c,

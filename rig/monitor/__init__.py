@@ -1,1 +1,1 @@
-"""Reading tactile arrays continuously, live or from a recorded session, without moving anything."""
+"""Monitoring of tactile arrays, live or from a recorded session, without moving anything."""

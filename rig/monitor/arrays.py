@@ -1,8 +1,4 @@
-"""The arrays of a rig, opened to be watched. Between the rig file and the drivers.
-
-Nothing here knows the servos' bus: nothing can move. Arrays of a recorded session are in
-`watch_session`.
-"""
+"""Live arrays of a rig, streaming. Nothing here knows the servos' bus: nothing can move."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress

@@ -1,6 +1,6 @@
-"""One finger's array while somebody watches it: frames in, a `FingerView` out whenever it is asked for.
+"""Monitor of one finger's array: frames in, a `FingerView` out whenever it is asked for.
 
-Between a driver of tactile arrays and `palpate watch`. Every frame is counted; only the newest few are
+Every frame is counted; only the newest few are
 looked at, because looking takes longer than an array takes to sample.
 """
 
@@ -19,7 +19,7 @@ from palpate.geometry import Bools, Counts, Floats
 __all__ = ["SILENT_S", "FingerView", "MonitoredFinger", "TareState"]
 
 SILENT_S = 0.5
-"""An array whose last frame is older than this does not stream, as far as people care."""
+"""An array whose last frame is older than this does not stream, for display."""
 
 _NEWEST = 4  # frames that are looked at together
 _TARE_FRAMES = 16
@@ -36,12 +36,12 @@ class TareState(Enum):
 
 @dataclass(frozen=True, eq=False)
 class FingerView:
-    """What is to be seen of one finger at one instant. Arrays: shape (rows, cols), lowest row first.
+    """State of one finger's array at one instant. Arrays: shape (rows, cols), lowest row first.
 
     `counts` are those of the newest frame, None before the first one. `taxel_n`: force on each taxel
     over its reading at rest (N), from the newest few frames; `force_n` that of all above the noise, None
     if not tared. `saturated` taxels are at their largest count now; `dead` and `hot` ones gave nothing,
-    or everything, with nothing touching. While the array is silent nothing is felt: `taxel_n` is 0,
+    or everything, with nothing touching. While the array is silent `taxel_n` is 0,
     `force_n` and `patch` are None. `age_s` is the time since the last frame, or since frames were first
     waited for. `counters` count from the last reset.
     """
@@ -68,7 +68,7 @@ class FingerView:
 
 
 class MonitoredFinger:
-    """An array that streams. Call `poll` often, `view` as often as somebody looks."""
+    """An array that streams. Call `poll` often, `view` as often as it is displayed."""
 
     def __init__(
         self, name: str, port: str, array: ArrayDriver, extractor: ContactExtractor, clock: Clock
@@ -113,7 +113,7 @@ class MonitoredFinger:
         self._since = self.array.counters
 
     def view(self) -> FingerView:
-        """What is to be seen now."""
+        """The state now."""
         description = self.array.description
         shape = (description.rows, description.cols)
         blank = np.zeros(shape, dtype=bool)

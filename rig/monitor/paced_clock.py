@@ -1,4 +1,4 @@
-"""A clock that holds another one back to the wall's pace, for looking at what is not in real time."""
+"""Paced clock: holds another clock back to the wall's pace, to display what does not run in real time."""
 
 from palpate.drivers.transport.clock import Clock
 

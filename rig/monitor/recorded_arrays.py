@@ -1,4 +1,4 @@
-"""The arrays of a recorded session, played through the same drivers. From the log to fingers."""
+"""Recorded arrays of a session, played back through the same drivers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -96,7 +96,7 @@ def _pieces(file: SessionFile, port: str) -> list[Piece]:
 
 
 def _stages(file: SessionFile) -> tuple[tuple[float, str], ...]:
-    """When the run began what, in words."""
+    """Begin and name of each stage of the run."""
     pairs = ((entry.t_s, entry.what) for entry in file.entries)
-    told = ((t_s, what.values) for t_s, what in pairs if isinstance(what, Told) and what.kind == "stage")
-    return tuple((t_s, f"grip {values.get('grip')}, {values.get('stage')}") for t_s, values in told)
+    begun = ((t_s, what.values) for t_s, what in pairs if isinstance(what, Told) and what.kind == "stage")
+    return tuple((t_s, f"grip {values.get('grip')}, {values.get('stage')}") for t_s, values in begun)
