@@ -20,7 +20,7 @@ from palpate.config.references_file import ReferencesFile
 from palpate.errors import InputError, PalpateError
 from palpate.files.writing import check_place, write_text
 from palpate.rig.background import BackgroundCall
-from palpate.rig.bench import emulated_table, outside, set_up
+from palpate.rig.bench import emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration import CalibrationJob, build_references, calibrate, slide_fingers
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.rig_prober import Table
@@ -118,7 +118,7 @@ def calibrate_rig(
         _before(paths.calibration, rig, path),
     )
     with BackgroundCall("the display", progress) as notice:
-        file = calibrate(job, rig_connector(outside(bench), table, notice), keeper, notice)
+        file = calibrate(job, rig_connector(environment(bench), table, notice), keeper, notice)
     write_text(paths.calibration, calibration_toml(file))
     write_report(paths.report, file)
     keeper.forget()

@@ -12,7 +12,7 @@ from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.config.results import to_json
 from palpate.errors import InputError, PalpateError
 from palpate.rig.background import BackgroundCall
-from palpate.rig.bench import emulated_table, outside, set_up
+from palpate.rig.bench import emulated_table, environment, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.commissioning.calibration import build_references, slide_fingers
 from palpate.rig.commissioning.calibration_hand import rig_connector
@@ -109,7 +109,7 @@ def _touched(
     if table is None:
         raise InputError(f'rig "{on_bench.rig.name}" is real: give the table, on which the disc is put')
     disc, _ = build_references(shapes)
-    connect = rig_connector(outside(bench), table, show)
+    connect = rig_connector(environment(bench), table, show)
     with connect(on_bench.rig, moving=True) as there:
         return retouch(on_bench.rig, there.prober, disc, promises, lambda text: show(f"  {text}"))
 

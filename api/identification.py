@@ -18,11 +18,11 @@ from palpate.config.writers import file_text
 from palpate.errors import OutputError
 from palpate.files.writing import write_text
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import BenchRig, outside, place, set_up
+from palpate.rig.bench import BenchRig, environment, place, set_up
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.catalogue.reachability_text import finding_lines
-from palpate.rig.emulated.calibrated_truth import placement_seen
+from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.emulated.scene_reachability import scene_lines
 from palpate.rig.identification.observers import Observer
@@ -91,14 +91,14 @@ def identify_on(
         warn(line)
     inputs = _Inputs(on_bench, objects, name, scene, seed, strategy)
     bench = set_up(on_bench.described, lies, seed)
-    seen = placement_seen(on_bench, lies, seed, bench.emulated)
+    seen = placement_in_hand_frame(on_bench, lies, seed, bench.emulated)
     started = datetime.now(UTC).replace(microsecond=0)
     job = IdentificationJob(
         on_bench.rig, Catalogue(objects.objects), seen, strategy, seed, on_bench.calibration, started
     )
     observers = [] if on_event is None else [on_event]
     if sessions is None:
-        finished = run_identification(job, outside(bench), None, observers, notice)
+        finished = run_identification(job, environment(bench), None, observers, notice)
         out = finished.out(wall_seconds=time.perf_counter() - begin, session=None)
         return Answer(out, finished, objects, finished.late_failure)
     return _logged(inputs, job, bench, sessions, observers, notice, begin)
@@ -122,7 +122,7 @@ def _logged(
             keep_inputs(folder, inputs.on_bench, inputs.objects, inputs.scene)
             with HeldInterrupts() as held:
                 finished = run_identification(
-                    job, outside(bench, log, latency_s, held.check), log, observers, notice
+                    job, environment(bench, log, latency_s, held.check), log, observers, notice
                 )
             out = finished.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
             log.event("result", result=out.model_dump(mode="json"))

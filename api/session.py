@@ -15,7 +15,7 @@ from palpate.drivers.transport.clock import Clock
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import place
-from palpate.rig.emulated.calibrated_truth import placement_seen
+from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
 from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
 from palpate.rig.session.log import LOG_NAME
@@ -104,7 +104,7 @@ class Session:
         if not isinstance(scene, bool):
             raise InputError(f'{path}: line 1: "scene" must be true or false')
         on_bench, objects, given = kept_inputs(self.folder, scene=scene, calibration=calibrated_run(self.log))
-        seen = placement_seen(on_bench, place(on_bench.described, objects, given, seed), seed)
+        seen = placement_in_hand_frame(on_bench, place(on_bench.described, objects, given, seed), seed)
         started = None if on_bench.calibration is None else self._started()
         models = Catalogue(objects.objects)
         return IdentificationJob(

@@ -31,7 +31,7 @@ from palpate.config.objects_tables import ObjectsFileText
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import outside, set_up
+from palpate.rig.bench import environment, set_up
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
 from palpate.rig.catalogue.heights import check_known
 from palpate.rig.emulated.scene import draw_placement
@@ -118,7 +118,7 @@ def identified(rig: RigFile, catalogue: Catalogue, item: Lying, seed: int) -> tu
     bench = set_up(rig, lying, seed)
     begin = time.perf_counter()
     out = run_identification(
-        IdentificationJob(rig, catalogue, lying, Strategy.PLANNED, seed, None), outside(bench)
+        IdentificationJob(rig, catalogue, lying, Strategy.PLANNED, seed, None), environment(bench)
     ).out(wall_seconds=0.0, session=None)
     truth = out.truth
     right = truth is not None and truth.named and truth.inside_bounds

@@ -37,7 +37,7 @@ from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import BenchRig, emulated_table, outside, set_up
+from palpate.rig.bench import BenchRig, emulated_table, environment, set_up
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_references, calibrate
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.run_record_file import RunRecordFile
@@ -76,7 +76,7 @@ def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | No
     )
     begin = time.perf_counter()
     world = SimulatedRig(rig, seed)
-    connect = world.connect if simulated else rig_connector(outside(bench), table, print)
+    connect = world.connect if simulated else rig_connector(environment(bench), table, print)
     keeper = Nothing() if records is None else RunRecordFile(records / f"{seed}.json")
     try:
         file = calibrate(job, connect, keeper, lambda _: None)
@@ -115,7 +115,7 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
         job = IdentificationJob(
             used, Catalogue(objects.objects), seen, Strategy.PLANNED, seed, file, datetime.now(UTC)
         )
-        out = run_identification(job, outside(bench)).out(wall_seconds=0.0, session=None)
+        out = run_identification(job, environment(bench)).out(wall_seconds=0.0, session=None)
     except PalpateError as error:
         return {"part": lying.model.name, "verdict": "refused", "why": str(error)}
     truth = out.truth
@@ -142,7 +142,7 @@ def retouched(seed: int, file: CalibrationFile) -> dict[str, object]:
     assert table is not None
     assert promises is not None
     disc = build_references(load_references(shipped_references()))[0]
-    with rig_connector(outside(bench), table, print)(rig, moving=True) as there:
+    with rig_connector(environment(bench), table, print)(rig, moving=True) as there:
         found = retouch(rig, there.prober, disc, promises).agreement
     return {
         "drifted": found.drifted,

@@ -35,12 +35,12 @@ Result = tuple[Cell, Outcome, list[str]]
 
 def without_force() -> None:
     """No force counts as too high."""
-    array_guard.ArrayWatch._check_force = lambda *_: None  # type: ignore[method-assign]
+    array_guard.ArrayGuard._check_force = lambda *_: None  # type: ignore[method-assign]
 
 
 def without_silence() -> None:
     """Arrays may be silent for ever."""
-    array_guard.ArrayWatch._check_heard = lambda *_: None  # type: ignore[method-assign]
+    array_guard.ArrayGuard._check_heard = lambda *_: None  # type: ignore[method-assign]
 
 
 def without_stall() -> None:
@@ -103,12 +103,12 @@ def without_shield() -> None:
 
 def without_sure_off() -> None:
     """Torque is switched off once, whatever interrupts it."""
-    hand.Hand._surely_off = hand.Hand._switch_off  # type: ignore[method-assign]
+    hand.Hand._switch_off_despite_interruptions = hand.Hand._switch_off  # type: ignore[method-assign]
 
 
 def without_reconnecting() -> None:
     """An adapter that comes back is not waited for."""
-    hand.Hand._off_once_plugged_in = lambda _, failed: failed  # type: ignore[method-assign]
+    hand.Hand._switch_off_after_reconnect = lambda _, failed: failed  # type: ignore[method-assign]
 
 
 def without_asking_again() -> None:

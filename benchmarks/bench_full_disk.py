@@ -37,7 +37,7 @@ from palpate.config.calibration_writer import calibration_toml
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import OutputError
-from palpate.rig.bench import outside
+from palpate.rig.bench import environment
 from palpate.rig.commissioning.calibration import CalibrationJob, calibrate
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.run_record_file import RunRecordFile
@@ -131,7 +131,7 @@ def calibrated_here(seed: int, disk: Path) -> bool:
         rig, "0" * 64, load_references(shipped_references()), ("actuators",), 0.999, datetime.now(UTC), None
     )
     table = EmulatedTable(session.bench, seed)
-    connect = rig_connector(outside(session.bench_rig), table, lambda _: None)
+    connect = rig_connector(environment(session.bench_rig), table, lambda _: None)
     said = "nothing"
     try:
         calibrate(job, connect, RunRecordFile(disk / "record.json"), lambda _: None)

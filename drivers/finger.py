@@ -77,7 +77,7 @@ class FingerKinematics(Protocol):
         """How far the true centre may be from `centre_mm`."""
         ...
 
-    def strayed_mm(self, servos_rad: Servos, off_rad: float) -> float:
+    def cross_track_bound_mm(self, servos_rad: Servos, off_rad: float) -> float:
         """How far the tip is off its line at most, if the servos that keep it there are off by `off_rad`."""
         ...
 

@@ -98,7 +98,7 @@ class SlideKinematics:
         across = (self.distance_mm(servos_rad[1]) + scale) * self._aimed_bound_rad
         return self.base_bound_mm + math.hypot(along, across)
 
-    def strayed_mm(self, servos_rad: Servos, off_rad: float) -> float:
+    def cross_track_bound_mm(self, servos_rad: Servos, off_rad: float) -> float:
         """The aim keeps the tip on its line: its error by the distance."""
         return abs(self.distance_mm(servos_rad[1])) * off_rad / abs(self.gear_ratio)
 

@@ -115,7 +115,7 @@ class ArmKinematics:
         )
         return self.base_bound_mm + 2 * self.length_bound_mm + turned
 
-    def strayed_mm(self, servos_rad: Servos, off_rad: float) -> float:
+    def cross_track_bound_mm(self, servos_rad: Servos, off_rad: float) -> float:
         """Both servos keep the tip on its line: the errors of both, by their levers."""
         lever = math.dist(self.base_mm, self.centre_mm(servos_rad))
         off = lever / abs(self.shoulder.gear_ratio) + self.fore_mm / abs(self.elbow.gear_ratio)

@@ -20,9 +20,9 @@ from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate, on_mock_
 from palpate.rig.emulated.reference_table import EmulatedTable
 from palpate.rig.emulated.scene import Placement, draw_placement, placement_of
 from palpate.rig.motion.hand import Hand
-from palpate.rig.session.environment import Outside
+from palpate.rig.session.environment import Environment
 
-__all__ = ["BenchRig", "connect", "emulated_table", "outside", "place", "set_up"]
+__all__ = ["BenchRig", "connect", "emulated_table", "environment", "place", "set_up"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +89,12 @@ def emulated_table(bench: BenchRig, seed: int) -> EmulatedTable | None:
     return None if bench.mock is None else EmulatedTable(bench.mock.rig.bench, seed)
 
 
-def outside(
+def environment(
     bench: BenchRig,
     sink: Sink | None = None,
     latency_s: float | None = None,
     check: Callable[[], None] = lambda: None,
-) -> Outside:
+) -> Environment:
     """What a run gets from a bench; with a sink, all that comes from clock and ports is recorded.
 
     `latency_s`: as `bus_latency_s` gave it, None to ask now. `check`: called in recorded calls, may raise.
@@ -105,20 +105,20 @@ def outside(
         return open_port(bench.urls(port), baudrate)
 
     if sink is None:
-        return Outside(bench.clock, open_raw, latency_s)
+        return Environment(bench.clock, open_raw, latency_s)
     recorder = Recorder(bench.clock, sink, check)
 
     def open_recorded(port: str, baudrate: int) -> SerialBase:
         return recorder.open(port, lambda: open_raw(port, baudrate))
 
-    return Outside(recorder.clock, open_recorded, latency_s, recorder.sink.check)
+    return Environment(recorder.clock, open_recorded, latency_s, recorder.sink.check)
 
 
 def connect(
     bench: BenchRig, sink: Sink | None = None, notice: Callable[[str], None] = lambda _: None
 ) -> Hand:
-    """Open the ports and connect the hand, recorded as `outside` says.
+    """Open the ports and connect the hand, recorded as `environment` says.
 
     `notice` is told what the operator should do now.
     """
-    return outside(bench, sink).hand(bench.rig, notice)
+    return environment(bench, sink).hand(bench.rig, notice)

@@ -36,7 +36,7 @@ __all__ = [
     "resolution_of",
     "slide_kinematics",
     "tip_bound_mm",
-    "unfelt_mm",
+    "undetected_dent_mm",
 ]
 
 
@@ -158,7 +158,7 @@ def _joint(servo: JointConfig) -> Joint:
     return Joint(servo.gear_ratio, zero, play, lo, hi)
 
 
-def unfelt_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
+def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """How deep something may have dented a moving tip without being felt.
 
     Twice the contact threshold: the quick guard leaves out what is below each taxel's noise, and gains vary.
@@ -180,7 +180,7 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     unsure = (finger.array.gain_spread + _CROSSTALK_SHARE) * force
     deepest = (force + unsure) / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
     shallowest = max(force - unsure, 0.0) / stiffest
-    return (deepest - shallowest) / 2 + deepest + unfelt_mm(finger, closing)
+    return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing)
 
 
 def resolution_of(rig: RigFile) -> Resolution:

@@ -13,11 +13,11 @@ from palpate.rig.drives import Limits
 from palpate.rig.stage import HostStage
 from palpate.rig.wiring import drive_of
 
-__all__ = ["WantedFinger", "WantedServo", "wanted_fingers", "wanted_servos", "wanted_stage"]
+__all__ = ["FingerSettings", "ServoSettings", "finger_settings", "servo_settings", "stage_settings"]
 
 
 @dataclass(frozen=True, eq=False)
-class WantedServo:
+class ServoSettings:
     """A servo on the bus, what people call it, and its limits."""
 
     owner: str
@@ -35,34 +35,34 @@ class WantedServo:
 
 
 @dataclass(frozen=True, eq=False)
-class WantedFinger:
+class FingerSettings:
     """A finger's part of the rig file and its servos, the one next to the base first."""
 
     spec: FingerConfig
-    servos: tuple[WantedServo, WantedServo]
+    servos: tuple[ServoSettings, ServoSettings]
 
 
-def wanted_fingers(rig: RigFile, bus: Bus) -> list[WantedFinger]:
+def finger_settings(rig: RigFile, bus: Bus) -> list[FingerSettings]:
     """Every finger. Nothing is sent."""
     found = []
     for spec in rig.fingers:
         limits = drive_of(spec, rig, bus).limits()
         near, far = (
-            WantedServo(f"{spec.name} {joint}", servo, limits[servo])
+            ServoSettings(f"{spec.name} {joint}", servo, limits[servo])
             for joint, servo in zip(spec.servos, limits, strict=True)
         )
-        found.append(WantedFinger(spec, (near, far)))
+        found.append(FingerSettings(spec, (near, far)))
     return found
 
 
-def wanted_stage(rig: RigFile, bus: Bus) -> WantedServo | None:
+def stage_settings(rig: RigFile, bus: Bus) -> ServoSettings | None:
     """The stage's servo, None if there is none. Nothing is sent."""
     stage = HostStage.of(rig, bus)
-    return None if stage is None else WantedServo("stage", stage.servo, stage.limits())
+    return None if stage is None else ServoSettings("stage", stage.servo, stage.limits())
 
 
-def wanted_servos(rig: RigFile, bus: Bus) -> list[WantedServo]:
+def servo_settings(rig: RigFile, bus: Bus) -> list[ServoSettings]:
     """All of them, the stage's first. Nothing is sent."""
-    stage = wanted_stage(rig, bus)
-    fingers = [servo for finger in wanted_fingers(rig, bus) for servo in finger.servos]
+    stage = stage_settings(rig, bus)
+    fingers = [servo for finger in finger_settings(rig, bus) for servo in finger.servos]
     return fingers if stage is None else [stage, *fingers]

@@ -16,7 +16,7 @@ from palpate.drivers.dynamixel.bus_scan import FoundServo, scan
 from palpate.drivers.dynamixel.models import Model
 from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo, wanted_items
 from palpate.errors import DeviceError, InputError
-from palpate.rig.servo_settings import wanted_servos
+from palpate.rig.servo_settings import servo_settings
 
 __all__ = ["MotorSetup", "Operator", "OperatorReply", "list_motors", "set_up_all"]
 
@@ -85,7 +85,7 @@ class MotorSetup:
 
 def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[MotorSetup]:
     """The servos to set up, all without ids, with what each should hold; InputError for an id of none."""
-    wanted = wanted_servos(rig, bus)
+    wanted = servo_settings(rig, bus)
     known = {item.servo.dxl_id for item in wanted}
     for dxl_id in dxl_ids:
         if dxl_id not in known:

@@ -23,10 +23,10 @@ from palpate.drivers.slide_finger import SlideKinematics
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import line_of, slide_kinematics
 from palpate.rig.motion.end_stops import slide_of, stall, swing
-from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
+from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.press import press, run_into
-from palpate.rig.motion.quasi_static_touch import measure_creeping
+from palpate.rig.motion.press import press, stop_at_speed
+from palpate.rig.motion.quasi_static_touch import measure_quasi_statically
 from palpate.rig.reach.approaches import Reach, reach_of
 
 __all__ = ["HandProber", "Table", "approaches_of"]
@@ -50,7 +50,7 @@ class Table(Protocol):
 class HandProber:
     """Does for calibration what a hand can do. The hand must be prepared; all its fingers must be slides."""
 
-    def __init__(self, hand: Hand, table: Table, tell: Callable[[Stage], None] = lambda _: None) -> None:
+    def __init__(self, hand: Hand, table: Table, tell: Callable[[GripPhase], None] = lambda _: None) -> None:
         """Raises InputError for a finger that is not a slide or has no room."""
         self._hand, self._table, self._tell = hand, table, tell
         self._kinematics = [slide_of(finger) for finger in hand.fingers]
@@ -73,7 +73,7 @@ class HandProber:
         """Close fingers on approaches, all at once."""
         approaches = [self._to_contact(probe)[0] for probe in grip]
         ways = [self._way(self.approaches[probe.approach]) for probe in grip]
-        done = close_fingers(self._hand, approaches, self._tell, measure_creeping)
+        done = carry_out_grip(self._hand, approaches, self._tell, measure_quasi_statically)
         touches = {touch.finger_index: touch for touch in done}
         found = [touches[item.finger_index] for item in approaches]
         return [self._touched(touch, placing, way) for touch, way in zip(found, ways, strict=True)]
@@ -84,7 +84,7 @@ class HandProber:
 
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         """Run into contacts, all at once."""
-        return run_into(self._hand, [self._to_contact(item) for item in contacts], speed_mm_s)
+        return stop_at_speed(self._hand, [self._to_contact(item) for item in contacts], speed_mm_s)
 
     def swing(self) -> list[float]:
         """Turn all aims a little either way and back."""

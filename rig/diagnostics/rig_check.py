@@ -23,7 +23,7 @@ from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.diagnostics.servo_check import check_loop, check_servo
-from palpate.rig.servo_settings import WantedFinger, WantedServo, wanted_fingers, wanted_servos
+from palpate.rig.servo_settings import FingerSettings, ServoSettings, finger_settings, servo_settings
 from palpate.rig.wiring import start_problem
 
 __all__ = ["check_rig"]
@@ -36,7 +36,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
     """
     port = place.open(rig.bus.baudrate_bps)
     with closing(Bus(port, place.clock, rig.bus.baudrate_bps, latency_s=place.latency_s)) as bus:
-        servos, fingers = wanted_servos(rig, bus), wanted_fingers(rig, bus)
+        servos, fingers = servo_settings(rig, bus), finger_settings(rig, bus)
         found: list[ServoCheckOut] = []
         for item in servos:
             now(f"servo {item.servo.dxl_id} ({item.owner})")
@@ -81,7 +81,11 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
 
 
 def _loop(
-    bus: Bus, place: BusEndpoint, rig: RigFile, servos: Sequence[WantedServo], found: Sequence[ServoCheckOut]
+    bus: Bus,
+    place: BusEndpoint,
+    rig: RigFile,
+    servos: Sequence[ServoSettings],
+    found: Sequence[ServoCheckOut],
 ) -> tuple[LoopOut | None, Mapping[int, ServoState], list[str]]:
     """The loop over all servos that can be read, where they stood, and why there is none."""
     able = [out.answers and not out.hardware_error for out in found]
@@ -131,7 +135,7 @@ def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> lis
 
 
 def _start_warnings(
-    rig: RigFile, fingers: Sequence[WantedFinger], states: Mapping[int, ServoState]
+    rig: RigFile, fingers: Sequence[FingerSettings], states: Mapping[int, ServoState]
 ) -> list[str]:
     """Why a run would refuse to start from where fingers stand."""
     warnings = []

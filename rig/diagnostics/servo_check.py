@@ -16,7 +16,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, InputError
-from palpate.rig.servo_settings import WantedServo
+from palpate.rig.servo_settings import ServoSettings
 
 __all__ = ["LOOP_S", "check_loop", "check_servo"]
 
@@ -26,7 +26,7 @@ LOOP_S = 1.0
 _WARM_C = 10  # below the limit
 
 
-def check_servo(bus: Bus, wanted: WantedServo) -> ServoCheckOut:
+def check_servo(bus: Bus, wanted: ServoSettings) -> ServoCheckOut:
     """Look at one servo; it counts as answering if it does, as the model that the rig file says.
 
     Raises PortFailed if the port itself fails.

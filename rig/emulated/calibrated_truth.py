@@ -9,10 +9,10 @@ from palpate.rig.emulated.answer_error import in_hand_frame
 from palpate.rig.emulated.devices import EmulatedRig, emulate
 from palpate.rig.emulated.scene import Placement
 
-__all__ = ["placement_seen"]
+__all__ = ["placement_in_hand_frame"]
 
 
-def placement_seen(
+def placement_in_hand_frame(
     on_bench: RigOnBench, placement: Placement | None, seed: int, emulated: EmulatedRig | None = None
 ) -> Placement | None:
     """The placement in the frame that the rig's answers are in: the hand frame once fingers' places were

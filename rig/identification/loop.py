@@ -42,14 +42,14 @@ from palpate.rig.identification.observers import (
     TouchEvent,
 )
 from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
-from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
+from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 
 __all__ = ["Carry", "Identification", "identify", "search"]
 
-Carry = Callable[[Sequence[FingerApproach], Callable[[Stage], None]], Sequence[Touch]]
+Carry = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
 """Carries out a grip and reports its stages."""
 
 _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
@@ -130,10 +130,10 @@ def identify(
 ) -> Identification:
     """Touch until there is one answer, as finely placed as the rig file's goals ask, or none to be had.
 
-    `seed` decides what the strategy `random` draws. The hand must be prepared. Raises what `close_fingers`
+    `seed` decides what the strategy `random` draws. The hand must be prepared. Raises what `carry_out_grip`
     raises, and OutputError before a grip once an observer has raised.
     """
-    reach, carry = reach_of(hand.rig), partial(close_fingers, hand)
+    reach, carry = reach_of(hand.rig), partial(carry_out_grip, hand)
     return search(hand.rig, reach, carry, catalogue, observers, strategy=strategy, seed=seed)
 
 
@@ -301,7 +301,7 @@ def _carry_out(state: _Search, grip: Sequence[FingerApproach]) -> None:
     """Do the grip and understand what it felt."""
     number = len(state.grips) + 1
 
-    def tell(stage: Stage) -> None:
+    def tell(stage: GripPhase) -> None:
         state.observers(StageEvent(number, stage))
 
     state.observers.check()

@@ -8,7 +8,7 @@ from typing import Self
 from palpate.errors import PalpateError
 from palpate.recognizer import Grip, Recognition
 from palpate.rig.background import BackgroundCall
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.motion.guarded_approach import GripPhase, Touch
 
 __all__ = [
     "Event",
@@ -27,7 +27,7 @@ class StageEvent:
     """Fingers began a stage of a grip. Grips count from 1."""
 
     grip: int
-    stage: Stage
+    stage: GripPhase
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ class ApproachState:
             self.track.append(centre)
 
     @property
-    def off_mm(self) -> float:
+    def cross_track_error_mm(self) -> float:
         """How far the tip is beside its line."""
         return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
 
@@ -81,7 +81,7 @@ class ApproachState:
         """Room that the finger takes up now."""
         return self.finger.kinematics.body(self.servos, self.finger.spec.tip.radius_mm)
 
-    def strayed_mm(self, far_mm: float) -> float:
+    def largest_cross_track_error_mm(self, far_mm: float) -> float:
         """How far the tip was off the straight way from `start_mm` to where it is, up to `far_mm` of it.
 
         That is what was seen; and between two looks, half the way between them.

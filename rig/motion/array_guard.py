@@ -12,31 +12,31 @@ from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.host_finger import HostFinger
 
-__all__ = ["ArrayWatch", "Felt"]
+__all__ = ["ArrayGuard", "ArrayReading"]
 
 _SILENT_S = 0.15
 _SILENT_FRAMES = 3  # that long at least, for slow arrays
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class ArrayReading:
     """What an array has sent since the look before: frames, oldest first, and the newest one's force."""
 
     frames: Sequence[TactileFrame]
     force_n: float
 
 
-_NOTHING = Felt((), 0.0)
+_NOTHING = ArrayReading((), 0.0)
 
 
-class ArrayWatch:
+class ArrayGuard:
     """Looks at all arrays that stream."""
 
     def __init__(self, clock: Clock, closing: ClosingConfig) -> None:
         """`closing`: the rig file's limits and sample rate."""
         self._clock, self._closing = clock, closing
         self._heard_s: dict[HostFinger, float] = {}
-        self._felt: dict[HostFinger, Felt] = {}
+        self._readings: dict[HostFinger, ArrayReading] = {}
 
     def start(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays stream; from now on their silence counts."""
@@ -46,7 +46,7 @@ class ArrayWatch:
 
     def stop(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays rest; what they sent and nobody looked at is dropped."""
-        self._heard_s, self._felt = {}, {}
+        self._heard_s, self._readings = {}, {}
         for finger in fingers:
             finger.array.stop()
             finger.array.frames()
@@ -57,7 +57,7 @@ class ArrayWatch:
 
     def forget(self) -> None:
         """What was felt so far is not of now any more."""
-        self._felt = {}
+        self._readings = {}
 
     def look(self) -> None:
         """Look at every array that streams.
@@ -65,23 +65,23 @@ class ArrayWatch:
         Raises SafetyStop for a force above max_force_n, and DeviceError for an array that has fallen silent.
         """
         # A port that is not read keeps its oldest frames for up to a second: they would pass for new.
-        self._felt = {finger: self._since(finger) for finger in self._heard_s}
+        self._readings = {finger: self._since(finger) for finger in self._heard_s}
 
-    def felt(self, finger: HostFinger) -> Felt:
+    def reading(self, finger: HostFinger) -> ArrayReading:
         """What a finger's array has sent since `forget`."""
-        return self._felt.get(finger, _NOTHING)
+        return self._readings.get(finger, _NOTHING)
 
-    def take(self, finger: HostFinger) -> Felt:
+    def take(self, finger: HostFinger) -> ArrayReading:
         """Frames that were not taken before, up to now: for what belongs to a read just made."""
         felt = self._since(finger)
-        self._felt[finger] = _NOTHING
+        self._readings[finger] = _NOTHING
         return felt
 
-    def _since(self, finger: HostFinger) -> Felt:
-        before, now = self.felt(finger), self._sensed(finger)
-        return Felt((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
+    def _since(self, finger: HostFinger) -> ArrayReading:
+        before, now = self.reading(finger), self._sensed(finger)
+        return ArrayReading((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
 
-    def _sensed(self, finger: HostFinger) -> Felt:
+    def _sensed(self, finger: HostFinger) -> ArrayReading:
         frames, now = finger.array.frames(), self._clock.now()
         if not frames:
             self._check_heard(finger, now)
@@ -90,7 +90,7 @@ class ArrayWatch:
         finger.extractor.follow(frames)
         force = finger.extractor.force_n(frames[-1])
         self._check_force(finger, force)
-        return Felt(frames, force)
+        return ArrayReading(frames, force)
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:
         hard = self._closing.max_force_n

@@ -7,10 +7,10 @@ from palpate.config import ClosingConfig, TipConfig
 from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
-from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, unfelt_mm
+from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, undetected_dent_mm
 from palpate.rig.motion.approach_state import ApproachState
 
-__all__ = ["Touch", "concluded", "dent_range_mm", "is_of_two_edges"]
+__all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
 
 _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
@@ -28,7 +28,7 @@ class Touch:
     servos: Servos
 
 
-def concluded(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
+def conclude(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:
     """The contact, or the miss, with the stage where it stands."""
     if patch is None:
         return Touch(run.approach.finger_index, _miss(run, closing, turn), None, run.servos)
@@ -46,7 +46,7 @@ def dent_range_mm(
     )
 
 
-def is_of_two_edges(patch: ContactPatch) -> bool:
+def may_touch_two_edges(patch: ContactPatch) -> bool:
     """Whether a tip may be dented along two normals, as in a notch."""
     return bool(patch.flags & _TWO_EDGES)
 
@@ -75,7 +75,9 @@ def _miss(run: ApproachState, closing: ClosingConfig, turn: Turn) -> Contact:
         start_mm=turn.point_mm(start),
         end_mm=turn.point_mm(way.point_mm(far)),
         position_bound_mm=bound,
-        path_bound_mm=bound + run.strayed_mm(far) + unfelt_mm(run.finger.spec, closing),
+        path_bound_mm=bound
+        + run.largest_cross_track_error_mm(far)
+        + undetected_dent_mm(run.finger.spec, closing),
     )
 
 
@@ -90,7 +92,7 @@ def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, tu
     shallowest, deepest = dent_range_mm(patch.force_n, patch.force_bound_n, tip, closing.max_force_n)
     dent = (deepest + shallowest) / 2
     # In a notch the dent is along two normals and only one of them is known.
-    sideways = deepest if is_of_two_edges(patch) or half > math.pi / 2 else deepest * math.sin(half)
+    sideways = deepest if may_touch_two_edges(patch) or half > math.pi / 2 else deepest * math.sin(half)
     x, y = turn.point_mm(run.centre_mm)
     bound = _bound_mm(run, turn) + (deepest - shallowest) / 2 + sideways
     far = math.dist(run.start_mm, run.centre_mm)
@@ -101,6 +103,8 @@ def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, tu
         start_mm=turn.point_mm(run.start_mm),
         end_mm=(x + dent * math.cos(normal), y + dent * math.sin(normal)),
         position_bound_mm=bound,
-        path_bound_mm=bound + run.strayed_mm(far) + unfelt_mm(finger.spec, closing),
+        path_bound_mm=bound
+        + run.largest_cross_track_error_mm(far)
+        + undetected_dent_mm(finger.spec, closing),
         normal=NormalRange(normal - half, normal + half) if half < math.pi else None,
     )

@@ -15,7 +15,7 @@ from palpate.errors import SafetyStop
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.hand import Hand
-from palpate.rig.reach.swept_volume import gap_mm, pieces_of
+from palpate.rig.reach.swept_volume import capsules_of, gap_mm
 
 __all__ = ["ARRIVED_MM", "FreeMover", "TipMover"]
 
@@ -70,9 +70,10 @@ def _note(run: ApproachState, states: Mapping[int, ServoState], now: float) -> N
 
 def _check_cross_track(run: ApproachState) -> None:
     """Raise SafetyStop for a tip that is far beside its line."""
-    if run.off_mm > _OFF_WAY_MM:
+    off_mm = run.cross_track_error_mm
+    if off_mm > _OFF_WAY_MM:
         raise SafetyStop(
-            f"finger {run.finger.name} is {run.off_mm:.1f} mm off its way; fingers were stopped; "
+            f"finger {run.finger.name} is {off_mm:.1f} mm off its way; fingers were stopped; "
             "check what pushes it aside, and if nothing does, raise max_force_n"
         )
 
@@ -171,8 +172,8 @@ class TipMover(_FingerMover):
 
     def sense(self, _now: float) -> End | None:
         """A contact, if the newest frame shows one."""
-        felt = self.hand.felt(self.finger)
-        if felt.force_n <= self._contact_n:
+        reading = self.hand.reading(self.finger)
+        if reading.force_n <= self._contact_n:
             return None
         self.run.touched = True
         return End.CONTACT
@@ -210,7 +211,7 @@ class TipMover(_FingerMover):
 
     def is_crowded(self) -> bool:
         """Whether another finger is nearer than the rig file's clearance_mm."""
-        own, clearance_mm = pieces_of([self.run.body()]), self.hand.rig.closing.clearance_mm
+        own, clearance_mm = capsules_of([self.run.body()]), self.hand.rig.closing.clearance_mm
         return any(
-            float(gap_mm(own, pieces_of([other.body()])).min()) < clearance_mm for other in self._others
+            float(gap_mm(own, capsules_of([other.body()])).min()) < clearance_mm for other in self._others
         )

@@ -18,12 +18,12 @@ from palpate.recognizer import FingerApproach
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.contact_from_touch import Touch, concluded
+from palpate.rig.motion.contact_from_touch import Touch, conclude
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
 from palpate.rig.stage import planned_turn
 
-__all__ = ["Measure", "Stage", "Touch", "aim", "close_fingers", "go_to", "look"]
+__all__ = ["GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
 __all__ += ["measure_at_rest", "move_tips", "retract_all"]
 
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
@@ -38,7 +38,7 @@ Measure = Callable[[Hand, Sequence[ApproachState]], list[tuple[ApproachState, Co
 """How fingers that rest in contact, or have met nothing, are measured: their patches, in their order."""
 
 
-class Stage(Enum):
+class GripPhase(Enum):
     """What a finger is doing, for whoever shows progress."""
 
     AIMING = "aiming"
@@ -47,10 +47,10 @@ class Stage(Enum):
     RETRACTING = "retracting"
 
 
-def close_fingers(
+def carry_out_grip(
     hand: Hand,
     grip: Sequence[FingerApproach],
-    tell: Callable[[Stage], None],
+    tell: Callable[[GripPhase], None],
     measure: Measure | None = None,
 ) -> list[Touch]:
     """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
@@ -75,12 +75,12 @@ def close_fingers(
 def _carry_out(
     hand: Hand,
     grip: Sequence[FingerApproach],
-    tell: Callable[[Stage], None],
+    tell: Callable[[GripPhase], None],
     measure: Measure,
     under_way: list[ApproachState],
 ) -> list[Touch]:
     """Carry out a grip; `under_way` is filled with the fingers that have left where they wait."""
-    tell(Stage.AIMING)
+    tell(GripPhase.AIMING)
     hand.arm()
     retract_all(hand)
     turn = _turn(hand, {item.stage_rad for item in grip})
@@ -88,17 +88,17 @@ def _carry_out(
     aim(hand, runs)
     under_way += runs
     hand.tare()
-    tell(Stage.CLOSING)
+    tell(GripPhase.CLOSING)
     _move_until_touched(hand, runs, hand.rig.closing.approach_speed_mm_s)
     _settle(hand, runs)
     found = [run for run in runs if run.touched]
     patches: dict[str, ContactPatch | None] = {}
     if found:
-        tell(Stage.TOUCHING)
+        tell(GripPhase.TOUCHING)
         patches = {run.finger.name: patch for run, patch in _measured(hand, found, measure)}
     turned = hand.turn
-    touches = [concluded(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
-    tell(Stage.RETRACTING)
+    touches = [conclude(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
+    tell(GripPhase.RETRACTING)
     hand.stop_arrays()
     go_to(hand, dict.fromkeys(runs, 0.0))
     hand.disarm()

@@ -28,7 +28,7 @@ from palpate.rig.arrays import array_of, extractor_of
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.array_guard import ArrayWatch, Felt
+from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem
@@ -77,7 +77,7 @@ class Hand:
         self._latency_s = latency_s
         self.notice = notice
         self._check = check
-        self._watch = ArrayWatch(clock, rig.closing)
+        self._array_guard = ArrayGuard(clock, rig.closing)
         self._ports: list[SerialBase] = []
         self._arrays: list[ArrayDriver] = []
         self._servos: list[Servo] = []
@@ -110,7 +110,7 @@ class Hand:
         """Torque off on every servo, arrays stopped, ports closed; returns what could not be switched off."""
         self._driven = False
         try:
-            return self._surely_off()
+            return self._switch_off_despite_interruptions()
         finally:
             for port in self._ports:
                 with suppress(Exception):  # torque is what matters, and the next port
@@ -120,7 +120,7 @@ class Hand:
                     self.bus.close()  # on a port of its own, if the adapter was plugged in again
             self._servos, self._arrays, self._ports = [], [], []
 
-    def _surely_off(self) -> list[DeviceError]:
+    def _switch_off_despite_interruptions(self) -> list[DeviceError]:
         """Switch off; what interrupts it, such as a signal or lack of memory, is raised once it is done."""
         interruption: BaseException | None = None
         for _ in range(_OFF_TRIES):
@@ -141,13 +141,13 @@ class Hand:
     def _switch_off(self) -> list[DeviceError]:
         failed = disable_torque(self.bus, self._servos) if self._servos else []
         if any(isinstance(error, PortFailed) for error in failed):
-            failed = self._off_once_plugged_in(failed)
+            failed = self._switch_off_after_reconnect(failed)
         for array in self._arrays:
             with suppress(Exception):
                 array.stop()  # an array that is gone moves nothing
         return failed
 
-    def _off_once_plugged_in(self, failed: list[DeviceError]) -> list[DeviceError]:
+    def _switch_off_after_reconnect(self, failed: list[DeviceError]) -> list[DeviceError]:
         """Wait for the bus's adapter and switch torque off then; returns what could not be switched off."""
         self.notice(
             f"{self.bus.port_name} is gone and torque may be on: plug it in again within {_REPLUG_S:g} s, "
@@ -268,11 +268,11 @@ class Hand:
 
     def start_arrays(self) -> None:
         """Let every array stream; from now on silence counts."""
-        self._watch.start(self.fingers)
+        self._array_guard.start(self.fingers)
 
     def stop_arrays(self) -> None:
         """Let the arrays rest; what they sent and nobody looked at is dropped."""
-        self._watch.stop(self.fingers)
+        self._array_guard.stop(self.fingers)
 
     def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:
         """The next `count` frames of each finger, taken in turns so that no port waits for the others.
@@ -287,7 +287,7 @@ class Hand:
                 spoken_s = self.clock.now()
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
-        self._watch.heard(fingers)
+        self._array_guard.heard(fingers)
         return taken
 
     def pause(self, seconds: float) -> None:
@@ -297,19 +297,19 @@ class Hand:
         max_force_n, DeviceError for an array that has fallen silent, and what `check` raises.
         """
         looks = math.ceil(seconds / _POLL_S)
-        self._watch.forget()
+        self._array_guard.forget()
         for _ in range(looks):
             self.clock.sleep(seconds / looks)
             self._check()
-            self._watch.look()
+            self._array_guard.look()
 
-    def felt(self, finger: HostFinger) -> Felt:
+    def reading(self, finger: HostFinger) -> ArrayReading:
         """What an array that streams has sent in the last pause."""
-        return self._watch.felt(finger)
+        return self._array_guard.reading(finger)
 
-    def take_felt(self, finger: HostFinger) -> Felt:
+    def take_reading(self, finger: HostFinger) -> ArrayReading:
         """Frames of an array that were not taken before, up to now: for what belongs to a read just made."""
-        return self._watch.take(finger)
+        return self._array_guard.take(finger)
 
     def _connect(self, open_port: OpenPort) -> None:
         rig = self.rig

@@ -21,7 +21,7 @@ from palpate.rig.motion.guarded_approach import aim, go_to, look, move_tips, ret
 from palpate.rig.motion.hand import Hand
 from palpate.rig.stage import planned_turn
 
-__all__ = ["press", "run_into"]
+__all__ = ["press", "stop_at_speed"]
 
 _SPEED_MM_S = 4.0
 _FORCE_N = 3.0
@@ -54,7 +54,7 @@ def press(hand: Hand, contacts: Contacts, placing: int) -> list[PressMeasurement
     return [mover.press(placing) for mover in pressing]
 
 
-def run_into(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[StopMeasurement]:
+def stop_at_speed(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[StopMeasurement]:
     """Run into contacts at a speed, stop each finger when it feels something, see where it stood."""
     lead = max(_LEAD_MM, speed_mm_s**2 / _GENTLE_MM_S2 / 2)
     runs = _made_ready(hand, [(item, max(contact - lead, 0.0)) for item, contact in contacts])
@@ -116,16 +116,16 @@ class _PressMover(TipMover):
         super().look(states, now)
         if abs(self.run.travel_mm - self._still_mm) > _STILL_MM:
             self._still_mm, self._still_s = self.run.travel_mm, now
-        felt = self.hand.take_felt(self.finger)
-        if not felt.frames:
+        reading = self.hand.take_reading(self.finger)
+        if not reading.frames:
             return
-        self._force_n = felt.force_n
-        touching = felt.force_n > self.hand.rig.closing.contact_force_n
+        self._force_n = reading.force_n
+        touching = reading.force_n > self.hand.rig.closing.contact_force_n
         slide = states[self.servos[1].dxl_id]
         leg = self._leg if touching or self._leg == OUT else FREE
         self._rows.append((slide.position_rad, _outward(self.run) * slide.current_a, leg))
         baseline = self.finger.extractor.baseline.mean
-        self._counts.append(np.mean([frame.counts for frame in felt.frames], axis=0) - baseline)
+        self._counts.append(np.mean([frame.counts for frame in reading.frames], axis=0) - baseline)
 
     def until(self, now: float) -> End | None:
         """Turn where the way in ends; enough where the way out does."""

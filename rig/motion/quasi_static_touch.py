@@ -21,7 +21,7 @@ from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import measure_at_rest
 from palpate.rig.motion.hand import Hand
 
-__all__ = ["measure_creeping"]
+__all__ = ["measure_quasi_statically"]
 
 _SPEED_MM_S = 1.0
 _FAR_MM = 1.5  # no creep goes further; the servo lags behind its goal
@@ -30,7 +30,7 @@ _STEPS = 8
 _LONGEST_S = 2.0
 
 
-def measure_creeping(
+def measure_quasi_statically(
     hand: Hand, runs: Sequence[ApproachState]
 ) -> list[tuple[ApproachState, ContactPatch | None]]:
     """Creep on from contacts, and take the mean of servos and arrays over whole encoder steps.
@@ -58,10 +58,10 @@ class _CreepMover(TipMover):
     def look(self, states: Mapping[int, ServoState], now: float) -> None:
         """Sample servos and array at one instant."""
         super().look(states, now)
-        felt = self.hand.take_felt(self.finger)
-        if felt.frames:
+        reading = self.hand.take_reading(self.finger)
+        if reading.frames:
             self._ticks.append(round(abs(self.run.servos[1] - self._rested[1]) / TICK_RAD))
-            self._frames.append(felt.frames)
+            self._frames.append(reading.frames)
 
     def until(self, now: float) -> End | None:
         """Enough once the steps that count are behind it; a slide that does not get there has a deadline."""

@@ -13,7 +13,7 @@ from palpate.geometry import Floats
 from palpate.rig.conversion import arm_kinematics, array_bound_rad, slide_kinematics
 from palpate.rig.drives import AIM_SPEED_RAD_S, ARM_AIM_SPEED_MM_S
 from palpate.rig.reach.standby_poses import body_of
-from palpate.rig.reach.swept_volume import Pieces, Swept, pieces_of
+from palpate.rig.reach.swept_volume import Capsules, Swept, capsules_of
 from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
 
 __all__ = ["ApproachPath", "joint_sweep", "paths_of"]
@@ -28,15 +28,15 @@ _MOST_TURN_DEG = 42.0  # of an arm's path, from straight inward
 class ApproachPath:
     """Straight path of finger `finger_index` along `line` in the ring's frame, at most `travel_mm`.
 
-    `aiming_s`: rough time of turning to its start. `pieces` are what it sweeps, counted from travels `since`
-    (s,) on; those that `grow` (s,) have ends that move along the line.
+    `aiming_s`: rough time of turning to its start. `capsules` are what it sweeps, counted from travels
+    `since` (s,) on; those that `grow` (s,) have ends that move along the line.
     """
 
     finger_index: int
     line: Line
     travel_mm: float
     aiming_s: float
-    pieces: Pieces
+    capsules: Capsules
     since: Floats
     grows: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
@@ -50,10 +50,10 @@ def joint_sweep(paths: Sequence[ApproachPath]) -> Swept:
     count = [len(path.since) for path in paths]
     empty = np.empty((0, 2))
     return Swept(
-        Pieces(
-            np.concatenate([empty, *(path.pieces.start for path in paths)]),
-            np.concatenate([empty, *(path.pieces.end for path in paths)]),
-            np.concatenate([empty[:, 0], *(path.pieces.half_width for path in paths)]),
+        Capsules(
+            np.concatenate([empty, *(path.capsules.start for path in paths)]),
+            np.concatenate([empty, *(path.capsules.end for path in paths)]),
+            np.concatenate([empty[:, 0], *(path.capsules.half_width for path in paths)]),
             np.repeat(np.arange(len(paths)), count),
         ),
         np.concatenate([empty[:, 0], *(path.since for path in paths)]),
@@ -108,7 +108,7 @@ def _slide_path(
         line,
         travel,
         abs(kinematics.gear_ratio * aim_rad) / AIM_SPEED_RAD_S,
-        Pieces(here.start, here.end, np.maximum(here.half_width, far.half_width), np.zeros(1, np.int64)),
+        Capsules(here.start, here.end, np.maximum(here.half_width, far.half_width), np.zeros(1, np.int64)),
         one - 1.0,
         np.ones(1, bool),
     )
@@ -143,7 +143,7 @@ def _arm_path(
         return None
     bodies = [body_of(kinematics, kinematics.servos_rad(line, float(travel)), spec) for travel in travels]
     links = [Body(body.start[:2], body.end[:2], body.half_width[:2]) for body in bodies]
-    swept = pieces_of(links, between=True)
+    swept = capsules_of(links, between=True)
     tip = max(float(body.half_width[2]) for body in bodies)
     since = np.concatenate([[-1.0], travels[:-1]])
     home = math.atan2(spec.base_mm[1], spec.base_mm[0])
@@ -152,7 +152,7 @@ def _arm_path(
         line,
         float(travels[-1]),
         abs(math.remainder(aim_rad - home, 2 * math.pi)) * math.hypot(*start) / ARM_AIM_SPEED_MM_S,
-        Pieces(
+        Capsules(
             np.vstack([swept.start, [start]]),
             np.vstack([swept.end, [start]]),
             np.append(swept.half_width, tip),

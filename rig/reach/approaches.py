@@ -127,7 +127,7 @@ def _approach(
     bound = 0.0
     for travel in (0.0, path.travel_mm):
         servos = kinematics.servos_rad(path.line, travel)
-        own = kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, off)
+        own = kinematics.position_bound_mm(servos) + kinematics.cross_track_bound_mm(servos, off)
         bound = max(bound, own + turn.position_bound_mm(path.line.point_mm(travel)))
     line = turn.line(path.line)
     return FingerApproach(

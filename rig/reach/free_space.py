@@ -15,8 +15,8 @@ from palpate.drivers.finger import Turn
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats
 from palpate.rig.reach.approach_paths import ApproachPath, joint_sweep, paths_of
-from palpate.rig.reach.standby_poses import Waiting, clear_aims, free_ranges, waiting_of
-from palpate.rig.reach.swept_volume import Pieces, gap_mm, longest_way_mm, polygon_gap_mm
+from palpate.rig.reach.standby_poses import StandbyPoses, clear_aims, free_ranges, standby_poses_of
+from palpate.rig.reach.swept_volume import Capsules, gap_mm, longest_way_mm, polygon_gap_mm
 from palpate.rig.stage import planned_turn
 
 __all__ = ["free_paths"]
@@ -32,27 +32,29 @@ def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
 
     Raises InputError for a finger that has no room even where it starts.
     """
-    waitings = [waiting_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
+    standby = [standby_poses_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
     obstacles = [np.array(item.outline_mm) for item in rig.obstacles]
     known: dict[tuple[int, float, float], list[ApproachPath]] = {}
 
     def paths_at(angle: float) -> list[ApproachPath]:
-        return _paths_at(rig, waitings, _turned_back(rig, obstacles, angle), aims, known)
+        return _paths_at(rig, standby, _turned_back(rig, obstacles, angle), aims, known)
 
     middle = paths_at(0.0)
     if rig.stage is None:
         return [(0.0, path) for path in middle]
     return [
         (angle, path)
-        for angle in _angles(rig, waitings, obstacles, len(middle))
+        for angle in _angles(rig, standby, obstacles, len(middle))
         for path in (middle if angle == 0.0 else paths_at(angle))
     ][:_MOST]
 
 
-def _angles(rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floats], each: int) -> list[float]:
+def _angles(
+    rig: RigFile, standby: Sequence[StandbyPoses], obstacles: Sequence[Floats], each: int
+) -> list[float]:
     """Stage angles to offer paths at, with `each` paths at one of them: evenly spaced on both sides of 0."""
     assert rig.stage is not None
-    lo, hi = _stage_range(rig, waitings, obstacles)
+    lo, hi = _stage_range(rig, standby, obstacles)
     room = max(_MOST // max(each, 1), 1) - 1
     wanted = math.ceil((hi - lo) * rig.clear_radius_mm / _APART_MM)
     count = min(room, wanted)
@@ -63,13 +65,13 @@ def _angles(rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Float
 
 
 def _stage_range(
-    rig: RigFile, waitings: Sequence[Waiting], obstacles: Sequence[Floats]
+    rig: RigFile, standby: Sequence[StandbyPoses], obstacles: Sequence[Floats]
 ) -> tuple[float, float]:
     """The connected range of stage angles round 0 at which every finger's home is clear."""
     assert rig.stage is not None
     lo, hi = (math.radians(angle) for angle in rig.stage.range_deg)
     step = _STEP_MM / _lever_mm(rig)
-    homes = [waiting.pieces.of(waiting.pieces.owner == waiting.home) for waiting in waitings]
+    homes = [poses.capsules.of(poses.capsules.owner == poses.home) for poses in standby]
     least = rig.closing.clearance_mm + _unsure_mm(rig) + _STEP_MM
 
     def clear(angle: float) -> bool:
@@ -115,7 +117,7 @@ def _unsure_mm(rig: RigFile) -> float:
 
 def _paths_at(
     rig: RigFile,
-    waitings: Sequence[Waiting],
+    standby: Sequence[StandbyPoses],
     obstacles: Sequence[Floats],
     aims: int,
     known: dict[tuple[int, float, float], list[ApproachPath]],
@@ -126,35 +128,35 @@ def _paths_at(
     """
     clearance = rig.closing.clearance_mm
     wide = clearance + _unsure_mm(rig)
-    ranges = free_ranges(waitings, [clear_aims(w, obstacles, wide) for w in waitings], clearance)
+    ranges = free_ranges(standby, [clear_aims(w, obstacles, wide) for w in standby], clearance)
     result: list[ApproachPath] = []
-    for index, (waiting, found) in enumerate(zip(waitings, ranges, strict=True)):
+    for index, (poses, found) in enumerate(zip(standby, ranges, strict=True)):
         if found is None:
             raise InputError(
                 f'rig "{rig.name}": finger "{rig.fingers[index].name}" has no room where it waits: with its '
                 f"bounds it comes nearer than closing.clearance_mm = {clearance:g} to an obstacle or to "
                 "another finger"
             )
-        key = (index, float(waiting.aims_rad[found[0]]), float(waiting.aims_rad[found[1]]))
+        key = (index, float(poses.aims_rad[found[0]]), float(poses.aims_rad[found[1]]))
         if key not in known:
             known[key] = paths_of(rig, *key, aims)
         others = [
             _range(other, pair)
-            for other, pair in zip(waitings, ranges, strict=True)
-            if other is not waiting and pair is not None
+            for other, pair in zip(standby, ranges, strict=True)
+            if other is not poses and pair is not None
         ]
         result += _unblocked(rig, known[key], obstacles, others)
     return result
 
 
-def _range(waiting: Waiting, found: tuple[int, int]) -> Pieces:
+def _range(poses: StandbyPoses, found: tuple[int, int]) -> Capsules:
     """All places of a finger's range."""
-    owner = waiting.pieces.owner
-    return waiting.pieces.of((owner >= found[0]) & (owner <= found[1]))
+    owner = poses.capsules.owner
+    return poses.capsules.of((owner >= found[0]) & (owner <= found[1]))
 
 
 def _unblocked(
-    rig: RigFile, paths: Sequence[ApproachPath], obstacles: Sequence[Floats], others: Sequence[Pieces]
+    rig: RigFile, paths: Sequence[ApproachPath], obstacles: Sequence[Floats], others: Sequence[Capsules]
 ) -> list[ApproachPath]:
     """The paths that are left, each as far as it is free."""
     if not paths:
@@ -162,12 +164,12 @@ def _unblocked(
     clearance = rig.closing.clearance_mm
     least = clearance + _unsure_mm(rig)
 
-    def free(pieces: Pieces) -> Bools:
-        result = np.ones(len(pieces.owner), dtype=bool)
+    def free(capsules: Capsules) -> Bools:
+        result = np.ones(len(capsules.owner), dtype=bool)
         for corners in obstacles:
-            result &= polygon_gap_mm(pieces, corners) >= least
+            result &= polygon_gap_mm(capsules, corners) >= least
         for other in others:
-            result &= gap_mm(pieces, other) >= clearance
+            result &= gap_mm(capsules, other) >= clearance
         return result
 
     travel = longest_way_mm(joint_sweep(paths), np.array([path.travel_mm for path in paths]), free)

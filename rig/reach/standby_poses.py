@@ -19,16 +19,16 @@ from palpate.drivers.finger import Body, FingerKinematics, Line, Servos
 from palpate.geometry import Bools, Floats
 from palpate.rig.conversion import arm_kinematics, slide_kinematics, tip_bound_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
-from palpate.rig.reach.swept_volume import Pieces, gaps_mm, pieces_of, polygon_gap_mm
+from palpate.rig.reach.swept_volume import Capsules, capsules_of, gaps_mm, polygon_gap_mm
 from palpate.rig.standby_geometry import is_steady, on_circle, wait_distance_mm, wait_radius_mm
 
 __all__ = [
-    "Waiting",
+    "StandbyPoses",
     "body_of",
     "clear_aims",
     "free_ranges",
     "home_line",
-    "waiting_of",
+    "standby_poses_of",
 ]
 
 _STEP_RAD = math.radians(1.0)
@@ -37,24 +37,24 @@ _MOST_STEPS = 90  # half a turn either way
 
 
 @dataclass(frozen=True, eq=False)
-class Waiting:
-    """A finger at its sampled aims (m,): what room it takes there (`pieces.owner`: the aim), and its home.
+class StandbyPoses:
+    """A finger at its sampled aims (m,): what room it takes there (`capsules.owner`: the aim), and its home.
 
     `home`: index of the aim at which the finger must stand when it is switched on.
     """
 
     aims_rad: Floats
-    pieces: Pieces
+    capsules: Capsules
     home: int
 
 
-def waiting_of(spec: FingerConfig, workspace_radius_mm: float) -> Waiting:
+def standby_poses_of(spec: FingerConfig, workspace_radius_mm: float) -> StandbyPoses:
     """Sample the aims of a finger: directions of a slide, places of an arm's tip on its waiting circle.
 
     Both are angles: a slide's counts from its heading, an arm's is the place's direction from W's origin.
     """
     if isinstance(spec, ArmFingerConfig):
-        return _arm_waiting(spec, workspace_radius_mm)
+        return _arm_poses(spec, workspace_radius_mm)
     lo, hi = (math.radians(value) for value in spec.aim.range_deg)
     home = min(max(0.0, lo), hi)
     before = np.linspace(lo, home, math.ceil((home - lo) / _STEP_RAD) + 1)
@@ -64,10 +64,10 @@ def waiting_of(spec: FingerConfig, workspace_radius_mm: float) -> Waiting:
     wait = wait_distance_mm(spec, workspace_radius_mm)
     lines = [kinematics.line(float(aim), wait) for aim in aims]
     bodies = [body_of(kinematics, kinematics.servos_rad(line, 0.0), spec) for line in lines]
-    return Waiting(aims, pieces_of(bodies, between=True), len(before) - 1)
+    return StandbyPoses(aims, capsules_of(bodies, between=True), len(before) - 1)
 
 
-def _arm_waiting(spec: ArmFingerConfig, workspace_radius_mm: float) -> Waiting:
+def _arm_poses(spec: ArmFingerConfig, workspace_radius_mm: float) -> StandbyPoses:
     """The part of the circle that the arm can follow from its home, which is next to its base."""
     kinematics = arm_kinematics(spec)
     home = math.atan2(spec.base_mm[1], spec.base_mm[0])
@@ -86,7 +86,7 @@ def _arm_waiting(spec: ArmFingerConfig, workspace_radius_mm: float) -> Waiting:
     aims = np.array([*before, home, *reached(1)])
     postures = [kinematics.servos_at(on_circle(radius, float(aim))) for aim in aims]
     bodies = [body_of(kinematics, servos, spec) for servos in postures]
-    return Waiting(aims, pieces_of(bodies, between=True), len(before))
+    return StandbyPoses(aims, capsules_of(bodies, between=True), len(before))
 
 
 def home_line(spec: FingerConfig, workspace_radius_mm: float) -> Line:
@@ -102,21 +102,23 @@ def home_line(spec: FingerConfig, workspace_radius_mm: float) -> Line:
 def body_of(kinematics: FingerKinematics, servos_rad: Servos, spec: FingerConfig) -> Body:
     """Room that a finger may take up, given how well place and tip are known and how exactly it aims."""
     body = kinematics.body(servos_rad, spec.tip.radius_mm)
-    unsure = kinematics.position_bound_mm(servos_rad) + kinematics.strayed_mm(servos_rad, AIM_TOLERANCE_RAD)
+    unsure = kinematics.position_bound_mm(servos_rad) + kinematics.cross_track_bound_mm(
+        servos_rad, AIM_TOLERANCE_RAD
+    )
     return Body(body.start, body.end, body.half_width + (unsure + tip_bound_mm(spec)))
 
 
-def clear_aims(waiting: Waiting, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:
+def clear_aims(poses: StandbyPoses, obstacles: Sequence[Floats], clearance_mm: float) -> Bools:
     """Aims (m,) at which a waiting finger keeps clear of polygons (c, 2)."""
-    clear = np.ones(len(waiting.aims_rad), dtype=bool)
+    clear = np.ones(len(poses.aims_rad), dtype=bool)
     for corners in obstacles:
-        far = polygon_gap_mm(waiting.pieces, corners) >= clearance_mm
-        np.logical_and.at(clear, waiting.pieces.owner, far)
+        far = polygon_gap_mm(poses.capsules, corners) >= clearance_mm
+        np.logical_and.at(clear, poses.capsules.owner, far)
     return clear
 
 
 def free_ranges(
-    waitings: Sequence[Waiting], clear: Sequence[Bools], clearance_mm: float
+    standby: Sequence[StandbyPoses], clear: Sequence[Bools], clearance_mm: float
 ) -> list[tuple[int, int] | None]:
     """For each finger the first and last aim of its range, by index; None where not even home is clear.
 
@@ -125,14 +127,14 @@ def free_ranges(
     """
     meets = {
         (i, j): _meetings(one, other, clearance_mm)
-        for i, one in enumerate(waitings)
-        for j, other in enumerate(waitings)
+        for i, one in enumerate(standby)
+        for j, other in enumerate(standby)
         if i < j
     }
-    ranges: list[tuple[int, int] | None] = [None] * len(waitings)
+    ranges: list[tuple[int, int] | None] = [None] * len(standby)
 
     def fits(finger: int, aim: int) -> bool:
-        if not 0 <= aim < len(waitings[finger].aims_rad) or not clear[finger][aim]:
+        if not 0 <= aim < len(standby[finger].aims_rad) or not clear[finger][aim]:
             return False
         for other, found in enumerate(ranges):
             if other == finger or found is None:
@@ -142,10 +144,10 @@ def free_ranges(
                 return False
         return True
 
-    for finger, waiting in enumerate(waitings):
-        if fits(finger, waiting.home):
-            ranges[finger] = (waiting.home, waiting.home)
-    growing = [(finger, step) for finger in range(len(waitings)) for step in (-1, 1)]
+    for finger, poses in enumerate(standby):
+        if fits(finger, poses.home):
+            ranges[finger] = (poses.home, poses.home)
+    growing = [(finger, step) for finger in range(len(standby)) for step in (-1, 1)]
     while growing:
         still = []
         for finger, step in growing:
@@ -160,10 +162,10 @@ def free_ranges(
     return ranges
 
 
-def _meetings(one: Waiting, other: Waiting, clearance_mm: float) -> Bools:
+def _meetings(one: StandbyPoses, other: StandbyPoses, clearance_mm: float) -> Bools:
     """Whether the finger at each aim (m,) of one may meet the other finger at each of its aims: (m, n)."""
-    near = gaps_mm(one.pieces, other.pieces) < clearance_mm
+    near = gaps_mm(one.capsules, other.capsules) < clearance_mm
     result = np.zeros((len(one.aims_rad), len(other.aims_rad)), dtype=bool)
     rows, columns = np.nonzero(near)
-    result[one.pieces.owner[rows], other.pieces.owner[columns]] = True
+    result[one.capsules.owner[rows], other.capsules.owner[columns]] = True
     return result

@@ -1,6 +1,6 @@
 """Room that fingers take up, and how far it is from obstacles and from one another; whole arrays, mm.
 
-Used by `waiting` and `reach`. Everything that a finger sweeps is kept as straight pieces with half widths:
+Used by `waiting` and `reach`. Everything that a finger sweeps is kept as straight capsules with half widths:
 what does not change shape on the way as it is, what does (the links of an arm) at samples whose half widths
 are larger by as much as any point of them moves up to the middle between two samples.
 """
@@ -15,60 +15,60 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import points_in_polygon
 from palpate.geometry.segments import distance_range
 
-__all__ = ["Pieces", "Swept", "gap_mm", "gaps_mm", "longest_way_mm", "pieces_of", "polygon_gap_mm"]
+__all__ = ["Capsules", "Swept", "capsules_of", "gap_mm", "gaps_mm", "longest_way_mm", "polygon_gap_mm"]
 
-_AT_ONCE = 200_000  # pairs of pieces in one piece of work: bounds the temporary arrays to tens of MB
+_AT_ONCE = 200_000  # pairs of capsules in one piece of work: bounds the temporary arrays to tens of MB
 _BISECTIONS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
-    """Straight pieces `start` to `end` (s, 2) with half widths (s,); `owner` (s,): which body each is of."""
+class Capsules:
+    """Capsules: segments `start` to `end` (s, 2) with half widths (s,); `owner` (s,): the body of each."""
 
     start: Floats
     end: Floats
     half_width: Floats
     owner: Ints
 
-    def of(self, rows: Ints | Bools) -> "Pieces":
-        """Some of the pieces."""
-        return Pieces(self.start[rows], self.end[rows], self.half_width[rows], self.owner[rows])
+    def of(self, rows: Ints | Bools) -> "Capsules":
+        """Some of the capsules."""
+        return Capsules(self.start[rows], self.end[rows], self.half_width[rows], self.owner[rows])
 
 
 @dataclass(frozen=True, eq=False)
 class Swept:
     """What n approaches sweep, as a function of how far each goes.
 
-    `pieces` that count from a travel of `since` (s,) on. `grows` (s,): this piece's end moves on along
-    `heading` (n, 2) of its approach; all other pieces stay as they are.
+    `capsules` that count from a travel of `since` (s,) on. `grows` (s,): this capsule's end moves on along
+    `heading` (n, 2) of its approach; all other capsules stay as they are.
     """
 
-    pieces: Pieces
+    capsules: Capsules
     since: Floats
     grows: Bools
     heading: Floats
 
     def of(self, rows: Bools) -> "Swept":
-        """Some of the pieces, of all approaches."""
-        return Swept(self.pieces.of(rows), self.since[rows], self.grows[rows], self.heading)
+        """Some of the capsules, of all approaches."""
+        return Swept(self.capsules.of(rows), self.since[rows], self.grows[rows], self.heading)
 
-    def at(self, which: Ints, travel_mm: Floats) -> Pieces:
-        """Pieces swept by approaches `which` (k,) after travels (k,); `owner` is the place in `which`."""
-        first, end = (np.searchsorted(self.pieces.owner, which, side=side) for side in ("left", "right"))
+    def at(self, which: Ints, travel_mm: Floats) -> Capsules:
+        """Capsules swept by approaches `which` (k,) after travels (k,); `owner` is the place in `which`."""
+        first, end = (np.searchsorted(self.capsules.owner, which, side=side) for side in ("left", "right"))
         place = np.repeat(np.arange(len(which)), end - first)
         rows = np.arange(len(place)) - np.repeat(np.cumsum(end - first) - end, end - first)
         counted = self.since[rows] < travel_mm[place]
         rows, place = rows[counted], place[counted]
-        kept = self.pieces.of(rows)
+        kept = self.capsules.of(rows)
         way = np.where(self.grows[rows], np.maximum(travel_mm[place], 0.0), 0.0)
         moved = kept.end + way[:, None] * self.heading[kept.owner]
-        return Pieces(kept.start, moved, kept.half_width, place)
+        return Capsules(kept.start, moved, kept.half_width, place)
 
 
-def pieces_of(bodies: Sequence[Body], *, between: bool = False) -> Pieces:
-    """Pieces of m bodies. With `between`, also what is between each and the next one of the same finger.
+def capsules_of(bodies: Sequence[Body], *, between: bool = False) -> Capsules:
+    """Capsules of m bodies. With `between`, also what is between each and the next one of the same finger.
 
-    Ends of a piece move on arcs or straight; up to the middle between two samples they are within half the
+    Ends of a capsule move on arcs or straight; up to the middle between two samples they are within half the
     way from one of them to the other plus the arc's height, which is less than half of it again.
     """
     starts, ends = np.stack([b.start for b in bodies]), np.stack([b.end for b in bodies])
@@ -81,11 +81,11 @@ def pieces_of(bodies: Sequence[Body], *, between: bool = False) -> Pieces:
         widths = widths + 0.75 * nearest
     count = starts.shape[1]
     owner = np.repeat(np.arange(len(bodies)), count)
-    return Pieces(starts.reshape(-1, 2), ends.reshape(-1, 2), widths.ravel(), owner)
+    return Capsules(starts.reshape(-1, 2), ends.reshape(-1, 2), widths.ravel(), owner)
 
 
-def gaps_mm(one: Pieces, other: Pieces) -> Floats:
-    """Free space (s, t) between all pieces of one and all of the other; negative where they overlap."""
+def gaps_mm(one: Capsules, other: Capsules) -> Floats:
+    """Free space (s, t) between all capsules of one and all of the other; negative where they overlap."""
     result = np.empty((len(one.owner), len(other.owner)))
     rows = max(1, _AT_ONCE // max(len(other.owner), 1))
     for first in range(0, len(one.owner), rows):
@@ -97,27 +97,29 @@ def gaps_mm(one: Pieces, other: Pieces) -> Floats:
     return result
 
 
-def gap_mm(one: Pieces, other: Pieces) -> Floats:
-    """Free space (s,) between every piece of one and whatever of the other is nearest; inf for none."""
+def gap_mm(one: Capsules, other: Capsules) -> Floats:
+    """Free space (s,) between every capsule of one and whatever of the other is nearest; inf for none."""
     nearest: Floats = gaps_mm(one, other).min(axis=1, initial=np.inf)
     return nearest
 
 
-def polygon_gap_mm(pieces: Pieces, corners: Floats) -> Floats:
-    """Free space (s,) between pieces and a polygon with corners (c, 2); negative for what is inside."""
+def polygon_gap_mm(capsules: Capsules, corners: Floats) -> Floats:
+    """Free space (s,) between capsules and a polygon with corners (c, 2); negative for what is inside."""
     ends = np.roll(corners, -1, axis=0)
-    edges = Pieces(corners, ends, np.zeros(len(corners)), np.zeros(len(corners), np.int64))
-    return np.where(points_in_polygon(pieces.start, [corners]), -pieces.half_width, gap_mm(pieces, edges))
+    edges = Capsules(corners, ends, np.zeros(len(corners)), np.zeros(len(corners), np.int64))
+    return np.where(
+        points_in_polygon(capsules.start, [corners]), -capsules.half_width, gap_mm(capsules, edges)
+    )
 
 
-def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[Pieces], Bools]) -> Floats:
-    """How far (n,) each approach may go at most, up to `travel_mm` (n,), for all its pieces to be free.
+def longest_way_mm(swept: Swept, travel_mm: Floats, free: Callable[[Capsules], Bools]) -> Floats:
+    """How far (n,) each approach may go at most, up to `travel_mm` (n,), for all its capsules to be free.
 
-    `free` tells for every piece by itself. −1 where not even the waiting finger is free. What is swept only
+    `free` tells for every capsule by itself. −1 where not even the waiting finger is free. What is swept only
     grows, so the ways are halved until they are exact to a fraction of a millimetre, rounded down.
     """
     longest = travel_mm.copy()
-    still = swept.pieces.of(~swept.grows)
+    still = swept.capsules.of(~swept.grows)
     blocked = np.flatnonzero(~free(still))
     np.minimum.at(longest, still.owner[blocked], swept.since[~swept.grows][blocked])
 

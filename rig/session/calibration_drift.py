@@ -24,7 +24,7 @@ from palpate.geometry import Floats
 from palpate.geometry.plane import rotation_matrix
 from palpate.recognizer import Hypothesis
 from palpate.rig.identification.loop import Identification
-from palpate.rig.motion.contact_from_touch import dent_range_mm, is_of_two_edges
+from palpate.rig.motion.contact_from_touch import dent_range_mm, may_touch_two_edges
 from palpate.rig.motion.guarded_approach import Touch
 from palpate.vocabulary import RecognitionVerdict
 
@@ -70,7 +70,7 @@ def calibration_used(
 
 def _is_clear(touch: Touch) -> bool:
     """Whether it met one edge, so that it is known along which normal the tip was dented."""
-    return touch.patch is not None and not is_of_two_edges(touch.patch)
+    return touch.patch is not None and not may_touch_two_edges(touch.patch)
 
 
 def _agreement(

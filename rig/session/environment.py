@@ -1,4 +1,4 @@
-"""Everything that a run gets from outside: of a bench, or of a recording. Between `bench` and the hand."""
+"""What a run depends on beside its arguments: the clock and the ports, of a bench or of a recording."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,11 +7,11 @@ from palpate.config import RigFile
 from palpate.drivers.transport.clock import Clock
 from palpate.rig.motion.hand import Hand, OpenPort
 
-__all__ = ["Outside"]
+__all__ = ["Environment"]
 
 
 @dataclass(frozen=True, eq=False)
-class Outside:
+class Environment:
     """A clock, what opens ports, and what the bus's adapter may add to an answer (s). Nothing else steers.
 
     `check` raises OutputError if the run should end because its recording has failed.

@@ -12,7 +12,7 @@ from typing import Any
 from palpate.drivers.dynamixel.packet import Instruction
 from palpate.drivers.transport.replay import RecordEnded, Replayer
 from palpate.errors import PalpateError
-from palpate.rig.session.environment import Outside
+from palpate.rig.session.environment import Environment
 from palpate.rig.session.events import SessionEvents, plain
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
@@ -43,7 +43,7 @@ def replay(file: SessionFile, job: IdentificationJob, latency_s: float) -> Repla
     """
 
     def again(replayer: Replayer, events: SessionEvents) -> IdentificationRun:
-        run = run_identification(job, Outside(replayer.clock, replayer.open, latency_s), events)
+        run = run_identification(job, Environment(replayer.clock, replayer.open, latency_s), events)
         out = run.out(wall_seconds=0.0, session=None)
         events.event("result", result=out.model_dump(mode="json"))
         return run

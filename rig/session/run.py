@@ -15,7 +15,7 @@ from palpate.rig.identification.observers import Observer, Observers
 from palpate.rig.identification.result import identification_out
 from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.session.calibration_drift import calibration_used
-from palpate.rig.session.environment import Outside
+from palpate.rig.session.environment import Environment
 from palpate.vocabulary import Strategy
 
 __all__ = ["IdentificationJob", "IdentificationRun", "run_identification"]
@@ -75,7 +75,7 @@ class IdentificationRun:
 
 def run_identification(
     job: IdentificationJob,
-    outside: Outside,
+    environment: Environment,
     record: Observer | None = None,
     observers: Sequence[Observer] = (),
     notice: Callable[[str], None] = lambda _: None,
@@ -88,11 +88,11 @@ def run_identification(
     with (
         Observers(observers, record) as observed,
         BackgroundCall("the display", notice) as notice_beside,
-        outside.hand(job.rig, notice_beside) as hand,
+        environment.hand(job.rig, notice_beside) as hand,
     ):
         check_devices(job.calibration, hand)
         hand.prepare()
         result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated
     late = observed.late_failure or notice_beside.late_failure
-    return IdentificationRun(job, result, emulated, outside.clock.now(), late)
+    return IdentificationRun(job, result, emulated, environment.clock.now(), late)

@@ -32,7 +32,7 @@ from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
 from palpate.rig.diagnostics.calibration_check import with_calibration
 from palpate.rig.diagnostics.rig_check import check_rig
-from palpate.rig.emulated.calibrated_truth import placement_seen
+from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
 from palpate.rig.motion.calibrated_devices import check_devices, devices_of, other_device
 from palpate.views.check_table import show
 
@@ -160,8 +160,8 @@ def test_the_truth_is_told_as_the_calibrated_hand_sees_it(loose: Path) -> None:
     assert lying is not None
     put_beside(loose, true_calibration(rig, SEED))
     on_bench = load_calibrated(loose)
-    assert placement_seen(load_calibrated(loose, calibration=False), lying, SEED) is lying
-    seen = placement_seen(on_bench, lying, SEED)
+    assert placement_in_hand_frame(load_calibrated(loose, calibration=False), lying, SEED) is lying
+    seen = placement_in_hand_frame(on_bench, lying, SEED)
     assert seen is not None
     assert math.dist((seen.x_mm, seen.y_mm), (lying.x_mm, lying.y_mm)) > 0.1
     bench = set_up(rig, lying, SEED)

@@ -13,9 +13,9 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.errors import SafetyStop
 from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.guarded_approach import Touch, close_fingers
+from palpate.rig.motion.guarded_approach import Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.quasi_static_touch import measure_creeping
+from palpate.rig.motion.quasi_static_touch import measure_quasi_statically
 from palpate.rig.reach.approaches import reach_of
 
 TICK = 2 * math.pi / 4096
@@ -47,7 +47,7 @@ class Watched:
 
         hand.states = watched  # type: ignore[method-assign]
         try:
-            return measure_creeping(hand, runs)
+            return measure_quasi_statically(hand, runs)
         finally:
             hand.states = states  # type: ignore[method-assign]
 
@@ -57,7 +57,7 @@ class Watched:
         (contact,) = rig.head_on()
         reach = reach_of(hand.rig, aims=81)
         number = reach.of_stage(reach.middle_rad)[contact.approach + oblique]
-        (touch,) = close_fingers(hand, [reach.approaches[number]], lambda _: None, self.measure)
+        (touch,) = carry_out_grip(hand, [reach.approaches[number]], lambda _: None, self.measure)
         return touch
 
 
@@ -92,7 +92,7 @@ def test_a_slide_that_cannot_go_on_is_measured_where_it_rests(watched: Watched) 
         slide = runs[0].finger.drive.closing_servos[0]
         slide.set_goal_current_a(0.02)
         try:
-            return measure_creeping(hand, runs)
+            return measure_quasi_statically(hand, runs)
         finally:
             slide.set_goal_current_a(allowed_a)
 
@@ -114,8 +114,8 @@ def test_a_creep_that_presses_too_hard_stops_everything() -> None:
         def careful(
             hand: Hand, runs: Sequence[ApproachState]
         ) -> list[tuple[ApproachState, ContactPatch | None]]:
-            hand._watch._closing = closing
-            return measure_creeping(hand, runs)
+            hand._array_guard._closing = closing
+            return measure_quasi_statically(hand, runs)
 
         watched.measure = careful  # type: ignore[method-assign]
         with pytest.raises(SafetyStop, match=r"finger f1 felt 0\.\d N, above max_force_n = 0.75 N"):

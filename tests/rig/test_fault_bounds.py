@@ -20,7 +20,7 @@ from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.errors import DeviceError, PalpateError, SafetyStop
 from palpate.rig.conversion import line_of
-from palpate.rig.motion.guarded_approach import Stage
+from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
 
 FORCE_N = 10.0
@@ -62,7 +62,7 @@ class Watch:
 
 
 def closing_with(
-    folder: Path, stage: Stage, after_s: float, fault: Callable[[EmulatedSession], object], seed: int
+    folder: Path, stage: GripPhase, after_s: float, fault: Callable[[EmulatedSession], object], seed: int
 ) -> tuple[EmulatedSession, Watch, PalpateError | None]:
     """Carry out a grip with a fault in it; what came of it, None if nobody minded."""
     session = emulated_session(seed=seed)
@@ -74,7 +74,7 @@ def closing_with(
         watches.append(Watch(session))
         fault(session)
 
-    def on_stage(now: Stage) -> None:
+    def on_stage(now: GripPhase) -> None:
         if now is stage and not watches:
             session.clock.after(after_s, strike)
 
@@ -98,7 +98,7 @@ def check_end(session: EmulatedSession, folder: Path, error: PalpateError | None
 
 
 JUST_BEFORE_TOUCHING = -1.0
-WHEN = [(Stage.CLOSING, JUST_BEFORE_TOUCHING)]
+WHEN = [(GripPhase.CLOSING, JUST_BEFORE_TOUCHING)]
 
 
 @cache
@@ -112,8 +112,8 @@ def first_touch_s(seed: int) -> float:
         if began and not touched and any(finger.press is not None for finger in session.bench.fingers):
             touched.append(session.clock.now())
 
-    def on_stage(now: Stage) -> None:
-        if now is Stage.CLOSING:
+    def on_stage(now: GripPhase) -> None:
+        if now is GripPhase.CLOSING:
             began.append(session.clock.now())
 
     session.clock.on_tick = look
@@ -123,7 +123,7 @@ def first_touch_s(seed: int) -> float:
 
 
 @pytest.mark.parametrize(("stage", "after_s", "dxl_id"), [*((*when, 12) for when in WHEN)])
-def test_a_silent_servo(tmp_path: Path, stage: Stage, after_s: float, dxl_id: int) -> None:
+def test_a_silent_servo(tmp_path: Path, stage: GripPhase, after_s: float, dxl_id: int) -> None:
     """Its data line breaks: it hears and says nothing, and goes on with what it was told last."""
 
     def deafen(session: EmulatedSession) -> None:
@@ -151,10 +151,10 @@ FAILURES: dict[str, Callable[[EmulatedSession], object]] = {
 @pytest.mark.parametrize(
     ("failure", "stage", "after_s"),
     [
-        *((failure, Stage.CLOSING, JUST_BEFORE_TOUCHING) for failure in FAILURES),
+        *((failure, GripPhase.CLOSING, JUST_BEFORE_TOUCHING) for failure in FAILURES),
     ],
 )
-def test_a_servo_that_fails(tmp_path: Path, failure: str, stage: Stage, after_s: float) -> None:
+def test_a_servo_that_fails(tmp_path: Path, failure: str, stage: GripPhase, after_s: float) -> None:
     session, watch, error = closing_with(tmp_path, stage, after_s, FAILURES[failure], seed=7)
     assert error is not None
     for servo in session.servos.values():
@@ -167,7 +167,7 @@ def test_a_servo_that_fails(tmp_path: Path, failure: str, stage: Stage, after_s:
 
 @pytest.mark.parametrize(("stage", "after_s", "back_s"), [*((*when, 3.0) for when in WHEN)])
 def test_the_adapter_unplugged_and_plugged_in_again(
-    tmp_path: Path, stage: Stage, after_s: float, back_s: float
+    tmp_path: Path, stage: GripPhase, after_s: float, back_s: float
 ) -> None:
     def unplug(session: EmulatedSession) -> None:
         wire = session.cables["mock://bus"].wire
@@ -184,7 +184,7 @@ def test_the_adapter_unplugged_and_plugged_in_again(
 
 
 @pytest.mark.parametrize(("stage", "after_s"), WHEN)
-def test_the_host_dies(tmp_path: Path, stage: Stage, after_s: float) -> None:
+def test_the_host_dies(tmp_path: Path, stage: GripPhase, after_s: float) -> None:
     """Nothing is heard of it any more: every servo stops by itself, with torque on."""
 
     def die(session: EmulatedSession) -> None:
@@ -209,10 +209,10 @@ RATES = {
     ("stage", "after_s", "rates"),
     [
         *((*when, "1 % of bytes flipped") for when in WHEN),
-        (Stage.CLOSING, JUST_BEFORE_TOUCHING, "a third of packets lost"),
+        (GripPhase.CLOSING, JUST_BEFORE_TOUCHING, "a third of packets lost"),
     ],
 )
-def test_a_bad_wire(tmp_path: Path, stage: Stage, after_s: float, rates: str) -> None:
+def test_a_bad_wire(tmp_path: Path, stage: GripPhase, after_s: float, rates: str) -> None:
     """The grip is carried out all the same, or ends with an error; fingers keep to their limits."""
 
     def spoil(session: EmulatedSession) -> None:
@@ -236,7 +236,7 @@ def test_most_grips_survive_a_wire_that_loses_little(tmp_path: Path) -> None:
             rates = FaultRates(flipped=0.0005, lost=0.005)
             session.cables["mock://bus"].wire.rates = WireRates(rates, rates)
 
-        _, _, error = closing_with(folder, Stage.CLOSING, 0.1, spoil, seed)
+        _, _, error = closing_with(folder, GripPhase.CLOSING, 0.1, spoil, seed)
         survived += error is None
     assert survived == 2
 
@@ -244,7 +244,7 @@ def test_most_grips_survive_a_wire_that_loses_little(tmp_path: Path) -> None:
 def test_a_computer_that_sleeps_while_a_finger_runs_into_the_part(tmp_path: Path) -> None:
     """Then it has pressed too hard: what the contacts say of the part is not worth much any more."""
     session, watch, error = closing_with(
-        tmp_path, Stage.CLOSING, JUST_BEFORE_TOUCHING, lambda s: s.clock.sleep(0.8), seed=7
+        tmp_path, GripPhase.CLOSING, JUST_BEFORE_TOUCHING, lambda s: s.clock.sleep(0.8), seed=7
     )
     check_end(session, tmp_path, error)
     assert isinstance(error, SafetyStop)
@@ -257,11 +257,11 @@ def test_a_computer_that_sleeps_begins_the_grip_again(tmp_path: Path) -> None:
     def sleep(session: EmulatedSession) -> None:
         session.clock.sleep(0.8)
 
-    session, watch, error = closing_with(tmp_path, Stage.CLOSING, 1.0, sleep, seed=7)
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, 1.0, sleep, seed=7)
     assert error is None
     check_end(session, tmp_path, error)
     assert watch.hardest_n <= FORCE_N
-    assert session.stages.count(Stage.CLOSING) == 2
+    assert session.stages.count(GripPhase.CLOSING) == 2
 
 
 def test_a_servo_that_blinks(tmp_path: Path) -> None:
@@ -271,7 +271,7 @@ def test_a_servo_that_blinks(tmp_path: Path) -> None:
         session.servos[22].power_off()
         session.servos[22].power_on()
 
-    session, watch, error = closing_with(tmp_path, Stage.CLOSING, 1.7, blink, seed=7)
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, 1.7, blink, seed=7)
     assert isinstance(error, Restarted)
     assert "servo 22 " in str(error)
     check_end(session, tmp_path, error)
@@ -280,7 +280,7 @@ def test_a_servo_that_blinks(tmp_path: Path) -> None:
 
 def test_a_servo_that_somebody_else_switches_off(tmp_path: Path) -> None:
     session, watch, error = closing_with(
-        tmp_path, Stage.CLOSING, 1.7, lambda s: s.servos[12].take_block(64, b"\0"), seed=7
+        tmp_path, GripPhase.CLOSING, 1.7, lambda s: s.servos[12].take_block(64, b"\0"), seed=7
     )
     assert isinstance(error, SafetyStop)
     assert "servo 12 " in str(error)
@@ -301,7 +301,7 @@ def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
     own = reach.of_finger(0)
     with pytest.raises(DeviceError, match=r"servo 11 .* did not reach .* it has stopped at"):
         session.run_grip(tmp_path, [reach.approaches[own[0]].up_to(10.0)])
-    assert session.stages == [Stage.AIMING]
+    assert session.stages == [GripPhase.AIMING]
     assert session.clock.now() < 4.0
     assert not any(session.torque().values())
 
@@ -325,7 +325,7 @@ def test_an_arrays_bad_wire(tmp_path: Path, rates: FaultRates) -> None:
         for name in ("f1", "f2", "f3"):
             session.cables[f"mock://{name}"].wire.rates = WireRates(to_host=rates)
 
-    session, watch, error = closing_with(tmp_path, Stage.CLOSING, 0.1, spoil, seed=7)
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, 0.1, spoil, seed=7)
     assert error is None
     check_end(session, tmp_path, error)
     assert watch.hardest_n <= session.rig.closing.max_force_n
@@ -335,7 +335,7 @@ def test_an_array_unplugged(tmp_path: Path) -> None:
     def unplug(session: EmulatedSession) -> None:
         session.cables["mock://f2"].wire.unplugged = True
 
-    session, watch, error = closing_with(tmp_path, Stage.CLOSING, JUST_BEFORE_TOUCHING, unplug, seed=7)
+    session, watch, error = closing_with(tmp_path, GripPhase.CLOSING, JUST_BEFORE_TOUCHING, unplug, seed=7)
     assert isinstance(error, DeviceError)
     assert "tactile array f2 on " in str(error)
     assert " is gone" in str(error)

@@ -13,7 +13,7 @@ from emulated_session import EmulatedSession, emulated_session
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.errors import DeviceError, PalpateError, SafetyStop
 from palpate.rig.bench import connect
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.motion.guarded_approach import GripPhase, Touch
 
 IDS = (11, 12, 21, 22, 31, 32)
 
@@ -36,11 +36,11 @@ def check_off(session: EmulatedSession, *, but: int | None = None) -> None:
 
 
 def failing(
-    session: EmulatedSession, folder: Path, stage: Stage, after_s: float, fault: Callable[[], None]
+    session: EmulatedSession, folder: Path, stage: GripPhase, after_s: float, fault: Callable[[], None]
 ) -> PalpateError:
     """Carry out a grip in which something happens `after_s` into a stage; returns what came of it."""
 
-    def on_stage(now: Stage) -> None:
+    def on_stage(now: GripPhase) -> None:
         if now is stage:
             session.clock.after(after_s, fault)
 
@@ -87,7 +87,7 @@ def test_a_silent_array_is_named_and_nothing_gets_torque(tmp_path: Path, name: s
 @pytest.mark.parametrize("dead", [12, 31])
 def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
     session = emulated_session()
-    error = failing(session, tmp_path, Stage.CLOSING, 1.0, session.servos[dead].power_off)
+    error = failing(session, tmp_path, GripPhase.CLOSING, 1.0, session.servos[dead].power_off)
     assert isinstance(error, DeviceError)
     # A slide is looked at all the time, an aim servo only with torque off: then it is at least named.
     assert f"servo {dead} " in str(error)
@@ -118,7 +118,7 @@ def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
 
     clamp = Clamp()
     session.bench.fingers[0].servos[1].step = clamp.step  # type: ignore[method-assign]
-    error = failing(session, tmp_path, Stage.CLOSING, 1.0, clamp.shut)
+    error = failing(session, tmp_path, GripPhase.CLOSING, 1.0, clamp.shut)
     assert isinstance(error, SafetyStop)
     assert "finger f1 is held" in str(error)
     clamp.at = None
@@ -126,16 +126,16 @@ def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
 
 
 STAGES = [
-    (Stage.AIMING, 0.02),
-    (Stage.CLOSING, 0.0),
-    (Stage.CLOSING, 3.0),
-    (Stage.TOUCHING, 0.4),
-    (Stage.RETRACTING, 0.5),
+    (GripPhase.AIMING, 0.02),
+    (GripPhase.CLOSING, 0.0),
+    (GripPhase.CLOSING, 3.0),
+    (GripPhase.TOUCHING, 0.4),
+    (GripPhase.RETRACTING, 0.5),
 ]
 
 
 @pytest.mark.parametrize(("stage", "base_s"), STAGES)
-def test_interrupted_anywhere_fingers_stop(tmp_path: Path, stage: Stage, base_s: float) -> None:
+def test_interrupted_anywhere_fingers_stop(tmp_path: Path, stage: GripPhase, base_s: float) -> None:
     """The interrupt comes at an instant like any other: inside a transfer, between two, in a wait."""
     session = emulated_session()
     after_s = base_s + random.Random(f"{stage} {base_s}").uniform(0.0, 0.03)
@@ -143,7 +143,7 @@ def test_interrupted_anywhere_fingers_stop(tmp_path: Path, stage: Stage, base_s:
     def interrupt() -> None:
         raise KeyboardInterrupt("Ctrl-C")
 
-    def on_stage(now: Stage) -> None:
+    def on_stage(now: GripPhase) -> None:
         if now is stage:
             session.clock.after(after_s, interrupt)
 
@@ -214,12 +214,12 @@ def undisturbed() -> list[Touch]:
 @pytest.mark.parametrize(
     ("stage", "after_s"),
     [
-        (Stage.AIMING, 0.01),
-        (Stage.CLOSING, 1.0),
-        (Stage.TOUCHING, 0.3),
+        (GripPhase.AIMING, 0.01),
+        (GripPhase.CLOSING, 1.0),
+        (GripPhase.TOUCHING, 0.3),
     ],
 )
-def test_answers_that_come_late_once_change_nothing(tmp_path: Path, stage: Stage, after_s: float) -> None:
+def test_answers_that_come_late_once_change_nothing(tmp_path: Path, stage: GripPhase, after_s: float) -> None:
     """A stall of 40 ms, longer than the SDK waits: asked again, no late answer is taken for another one."""
     session = emulated_session()
     bus = session.cables["mock://bus"]
@@ -231,7 +231,7 @@ def test_answers_that_come_late_once_change_nothing(tmp_path: Path, stage: Stage
     def recover() -> None:
         bus.late_s = 0.0
 
-    def on_stage(now: Stage) -> None:
+    def on_stage(now: GripPhase) -> None:
         if now is stage:
             session.clock.after(after_s, stall)
 

@@ -115,7 +115,7 @@ def max_bound(rig: RigFile) -> float:
     for kinematics, far in ends:
         servos = kinematics.servos_rad(kinematics.line(0.0, far), 0.0)
         bounds.append(
-            kinematics.position_bound_mm(servos) + kinematics.strayed_mm(servos, 4 * math.pi / 2048)
+            kinematics.position_bound_mm(servos) + kinematics.cross_track_bound_mm(servos, 4 * math.pi / 2048)
         )
     return max(bounds)
 

@@ -20,8 +20,8 @@ from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
 from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.motion.guarded_approach import Stage, close_fingers
-from palpate.rig.session.environment import Outside
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
+from palpate.rig.session.environment import Environment
 from palpate.rig.session.events import SessionEvents
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.replay import first_difference, replay_with
@@ -349,18 +349,18 @@ def interrupt() -> None:
     raise KeyboardInterrupt("Ctrl-C")
 
 
-WHEN = [(Stage.AIMING, 0.013), (Stage.CLOSING, 1.0), (Stage.TOUCHING, 0.3)]
+WHEN = [(GripPhase.AIMING, 0.013), (GripPhase.CLOSING, 1.0), (GripPhase.TOUCHING, 0.3)]
 
 
 @pytest.mark.parametrize(
     ("fault", "stage", "after_s"), [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
 )
-def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, after_s: float) -> None:
+def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: GripPhase, after_s: float) -> None:
     session = emulated_session()
     grip = session.middle()
     bring_about = FAULTS[fault](session)
 
-    def on_stage(now: Stage) -> None:
+    def on_stage(now: GripPhase) -> None:
         if now is stage:
             session.clock.after(after_s, bring_about)
 
@@ -374,9 +374,11 @@ def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: Stage, aft
 
     def again(replayer: Replayer, events: SessionEvents) -> None:
         try:
-            with Outside(replayer.clock, replayer.open, bus_latency_s(session.rig)).hand(session.rig) as hand:
+            with Environment(replayer.clock, replayer.open, bus_latency_s(session.rig)).hand(
+                session.rig
+            ) as hand:
                 hand.prepare()
-                ended.append(close_fingers(hand, grip, lambda _: None))
+                ended.append(carry_out_grip(hand, grip, lambda _: None))
         except BaseException as error:
             ended.append((type(error), str(error), getattr(error, "__notes__", [])))
             raise

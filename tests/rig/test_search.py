@@ -26,7 +26,7 @@ from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue, FingerApproach, Grip
 from palpate.rig.identification.loop import Identification, search
 from palpate.rig.identification.observers import Event, MoveEvent, Observers, PlanEvent
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
@@ -78,8 +78,8 @@ class Table:
     def __post_init__(self) -> None:
         self._rng = np.random.default_rng([self.seed, 5])
 
-    def __call__(self, grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> Sequence[Touch]:
-        tell(Stage.CLOSING)
+    def __call__(self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None]) -> Sequence[Touch]:
+        tell(GripPhase.CLOSING)
         touches = SimulatedTouches(REACH, self.placed, self._rng)(grip)
         self.grips += 1
         if self.then is not None and self.grips == self.push_after:

@@ -27,10 +27,10 @@ from palpate.config import (
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
-from palpate.recognizer import Catalogue
+from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.loop import Identification, search
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.rig.session.calibration_drift import calibration_used, session_agreement
 from palpate.views.answer import answer_lines
@@ -67,7 +67,7 @@ class Felt:
     touches: SimulatedTouches
     off_mm: tuple[float, float]
 
-    def __call__(self, grip: Sequence[tuple[int, float]], tell: Callable[[Stage], None]) -> list[Touch]:
+    def __call__(self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None]) -> list[Touch]:
         del tell
         return [self._declared(touch) for touch in self.touches(grip)]
 

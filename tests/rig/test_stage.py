@@ -16,7 +16,7 @@ from palpate.errors import DeviceError
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect
 from palpate.rig.conversion import line_of
-from palpate.rig.motion.guarded_approach import Stage, close_fingers
+from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict
 
@@ -117,8 +117,8 @@ def run_at(session: EmulatedSession, angles: list[float]) -> None:
             moved.append(min(float(np.hypot(*finger.centre_mm)) for finger in session.bench.fingers))
         before[0] = stage.angle_rad
 
-    def remember(now: Stage) -> None:
-        if now is Stage.RETRACTING:
+    def remember(now: GripPhase) -> None:
+        if now is GripPhase.RETRACTING:
             centres[:] = [finger.centre_mm for finger in session.bench.fingers]
 
     session.clock.on_tick = look
@@ -126,7 +126,7 @@ def run_at(session: EmulatedSession, angles: list[float]) -> None:
     with connect(session.bench_rig) as hand:
         hand.prepare()
         for angle in angles:
-            touches = close_fingers(hand, grip_at(REACH, angle, rng), remember)
+            touches = carry_out_grip(hand, grip_at(REACH, angle, rng), remember)
             assert stage.angle_rad == pytest.approx(angle, abs=math.radians(0.15))
             for touch in touches:
                 check_touch(shape, touch, centres[touch.finger_index], 5.0)

@@ -18,7 +18,7 @@ from palpate.geometry.segments import distance_range
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect, place
 from palpate.rig.conversion import arm_kinematics, line_of
-from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
+from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
@@ -58,8 +58,8 @@ def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:
         for track, finger in zip(tracks, session.bench.fingers, strict=True):
             track.append(finger.centre_mm)
 
-    def remember(stage: Stage) -> None:
-        if stage is Stage.RETRACTING:
+    def remember(stage: GripPhase) -> None:
+        if stage is GripPhase.RETRACTING:
             centres[:] = [finger.centre_mm for finger in session.bench.fingers]
 
     session.clock.on_tick = look
@@ -69,7 +69,7 @@ def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:
         for _ in range(grips):
             for track in tracks:
                 track.clear()
-            touches = close_fingers(hand, middle_grip(rng), remember)
+            touches = carry_out_grip(hand, middle_grip(rng), remember)
             for touch in touches:
                 check_touch(shape, touch, centres[touch.finger_index], 5.0)
                 check_way(touch, np.array(tracks[touch.finger_index]))
@@ -106,7 +106,7 @@ def test_an_approach_is_carried_out_within_its_bound() -> None:
     session.clock.on_tick = lambda: track.append(session.bench.fingers[0].centre_mm)
     with connect(session.bench_rig) as hand:
         hand.prepare()
-        close_fingers(hand, grip, lambda stage: track.clear() if stage is Stage.CLOSING else None)
+        carry_out_grip(hand, grip, lambda stage: track.clear() if stage is GripPhase.CLOSING else None)
     line = line_of(grip[0])
     bound = min(item.position_bound_mm for item in REACH.approaches)
     start, end = np.array([line.start_mm]), np.array([line.point_mm(grip[0].travel_mm)])

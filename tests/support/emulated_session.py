@@ -23,7 +23,7 @@ from palpate.rig.emulated.devices import EmulatedRig, MockRig, emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.result import identification_out
-from palpate.rig.motion.guarded_approach import Stage, Touch, close_fingers
+from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
 from palpate.rig.session.log import SessionLog
@@ -87,7 +87,7 @@ class Cable:
         return None if self.cut else self._device.next_due()
 
 
-def _ignore(stage: Stage) -> None:
+def _ignore(stage: GripPhase) -> None:
     """Nobody wants to know."""
 
 
@@ -102,7 +102,7 @@ class EmulatedSession:
     cables: Mapping[str, Cable]
     placement: Placement | None
     hub: MockHub
-    stages: list[Stage] = field(default_factory=list)
+    stages: list[GripPhase] = field(default_factory=list)
 
     @property
     def servos(self) -> dict[int, EmulatedServo]:
@@ -129,11 +129,11 @@ class EmulatedSession:
         return max(float(np.hypot(*(b - a))) for a, b in zip(before, after, strict=True))
 
     def run_grip(
-        self, folder: Path, grip: Sequence[FingerApproach], on_stage: Callable[[Stage], None] = _ignore
+        self, folder: Path, grip: Sequence[FingerApproach], on_stage: Callable[[GripPhase], None] = _ignore
     ) -> list[Touch]:
         """Connect, prepare, carry out one grip, disconnect; everything logged as in a real session."""
 
-        def tell(stage: Stage) -> None:
+        def tell(stage: GripPhase) -> None:
             self.stages.append(stage)
             on_stage(stage)
 
@@ -141,10 +141,10 @@ class EmulatedSession:
             return self.grip(hand, grip, tell)
 
     def grip(
-        self, hand: Hand, grip: Sequence[FingerApproach], tell: Callable[[Stage], None] = _ignore
+        self, hand: Hand, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] = _ignore
     ) -> list[Touch]:
         hand.prepare()
-        return close_fingers(hand, grip, tell)
+        return carry_out_grip(hand, grip, tell)
 
     def middle(self) -> list[FingerApproach]:
         """Every finger straight towards the table's middle, as far as it goes."""

@@ -30,7 +30,7 @@ from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.emulators.tip import Outline
 from palpate.errors import DeviceError, OutputError, SafetyStop
 from palpate.recognizer import Catalogue
-from palpate.rig.bench import outside
+from palpate.rig.bench import environment
 from palpate.rig.commissioning.rig_prober import HandProber
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.reference_table import EmulatedTable
@@ -73,7 +73,7 @@ def _identify(host: Host, folder: Path) -> None:
     )
     with SessionLog(folder, session.clock, {}, stalled_s=0.3) as log:
         host.log = log
-        run = run_identification(job, outside(session.bench_rig, log), log, [lambda _: host.observer()])
+        run = run_identification(job, environment(session.bench_rig, log), log, [lambda _: host.observer()])
     if run.late_failure is not None:
         raise run.late_failure
 
@@ -81,7 +81,7 @@ def _identify(host: Host, folder: Path) -> None:
 def _calibrate(host: Host, _folder: Path) -> None:
     """What a calibration has moved, a little of each."""
     session = host.session
-    with outside(session.bench_rig).hand(session.rig) as hand:
+    with environment(session.bench_rig).hand(session.rig) as hand:
         hand.prepare()
         prober = HandProber(hand, EmulatedTable(session.bench, SEED))
         spec = session.rig.fingers[0]
@@ -112,7 +112,7 @@ def _check_touch(host: Host, _folder: Path) -> None:
     file = bench_calibration(session.rig, SEED)
     promises = contact_uncertainties(file, at_rest=False)
     assert promises is not None
-    with outside(session.bench_rig).hand(apply_calibration(session.rig, file)) as hand:
+    with environment(session.bench_rig).hand(apply_calibration(session.rig, file)) as hand:
         hand.prepare()
         retouch(session.rig, HandProber(hand, EmulatedTable(session.bench, SEED)), DISC, promises)
 
@@ -135,19 +135,19 @@ COMMANDS: dict[str, tuple[Callable[[], EmulatedSession], Callable[[Host, Path], 
 }
 
 PHASES: Sequence[tuple[str, str]] = (
-    ("_surely_off", "torque off"),
+    ("_switch_off_despite_interruptions", "torque off"),
     ("_connect", "connect"),
     ("prepare", "limits and torque on"),
     ("retract_all", "retract"),
     ("_to_lines", "aim"),
     ("tare", "tare"),
     ("go_to", "free travel"),
-    ("measure_creeping", "creep"),
+    ("measure_quasi_statically", "creep"),
     ("measure_at_rest", "measure"),
     ("_touched_at_once", "touch"),
     ("_move_until_touched", "approach"),
     ("press", "press"),
-    ("run_into", "stop at speed"),
+    ("stop_at_speed", "stop at speed"),
     ("_stalled", "homing"),
     ("swing", "swing"),
 )

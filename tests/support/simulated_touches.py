@@ -13,7 +13,7 @@ from shapely_bench import Placed, outward_normal, stop, unit
 
 from palpate.recognizer import Approach, Contact, FingerApproach, NormalRange
 from palpate.recognizer.prediction import Prediction
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import Reach
 
 # Of an approach's bound: what touches on the emulated bench declare.
@@ -37,7 +37,7 @@ class SimulatedTouches:
     at_bound: bool = False
 
     def __call__(
-        self, grip: Sequence[FingerApproach], tell: Callable[[Stage], None] | None = None
+        self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] | None = None
     ) -> list[Touch]:
         del tell
         return [self._touch(item) for item in grip]

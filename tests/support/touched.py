@@ -6,7 +6,7 @@ from touch_check import check_touch
 
 from palpate.recognizer import FingerApproach
 from palpate.rig.bench import connect
-from palpate.rig.motion.guarded_approach import Stage, Touch
+from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import reach_of
 
 __all__ = ["random_grip", "run_checked"]
@@ -30,8 +30,8 @@ def run_checked(session: EmulatedSession, grips: int, seed: int) -> list[Touch]:
     rng = np.random.default_rng([seed, 77])
     centres: list[np.ndarray] = []
 
-    def remember(stage: Stage) -> None:
-        if stage is Stage.RETRACTING:
+    def remember(stage: GripPhase) -> None:
+        if stage is GripPhase.RETRACTING:
             centres[:] = [finger.centre_mm for finger in session.bench.fingers]
 
     every = []
