@@ -1,15 +1,31 @@
-"""Object models from Python: imported from CAD files, drawn, and checked for what a rig cannot tell apart."""
+"""Object models from Python: import from CAD files, listing, picture, and what a rig cannot tell apart."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.api.files import PathLike
-from palpate.config import ObjectsFile
+from palpate.config import ObjectsFile, RigFile
 from palpate.config.objects_file import checked_objects
+from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut, StateListedOut
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.rig.catalogue.cad_import import ImportOptions, import_file
+from palpate.rig.catalogue.finger_model import rig_fingers
+from palpate.rig.catalogue.section_stack import StateSections, state_sections
+from palpate.rig.catalogue.separating_heights import separating_heights
+from palpate.rig.catalogue.symmetry import symmetry_of_state
+from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
+from palpate.views.catalogue.card import CardFacts, TwinNote
+from palpate.views.catalogue.picture import draw_objects
+from palpate.views.catalogue.results import name_out, not_known_out, pair_out, rig_out, separating_out
 
-__all__ = ["import_objects"]
+__all__ = ["ObjectsListing", "check_objects", "import_objects", "list_objects"]
+
+_LIKE = {
+    Likeness.SAME: "feels like",
+    Likeness.DOUBTFUL: "may feel like",
+    Likeness.UNKNOWN: "as far as known like",
+}
 
 
 def import_objects(
@@ -24,3 +40,107 @@ def import_objects(
     tables = [item.text for item in imported.objects]
     text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=tables)
     return checked_objects(text, str(path))
+
+
+def check_objects(
+    rig: RigFile,
+    objects: ObjectsFile,
+    *,
+    name: str = "the catalogue",
+    shipped: bool = False,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ObjectsCheckOut:
+    """Find the states that a rig's fingers can never tell apart, and heights at which a finger would.
+
+    `name` of the objects and whether the rig is the `shipped` one stand in the result.
+    """
+    fingers, states = rig_fingers(rig), state_sections(objects)
+    progress(f"{len(states)} states")
+    pairs = find_twins(states, fingers)
+    found = []
+    for number, pair in enumerate(pairs, 1):
+        progress(f"heights of pair {number} of {len(pairs)}")
+        found.append(separating_out(pair, separating_heights(pair)))
+    compared = len(states) * (len(states) - 1) // 2
+    return ObjectsCheckOut(
+        objects=name,
+        rig=rig_out(fingers, shipped=shipped),
+        states=len(states),
+        pairs_compared=compared,
+        told_apart=compared - len(pairs),
+        pairs=tuple(found),
+        not_known=not_known_out(states, fingers),
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ObjectsListing:
+    """States of a catalogue, pairs that a rig does not tell apart, and a picture (SVG) of the sections."""
+
+    states: tuple[StateListedOut, ...]
+    pairs: tuple[Pair, ...]
+    left_out: tuple[StateSections, ...]
+    svg: str
+
+    def out(self, rig: RigFile, objects: str, picture: str, *, shipped: bool) -> ObjectsListingOut:
+        """`palpate/objects-listing@1`, for the objects file and the picture of these names."""
+        return ObjectsListingOut(
+            objects=objects,
+            rig=rig_out(rig_fingers(rig), shipped=shipped),
+            states=self.states,
+            twins=tuple(pair_out(pair) for pair in self.pairs),
+            picture=picture,
+            left_out=tuple(name_out(state) for state in self.left_out),
+        )
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+    def __repr__(self) -> str:
+        return f"<ObjectsListing {len(self.states)} states, {len(self.pairs)} pairs not told apart>"
+
+
+def list_objects(
+    rig: RigFile,
+    objects: ObjectsFile,
+    *,
+    name: str = "the catalogue",
+    progress: Callable[[str], None] = lambda _: None,
+) -> ObjectsListing:
+    """List and draw every state of every object, with those that a rig's fingers would not tell apart."""
+    fingers, states = rig_fingers(rig), state_sections(objects)
+    progress(f"comparing {len(states)} states")
+    pairs = find_twins(states, fingers)
+    progress("drawing")
+    told = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
+    drawing, left_out = draw_objects(name, states, told, fingers)
+    listed = tuple(_listed(state, told[state]) for state in states)
+    return ObjectsListing(listed, tuple(pairs), tuple(left_out), drawing)
+
+
+def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
+    """Which states feel like one, or may; those that do for certain first."""
+    others: dict[Likeness, list[str]] = {likeness: [] for likeness in _LIKE}
+    for pair in pairs:
+        if state in (pair.first.state, pair.second.state):
+            other = (pair.second if pair.first.state is state else pair.first).state
+            same_object = other.object_name == state.object_name
+            others[pair.likeness].append(other.state.name if same_object else other.name)
+    return tuple(TwinNote(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
+
+
+def _listed(state: StateSections, facts: CardFacts) -> StateListedOut:
+    edges = [level.edges for level in state.levels]
+    found = state.state
+    return StateListedOut(
+        object=state.object_name,
+        state=found.name,
+        sections=len(state.levels),
+        edges=(min(edges), max(edges)),
+        top_mm=found.top_mm,
+        heights_mm=found.heights_mm,
+        symmetry_order=facts.symmetry_order,
+        probability=found.probability,
+        tipping_angle_rad=found.tipping_angle_rad,
+        tolerance_mm=state.tolerance_mm,
+    )

@@ -5,26 +5,18 @@ from pathlib import Path
 import typer
 from rich.console import Console
 
+from palpate.api.bus import stop
 from palpate.cli.terminal import Terminal
 from palpate.config.results import to_json
 from palpate.config.stop_result import StopOut
-from palpate.errors import InputError, counted
-from palpate.rig.diagnostics.bus_selection import find_endpoint
-from palpate.rig.diagnostics.emergency_stop import stop_all
+from palpate.errors import counted
 
 __all__ = ["run_stop"]
-
-_USUAL_BAUDRATE = 1_000_000
 
 
 def run_stop(*, rig: Path | None, port: str | None, baudrate: int | None, json: bool) -> int:
     """Stop and tell; returns the exit code: 0 only if every servo has confirmed."""
-    if rig is None and port is None:
-        raise InputError("say which servos to stop: --rig FILE, or --port PORT")
-    if baudrate is not None and baudrate <= 0:
-        raise InputError(f"--baud {baudrate}: a baud rate is positive, such as {_USUAL_BAUDRATE}")
-    place = find_endpoint(rig, port)
-    out = stop_all(place, baudrate or place.baudrate or _USUAL_BAUDRATE)
+    out = stop(port=port, rig=rig, baudrate=baudrate)
     if json:
         typer.echo(to_json(out))
     _show(out, Terminal(stderr=json, soft_wrap=True))

@@ -14,7 +14,11 @@ if TYPE_CHECKING:
     from palpate.api.answers import Answer as Answer
     from palpate.api.answers import Plan as Plan
     from palpate.api.answers import RecognitionAnswer as RecognitionAnswer
+    from palpate.api.bus import scan as scan
+    from palpate.api.bus import stop as stop
+    from palpate.api.catalogue import check_objects as check_objects
     from palpate.api.catalogue import import_objects as import_objects
+    from palpate.api.catalogue import list_objects as list_objects
     from palpate.api.files import load_calibration as load_calibration
     from palpate.api.files import load_contacts as load_contacts
     from palpate.api.files import load_objects as load_objects
@@ -39,7 +43,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "api.answers": ("Answer", "Plan", "RecognitionAnswer"),
-    "api.catalogue": ("import_objects",),
+    "api.bus": ("scan", "stop"),
+    "api.catalogue": ("check_objects", "import_objects", "list_objects"),
     "api.files": (
         "load_calibration",
         "load_contacts",

@@ -1,0 +1,47 @@
+"""Servo buses from Python: which servos answer, and torque off for all of them."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from palpate.api.files import PathLike
+from palpate.config.scan_result import ScanOut
+from palpate.config.stop_result import StopOut
+from palpate.drivers.dynamixel.bus_scan import ALL_IDS
+from palpate.errors import InputError
+from palpate.rig.diagnostics.bus_selection import find_endpoint
+from palpate.rig.diagnostics.emergency_stop import stop_all
+from palpate.rig.diagnostics.scan_check import scan_bus
+
+__all__ = ["scan", "stop"]
+
+_USUAL_BAUDRATE = 1_000_000
+
+
+def scan(
+    *,
+    port: str | None = None,
+    rig: PathLike | None = None,
+    baudrates: Sequence[int] = (),
+    ids: Sequence[int] = ALL_IDS,
+    progress: Callable[[int, int | None], None] = lambda *_: None,
+) -> ScanOut:
+    """Scan a bus for servos at every baud rate and id; moves nothing.
+
+    The bus of a `port` by name, or of a rig file; without either that of the shipped emulated bench.
+    `progress` is called with a baud rate (bit/s) and an id. Raises DeviceError if the port cannot be opened.
+    """
+    return scan_bus(find_endpoint(None if rig is None else Path(rig), port), baudrates, ids, progress)
+
+
+def stop(*, port: str | None = None, rig: PathLike | None = None, baudrate: int | None = None) -> StopOut:
+    """Stop: torque off on every servo of a bus, now, also beside a program that is using the port.
+
+    `confirmed` in the result says whether every servo has confirmed it. Raises InputError unless one of
+    `port` and `rig` is given, DeviceError if the port cannot be opened at all.
+    """
+    if rig is None and port is None:
+        raise InputError("say which servos to stop: --rig FILE, or --port PORT")
+    if baudrate is not None and baudrate <= 0:
+        raise InputError(f"--baud {baudrate}: a baud rate is positive, such as {_USUAL_BAUDRATE}")
+    endpoint = find_endpoint(None if rig is None else Path(rig), port)
+    return stop_all(endpoint, baudrate or endpoint.baudrate or _USUAL_BAUDRATE)
