@@ -51,7 +51,7 @@ def plan(
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
     catalogue = Catalogue(models.objects)
-    planned = plan_for(rig, catalogue, given.contacts, Strategy(strategy), seed)
+    planned = plan_for(rig, catalogue, given.grips, Strategy(strategy), seed)
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
 
 

@@ -108,7 +108,8 @@ def named(indices: Sequence[int]) -> str:
 
 def _about_one(planned: Planned) -> str:
     if planned.fine:
-        return "one hypothesis is left, placed as finely as the rig file asks: no grip is needed"
+        needed = "no grip is needed" if planned.grip is None else "the grip confirms it"
+        return f"one hypothesis is left, placed as finely as the rig file asks: {needed}"
     if planned.grip is not None:
-        return "one hypothesis is left: the grip places it more finely"
-    return "one hypothesis is left, and no approach that is left would place it more finely"
+        return "one hypothesis is left: the grip places it more finely, or confirms it"
+    return "one hypothesis is left, and no approach that is left would place it much more finely"

@@ -1,30 +1,85 @@
-"""What a grip told: what it ruled out, what it narrowed, and how surely it would have told of a move.
-
-Between the recogniser's answers before and after a grip and the loop that judges by them.
+"""Evidence gathered grip by grip: hypotheses eliminated, bounds tightened, contacts as predicted,
+smallest detectable shift.
 """
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate.recognizer import (
     Approach,
+    Catalogue,
     Contact,
     Hypothesis,
     Predictions,
     Recognition,
+    Resolution,
+    chance_of_agreeing,
     predict,
+    recognise,
     unnoticed_shift_mm,
 )
 
-__all__ = ["extent_of", "foretold_by", "survives", "unnoticed_mm"]
+__all__ = ["GripEvidence"]
 
+_FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
+_LEAST_GAIN = 0.1
 _FURTHER_MM = 50.0  # than a finger got: it might have been stopped there
 
 
-def foretold_by(before: Recognition, contacts: Sequence[Contact]) -> Predictions:
-    """What was to be expected of the contacts before they were made, as they were made and measured."""
+@dataclass
+class GripEvidence:
+    """What some grips say, those before a move of the part left out.
+
+    `recognition`: None before enough contacts were made. `idle`: touches in a row without gain. `predicted`:
+    touches that came out as the hypotheses had predicted, and `chance`: how probable that is if the part is
+    none of the catalogue. `detectable_shift_mm`: a shift of the part by more before the last grip would have
+    been detected for certain. `checks`: grips in a row that were made to confirm an answer.
+    """
+
+    catalogue: Catalogue
+    resolution: Resolution
+    contacts: list[Contact] = field(default_factory=list)
+    recognition: Recognition | None = None
+    idle: int = 0
+    predicted: int = 0
+    chance: float = 1.0
+    detectable_shift_mm: float = math.inf
+    checks: int = 0
+
+    def add(self, contacts: Sequence[Contact]) -> list[Hypothesis]:
+        """Take the contacts of a grip, misses included; returns the hypotheses that they eliminate."""
+        self.contacts += contacts
+        before = self.recognition
+        if before is not None:
+            self.recognition = before.extend(contacts)
+            return self._compare(before, self.recognition, contacts)
+        if sum(contact.touched for contact in self.contacts) >= _FIRST_CONTACTS:
+            self.recognition = recognise(self.catalogue, self.contacts)
+        return []
+
+    def _compare(
+        self, before: Recognition, after: Recognition, contacts: Sequence[Contact]
+    ) -> list[Hypothesis]:
+        """Note whether the last grip was worth its touches, and what it confirmed."""
+        eliminated = [item for item in before.hypotheses if not _survives(item, after)]
+        fewer = len(after.hypotheses) < len(before.hypotheses)
+        narrower = any(
+            new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(after), strict=True)
+        )
+        self.idle = 0 if fewer or narrower else self.idle + len(contacts)
+        self.predicted += sum(contact.touched for contact in contacts)
+        predictions = _predictions(before, contacts)
+        self.chance *= chance_of_agreeing(predictions, contacts, self.resolution.normal_half_rad)
+        self.detectable_shift_mm = math.inf if eliminated else _detectable_shift_mm(predictions, contacts)
+        self.checks = 0 if eliminated else self.checks
+        return eliminated
+
+
+def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Predictions:
+    """Predictions of the contacts by the recognition before them, along the paths as they were measured."""
     approaches = [
         Approach(
             contact.finger,
@@ -38,18 +93,18 @@ def foretold_by(before: Recognition, contacts: Sequence[Contact]) -> Predictions
     return predict(before.catalogue, before.hypotheses, before.anchor_mm, approaches)
 
 
-def unnoticed_mm(foretold: Predictions, contacts: Sequence[Contact]) -> float:
-    """How far the part may have been shifted before this grip, though it came out as foretold."""
+def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) -> float:
+    """How far the part may have been shifted before these contacts, though they came out as predicted."""
     rows = [k for k, contact in enumerate(contacts) if contact.touched]
     some = [contacts[k] for k in rows]
     return unnoticed_shift_mm(
-        foretold.select(rows),
+        predictions.select(rows),
         np.array([contact.middle_normal_rad for contact in some]),
         np.array([contact.direction_rad for contact in some]),
     )
 
 
-def extent_of(recognition: Recognition) -> tuple[float, float]:
+def _extent(recognition: Recognition) -> tuple[float, float]:
     """Half-widths of all hypotheses' bounds, added up: position (mm) and orientation (rad)."""
     return (
         sum(item.bounds.position_half_mm for item in recognition.hypotheses),
@@ -57,7 +112,7 @@ def extent_of(recognition: Recognition) -> tuple[float, float]:
     )
 
 
-def survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:
+def _survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:
     """Whether some part of a hypothesis's region is still among the hypotheses."""
     return any(
         item.state_index == hypothesis.state_index and _overlap(item, hypothesis)

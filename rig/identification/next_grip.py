@@ -1,7 +1,4 @@
-"""The next grip for a rig and the contacts it has felt so far: what `palpate plan` works out.
-
-Between a recognition with a rig file and the words, values and pictures that tell of the plan.
-"""
+"""Choosing the next grip, or the verdict: the one rule of `palpate identify` and `palpate plan`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,16 +14,103 @@ from palpate.recognizer import (
     Grip,
     Recognition,
     Resolution,
+    checking_grip,
     next_grip,
     recognise,
     twins,
     used_by,
 )
 from palpate.rig.conversion import finger_of, goals_of, resolution_of
-from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import RecognitionVerdict, Strategy
+from palpate.rig.identification.grip_evidence import GripEvidence
+from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 
-__all__ = ["Planned", "plan_for", "sets_alike"]
+__all__ = ["Choice", "GripChooser", "Planned", "plan_for", "sets_alike"]
+
+_IDLE_TOUCHES = 3  # as many without gain, and more will not help
+_MOST_CHECKS = 2  # in a row: where they do not detect small shifts, further ones would not either
+_VAIN = 0.15  # share of what is too coarse: a grip that leaves more of it is not worth its time
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The grip to carry out next, or the verdict if there is none. `is_check`: it is to confirm an answer."""
+
+    verdict: IdentificationVerdict | None
+    grip: Grip | None = None
+    is_check: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class GripChooser:
+    """Chooses grips for a rig. `rng` is used by the strategy `random` alone."""
+
+    rig: RigFile
+    reach: Reach
+    strategy: Strategy
+    rng: np.random.Generator
+
+    def choose(self, evidence: GripEvidence, recognition: Recognition) -> Choice:
+        """The next grip, or the verdict; `recognition` must have hypotheses."""
+        answer = self.answer(recognition)
+        settled = answer is not None and (self.is_fine(recognition) or evidence.idle >= _IDLE_TOUCHES)
+        if settled and self.is_confirmed(evidence):
+            return Choice(answer)
+        grip = None if settled else self._plan(recognition, one_class=answer is not None)
+        if grip is not None and not (answer is not None and self._is_vain(grip)):
+            return Choice(None, grip)
+        if self.is_confirmed(evidence):
+            return Choice(answer or IdentificationVerdict.UNRESOLVED)
+        grip = self._check(recognition)
+        return Choice(IdentificationVerdict.UNRESOLVED if grip is None else None, grip, is_check=True)
+
+    def answer(self, recognition: Recognition) -> IdentificationVerdict | None:
+        """The verdict once it is confirmed: one hypothesis is left, or some that no approach tells apart."""
+        if recognition.verdict is RecognitionVerdict.UNIQUE:
+            return IdentificationVerdict.IDENTIFIED
+        return IdentificationVerdict.INDISTINGUISHABLE if self.twins(recognition).all() else None
+
+    def twins(self, recognition: Recognition) -> Bools:
+        """Which hypotheses no approach that is left tells apart: (h, h)."""
+        used = used_by(recognition.contacts, self.reach.approaches)
+        return twins(recognition, self.reach, resolution_of(self.rig), used)
+
+    def is_fine(self, recognition: Recognition) -> bool:
+        """Whether every hypothesis is placed as finely as the rig file's goals ask."""
+        goals = goals_of(self.rig)
+        return all(goals.met_by(item.bounds) for item in recognition.hypotheses)
+
+    def is_confirmed(self, evidence: GripEvidence) -> bool:
+        """Whether enough came out as predicted, and the last grip would have detected a shift of the part.
+
+        On some parts no reachable touches detect it: then the checks that were made must do.
+        """
+        limits = self.rig.search
+        steady = evidence.detectable_shift_mm <= limits.unnoticed_shift_mm or evidence.checks >= _MOST_CHECKS
+        return steady and evidence.chance <= limits.stranger_chance
+
+    def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
+        # A grip that may be the last one has to meet the part from two sides.
+        return next_grip(
+            self.strategy,
+            recognition,
+            self.reach,
+            resolution_of(self.rig),
+            goals_of(self.rig),
+            self.rng,
+            fingers=2 if one_class else 1,
+        )
+
+    def _is_vain(self, grip: Grip) -> bool:
+        """Whether even the best grip would hardly place things more finely."""
+        return self.strategy is Strategy.PLANNED and grip.remaining > _VAIN
+
+    def _check(self, recognition: Recognition) -> Grip | None:
+        """Touches to confirm what seems to be the answer."""
+        if self.strategy is Strategy.PLANNED:
+            shift_mm = self.rig.search.unnoticed_shift_mm
+            return checking_grip(recognition, self.reach, resolution_of(self.rig), shift_mm)
+        return self._plan(recognition, one_class=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +118,8 @@ class Planned:
     """What is left after some contacts, and the grip that comes next; None if there is none.
 
     `alike`: sets of hypotheses, by ascending index, of which no approach that is left tells any two apart.
-    `fine`: every hypothesis is placed as finely as the rig file's goals ask.
+    `fine`: every hypothesis is placed as finely as the rig file's goals ask. `verdict`: what `identify` would
+    end with, None if it would carry out the grip.
     """
 
     rig: RigFile
@@ -44,6 +129,7 @@ class Planned:
     resolution: Resolution
     alike: tuple[tuple[int, ...], ...]
     fine: bool
+    verdict: IdentificationVerdict | None = None
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -64,30 +150,32 @@ class Planned:
         """Whether the grip may change the answer, or the answer needs no change."""
         if self.recognition.verdict is RecognitionVerdict.NONE or self.hopeless:
             return False
-        return self.grip is not None or (self.recognition.verdict is RecognitionVerdict.UNIQUE and self.fine)
+        return self.grip is not None or self.verdict is IdentificationVerdict.IDENTIFIED
 
 
 def plan_for(
-    rig: RigFile, catalogue: Catalogue, contacts: Sequence[Contact], strategy: Strategy, seed: int
+    rig: RigFile, catalogue: Catalogue, grips: Sequence[Sequence[Contact]], strategy: Strategy, seed: int
 ) -> Planned:
-    """Recognise `contacts`, misses included, and choose the next grip. `seed` matters to `random` only.
+    """Recognise the contacts of `grips`, misses included, and choose what `identify` would do next.
 
-    Raises InputError if no finger touched anything, or one of them is none of the rig's.
+    Where `identify` would still explore, because too few touches were made, a grip is planned all the same.
+    `seed` matters to `random` only. Raises InputError if no finger touched anything, or one is not the rig's.
     """
+    contacts = [contact for grip in grips for contact in grip]
     _check_fingers(rig, contacts)
-    recognition = recognise(catalogue, contacts)
-    resolution, goals = resolution_of(rig), goals_of(rig)
+    resolution = resolution_of(rig)
+    evidence = GripEvidence(catalogue, resolution)
+    for grip in grips:
+        if evidence.recognition is None or evidence.recognition.hypotheses:
+            evidence.add(grip)
+    recognition = evidence.recognition or recognise(catalogue, contacts)
     if recognition.verdict is RecognitionVerdict.NONE:
         return Planned(rig, strategy, recognition, None, resolution, (), False)
-    reach = reach_of(rig)
-    rng = np.random.default_rng([seed, 2])
-    # As `identify` does: a grip that may be the last one meets the part from two sides.
-    fingers = 2 if recognition.verdict is RecognitionVerdict.UNIQUE else 1
-    grip = next_grip(strategy, recognition, reach, resolution, goals, rng, fingers)
-    used = used_by(recognition.contacts, reach.approaches)
-    fine = all(goals.met_by(item.bounds) for item in recognition.hypotheses)
-    alike = sets_alike(twins(recognition, reach, resolution, used))
-    return Planned(rig, strategy, recognition, grip, resolution, alike, fine)
+    chooser = GripChooser(rig, reach_of(rig), strategy, np.random.default_rng([seed, 2]))
+    choice = chooser.choose(evidence, recognition)
+    alike = sets_alike(chooser.twins(recognition))
+    fine = chooser.is_fine(recognition)
+    return Planned(rig, strategy, recognition, choice.grip, resolution, alike, fine, choice.verdict)
 
 
 def sets_alike(alike: Bools) -> tuple[tuple[int, ...], ...]:
