@@ -27,7 +27,7 @@ import shapely
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import outward_normal, placed_as, stop, unit
-from simulated_touches import as_foretold
+from simulated_touches import as_predicted
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_by
@@ -104,7 +104,7 @@ class Run:
 
 
 class Watch:
-    """Follows a run: what the first grip left, whether touches came out as foretold; pushes the part."""
+    """Follows a run: what the first grip left, whether touches came out as predicted; pushes the part."""
 
     def __init__(self, bench: BenchRig, placement: Placement, job: Job) -> None:
         self.placement = placement
@@ -126,7 +126,7 @@ class Watch:
     def _touched(self, event: TouchEvent) -> None:
         if self._plan is not None and not self._job.push_mm:
             self.unforeseen += sum(
-                not any(as_foretold(touch.contact, item) for item in self._plan.predictions.of_approach(row))
+                not any(as_predicted(touch.contact, item) for item in self._plan.predictions.of_approach(row))
                 for row, touch in enumerate(event.touches)
             )
         self._plan = None
@@ -301,7 +301,7 @@ def main() -> int:
             print(table(f"{strategy}, all", runs), flush=True)
             if options.push:
                 print(f"  noticed that it moved: {sum(item.moved for item in runs)} of {len(runs)}")
-            print(f"  touches that no hypothesis had foretold: {sum(item.unforeseen for item in runs)}")
+            print(f"  touches that no hypothesis had predicted: {sum(item.unforeseen for item in runs)}")
             for item in runs:
                 if not item.right:
                     print(f"  not right: {item}", flush=True)

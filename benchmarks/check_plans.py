@@ -5,7 +5,7 @@
 
 A decisive grip must leave one class whatever it feels. Each is carried out for every hypothesis, at its own
 configuration and at samples of its region, by shapely, with errors as large as they may be
-(tests/support/decisive_grips.py). Ends with status 1 if one was not, or if a touch was not foretold.
+(tests/support/decisive_grips.py). Ends with status 1 if one was not, or if a touch was not predicted.
 """
 
 import argparse
@@ -65,7 +65,7 @@ def check(path: Path, grips: int, seed: int, samples: int, workers: int) -> int:
         if item.undecided or item.unforeseen:
             print(f"  trial {item.index}: {item}")
     failed = sum(bool(item.undecided or item.unforeseen) for item in findings)
-    print(f"  plans that left more than one class, or touches that were not foretold: {failed}")
+    print(f"  plans that left more than one class, or touches that were not predicted: {failed}")
     return failed
 
 

@@ -69,6 +69,7 @@ class GripOut(Out):
     """
 
     format: Literal["palpate/grip@1"] = "palpate/grip@1"
+    units: Literal["mm, rad"] = "mm, rad"
     strategy: Strategy
     verdict: RecognitionVerdict
     fine: bool

@@ -77,15 +77,16 @@ class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
     object, state, configuration and bounds are null if no hypothesis is left, `truth` on a real rig.
-    `foretold`: touches that came out as everything that was left had foretold. `moved_before`: grips, counted
-    from 1, before which the part seems to have been moved; what was felt before the last of them does not
-    count. `unnoticed_shift` (mm): had the part been shifted before the last grip by more, that would surely
+    `predicted`: touches that came out as all that was left had predicted. `moved_before`: grips (from 1)
+    before which the part seems to have been moved; what was felt before the last of them does not
+    count. `detectable_shift` (mm): had the part been shifted before the last grip by more, that would surely
     have been noticed; null if that cannot be said. `calibration` is null if the run used none. `contacts`: so
     many of the touches met something. `swept`: none did, or none since the part was moved, and they leave no
     room in the workspace for any state of the catalogue that fingers can feel.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
+    units: Literal["mm, rad"] = "mm, rad"
     verdict: IdentificationVerdict
     object: str | None
     state: str | None
@@ -98,9 +99,9 @@ class IdentificationOut(Out):
     touches: int
     contacts: int = 0
     swept: bool = False
-    foretold: int
+    predicted: int
     moved_before: tuple[int, ...]
-    unnoticed_shift: Rounded | None
+    detectable_shift: Rounded | None
     emulated: bool
     rig_seconds: Rounded
     wall_seconds: Rounded

@@ -66,6 +66,7 @@ class ImportOut(Out):
     """What was read, what was made of it, and the objects file that it is in now."""
 
     format: Literal["palpate/import@1"] = "palpate/import@1"
+    units: Literal["mm, rad"] = "mm, rad"
     source: str
     objects_file: str
     bytes: int

@@ -129,6 +129,7 @@ class RecognitionOut(Out):
     """Answer of `palpate recognize`; `explanation` goes with the verdict none, `why` with --why."""
 
     format: Literal["palpate/recognition@1"] = "palpate/recognition@1"
+    units: Literal["mm, rad"] = "mm, rad"
     verdict: RecognitionVerdict
     hypotheses: tuple[HypothesisOut, ...]
     statistics: StatisticsOut

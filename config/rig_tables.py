@@ -3,7 +3,9 @@
 Units are the file's, which are the suffixes of the names. `docs/rig-file.md` explains every key.
 """
 
-from typing import Annotated, Self
+import logging
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -86,18 +88,36 @@ class ClosingConfig(FileModel):
         return self
 
 
+_RENAMED = {
+    "stranger_chance": "false_match_probability",
+    "unnoticed_shift_mm": "detectable_shift_mm",
+}
+"""Old keys of [search], still read, and what they are called now."""
+
+
 class SearchConfig(FileModel):
     """When to stop asking."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_present_names(cls, table: Any) -> Any:
+        """Take keys by their old names, too, and log it: on stderr, unless a program handles logging."""
+        if not isinstance(table, Mapping):
+            return table
+        old = {key: new for key, new in _RENAMED.items() if key in table and new not in table}
+        for key, new in old.items():
+            logging.getLogger(__name__).warning("notice: rig file: search.%s is now called %s", key, new)
+        return {old.get(key, key): value for key, value in table.items()}
 
     max_grips: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
         description="Grips before giving up."
     )
-    stranger_chance: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
+    false_match_probability: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
         default=0.01,
         description="No answer is given while something that is not in the catalogue would have agreed with "
-        "all that was foretold with a greater chance than this.",
+        "all that was predicted with a greater chance than this.",
     )
-    unnoticed_shift_mm: Positive = Field(
+    detectable_shift_mm: Positive = Field(
         default=10.0,
         description="The last grip before an answer should surely notice a shift of the part by this.",
     )

@@ -5,7 +5,7 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
-from palpate.recognizer.evidence import chance_of_agreeing, unnoticed_shift_mm
+from palpate.recognizer.evidence import chance_of_agreeing, detectable_shift_mm
 from palpate.recognizer.explanation import fits_something
 from palpate.recognizer.grips import FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
@@ -37,12 +37,12 @@ __all__ = [
     "Slide",
     "chance_of_agreeing",
     "checking_grip",
+    "detectable_shift_mm",
     "fits_something",
     "next_grip",
     "plan_grip",
     "predict",
     "recognise",
     "twins",
-    "unnoticed_shift_mm",
     "used_by",
 ]

@@ -2,7 +2,7 @@
 
 From plans and what came of them to verdicts. Bounds prove which of the catalogue's objects lies there, but
 not that it is one of these, nor that it stayed where it was. For that there are touches that came out as
-foretold though they might have come out otherwise.
+predicted though they might have come out otherwise.
 """
 
 import math
@@ -14,7 +14,7 @@ from palpate.geometry import Floats
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.prediction import Predictions
 
-__all__ = ["chance_of_agreeing", "unnoticed_shift_mm"]
+__all__ = ["chance_of_agreeing", "detectable_shift_mm"]
 
 _ACROSS_MM = 40.0  # a stop might have come anywhere within this, as far as a stranger's size is known
 _FACING_RAD = math.pi  # and normals within this
@@ -38,12 +38,12 @@ def chance_of_agreeing(
     return float(min(1.0, share.prod(axis=0).sum()))
 
 
-def unnoticed_shift_mm(predictions: Predictions, normal_rad: Floats, direction_rad: Floats) -> float:
-    """How far the part may have been shifted before a grip, at most, though all came out as foretold (mm).
+def detectable_shift_mm(predictions: Predictions, normal_rad: Floats, direction_rad: Floats) -> float:
+    """How far the part may have been shifted before a grip, at most, though all came out as predicted (mm).
 
     `predictions` (a, h), `normal_rad` and `direction_rad` (a,): the surfaces that were met, and the travels.
-    On a straight surface a shift moves the stop by its share along the normal; beyond the foretold interval
-    it would have been noticed. Infinite if nothing was foretold to be met for certain.
+    On a straight surface a shift moves the stop by its share along the normal; beyond the predicted interval
+    it would have been noticed. Infinite if nothing was predicted to be met for certain.
     """
     wide = predictions.latest.max(axis=1) - predictions.earliest.min(axis=1)
     facing = np.abs(np.cos(normal_rad - direction_rad))

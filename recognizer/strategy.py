@@ -11,7 +11,7 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.evidence import unnoticed_shift_mm
+from palpate.recognizer.evidence import detectable_shift_mm
 from palpate.recognizer.grips import FingerApproach, Foreseen, Grip, Reachable, fits, foreseen, grip_of
 from palpate.recognizer.measurement_model import Felt, Resolution, felt
 from palpate.recognizer.planner import other_side, plan_grip
@@ -91,7 +91,7 @@ def _hidden(outcome: Felt, reachable: Reachable, chosen: Sequence[Foreseen]) -> 
     rows = [item.index for item in chosen]
     direction = np.array([reachable.approaches[k].direction_rad for k in rows])
     predictions = joined_predictions([item.predictions for item in chosen])
-    return unnoticed_shift_mm(predictions, outcome.normal[rows, 0], direction)
+    return detectable_shift_mm(predictions, outcome.normal[rows, 0], direction)
 
 
 def used_by(contacts: Sequence[Contact], candidates: Sequence[FingerApproach]) -> Bools:

@@ -24,10 +24,10 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
     lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_ALTERNATIVES_SHOWN]]
     if len(out.alternatives) > _ALTERNATIVES_SHOWN:
         lines.append(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
-    if out.verdict == IdentificationVerdict.IDENTIFIED and out.foretold:
-        lines.append(f"  {counted(out.foretold, 'touch', 'touches')} matched the prediction")
-        if out.unnoticed_shift is not None:
-            lines.append(f"  smallest detectable shift before the last grip: {out.unnoticed_shift:.1f} mm")
+    if out.verdict == IdentificationVerdict.IDENTIFIED and out.predicted:
+        lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
+        if out.detectable_shift is not None:
+            lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
@@ -40,7 +40,7 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
     rows = [
         ("grips", str(out.grips)),
         ("touches", str(out.touches)),
-        ("matched the prediction", str(out.foretold)),
+        ("matched the prediction", str(out.predicted)),
         ("strategy", out.strategy.value),
         ("rig time", f"{out.rig_seconds:.1f} s"),
         ("devices", "emulated" if out.emulated else "hardware"),

@@ -17,9 +17,9 @@ from palpate.recognizer import (
     Recognition,
     Resolution,
     chance_of_agreeing,
+    detectable_shift_mm,
     predict,
     recognise,
-    unnoticed_shift_mm,
 )
 
 __all__ = ["GripEvidence"]
@@ -97,7 +97,7 @@ def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) 
     """How far the part may have been shifted before these contacts, though they came out as predicted."""
     rows = [k for k, contact in enumerate(contacts) if contact.touched]
     some = [contacts[k] for k in rows]
-    return unnoticed_shift_mm(
+    return detectable_shift_mm(
         predictions.select(rows),
         np.array([contact.middle_normal_rad for contact in some]),
         np.array([contact.direction_rad for contact in some]),

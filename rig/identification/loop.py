@@ -2,7 +2,7 @@
 
 Joins hand, recogniser and planner. It ends in every case: identified, indistinguishable (no reachable
 approach separates what is left), unknown (nothing in the catalogue fits), or unresolved after the rig's
-`max_grips`. An answer is only given after some touches that it foretold: bounds prove which of the
+`max_grips`. An answer is only given after some touches that it predicted: bounds prove which of the
 catalogue's objects it is, but not that it is one of these. If a grip contradicts the earlier ones, the part
 may have been moved; the search then begins again with that grip.
 """
@@ -54,10 +54,10 @@ class Identification:
     """What a run found. `grips` holds the touches of every grip; `ruled_out` what earlier grips allowed.
 
     `ruled_out` pairs each hypothesis with the number of the grip that ruled it out. `moved_before`: grips
-    (from 1) before which the part seems to have been moved. `foretold`: touches that came out as everything
-    that is left had foretold. `unnoticed_mm`: a part shifted before the last grip by more would surely have
-    been noticed. `swept`: nothing was touched (since a move), and no state that fingers can feel has room in
-    the rest of the workspace.
+    (from 1) before which the part seems to have been moved. `predicted`: touches that came out as everything
+    that is left had predicted. `detectable_shift_mm`: a shift of the part by more before the last grip would
+    have been detected for certain. `swept`: nothing was touched (since a move), and no state that fingers can
+    feel has room in the rest of the workspace.
     """
 
     outcome: IdentificationVerdict
@@ -65,8 +65,8 @@ class Identification:
     grips: tuple[tuple[Touch, ...], ...]
     ruled_out: tuple[tuple[int, Hypothesis], ...]
     moved_before: tuple[int, ...] = ()
-    foretold: int = 0
-    unnoticed_mm: float = math.inf
+    predicted: int = 0
+    detectable_shift_mm: float = math.inf
     swept: bool = False
 
     @property

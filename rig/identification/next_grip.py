@@ -86,8 +86,8 @@ class GripChooser:
         On some parts no reachable touches detect it: then the checks that were made must do.
         """
         limits = self.rig.search
-        steady = evidence.detectable_shift_mm <= limits.unnoticed_shift_mm or evidence.checks >= _MOST_CHECKS
-        return steady and evidence.chance <= limits.stranger_chance
+        steady = evidence.detectable_shift_mm <= limits.detectable_shift_mm or evidence.checks >= _MOST_CHECKS
+        return steady and evidence.chance <= limits.false_match_probability
 
     def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
         # A grip that may be the last one has to meet the part from two sides.
@@ -108,7 +108,7 @@ class GripChooser:
     def _check(self, recognition: Recognition) -> Grip | None:
         """Touches to confirm what seems to be the answer."""
         if self.strategy is Strategy.PLANNED:
-            shift_mm = self.rig.search.unnoticed_shift_mm
+            shift_mm = self.rig.search.detectable_shift_mm
             return checking_grip(recognition, self.reach, resolution_of(self.rig), shift_mm)
         return self._plan(recognition, one_class=True)
 

@@ -22,6 +22,7 @@ __all__ = ["Replayed", "first_difference", "replay", "replay_with"]
 _HEADER = b"\xff\xff\xfd\x00"
 _CLOSE = 2e-6  # results are rounded to 1e-6, and another machine may round the last digit the other way
 _NOT_COMPARED = ("wall_seconds", "session")
+_RENAMED = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +87,18 @@ class _Compared(SessionEvents):
     def event(self, kind: str, /, **values: object) -> None:
         """Raise ReplayDiffers if the recording has another event now, or other values in it."""
         recorded = self._replayer.told(kind)
+        if kind == "result":
+            recorded = {"result": _with_present_names(recorded.get("result"))}
         found = first_difference(plain(values), recorded, "")
         if found is not None:
             self._replayer.differ(f'"{kind}" differs: {found}')
+
+
+def _with_present_names(result: Any) -> Any:
+    """A recorded result in the words of today's; `units` was not written by older versions."""
+    if not isinstance(result, Mapping):
+        return result
+    return {"units": "mm, rad"} | {_RENAMED.get(key, key): value for key, value in result.items()}
 
 
 def _compare_ends(replayer: Replayer, how: str, message: str | None) -> None:

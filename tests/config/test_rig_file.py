@@ -43,6 +43,28 @@ def test_the_shipped_bench_is_emulated_and_has_three_fingers() -> None:
     assert [finger.heading_deg for finger in rig.fingers] == [270.0, 30.0, 150.0]
 
 
+def test_search_keys_by_their_old_names_are_read_with_a_notice(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "rig.toml"
+    keys = "[search]\nstranger_chance = 0.02\nunnoticed_shift_mm = 7.0\n"
+    file.write_text(changed(BENCH, "[search]\n", keys), encoding="utf-8")
+    search = load_rig(file).search
+    assert (search.false_match_probability, search.detectable_shift_mm) == (0.02, 7.0)
+    for message, names in zip(
+        caplog.messages,
+        (("stranger_chance", "false_match_probability"), ("unnoticed_shift_mm", "detectable_shift_mm")),
+        strict=True,
+    ):
+        assert "\n" not in message
+        assert all(name in message for name in names)
+
+
+def test_a_search_key_by_both_names_is_refused(tmp_path: Path) -> None:
+    keys = "[search]\nunnoticed_shift_mm = 7.0\ndetectable_shift_mm = 7.0\n"
+    assert "unnoticed_shift_mm" in refusal(tmp_path, changed(BENCH, "[search]\n", keys))
+
+
 def test_the_example_with_arms_is_emulated_and_has_three() -> None:
     rig = load_rig(ROOT / "examples" / "two-link-rig.toml")
     assert rig.emulated

@@ -13,10 +13,10 @@ from palpate.recognizer import (
     Finger,
     chance_of_agreeing,
     checking_grip,
+    detectable_shift_mm,
     next_grip,
     predict,
     recognise,
-    unnoticed_shift_mm,
     used_by,
 )
 from palpate.recognizer.grips import fits, foreseen
@@ -109,7 +109,7 @@ def test_a_shift_goes_unnoticed_within_what_is_foretold_and_no_further() -> None
     assert chosen is not None
     approaches = chosen.approaches
     normals = np.array([normal_at(placed, item, travel_of(placed, item)) for item in approaches])
-    limit = unnoticed_shift_mm(
+    limit = detectable_shift_mm(
         chosen.predictions, normals, np.array([item.direction_rad for item in approaches])
     )
     assert 1.0 < limit < 30.0

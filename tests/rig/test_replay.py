@@ -23,6 +23,7 @@ from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.session.environment import Environment
 from palpate.rig.session.events import SessionEvents
+from palpate.rig.session.log import check_sum
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.replay import first_difference, replay_with
 
@@ -102,6 +103,31 @@ def test_a_program_gets_one_object_and_the_log_itself_may_be_named(seed_7: Path,
     )
     assert told["end"] == {"how": "done", "message": None}
     assert told["sent_bytes"] == sent_bytes(seed_7)
+
+
+def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path: Path) -> None:
+    def change(lines: list[str]) -> list[str]:
+        found, checked = [], 0
+        for line in lines:
+            bare = re.sub(r',"sum":"\w+"}$', "}", line.strip())
+            if '"event":"result"' in bare:
+                for old, new in (("foretold", "predicted"), ("unnoticed_shift", "detectable_shift")):
+                    assert f'"{new}"' in bare
+                    bare = bare.replace(f'"{new}"', f'"{old}"')
+                bare = bare.replace('"units":"mm, rad",', "")
+            checked = check_sum(bare, checked)
+            found.append(f'{bare[:-1]},"sum":"{checked:08x}"}}\n')
+        return found
+
+    folder = copied(one_grip, tmp_path, change)
+    text = (folder / "rig.toml").read_text(encoding="utf-8")
+    keys = "stranger_chance = 0.01\nunnoticed_shift_mm = 10.0"
+    (folder / "rig.toml").write_text(text.replace("[search]", f"[search]\n{keys}"), encoding="utf-8")
+    done = run("replay", folder, cwd=tmp_path)
+    assert (done.code, "all as recorded" in done.out) == (0, True)
+    first, second = done.err.splitlines()
+    assert "search.stranger_chance is now called false_match_probability" in first
+    assert "search.unnoticed_shift_mm is now called detectable_shift_mm" in second
 
 
 def test_a_replay_writes_nothing(one_grip: Path, here: Here) -> None:

@@ -18,7 +18,7 @@ from shapely_bench import (
     unit,
 )
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
-from simulated_touches import SimulatedTouches, as_foretold
+from simulated_touches import SimulatedTouches, as_predicted
 
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.errors import OutputError
@@ -109,7 +109,7 @@ def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy) -> None:
         if result.outcome is IdentificationVerdict.IDENTIFIED:
             assert result.recognition is not None
             assert len(result.recognition.hypotheses) == 1
-            assert result.foretold >= 2
+            assert result.predicted >= 2
     assert ends[IdentificationVerdict.IDENTIFIED] >= (38 if strategy is Strategy.PLANNED else 25)
     if strategy is Strategy.PLANNED:
         assert not ends[IdentificationVerdict.UNRESOLVED]
@@ -263,6 +263,6 @@ def test_touches_come_out_as_some_hypothesis_foretold() -> None:
         result = search(RIG, REACH, table, catalogue, Observers(record=events), seed=seed)
         for plan, touches in zip(events.plans, result.grips[-len(events.plans) :], strict=True):
             for row, touch in enumerate(touches):
-                assert any(as_foretold(touch.contact, item) for item in plan.predictions.of_approach(row))
+                assert any(as_predicted(touch.contact, item) for item in plan.predictions.of_approach(row))
                 checked += 1
     assert checked > 40

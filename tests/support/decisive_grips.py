@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from shapely_bench import Placed, outlines, place_within, placed_as, turned
-from simulated_touches import SimulatedTouches, as_foretold
+from simulated_touches import SimulatedTouches, as_predicted
 
 from palpate.config import load_rig, shipped_rig
 from palpate.geometry import ObjectModel
@@ -119,7 +119,7 @@ def checked(path: Path, trial: Trial, seed: int, samples: int) -> Finding:
             outcomes += 1
             undecided += not all(same[number, k] for k in classes)
             for row, touch in enumerate(touches):
-                unforeseen += not as_foretold(touch.contact, grip.predictions.of(row, number), 1e-6)
+                unforeseen += not as_predicted(touch.contact, grip.predictions.of(row, number), 1e-6)
     return Finding(trial.index, len(found.hypotheses), outcomes, undecided, unforeseen)
 
 

@@ -85,7 +85,7 @@ def felt_along(
     return Contact(name, finger, touched, approach.start_mm, at, bound, normal, path_bound_mm=path_bound)
 
 
-def as_foretold(contact: Contact, foretold: Prediction, slack_mm: float = 0.0) -> bool:
+def as_predicted(contact: Contact, predicted: Prediction, slack_mm: float = 0.0) -> bool:
     """Whether the finger stopped where it was to, or missed where it might."""
     travel = contact.travel_mm if contact.touched else math.inf
-    return foretold.earliest_mm - slack_mm <= travel <= foretold.latest_mm + slack_mm
+    return predicted.earliest_mm - slack_mm <= travel <= predicted.latest_mm + slack_mm

@@ -40,9 +40,9 @@ def ended(verdict: IdentificationVerdict, **values: Any) -> IdentificationOut:
         "strategy": Strategy.PLANNED,
         "grips": 2,
         "touches": 5,
-        "foretold": 0,
+        "predicted": 0,
         "moved_before": (),
-        "unnoticed_shift": None,
+        "detectable_shift": None,
         "emulated": True,
         "rig_seconds": 1.0,
         "wall_seconds": 1.0,
@@ -58,12 +58,12 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
     ("out", "first", "line"),
     [
         (
-            ended(IdentificationVerdict.IDENTIFIED, foretold=3),
+            ended(IdentificationVerdict.IDENTIFIED, predicted=3),
             "identified: plate, flat",
             "  3 touches matched the prediction",
         ),
         (
-            ended(IdentificationVerdict.IDENTIFIED, foretold=3, unnoticed_shift=6.25),
+            ended(IdentificationVerdict.IDENTIFIED, predicted=3, detectable_shift=6.25),
             "identified: plate, flat",
             "  smallest detectable shift before the last grip: 6.2 mm",
         ),
@@ -105,7 +105,7 @@ def test_nothing_is_said_that_is_not_so() -> None:
     assert "moved" not in said
     said = "\n".join(answer_lines(ended(IdentificationVerdict.UNRESOLVED)))
     assert "the only one that agrees" in said
-    assert "foretold" not in said
+    assert "prediction" not in said
     advice = ["is a part on the table?"]
     for values, words in (
         ({"contacts": 0}, "nothing was touched in 2 grips"),
@@ -165,4 +165,4 @@ def test_twins_when_grips_are_drawn(
     assert {told["object"], other["object"]} == set(twins)
     assert (other["relation"], other["turned"], other["moved"]) == ("twin", None, None)
     assert told["moved_before"] == []
-    assert 0 < told["foretold"] <= told["touches"]
+    assert 0 < told["predicted"] <= told["touches"]
