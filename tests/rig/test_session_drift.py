@@ -199,13 +199,13 @@ def ended(verdict: IdentificationVerdict, drifted: bool | None) -> Identificatio
 def test_the_answer_says_so() -> None:
     drift = (
         "  touches differ by 0.081 mm, the calibration of 2026-05-04 lets expect 0.020: the rig may have "
-        "changed, or the part gave way; `palpate check --touch` tells"
+        "changed, or the part gave way; `palpate check --touch` shows"
     )
     assert drift in answer_lines(ended(IdentificationVerdict.IDENTIFIED, drifted=True))
     assert drift not in answer_lines(ended(IdentificationVerdict.IDENTIFIED, drifted=False))
     assert answer_lines(ended(IdentificationVerdict.UNKNOWN, drifted=None)) == [
         "unknown: no object of the catalogue agrees with the contacts",
-        "  or the rig has changed since its calibration of 2026-05-04: `palpate check --touch` tells",
+        "  or the rig has changed since its calibration of 2026-05-04: `palpate check --touch` shows",
     ]
 
 
