@@ -131,10 +131,12 @@ class ArmKinematics:
             np.array([half, half, tip_radius_mm]),
         )
 
-    def sharpness(self, servos_rad: Servos) -> float:
-        """Sine of half the angle at the tip between the directions to base and to elbow; 0 if stretched.
+    def force_transmission(self, servos_rad: Servos) -> float:
+        """Force transmission: sine of half the transmission angle, between tip-to-base and tip-to-elbow.
 
-        Torques that would each alone push the tip with a force F push it together with F / sharpness at most.
+        Times √2 the smaller singular value of the Jacobian with unit rows; 0 where the arm is stretched.
+        Torques that would each alone push the tip with a force F push it together with F divided by this at
+        most.
         """
         elbow, tip = self.elbow_mm(servos_rad), self.centre_mm(servos_rad)
         to_base = math.atan2(self.base_mm[1] - tip[1], self.base_mm[0] - tip[0])
@@ -150,5 +152,5 @@ class ArmKinematics:
         axis. Two components of f each across directions γ apart come from a force of f / sin(γ/2) at most
         (f / cos(γ/2) for the other signs), so each may be force · sin(γ/2).
         """
-        share = force_n * self.sharpness(servos_rad) / 1000
+        share = force_n * self.force_transmission(servos_rad) / 1000
         return share * math.dist(self.base_mm, self.centre_mm(servos_rad)), share * self.fore_mm

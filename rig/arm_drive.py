@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.dynamixel.guarded import Goals
+from palpate.drivers.dynamixel.guarded import ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
 from palpate.drivers.two_link import ArmKinematics
@@ -110,11 +110,11 @@ class ArmDrive:
         angle = math.atan2(k.base_mm[1], k.base_mm[0])
         self._limit([on_circle(self._wait_mm, angle)])
 
-    def retract(self) -> Goals:
+    def retract(self) -> ServoGoals:
         """Nothing: between approaches an arm is where it waits already."""
         return {}
 
-    def aim(self, line: Line, present: Servos, now: float) -> Goals:
+    def aim(self, line: Line, present: Servos, now: float) -> ServoGoals:
         """Go straight to the circle, if it is a little off, then along it to where the line starts."""
         x, y = self._kinematics.centre_mm(present)
         away, angle = math.hypot(x, y), math.atan2(y, x)
@@ -130,7 +130,7 @@ class ArmDrive:
 
         return self._begin(_Motion(place, inward + arc, ARM_AIM_SPEED_MM_S, now))
 
-    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> Goals:
+    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> ServoGoals:
         """Go along the line, forward or back."""
         sign = math.copysign(1.0, to_mm - from_mm)
 
@@ -139,7 +139,7 @@ class ArmDrive:
 
         return self._begin(_Motion(place, abs(to_mm - from_mm), speed_mm_s, now))
 
-    def goals(self, now: float) -> Goals:
+    def goals(self, now: float) -> ServoGoals:
         """Where both servos should be now."""
         if self._motion is None:
             return {}
@@ -152,7 +152,7 @@ class ArmDrive:
         """Until the last goal is due."""
         return self._motion is not None and now < self._motion.begun_s + self._motion.duration_s
 
-    def targets(self) -> Goals:
+    def targets(self) -> ServoGoals:
         """Angles at the end of the way."""
         return {} if self._motion is None else self._angles(self._motion.place(self._motion.length_mm))
 
@@ -164,7 +164,7 @@ class ArmDrive:
         )
         return gap_mm / 2 / lever * abs(joint.gear_ratio)
 
-    def _begin(self, motion: _Motion) -> Goals:
+    def _begin(self, motion: _Motion) -> ServoGoals:
         self._motion = motion
         self._limit_from(motion, 0.0)
         return self.goals(motion.begun_s)
@@ -185,5 +185,5 @@ class ArmDrive:
             current = min(torque / servo.model.known_torque.nm_per_a, servo.model.largest_current_a)
             servo.set_goal_current_a(current)
 
-    def _angles(self, place: Place) -> Goals:
+    def _angles(self, place: Place) -> ServoGoals:
         return dict(zip(self._servos, self._kinematics.servos_at(place), strict=True))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.dynamixel.guarded import Goals
+from palpate.drivers.dynamixel.guarded import ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import TICK_RAD, Line, Servos
 from palpate.drivers.slide_finger import SlideKinematics
@@ -86,19 +86,19 @@ class Drive(Protocol):
         """Write modes and limits; torque is off."""
         ...
 
-    def retract(self) -> Goals:
+    def retract(self) -> ServoGoals:
         """Begin to go back to where the finger waits, if it may be elsewhere; what to write at once."""
         ...
 
-    def aim(self, line: Line, present: Servos, now: float, /) -> Goals:
+    def aim(self, line: Line, present: Servos, now: float, /) -> ServoGoals:
         """Begin to go to where a line starts, from where the finger is; what to write at once."""
         ...
 
-    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float, /) -> Goals:
+    def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float, /) -> ServoGoals:
         """Begin to go along a line, on which the finger is at `from_mm`; what to write at once."""
         ...
 
-    def goals(self, now: float, /) -> Goals:
+    def goals(self, now: float, /) -> ServoGoals:
         """What to write now; empty if the servos know enough."""
         ...
 
@@ -106,7 +106,7 @@ class Drive(Protocol):
         """Whether further goals will come."""
         ...
 
-    def targets(self) -> Goals:
+    def targets(self) -> ServoGoals:
         """Where the servos that move should stand at the end."""
         ...
 
@@ -139,7 +139,7 @@ class SlideDrive:
         self._wait_mm = wait_mm
         self._speed_mm_s = speed_mm_s
         self._force_n = force_n
-        self._targets: Goals = {}
+        self._targets: ServoGoals = {}
 
     @property
     def servos(self) -> tuple[Servo, Servo]:
@@ -166,24 +166,24 @@ class SlideDrive:
         self._aim.set_profile(AIM_SPEED_RAD_S, ACCELERATION_RAD_S2)
         self._set_speed(self._speed_mm_s)
 
-    def retract(self) -> Goals:
+    def retract(self) -> ServoGoals:
         """Slide back; the aim stays."""
         self._set_speed(self._speed_mm_s)
         self._targets = {self._slide: self._kinematics.slide_servo_rad(self._wait_mm)}
         return self._targets
 
-    def aim(self, line: Line, _present: Servos, _now: float) -> Goals:
+    def aim(self, line: Line, _present: Servos, _now: float) -> ServoGoals:
         """Turn; the slide stays where it waits."""
         self._targets = {self._aim: self._kinematics.servos_rad(line, 0.0)[0]}
         return self._targets
 
-    def go(self, line: Line, _from_mm: float, to_mm: float, speed_mm_s: float, _now: float) -> Goals:
+    def go(self, line: Line, _from_mm: float, to_mm: float, speed_mm_s: float, _now: float) -> ServoGoals:
         """Slide at a speed, from the next goal on."""
         self._set_speed(speed_mm_s)
         self._targets = {self._slide: self._kinematics.servos_rad(line, to_mm)[1]}
         return self._targets
 
-    def goals(self, _now: float) -> Goals:
+    def goals(self, _now: float) -> ServoGoals:
         """Nothing: one goal is enough."""
         return {}
 
@@ -191,7 +191,7 @@ class SlideDrive:
         """Never: one goal is enough."""
         return False
 
-    def targets(self) -> Goals:
+    def targets(self) -> ServoGoals:
         """The last goal."""
         return self._targets
 

@@ -12,8 +12,8 @@ __all__ = ["is_steady", "on_circle", "wait_distance_mm", "wait_radius_mm"]
 
 _MARGIN_MM = 1.0
 _END_RAD = math.radians(1.0)  # an arm keeps this far off its joints' ends
-_LEAST_SHARPNESS = 0.25
-"""Of a posture (`ArmKinematics.sharpness`): with less, torques that a part can bear hardly move an arm."""
+_LEAST_FORCE_TRANSMISSION = 0.25
+"""Least `ArmKinematics.force_transmission` of a posture: torques that a part can bear still move the arm."""
 
 
 def wait_radius_mm(spec: ArmFingerConfig, workspace_radius_mm: float) -> float:
@@ -37,7 +37,7 @@ def is_steady(kinematics: ArmKinematics, point_mm: tuple[float, float]) -> bool:
         joint.lo_rad + _END_RAD <= angle <= joint.hi_rad - _END_RAD
         for joint, angle in zip(ranges, angles, strict=True)
     )
-    return off_ends and kinematics.sharpness(servos) >= _LEAST_SHARPNESS
+    return off_ends and kinematics.force_transmission(servos) >= _LEAST_FORCE_TRANSMISSION
 
 
 def wait_distance_mm(spec: SlideFingerConfig, workspace_radius_mm: float) -> float:

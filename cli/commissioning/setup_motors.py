@@ -17,7 +17,7 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo
 from palpate.drivers.dynamixel.control_table import BAUD_RATE
 from palpate.drivers.dynamixel.manual import BAUD_RATES
-from palpate.drivers.dynamixel.set_up import Change, Wire
+from palpate.drivers.dynamixel.servo_setup import ItemChange, ServoPort
 from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, list_motors, set_up_all
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
 from palpate.views.tables import table
@@ -46,7 +46,7 @@ def set_up_motors(rig: RigFile, place: BusEndpoint, dxl_ids: Sequence[int], *, y
         motors = list_motors(rig, bus, dxl_ids)
     console = Terminal(stderr=True, soft_wrap=True)
     person = _Person(console, len(motors), yes=yes)
-    wire = Wire(place.open, place.clock, place.latency_s)
+    wire = ServoPort(place.open, place.clock, place.latency_s)
     try:
         set_up_all(motors, wire, place.port, person)
     except BaseException as error:
@@ -94,7 +94,7 @@ class _Person:
             str(text).strip().lower()[:1], OperatorReply.GO
         )
 
-    def may_write(self, motor: MotorSetup, found: FoundServo, changes: Sequence[Change]) -> bool:
+    def may_write(self, motor: MotorSetup, found: FoundServo, changes: Sequence[ItemChange]) -> bool:
         self.quiet()
         firmware = "" if found.ping is None else f", firmware {found.ping.firmware}"
         self._say(f"found {motor.model.name}{firmware}, id {found.dxl_id}, {found.baudrate} baud")
@@ -131,7 +131,7 @@ class _Person:
         self._console.print(text, highlight=False)
 
 
-def _change_table(changes: Sequence[Change]) -> Table:
+def _change_table(changes: Sequence[ItemChange]) -> Table:
     rows = table("item", "now", "will be", numbers=("now", "will be"))
     for change in changes:
         rows.add_row(change.item, _value(change.item, change.found), _value(change.item, change.wanted))

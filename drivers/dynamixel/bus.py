@@ -1,6 +1,6 @@
 """A bus of Dynamixel servos: control table items by servo id, and errors that say which servo.
 
-Above: `servo` and `state`, in physical units. Below: `exchange`, the vendor's SDK and a port. A servo that
+Above: `servo` and `state`, in physical units. Below: `transceiver`, the vendor's SDK and a port. A servo that
 gives no answer is always an error, never a default value. What was lost or damaged is asked again, and
 counted. One exchange is finished before another thread's begins.
 """
@@ -33,11 +33,11 @@ from palpate.drivers.dynamixel.errors import (
     WrongLength,
     raise_first,
 )
-from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, Misfit, combine_losses
 from palpate.drivers.dynamixel.group import read_group
-from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import BROADCAST_ID, MAX_ID, Instruction, StatusPacket
+from palpate.drivers.dynamixel.pending import Block, part
 from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, Timing
+from palpate.drivers.dynamixel.transceiver import Loss, Lost, SizeMismatch, Transceiver, combine_losses
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.port import PORT_ERRORS
 from palpate.errors import DeviceError
@@ -125,7 +125,7 @@ class Bus:
         """Ask a servo for model number and firmware; answered at every Status Return Level."""
         _check_id(dxl_id)
         with self._exchanging():
-            answer = self._asked(dxl_id, self._exchange.ping, retries)
+            answer = self._asked(dxl_id, self._transceiver.ping, retries)
             self._check(answer, "a ping", alert=False)
         return _told(answer)
 
@@ -135,7 +135,7 @@ class Bus:
         Servos with one id between them damage each other's answers, so that neither may be found.
         """
         with self._exchanging():
-            found = self._exchange.broadcast_ping(wanted)
+            found = self._transceiver.broadcast_ping(wanted)
         return {answer.dxl_id: _told(answer) for answer in found if len(answer.params) == 3}
 
     def read(self, dxl_id: int, item: Item, *, alert: bool = True) -> int:
@@ -166,7 +166,7 @@ class Bus:
         _check_id(dxl_id)
         with self._exchanging():
             params = _words(item.address) + item.encode(value)
-            self._exchange.tell(dxl_id, params, (item.address, item.size))
+            self._transceiver.tell(dxl_id, params, (item.address, item.size))
 
     def reboot(self, dxl_id: int) -> None:
         """Restart a servo: the only way back from a hardware error. It is deaf for a moment afterwards.
@@ -175,11 +175,13 @@ class Bus:
         """
         _check_id(dxl_id)
         with self._exchanging():
-            if self._exchange.may_be_stale(dxl_id):
-                self._exchange.settle([dxl_id])
+            if self._transceiver.may_be_stale(dxl_id):
+                self._transceiver.settle([dxl_id])
 
             def reboot(dxl_id: int, *, patient: bool) -> StatusPacket | Loss:
-                return self._exchange.change(dxl_id, Instruction.REBOOT, b"", _WHOLE_TABLE, patient=patient)
+                return self._transceiver.change(
+                    dxl_id, Instruction.REBOOT, b"", _WHOLE_TABLE, patient=patient
+                )
 
             answer = self._asked(dxl_id, reboot, retries=0)
             self._check(answer, "a reboot", alert=False)
@@ -227,7 +229,7 @@ class Bus:
             _check_id(dxl_id)
         with self._exchanging():
             tries = self.timing.tries(self._retries)
-            found = read_group(self._exchange, blocks, self._silent, tries, self.counts, fast=fast)
+            found = read_group(self._transceiver, blocks, self._silent, tries, self.counts, fast=fast)
             return {dxl_id: self._or_error(dxl_id, block, found[dxl_id]) for dxl_id, block in blocks.items()}
 
     def sync_write(self, item: Item, values: Mapping[int, int]) -> None:
@@ -237,19 +239,19 @@ class Bus:
             _check_id(dxl_id)
             params += bytes([dxl_id]) + item.encode(value)
         with self._exchanging():
-            self._exchange.tell_group(values, params, (item.address, item.size))
+            self._transceiver.tell_group(values, params, (item.address, item.size))
 
     def broadcast_torque_off(self) -> None:
         """Tell every servo on the wire, known or not, to switch torque off. Servos do not confirm it."""
         with self._exchanging():
             item = TORQUE_ENABLE
             params = _words(item.address) + item.encode(0)
-            self._exchange.tell(BROADCAST_ID, params, (item.address, item.size))
+            self._transceiver.tell(BROADCAST_ID, params, (item.address, item.size))
 
     def _use(self, port: SerialBase) -> None:
         self._port = port
         with self._port_errors():
-            self._exchange = Exchange(port, self._clock, self.timing, self.counts)
+            self._transceiver = Transceiver(port, self._clock, self.timing, self.counts)
 
     def _asked(
         self, dxl_id: int, ask: Callable[..., StatusPacket | Loss], retries: int | None = None
@@ -269,14 +271,16 @@ class Bus:
 
     def _read(self, dxl_id: int, block: Block) -> StatusPacket:
         """The answer to a read, without what was read besides. Raises NotAnswering or DamagedAnswer."""
-        wide = self._exchange.wider({dxl_id: block})[dxl_id]
-        doubtful = self._exchange.may_be_stale(dxl_id)
-        answer = self._asked(dxl_id, lambda i, *, patient: self._exchange.read(i, wide, patient=patient))
+        wide = self._transceiver.wider({dxl_id: block})[dxl_id]
+        doubtful = self._transceiver.may_be_stale(dxl_id)
+        answer = self._asked(dxl_id, lambda i, *, patient: self._transceiver.read(i, wide, patient=patient))
         if answer.error_number and (doubtful or wide != block):
             # an earlier refusal that came twice, or this servo does not read so far
-            self._exchange.settle([dxl_id])
+            self._transceiver.settle([dxl_id])
             wide = block
-            answer = self._asked(dxl_id, lambda i, *, patient: self._exchange.read(i, block, patient=patient))
+            answer = self._asked(
+                dxl_id, lambda i, *, patient: self._transceiver.read(i, block, patient=patient)
+            )
         return StatusPacket(dxl_id, answer.error, part(answer.params, wide, block))
 
     def _written(self, dxl_id: int, item: Item, data: bytes, retries: int | None) -> StatusPacket:
@@ -285,15 +289,15 @@ class Bus:
 
         def write(dxl_id: int, *, patient: bool) -> StatusPacket | Loss:
             params = _words(item.address) + data
-            return self._exchange.change(dxl_id, Instruction.WRITE, params, block, patient=patient)
+            return self._transceiver.change(dxl_id, Instruction.WRITE, params, block, patient=patient)
 
         for _ in range(_WRITES):
-            doubtful = self._exchange.may_be_stale(dxl_id)
+            doubtful = self._transceiver.may_be_stale(dxl_id)
             answer = self._asked(dxl_id, write, retries)
             if not doubtful:
                 return answer
             if answer.error_number:
-                self._exchange.settle([dxl_id])
+                self._transceiver.settle([dxl_id])
                 return self._asked(dxl_id, write, retries)
             if self._read(dxl_id, block).params == data:
                 return answer
@@ -314,7 +318,7 @@ class Bus:
                 return NotAnswering([dxl_id], self.port_name)
             case Lost.LATE:
                 return AnsweringLate([dxl_id], self.port_name)
-            case Misfit():
+            case SizeMismatch():
                 return WrongLength(dxl_id, self.port_name, lost.size, lost.wanted)
         return DamagedAnswer([dxl_id], self.port_name)
 
@@ -335,7 +339,7 @@ class Bus:
 
     def _learn(self, dxl_id: int, item: Item, value: int) -> None:
         if item.name == RETURN_DELAY_TIME.name:
-            self._exchange.set_return_delay(dxl_id, value * RETURN_DELAY_UNIT_S)
+            self._transceiver.set_return_delay(dxl_id, value * RETURN_DELAY_UNIT_S)
 
     @contextmanager
     def _exchanging(self) -> Iterator[None]:
@@ -345,7 +349,7 @@ class Bus:
                 yield
             finally:
                 # an interrupt may hit between the SDK's own lines; torque must still go off after it
-                self._exchange.release()
+                self._transceiver.release()
 
     @contextmanager
     def _port_errors(self) -> Iterator[None]:

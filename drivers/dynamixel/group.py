@@ -1,4 +1,4 @@
-"""Reading from several servos at once so that one silent servo hides nobody. Between `bus` and `exchange`.
+"""Reading from several servos at once so that one silent servo hides nobody. Between `bus` and `transceiver`.
 
 In a sync or bulk read servos answer one after another. Where one is missing, those behind it may wait for
 it for ever (the e-Manual leaves it open), so they are asked again without it: nobody counts as silent who
@@ -8,9 +8,9 @@ was only hidden.
 from collections.abc import Mapping, Sequence
 
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.exchange import Exchange, Loss, Lost, combine_losses
-from palpate.drivers.dynamixel.outstanding import Block, part
 from palpate.drivers.dynamixel.packet import StatusPacket
+from palpate.drivers.dynamixel.pending import Block, part
+from palpate.drivers.dynamixel.transceiver import Loss, Lost, Transceiver, combine_losses
 
 __all__ = ["read_group"]
 
@@ -19,7 +19,7 @@ _UNHEARD = (Lost.SILENT, Lost.LATE)
 
 
 def read_group(
-    exchange: Exchange,
+    transceiver: Transceiver,
     blocks: Mapping[int, Block],
     silent: set[int],
     tries: Sequence[bool],
@@ -33,20 +33,20 @@ def read_group(
     up to date. All others are asked as often as there are `tries`, patiently where that is True. `fast`:
     with one fast read first; what is missing in it is read plainly.
     """
-    found: _Answers = _read_fast(exchange, blocks, silent) if fast else {}
+    found: _Answers = _read_fast(transceiver, blocks, silent) if fast else {}
     left = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in found}
     counts.retries += bool(fast and left.keys() - silent)
-    found.update(_read_plain(exchange, left, silent, tries, counts))
+    found.update(_read_plain(transceiver, left, silent, tries, counts))
     gone = {dxl_id for dxl_id, answer in found.items() if answer is Lost.SILENT}
     silent -= found.keys() - gone
     silent |= gone
     return found
 
 
-def _read_fast(exchange: Exchange, blocks: Mapping[int, Block], silent: set[int]) -> _Answers:
+def _read_fast(transceiver: Transceiver, blocks: Mapping[int, Block], silent: set[int]) -> _Answers:
     some = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in silent}
-    wide = exchange.wider(some, fast=True) if some else {}
-    answers = exchange.read_group_fast(wide) if some else {}
+    wide = transceiver.wider(some, fast=True) if some else {}
+    answers = transceiver.read_group_fast(wide) if some else {}
     return {
         dxl_id: _cut(answer, wide[dxl_id], some[dxl_id])
         for dxl_id, answer in answers.items()
@@ -55,7 +55,7 @@ def _read_fast(exchange: Exchange, blocks: Mapping[int, Block], silent: set[int]
 
 
 def _read_plain(
-    exchange: Exchange,
+    transceiver: Transceiver,
     blocks: Mapping[int, Block],
     silent: set[int],
     tries: Sequence[bool],
@@ -64,13 +64,13 @@ def _read_plain(
     found: _Answers = {}
     tried = dict.fromkeys(blocks, 0)
     waiting = sorted(blocks, key=silent.__contains__)
-    wide = exchange.wider(blocks) if blocks else {}
+    wide = transceiver.wider(blocks) if blocks else {}
     while waiting:
         patient = tries[max(tried[dxl_id] for dxl_id in waiting)]
         # one that has answered is asked along, and first: if it is prompt, silence is the others' own
         witness = [dxl_id for dxl_id, answer in found.items() if isinstance(answer, StatusPacket)][:1]
         asked = [*witness, *waiting] if patient else waiting
-        answers = exchange.read_group({dxl_id: wide[dxl_id] for dxl_id in asked}, patient=patient)
+        answers = transceiver.read_group({dxl_id: wide[dxl_id] for dxl_id in asked}, patient=patient)
         hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] in _UNHEARD), None)
         for dxl_id in waiting:
             answer = answers[dxl_id]

@@ -17,9 +17,9 @@ from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["End", "Goals", "Guard", "Mover", "ServoMover", "guarded_loop", "guarded_move"]
+__all__ = ["End", "Guard", "Mover", "ServoGoals", "ServoMover", "guarded_loop", "guarded_move"]
 
-Goals = Mapping[Servo, float]
+ServoGoals = Mapping[Servo, float]
 """Servo angles (rad) to be written, or to be reached."""
 
 ReadStates = Callable[[Sequence[Servo]], Mapping[int, ServoState]]
@@ -55,11 +55,11 @@ class Mover(Protocol):
         """Whether goals follow one another each period, so that a lost one need not be written again."""
         ...
 
-    def start(self, now: float, /) -> Goals:
+    def start(self, now: float, /) -> ServoGoals:
         """Set profiles; the first goals."""
         ...
 
-    def stream(self, now: float, /) -> Goals:
+    def stream(self, now: float, /) -> ServoGoals:
         """Goals of this period, at its end; empty where the servos know enough."""
         ...
 
@@ -125,7 +125,7 @@ def _asked(movers: Sequence[_M], how: Callable[[_M], End | None]) -> dict[_M, En
     return {mover: end for mover in movers if (end := how(mover)) is not None}
 
 
-def _write(bus: Bus, goals: Mapping[_M, Goals]) -> None:
+def _write(bus: Bus, goals: Mapping[_M, ServoGoals]) -> None:
     """Write goals; confirmed, but for those that others follow."""
     write_goals(bus, _together(part for mover, part in goals.items() if mover.streams))
     write_goals(bus, _together(part for mover, part in goals.items() if not mover.streams), confirm=True)
@@ -147,7 +147,7 @@ def _look(read: ReadStates, movers: Sequence[Mover], now: Callable[[], float]) -
     return states
 
 
-def _together(parts: Iterable[Goals]) -> dict[Servo, float]:
+def _together(parts: Iterable[ServoGoals]) -> dict[Servo, float]:
     return {servo: goal for part in parts for servo, goal in part.items()}
 
 
@@ -198,12 +198,12 @@ class ServoMover:
         """The servo."""
         return (self.servo,)
 
-    def start(self, now: float) -> Goals:
+    def start(self, now: float) -> ServoGoals:
         """The goal."""
         self._started_s = self.moved_s = now
         return {self.servo: self._goal_rad}
 
-    def stream(self, _now: float) -> Goals:
+    def stream(self, _now: float) -> ServoGoals:
         """Nothing: the servo knows its goal."""
         return {}
 
@@ -234,7 +234,7 @@ class ServoMover:
 def guarded_move(
     reader: StateReader,
     clock: Clock,
-    goals_rad: Goals,
+    goals_rad: ServoGoals,
     *,
     tolerance_rad: float = 0.02,
     contact: Callable[[Servo, ServoState], bool] = lambda _servo, _state: False,

@@ -85,7 +85,7 @@ class Servo:
         self.model.check(name, value)
         self._bus.write(self.dxl_id, self.item(name), value)
 
-    def keep(self, name: str, value: int) -> bool:
+    def ensure(self, name: str, value: int) -> bool:
         """See to it that an item has a value, and read it back; True if it had to be written.
 
         Writes EEPROM only if it differs: it wears out. Raises DeviceError if the item does not stay written.
@@ -112,7 +112,7 @@ class Servo:
         wanted = self.eeprom(mode, current_limit_a, velocity_limit_rad_s)
         self.disable_torque()
         for name, value in wanted.items():
-            self.keep(name, value)
+            self.ensure(name, value)
 
     def eeprom(
         self, mode: OperatingMode, current_limit_a: float, velocity_limit_rad_s: float | None = None

@@ -21,8 +21,8 @@ from palpate.drivers.dynamixel.errors import (
     StatusError,
 )
 from palpate.drivers.dynamixel.models import Indirect
-from palpate.drivers.dynamixel.outstanding import Block
 from palpate.drivers.dynamixel.packet import StatusPacket
+from palpate.drivers.dynamixel.pending import Block
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s
 from palpate.errors import DeviceError, InputError

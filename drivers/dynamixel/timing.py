@@ -1,6 +1,6 @@
 """How long things take on a wire of servos: formulas for whole exchanges, and how long to wait.
 
-Beneath `exchange` and `bus`; known to whoever judges a loop's rate. A byte takes ten bits. Return delay is
+Beneath `transceiver` and `bus`; known to whoever judges a loop's rate. A byte takes ten bits. Return delay is
 what a servo waits before it answers. Sources: ROBOTIS e-Manual, "DYNAMIXEL Protocol 2.0" (packet layouts) and
 Return Delay Time (9); the latency timer is that of the FTDI chips in the vendor's adapters.
 """

@@ -20,7 +20,7 @@ from palpate.drivers.emulators.mechanics import (
     SlideMechanics,
 )
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.emulators.tip import Outline, Press, press, separation_mm
+from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.wire import Device
 from palpate.geometry import Floats
@@ -65,14 +65,14 @@ class EmulatedFinger:
         truth: FingerTruth | ArmTruth,
         servos: tuple[EmulatedServo, EmulatedServo],
         array: SampledArray,
-        outline: Outline | None,
+        outline: PartSection | None,
         stage: EmulatedStage | None = None,
     ) -> None:
         """`servos`: the one next to the base first. `stage`: what carries the base, None for the table."""
         self.truth = truth
         self.outline = outline
         self.array = array
-        self.press: Press | None = None
+        self.press: TipLoad | None = None
         self.hardest_n = 0.0
         self._stage = stage
         self._mechanics: Mechanics = (
@@ -83,7 +83,7 @@ class EmulatedFinger:
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
 
-    def put(self, outline: Outline | None) -> None:
+    def put(self, outline: PartSection | None) -> None:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
         self.outline = outline
         self._free_centre = np.full(2, np.inf)
@@ -122,7 +122,7 @@ class EmulatedFinger:
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
 
-    def _touch(self, outline: Outline) -> Press | None:
+    def _touch(self, outline: PartSection) -> TipLoad | None:
         # An outline that was further away than the tip has moved since cannot have been reached.
         centre, radius = self.centre_mm, self.truth.tip_radius_mm
         if centre is self._seen_centre:
@@ -136,9 +136,9 @@ class EmulatedFinger:
         self._free_mm = separation_mm(outline, centre) - radius
         if self._free_mm > 0:
             return None
-        return press(outline, centre, radius, self.truth.stiffness_n_per_mm)
+        return tip_load(outline, centre, radius, self.truth.stiffness_n_per_mm)
 
-    def _taxels(self, touch: Press, outline: Outline) -> Floats:
+    def _taxels(self, touch: TipLoad, outline: PartSection) -> Floats:
         """Force (rows, cols) N on each taxel: rays sorted into columns, shared by the rows below the top."""
         d = self.array.description
         columns = np.asarray(d.columns)

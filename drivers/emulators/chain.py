@@ -37,7 +37,7 @@ _RATE_MARGIN = 0.03  # e-Manual, "Baud Rate": rates off by less than 3 % are und
 _STATUS_BYTES = 11  # of a status packet besides its data
 
 
-class _Line:
+class _HalfDuplexWire:
     """The wire while one instruction is answered: `now` is when it falls free."""
 
     def __init__(self, now: float, baudrate: int) -> None:
@@ -89,7 +89,7 @@ class ServoChain:
         if now - self._last_s > _UNSEEN_GAP_S:
             self._forget_unfinished()
         self._last_s = now
-        line = _Line(now, baudrate)
+        line = _HalfDuplexWire(now, baudrate)
         for rate in sorted({servo.baudrate for servo in self._servos}):
             parser = self._parsers.setdefault(rate, Parser())
             if not _understood(rate, baudrate):
@@ -123,13 +123,13 @@ class ServoChain:
         hearing = (s for s in self._servos if s.listening and _understood(s.baudrate, baudrate))
         return sorted(hearing, key=lambda servo: servo.dxl_id)
 
-    def _answer_damaged(self, dxl_id: int, line: _Line) -> None:
+    def _answer_damaged(self, dxl_id: int, line: _HalfDuplexWire) -> None:
         for servo in self._listening(line.baudrate):
             answer = servo.answer_damaged() if servo.dxl_id == dxl_id else None
             if answer is not None:
                 line.send(servo.return_delay_s, encode_status(answer))
 
-    def _dispatch(self, packet: InstructionPacket, line: _Line) -> None:
+    def _dispatch(self, packet: InstructionPacket, line: _HalfDuplexWire) -> None:
         listening = self._listening(line.baudrate)
         for servo in listening:
             servo.heard()
@@ -154,7 +154,7 @@ class ServoChain:
                     _answer(servo, packet, line)
 
     def _read_group(
-        self, requests: Sequence[ReadRequest], by_id: dict[int, EmulatedServo], line: _Line
+        self, requests: Sequence[ReadRequest], by_id: dict[int, EmulatedServo], line: _HalfDuplexWire
     ) -> None:
         for request in requests:
             servo = by_id.get(request.dxl_id)
@@ -167,13 +167,15 @@ class ServoChain:
                 return
 
 
-def _answer(servo: EmulatedServo, packet: InstructionPacket, line: _Line) -> None:
+def _answer(servo: EmulatedServo, packet: InstructionPacket, line: _HalfDuplexWire) -> None:
     answer = servo.handle(packet)
     if answer is not None:
         line.send(servo.return_delay_s, encode_status(answer))
 
 
-def _read_fast(requests: Sequence[ReadRequest], by_id: dict[int, EmulatedServo], line: _Line) -> None:
+def _read_fast(
+    requests: Sequence[ReadRequest], by_id: dict[int, EmulatedServo], line: _HalfDuplexWire
+) -> None:
     """One frame without pauses: the manual shows it as if one servo sent it, after its return delay."""
     frame = FastFrame([request.length for request in requests])
     for k, request in enumerate(requests):

@@ -1,6 +1,6 @@
 """Emulated devices on ports of this computer in real time, for unmodified clients in other processes.
 
-One port per device, a pseudo-terminal (`pty_line`) or a TCP port (`tcp_line`). A single thread owns the
+One port per device, a pseudo-terminal (`pty_port`) or a TCP port (`tcp_port`). A single thread owns the
 devices while the service runs, woken by bytes from a client, by an answer whose time has come, or by a device
 that speaks of its own accord. Physics shared between devices may also be touched by others under `lock`.
 
@@ -14,9 +14,9 @@ import threading
 from collections.abc import Callable, Mapping
 from types import TracebackType
 
-from palpate.drivers.emulators.line import Line
-from palpate.drivers.emulators.pty_line import PtyLine
-from palpate.drivers.emulators.tcp_line import TcpLine
+from palpate.drivers.emulators.pty_port import PtyPort
+from palpate.drivers.emulators.served_port import ServedPort
+from palpate.drivers.emulators.tcp_port import TcpPort
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import Device
 from palpate.errors import DeviceError
@@ -58,7 +58,7 @@ class Service:
     def __init__(
         self,
         devices: Devices,
-        line: Callable[[int, Device, int], Line],
+        line: Callable[[int, Device, int], ServedPort],
         clock: Clock,
         stop: threading.Event,
     ) -> None:
@@ -66,7 +66,7 @@ class Service:
         self.lock = threading.Lock()
         self._clock = _Lifetime(clock)
         self._stop = stop
-        self._lines: dict[str, Line] = {}
+        self._lines: dict[str, ServedPort] = {}
         self.failure: BaseException | None = None
         try:
             for index, (name, (device, baudrate)) in enumerate(devices.items()):
@@ -138,7 +138,7 @@ def serve_pty(devices: Devices, clock: Clock, stop: threading.Event) -> Service:
     Devices are given by name with their baud rates. `clock` must run in real time. Raises DeviceError if the
     system has no pseudo-terminals left.
     """
-    return Service(devices, lambda _, device, baudrate: PtyLine(device, baudrate), clock, stop)
+    return Service(devices, lambda _, device, baudrate: PtyPort(device, baudrate), clock, stop)
 
 
 def serve_tcp(devices: Devices, clock: Clock, stop: threading.Event, first_port: int = 0) -> Service:
@@ -147,7 +147,7 @@ def serve_tcp(devices: Devices, clock: Clock, stop: threading.Event, first_port:
     0: any free ones. Raises DeviceError if one is taken.
     """
 
-    def line(index: int, device: Device, baudrate: int) -> Line:
-        return TcpLine(device, baudrate, first_port + index if first_port else 0)
+    def line(index: int, device: Device, baudrate: int) -> ServedPort:
+        return TcpPort(device, baudrate, first_port + index if first_port else 0)
 
     return Service(devices, line, clock, stop)

@@ -15,7 +15,7 @@ from palpate.drivers.emulators.servo_laws import (
     VelocityLaw,
 )
 from palpate.drivers.emulators.servo_motion import ShaftMotion
-from palpate.drivers.emulators.servo_profile import Profile, profile_shape, timed_profile
+from palpate.drivers.emulators.servo_profile import ProfileType, profile_shape, timed_profile
 from palpate.drivers.emulators.servo_table import ControlTable
 
 __all__ = ["GOAL_OF_MODE", "POSITION_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
@@ -69,7 +69,7 @@ class ServoDrive:
         self._current_unit_a = current_unit_a
         self._turn_ticks = 0
         self._sign = 1
-        self._profile = Profile.NONE
+        self._profile = ProfileType.NONE
         self._velocity = VelocityLaw(0.0, 0.0)
         self._extras = PositionExtras(0.0, 0.0)
 
@@ -132,7 +132,7 @@ class ServoDrive:
         self._velocity = VelocityLaw(0.0, 0.0)
         self.configure()
         self._motion.engage()
-        self._profile = Profile.NONE
+        self._profile = ProfileType.NONE
         self._table.set("Goal Position", self.present_tick())
 
     def stop(self) -> None:
@@ -219,7 +219,7 @@ class ServoDrive:
 
     def _hold_here(self) -> None:
         self._table.set("Goal Position", self.present_tick())
-        self._profile = Profile.NONE
+        self._profile = ProfileType.NONE
         self.configure()
 
     def _law(self, mode: int) -> Law | None:

@@ -6,10 +6,10 @@ Between the items Profile Velocity and Profile Acceleration and the trajectory i
 import math
 from enum import IntEnum
 
-__all__ = ["Profile", "profile_shape", "timed_profile"]
+__all__ = ["ProfileType", "profile_shape", "timed_profile"]
 
 
-class Profile(IntEnum):
+class ProfileType(IntEnum):
     """Profile Type, bits 4 and 5 of Moving Status."""
 
     NONE = 0
@@ -18,16 +18,18 @@ class Profile(IntEnum):
     TRAPEZOIDAL = 3
 
 
-def profile_shape(velocity: float, acceleration: float, distance: float) -> Profile:
+def profile_shape(velocity: float, acceleration: float, distance: float) -> ProfileType:
     """Shape of a profile over `distance` from standstill; 0 velocity means none, 0 acceleration infinite.
 
     All three in units that belong together (rad/s, rad/s², rad).
     """
     if velocity == 0.0:
-        return Profile.NONE
+        return ProfileType.NONE
     if acceleration == 0.0:
-        return Profile.RECTANGULAR
-    return Profile.TRIANGULAR if distance * acceleration < velocity * velocity else Profile.TRAPEZOIDAL
+        return ProfileType.RECTANGULAR
+    return (
+        ProfileType.TRIANGULAR if distance * acceleration < velocity * velocity else ProfileType.TRAPEZOIDAL
+    )
 
 
 def timed_profile(span_s: float, rise_s: float, distance: float) -> tuple[float, float]:

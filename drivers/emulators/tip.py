@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.geometry import Floats, Ints
 
-__all__ = ["Outline", "Press", "press", "separation_mm"]
+__all__ = ["PartSection", "TipLoad", "separation_mm", "tip_load"]
 
 
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
@@ -24,7 +24,7 @@ _HEADINGS: Floats = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class PartSection:
     """What stands on the table: straight edges from `start` to `end`, each (n, 2) mm in W, and its top."""
 
     start: Floats
@@ -45,7 +45,7 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class Press:
+class TipLoad:
     """Force (2,) N on the tip in W, and its share by direction: N per ray at angles `angle` (m,) in W."""
 
     force_n: Floats
@@ -53,13 +53,13 @@ class Press:
     by_ray_n: Floats
 
 
-def separation_mm(outline: Outline, centre_mm: Floats) -> float:
+def separation_mm(outline: PartSection, centre_mm: Floats) -> float:
     """Distance from a point to the nearest edge (mm); the inside of the outline counts as outside."""
     away = _to_edges(outline, centre_mm)
     return float(np.sqrt(np.min(np.einsum("ij,ij->i", away, away))))
 
 
-def _to_edges(outline: Outline, centre_mm: Floats) -> Floats:
+def _to_edges(outline: PartSection, centre_mm: Floats) -> Floats:
     """Shortest way (n, 2) in mm from each edge to a point."""
     rel = centre_mm - outline.start
     share = np.clip(np.einsum("ij,ij->i", rel, outline.along) / outline.square, 0.0, 1.0)
@@ -67,7 +67,9 @@ def _to_edges(outline: Outline, centre_mm: Floats) -> Floats:
     return result
 
 
-def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float) -> Press | None:
+def tip_load(
+    outline: PartSection, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float
+) -> TipLoad | None:
     """What the outline does to a tip with its axis at `centre_mm` in W; None if it does not touch it."""
     # Served on real ports, this runs for every finger in every millisecond: far edges are left out first,
     # and then rays that cannot meet near ones.
@@ -77,7 +79,7 @@ def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per
     if not len(near):
         return None
     looked = _rays_towards(away[near], square[near], radius_mm)
-    some = Outline(outline.start[near], outline.end[near], outline.top_mm)
+    some = PartSection(outline.start[near], outline.end[near], outline.top_mm)
     dent: Floats = radius_mm - _reach(some, centre_mm, _HEADINGS[looked])
     touched = dent > 0
     if not touched.any():
@@ -87,7 +89,7 @@ def press(outline: Outline, centre_mm: Floats, radius_mm: float, stiffness_n_per
     by_ray = np.zeros(_RAYS)
     by_ray[looked] = share
     force: Floats = -(share @ _HEADINGS[looked])
-    return Press(force, _ANGLES, by_ray)
+    return TipLoad(force, _ANGLES, by_ray)
 
 
 def _rays_towards(away: Floats, square: Floats, radius_mm: float) -> Ints:
@@ -106,7 +108,7 @@ def _rays_towards(away: Floats, square: Floats, radius_mm: float) -> Ints:
     return result
 
 
-def _reach(outline: Outline, centre_mm: Floats, heading: Floats) -> Floats:
+def _reach(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats:
     """Distance (m,) from the centre to the first edge in each direction; infinite where there is none."""
     along = outline.along
     rel = outline.start - centre_mm

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from serial.serialutil import SerialBase
 
-from palpate.drivers.transport.calls import Instants, port_call
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.recording import Direction
+from palpate.drivers.transport.recording import Direction, Instants, port_call
 from palpate.errors import OutputError
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ class Sink(Protocol):
     """
 
     def call(self, text: str) -> None:
-        """A call, as `calls` writes it."""
+        """A call, as `recording` describes it."""
         ...
 
     def opened(self, number: int, port: str, url: str | None) -> None:

@@ -11,9 +11,21 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from serial.serialutil import SerialBase
 
-from palpate.drivers.transport.calls import Call, Instants, calls_in, in_words, port_call
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
+from palpate.drivers.transport.recording import (
+    Call,
+    Direction,
+    Entry,
+    ErrorRaised,
+    Instants,
+    PortBytes,
+    PortOpened,
+    RecordedEvent,
+    SessionEvent,
+    calls_in,
+    in_words,
+    port_call,
+)
 from palpate.errors import PalpateError
 
 if TYPE_CHECKING:
@@ -62,7 +74,7 @@ class Replayer:
         """Open a recorded port by its name in the rig file; raises what opening it raised then."""
         self._raise_if_due("open")
         what = self._next(f"opens port {port}")
-        if not isinstance(what, Opened) or what.port != port:
+        if not isinstance(what, PortOpened) or what.port != port:
             self._differ(f"opens port {port}")
         self._advance()
         self._names[what.number] = port
@@ -78,13 +90,13 @@ class Replayer:
             self._differ(doing)
         return self._calls.popleft()
 
-    def read(self, port: Opened, size: int) -> bytes:
+    def read(self, port: PortOpened, size: int) -> bytes:
         """What a read gave."""
         key = port_call("r", port.number)
         doing = in_words(key, port.port)
         self._raise_if_due(key)
         what = self._next(doing)
-        if isinstance(what, Passed) and what.port == port.port and what.direction is Direction.RECEIVED:
+        if isinstance(what, PortBytes) and what.port == port.port and what.direction is Direction.RECEIVED:
             if len(what.data) > size:
                 self._differ(f"reads {size} bytes at most from port {port.port}")
             self._advance()
@@ -95,12 +107,12 @@ class Replayer:
         self._calls.popleft()
         return b""
 
-    def write(self, port: Opened, data: bytes) -> int:
+    def write(self, port: PortOpened, data: bytes) -> int:
         """Compare what is sent with what was sent; returns how much of it was taken."""
         key = port_call("x", port.number)
         self._raise_if_due(key)
         what = self._next("")
-        if not isinstance(what, Passed) or what.port != port.port or what.direction is not Direction.SENT:
+        if not isinstance(what, PortBytes) or what.port != port.port or what.direction is not Direction.SENT:
             self._differ(f"sends {self._shown(port.port, data)} to port {port.port}")
         if what.data != data:
             self._differ_in_bytes(port.port, data, what.data)
@@ -111,11 +123,11 @@ class Replayer:
             return self._calls.popleft().value
         return len(data)
 
-    def told(self, kind: str) -> Mapping[str, Any]:
+    def session_event(self, kind: str) -> Mapping[str, Any]:
         """What the session said of this kind and says again now; raises an interrupt before it."""
         self._raise_if_due(None)
         what = self._next(f'comes to "{kind}"')
-        if not isinstance(what, Told) or what.kind != kind:
+        if not isinstance(what, SessionEvent) or what.kind != kind:
             self._differ(f'comes to "{kind}"')
         self._advance()
         return what.values
@@ -123,12 +135,12 @@ class Replayer:
     def ends(self) -> Mapping[str, Any]:
         """What the recording's last line says; a difference if the host ends before it."""
         what = self._next("ends")
-        if not isinstance(what, Told) or what.kind != "end":
+        if not isinstance(what, SessionEvent) or what.kind != "end":
             self._differ("ends")
         self._advance()
         return what.values
 
-    def close(self, port: Opened) -> None:
+    def close(self, port: PortOpened) -> None:
         """Close a port: the one call that may be left out, as garbage collection may make it."""
         if self._failed is not None or self._at >= len(self._entries):
             return
@@ -151,16 +163,16 @@ class Replayer:
         if self._calls or self._at >= len(self._entries):
             return
         what = self._entries[self._at].what
-        if isinstance(what, Told) and what.interrupt is not None:
+        if isinstance(what, SessionEvent) and what.interrupt is not None:
             self.interrupt = what.interrupt
             raise what.interrupt
-        if isinstance(what, Raised) and (what.during is None or what.during == call):
+        if isinstance(what, ErrorRaised) and (what.during is None or what.during == call):
             self._advance()
             if not isinstance(what.error, Exception):
                 self.interrupt = what.error
             raise what.error
 
-    def _next(self, doing: str) -> Call | What:
+    def _next(self, doing: str) -> Call | RecordedEvent:
         if self._failed is not None:
             raise self._failed
         if self._calls:
@@ -196,18 +208,18 @@ class Replayer:
         self._failed = ReplayDiffers(f"line {entry.line}, {entry.t_s:.6f} s: {problem}")
         raise self._failed
 
-    def _recorded_in_words(self, what: Call | What) -> str:
+    def _recorded_in_words(self, what: Call | RecordedEvent) -> str:
         match what:
             case Call():
                 name = self._names.get(what.number, "") if what.key not in ("t", "z") else ""
                 return in_words(what.key, name)
-            case Opened(port=port):
+            case PortOpened(port=port):
                 return f"opens port {port}"
-            case Passed(direction=Direction.SENT):
+            case PortBytes(direction=Direction.SENT):
                 return f"sends {self._shown(what.port, what.data)} to port {what.port}"
-            case Passed():
+            case PortBytes():
                 return f"receives {len(what.data)} bytes from port {what.port}"
-            case Raised():
+            case ErrorRaised():
                 return f"meets an error ({what.error})"
         return f'comes to "{what.kind}"'
 
@@ -244,7 +256,7 @@ class ReplayClock:
 class ReplayPort(SerialBase):
     """A pyserial port with the recording behind it. Comes open from `Replayer.open`."""
 
-    def __init__(self, replayer: Replayer, opened: Opened, baudrate: int) -> None:
+    def __init__(self, replayer: Replayer, opened: PortOpened, baudrate: int) -> None:
         super().__init__()
         self._replayer = replayer
         self._opened = opened

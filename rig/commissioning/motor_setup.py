@@ -14,7 +14,7 @@ from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, Setup
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo, scan
 from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.set_up import Change, Wire, apply, differing, only_servo, wanted_items
+from palpate.drivers.dynamixel.servo_setup import ItemChange, ServoPort, apply_changes, find_changes, only_servo, setup_items
 from palpate.errors import DeviceError, InputError
 from palpate.rig.servo_settings import servo_settings
 
@@ -36,7 +36,7 @@ class Operator(Protocol):
         """Ask to connect one servo alone."""
         ...
 
-    def may_write(self, motor: "MotorSetup", found: FoundServo, changes: Sequence[Change]) -> bool:
+    def may_write(self, motor: "MotorSetup", found: FoundServo, changes: Sequence[ItemChange]) -> bool:
         """Show what was found and what would be written; ask whether to write it."""
         ...
 
@@ -63,7 +63,7 @@ class MotorSetup:
     wanted: Mapping[str, int]
     outcome: SetupOutcome = SetupOutcome.NOT_DONE
     found: FoundServo | None = None
-    written: list[Change] = field(default_factory=list)
+    written: list[ItemChange] = field(default_factory=list)
     problem: str | None = None
 
     def out(self) -> SetupServoOut:
@@ -97,14 +97,14 @@ def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[Mot
             item.owner,
             item.servo.dxl_id,
             item.servo.model,
-            wanted_items(item.servo.dxl_id, rig.bus.baudrate_bps, item.eeprom()),
+            setup_items(item.servo.dxl_id, rig.bus.baudrate_bps, item.eeprom()),
         )
         for item in wanted
         if not dxl_ids or item.servo.dxl_id in dxl_ids
     ]
 
 
-def set_up_all(motors: Sequence[MotorSetup], wire: Wire, port: str, asking: Operator) -> None:
+def set_up_all(motors: Sequence[MotorSetup], wire: ServoPort, port: str, asking: Operator) -> None:
     """Set up one servo after another; each `MotorSetup` says how it ended. After a DeviceError asks again."""
     for motor in motors:
         while motor.outcome is SetupOutcome.NOT_DONE:
@@ -123,7 +123,7 @@ def set_up_all(motors: Sequence[MotorSetup], wire: Wire, port: str, asking: Oper
         asking.done(motor)
 
 
-def _set_up(motor: MotorSetup, wire: Wire, port: str, asking: Operator) -> SetupOutcome:
+def _set_up(motor: MotorSetup, wire: ServoPort, port: str, asking: Operator) -> SetupOutcome:
     found = scan(
         wire.open_port,
         wire.clock,
@@ -133,15 +133,15 @@ def _set_up(motor: MotorSetup, wire: Wire, port: str, asking: Operator) -> Setup
     )
     at = only_servo(found, motor.model, port)
     motor.found = motor.found or at
-    changes = differing(wire, at, motor.model, motor.wanted)
+    changes = find_changes(wire, at, motor.model, motor.wanted)
     if not changes:
         return SetupOutcome.WRITTEN if motor.written else SetupOutcome.RIGHT
     if not asking.may_write(motor, at, changes):
         return SetupOutcome.DECLINED
     asking.doing("writing")
-    now_at = apply(wire, at, motor.model, changes, motor.written.append)
+    now_at = apply_changes(wire, at, motor.model, changes, motor.written.append)
     asking.doing("reading back")
-    left = differing(wire, now_at, motor.model, motor.wanted)
+    left = find_changes(wire, now_at, motor.model, motor.wanted)
     if left:
         items = ", ".join(f"{change.item} at {change.found} instead of {change.wanted}" for change in left)
         raise DeviceError(f"the servo on {port} keeps {items}; check its firmware")

@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.drivers.emulators.bench import Bench
-from palpate.drivers.emulators.tip import Outline
+from palpate.drivers.emulators.tip import PartSection
 
 __all__ = ["EmulatedTable", "outline_of"]
 
@@ -34,12 +34,12 @@ class EmulatedTable:
         """Take it away."""
         self._lay(None)
 
-    def _lay(self, outline: Outline | None) -> None:
+    def _lay(self, outline: PartSection | None) -> None:
         for finger in self._bench.fingers:
             finger.put(outline)
 
 
-def outline_of(reference: Reference, x_mm: float, y_mm: float, theta_rad: float) -> Outline:
+def outline_of(reference: Reference, x_mm: float, y_mm: float, theta_rad: float) -> PartSection:
     """Edges of a reference in W; a disc's facets lie half within it, half outside."""
     if isinstance(reference, ReferenceDisc):
         angles = np.arange(_FACETS) * 2 * math.pi / _FACETS
@@ -51,4 +51,4 @@ def outline_of(reference: Reference, x_mm: float, y_mm: float, theta_rad: float)
         raise TypeError(f"{reference.name} cannot be emulated")
     c, s = math.cos(theta_rad), math.sin(theta_rad)
     start = corners @ np.array([[c, s], [-s, c]]) + [x_mm, y_mm]
-    return Outline(start, np.roll(start, -1, axis=0), _TOP_MM)
+    return PartSection(start, np.roll(start, -1, axis=0), _TOP_MM)

@@ -12,7 +12,7 @@ import shapely
 from shapely import affinity
 
 from palpate.config import ObjectsFile, Scene, load_objects
-from palpate.drivers.emulators.tip import Outline
+from palpate.drivers.emulators.tip import PartSection
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel, Section, State
 
@@ -56,14 +56,14 @@ def draw_placement(objects: ObjectsFile, radius_mm: float, rng: np.random.Genera
     return Placement(model, state, float(x), float(y), theta)
 
 
-def outline_at(placement: Placement, height_mm: float) -> Outline | None:
+def outline_at(placement: Placement, height_mm: float) -> PartSection | None:
     """Edges of the object in W at a height; None if it is not that high."""
     for section in placement.state.sections:
         if section.z_mm[0] <= height_mm <= section.z_mm[1]:
             rings = rings_of(placement, section)
             start = np.vstack(rings)
             end = np.vstack([np.roll(ring, -1, axis=0) for ring in rings])
-            return Outline(start, end, placement.state.top_mm)
+            return PartSection(start, end, placement.state.top_mm)
     return None
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from palpate.config import RigFile
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.playback import Piece, PlaybackPort
-from palpate.drivers.transport.recording import Passed, Told
+from palpate.drivers.transport.recording import PortBytes, SessionEvent
 from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of
 from palpate.rig.monitor.arrays import monitor_finger, select_fingers
@@ -91,12 +91,12 @@ def _pieces(file: SessionFile, port: str) -> list[Piece]:
     return [
         Piece(t_s, what.direction, what.data)
         for t_s, what in pairs
-        if isinstance(what, Passed) and what.port == port
+        if isinstance(what, PortBytes) and what.port == port
     ]
 
 
 def _stages(file: SessionFile) -> tuple[tuple[float, str], ...]:
     """Begin and name of each stage of the run."""
     pairs = ((entry.t_s, entry.what) for entry in file.entries)
-    begun = ((t_s, what.values) for t_s, what in pairs if isinstance(what, Told) and what.kind == "stage")
-    return tuple((t_s, f"grip {values.get('grip')}, {values.get('stage')}") for t_s, values in begun)
+    begun = ((t_s, what) for t_s, what in pairs if isinstance(what, SessionEvent) and what.kind == "stage")
+    return tuple((t_s, f"grip {what.values.get('grip')}, {what.values.get('stage')}") for t_s, what in begun)

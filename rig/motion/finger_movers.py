@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import final
 
-from palpate.drivers.dynamixel.guarded import End, Goals
+from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import SafetyStop
@@ -33,7 +33,7 @@ _OFF_WAY_MM = 3.0
 class _FingerMover:
     """What moves one finger by its drive."""
 
-    def __init__(self, finger: HostFinger, begin: Callable[[float], Goals]) -> None:
+    def __init__(self, finger: HostFinger, begin: Callable[[float], ServoGoals]) -> None:
         self.finger = finger
         self.started_s = -math.inf
         self._begin = begin
@@ -48,12 +48,12 @@ class _FingerMover:
         """As the drive does."""
         return self.finger.drive.streams
 
-    def start(self, now: float) -> Goals:
+    def start(self, now: float) -> ServoGoals:
         """Begin; the first goals."""
         self.started_s = now
         return self._begin(now)
 
-    def stream(self, now: float) -> Goals:
+    def stream(self, now: float) -> ServoGoals:
         """What the drive writes now."""
         return self.finger.drive.goals(now)
 
@@ -87,7 +87,7 @@ class FreeMover(_FingerMover):
     def __init__(
         self,
         finger: HostFinger,
-        begin: Callable[[float], Goals],
+        begin: Callable[[float], ServoGoals],
         tolerance_rad: Callable[[Servo], float],
         run: ApproachState | None = None,
     ) -> None:
@@ -161,7 +161,7 @@ class TipMover(_FingerMover):
         """Servos that move along the line."""
         return self.finger.drive.closing_servos
 
-    def start(self, now: float) -> Goals:
+    def start(self, now: float) -> ServoGoals:
         """Begin; from now on standing still counts."""
         self.run.moved_s = now
         return super().start(now)
@@ -205,7 +205,7 @@ class TipMover(_FingerMover):
             "that its array does not feel; fingers were stopped; clear its way"
         )
 
-    def _go(self, now: float) -> Goals:
+    def _go(self, now: float) -> ServoGoals:
         run = self.run
         return self.finger.drive.go(run.line, run.travel_mm, self.limit_mm, self._speed_mm_s, now)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from enum import Enum
 
 from palpate.drivers.dynamixel.errors import WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, Goals
+from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
@@ -108,7 +108,7 @@ def _carry_out(
 def retract_all(hand: Hand) -> None:
     """Let every finger go back to where it waits, also those that take no part."""
 
-    def begin(goals: Goals) -> Callable[[float], Goals]:
+    def begin(goals: ServoGoals) -> Callable[[float], ServoGoals]:
         return lambda _: goals
 
     ways = {finger: finger.drive.retract() for finger in hand.fingers}
@@ -138,7 +138,7 @@ def _to_lines(hand: Hand, lines: Mapping[HostFinger, Line]) -> None:
     """Let fingers go to where lines start, outside of the workspace."""
     present = hand.servos_of(list(lines))
 
-    def begin(finger: HostFinger) -> Callable[[float], Goals]:
+    def begin(finger: HostFinger) -> Callable[[float], ServoGoals]:
         return lambda now: finger.drive.aim(lines[finger], present[finger], now)
 
     movers = [FreeMover(finger, begin(finger), lambda _: AIM_TOLERANCE_RAD) for finger in lines]
@@ -157,14 +157,16 @@ def go_to(hand: Hand, travels_mm: Mapping[ApproachState, float]) -> None:
     """Move along lines through space that is known to be free, and wait until fingers are there."""
     speed = hand.rig.closing.approach_speed_mm_s
 
-    def begin(run: ApproachState, to_mm: float) -> Callable[[float], Goals]:
+    def begin(run: ApproachState, to_mm: float) -> Callable[[float], ServoGoals]:
         return lambda now: run.finger.drive.go(run.line, run.travel_mm, to_mm, speed, now)
 
     movers = [_free(run.finger, begin(run, to_mm), run) for run, to_mm in travels_mm.items()]
     _move_free(hand, movers)
 
 
-def _free(finger: HostFinger, begin: Callable[[float], Goals], run: ApproachState | None = None) -> FreeMover:
+def _free(
+    finger: HostFinger, begin: Callable[[float], ServoGoals], run: ApproachState | None = None
+) -> FreeMover:
     def tolerance_rad(servo: Servo) -> float:
         return finger.drive.reached_rad(servo, ARRIVED_MM)
 

@@ -16,7 +16,7 @@ from serial.serialutil import SerialBase
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.errors import PortFailed, WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, Goals, Mover, ServoMover, guarded_loop
+from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.dynamixel.torque import disable_torque
@@ -245,7 +245,7 @@ class Hand:
             read_every=read_every,
         )
 
-    def move_servos(self, goals_rad: Goals, tolerance_rad: Callable[[Servo], float]) -> None:
+    def move_servos(self, goals_rad: ServoGoals, tolerance_rad: Callable[[Servo], float]) -> None:
         """Send servos to goals through free space; DeviceError names one that does not arrive."""
         self.arrived(self.guarded([ServoMover(s, goal, tolerance_rad(s)) for s, goal in goals_rad.items()]))
 

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from palpate.calibration.measurements import FREE, IN, OUT, PressMeasurement, StopMeasurement
-from palpate.drivers.dynamixel.guarded import End, Goals
+from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import DeviceError, SafetyStop
 from palpate.recognizer import FingerApproach
@@ -136,7 +136,7 @@ class _PressMover(TipMover):
             return None
         return End.ENOUGH if self._leg == OUT and stands else None
 
-    def stream(self, now: float) -> Goals:
+    def stream(self, now: float) -> ServoGoals:
         """The way out, once."""
         if not self._turns:
             return {}

@@ -16,8 +16,16 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from palpate.config.problems import shown
-from palpate.drivers.transport.calls import CALLS
-from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
+from palpate.drivers.transport.recording import (
+    CALLS,
+    Direction,
+    Entry,
+    ErrorRaised,
+    PortBytes,
+    PortOpened,
+    RecordedEvent,
+    SessionEvent,
+)
 from palpate.errors import InputError
 from palpate.files import read_bytes
 from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES, LOG_LINES, VALUES
@@ -50,7 +58,7 @@ class SessionFile:
     def told(self, kind: str) -> list[Mapping[str, Any]]:
         """Values of all events of a kind, in order."""
         kinds = (entry.what for entry in self.entries)
-        return [what.values for what in kinds if isinstance(what, Told) and what.kind == kind]
+        return [what.values for what in kinds if isinstance(what, SessionEvent) and what.kind == kind]
 
 
 def read_session(folder: Path) -> SessionFile:
@@ -79,11 +87,15 @@ def read_session(folder: Path) -> SessionFile:
             changed = number
         entries.append(_Line.of(path, number, text).entry())
     header = _header(path, entries[0])
-    ends = [k for k, entry in enumerate(entries) if isinstance(entry.what, Told) and entry.what.kind == "end"]
+    ends = [
+        k
+        for k, entry in enumerate(entries)
+        if isinstance(entry.what, SessionEvent) and entry.what.kind == "end"
+    ]
     if ends and ends[0] != len(entries) - 1:
         raise InputError(f'{path}: line {ends[0] + 2}: comes after "end"; nothing is allowed there')
     last = entries[-1].what
-    end = last.values if isinstance(last, Told) and last.kind == "end" else None
+    end = last.values if isinstance(last, SessionEvent) and last.kind == "end" else None
     return SessionFile(path, header, tuple(entries[1:]), end, changed)
 
 
@@ -98,7 +110,7 @@ def _check_counts(path: Path, raw: bytes) -> None:
 
 def _header(path: Path, entry: Entry) -> Mapping[str, Any]:
     what = entry.what
-    values = what.values if isinstance(what, Told) and what.kind == "session" else {}
+    values = what.values if isinstance(what, SessionEvent) and what.kind == "session" else {}
     if values.get("format") != FORMAT:
         raise InputError(f'{path}: line 1: must be the event "session" with format "{FORMAT}"')
     return values
@@ -142,19 +154,19 @@ class _Line:
             self.refuse('"calls" is not a row of calls; docs/session-log.md says how they are written')
         return Entry(self.number, float(instant), calls, self._what(self.text("event")))
 
-    def _what(self, kind: str) -> What:
+    def _what(self, kind: str) -> RecordedEvent:
         match kind:
             case "bytes":
-                return Passed(self._direction(), self.text("port"), self._data())
+                return PortBytes(self._direction(), self.text("port"), self._data())
             case "opened":
                 url = None if self.values.get("url") is None else self.text("url")
-                return Opened(self._number(), self.text("port"), url)
+                return PortOpened(self._number(), self.text("port"), url)
             case "raised":
                 during = None if self.values.get("during") is None else self.text("during")
-                return Raised(during, self._error())
+                return ErrorRaised(during, self._error())
             case "end":
-                return Told(kind, self._rest(), self._interrupt())
-        return Told(kind, self._rest())
+                return SessionEvent(kind, self._rest(), self._interrupt())
+        return SessionEvent(kind, self._rest())
 
     def _rest(self) -> dict[str, Any]:
         return {key: value for key, value in self.values.items() if key not in _COMMON}

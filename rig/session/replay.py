@@ -86,7 +86,7 @@ class _Compared(SessionEvents):
 
     def event(self, kind: str, /, **values: object) -> None:
         """Raise ReplayDiffers if the recording has another event now, or other values in it."""
-        recorded = self._replayer.told(kind)
+        recorded = self._replayer.session_event(kind)
         if kind == "result":
             recorded = {"result": _with_present_names(recorded.get("result"))}
         found = first_difference(plain(values), recorded, "")

@@ -13,7 +13,7 @@ from palpate.calibration.pressure_distribution import (
     dent_and_bearing,
     distribute_pressure,
 )
-from palpate.drivers.emulators.tip import press
+from palpate.drivers.emulators.tip import tip_load
 
 COLUMNS = np.array(DESCRIPTION.columns)
 RADIUS = 5.0
@@ -65,7 +65,7 @@ def test_agrees_with_the_emulated_skin(towards: float, dent: float, disc_mm: flo
     else:
         outline, aim = disc(disc_mm), towards
         centre = -(disc_mm + away) * np.array([math.cos(aim), math.sin(aim)])
-    touch = press(outline, centre, RADIUS, 3.0)
+    touch = tip_load(outline, centre, RADIUS, 3.0)
     assert touch is not None
     found = one(towards, dent, 0.0 if disc_mm is None else RADIUS / disc_mm)
     total = float(touch.by_ray_n.sum())

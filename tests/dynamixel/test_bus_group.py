@@ -65,7 +65,7 @@ class Wire:
         self.servos = [Servo(self.bus, dxl_id, model) for dxl_id in self.emulated]
         for servo in self.servos:
             servo.check()
-            servo.keep("Return Delay Time", 0)
+            servo.ensure("Return Delay Time", 0)
         self.reader = StateReader(self.bus, self.servos)
         self.reader.arrange()
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from serial import SerialException
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.recording import Direction, Passed, Raised, Told
+from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, SessionEvent
 from palpate.errors import InputError
 from palpate.rig.session.error_values import KINDS, error_of, values_of
 from palpate.rig.session.log import SessionLog
@@ -41,14 +41,14 @@ def test_a_whole_log_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert file.end == {"how": "done", "message": None}
     assert [entry.line for entry in file.entries] == list(range(2, 10))
     assert [entry.calls for entry in file.entries[:3]] == ["t0~1.z", "s0w0:40r0", ""]
-    assert file.entries[1].what == Passed(Direction.SENT, "mock://bus", b"\xff\xff\xfd\x00")
-    raised = [entry.what for entry in file.entries if isinstance(entry.what, Raised)]
+    assert file.entries[1].what == PortBytes(Direction.SENT, "mock://bus", b"\xff\xff\xfd\x00")
+    raised = [entry.what for entry in file.entries if isinstance(entry.what, ErrorRaised)]
     assert [item.during for item in raised] == ["r0", None]
     assert str(raised[0].error) == "[Errno 5] gone"
     assert isinstance(raised[1].error, Interrupted)
     assert raised[1].error.signal is signal.SIGTERM
     assert file.told("result") == [{"result": {"x": [1.5, None, "ø"]}}]
-    assert isinstance(file.entries[-1].what, Told)
+    assert isinstance(file.entries[-1].what, SessionEvent)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -64,7 +64,7 @@ class BusLoop:
         self.bus = Bus(port, clock, case.baudrate, latency_s=latency_s)
         self.servos = [Servo(self.bus, dxl_id, case.model) for dxl_id in case.ids]
         for servo in self.servos:
-            servo.keep("Return Delay Time", 0)
+            servo.ensure("Return Delay Time", 0)
         self.reader = StateReader(self.bus, self.servos)
         self.reader.arrange()
         self._case = case

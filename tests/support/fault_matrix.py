@@ -27,7 +27,7 @@ from palpate.calibration.prober import Probe
 from palpate.config import apply_calibration, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
-from palpate.drivers.emulators.tip import Outline
+from palpate.drivers.emulators.tip import PartSection
 from palpate.errors import DeviceError, OutputError, SafetyStop
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
@@ -262,9 +262,9 @@ def _shove(host: Host) -> None:
     finger.put(_box(x + 0.5, y))
 
 
-def _box(x_mm: float, y_mm: float) -> Outline:
+def _box(x_mm: float, y_mm: float) -> PartSection:
     corners = np.array([[0.0, -40.0], [80.0, -40.0], [80.0, 40.0], [0.0, 40.0]]) + np.array([x_mm, y_mm])
-    return Outline(corners, np.roll(corners, -1, axis=0), top_mm=200.0)
+    return PartSection(corners, np.roll(corners, -1, axis=0), top_mm=200.0)
 
 
 def _no_answers(host: Host, dxl_id: int) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from palpate.calibration.measurements import FREE, IN, OUT, IdleMeasurement, PressMeasurement
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.drivers.emulators.taxels import Taxels
-from palpate.drivers.emulators.tip import Outline, press
+from palpate.drivers.emulators.tip import PartSection, tip_load
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.geometry import Floats
 
@@ -46,16 +46,16 @@ DESCRIPTION = Description(
 )
 
 
-def disc(radius_mm: float, sides: int = 360) -> Outline:
+def disc(radius_mm: float, sides: int = 360) -> PartSection:
     """A disc round (0, 0)."""
     angle = 2 * math.pi * np.arange(sides) / sides
     corners = radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
-    return Outline(corners, np.roll(corners, -1, axis=0), 60.0)
+    return PartSection(corners, np.roll(corners, -1, axis=0), 60.0)
 
 
-def face() -> Outline:
+def face() -> PartSection:
     """A straight edge along y through (0, 0), touched from x < 0."""
-    return Outline(np.array([[0.0, -60.0]]), np.array([[0.0, 60.0]]), 60.0)
+    return PartSection(np.array([[0.0, -60.0]]), np.array([[0.0, 60.0]]), 60.0)
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class PressingFinger:
         time_s = np.arange(1000) / 200.0
         return IdleMeasurement("f1", self.taxels.counts(np.zeros((1000, ROWS, COLS)), time_s), time_s)
 
-    def press(
+    def tip_load(
         self, bearing_rad: float, disc_mm: float | None, force_n: float, bearing_sigma_rad: float
     ) -> PressAtBearing:
         """Press until the skin bears about `force_n`; `disc_mm` None for a flat face.
@@ -130,7 +130,7 @@ class PressingFinger:
         along = np.array([math.cos(aim), math.sin(aim)])
         felt, push = np.zeros((len(way), ROWS, COLS)), np.zeros(len(way))
         for i in np.flatnonzero(way >= 0):
-            touch = press(outline, start + way[i] * along, t.tip_radius_mm, t.stiffness_n_per_mm)
+            touch = tip_load(outline, start + way[i] * along, t.tip_radius_mm, t.stiffness_n_per_mm)
             if touch is not None:
                 felt[i] = by_column(touch.angle, touch.by_ray_n, aim + t.phase_rad) / ROWS
                 push[i] = -touch.force_n @ along

@@ -23,7 +23,7 @@ from palpate.calibration.reference import Reference
 from palpate.config import CalibrationDevice, RigFile
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.emulators.tip import Outline, press, separation_mm
+from palpate.drivers.emulators.tip import PartSection, separation_mm, tip_load
 from palpate.drivers.finger import TICK_RAD
 from palpate.geometry import Counts, Floats
 from palpate.rig.commissioning.calibration import ConnectedRig
@@ -53,7 +53,7 @@ class SimulatedRig:
         self.rng = np.random.default_rng([seed, 7])
         self.spoil = spoil
         self.puts = 0
-        self.outline: Outline | None = None
+        self.outline: PartSection | None = None
         self.slid_mm = 0.0
         self.time_s = 0.0
 
@@ -96,7 +96,7 @@ class SimulatedProber:
     def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         return [self._touched(probe, placing) for probe in grip]
 
-    def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
+    def tip_load(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         return [self._press(probe, placing) for probe in contacts]
 
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
@@ -188,7 +188,7 @@ class SimulatedProber:
         for k, deep in enumerate(depth):
             # Frames are averaged since the last look, so they are half a sample older than the servo's state.
             centre, travel = _centre(truth, item, way, start + (deep - STEP_MM / 2) / truth.mm_per_rad)
-            felt = press(world.outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+            felt = tip_load(world.outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
             if felt is not None:
                 finger = world.fingers[item.finger]
                 columns = np.asarray(finger.array.description.columns)
@@ -244,7 +244,7 @@ def _centre(truth: FingerTruth, item: SlideApproach, way: int, slide_rad: float)
     return np.array([x + distance * math.cos(travel), y + distance * math.sin(travel)]), travel
 
 
-def _towards(outline: Outline | None, centre: Floats) -> float:
+def _towards(outline: PartSection | None, centre: Floats) -> float:
     """Direction from a point to the nearest point of an outline."""
     assert outline is not None
     rel = centre - outline.start

@@ -12,7 +12,7 @@ import shapely
 from shapely.ops import nearest_points
 from tactile_tip import COLS, DESCRIPTION, PITCH, RADIUS, ROWS, TactileTip
 
-from palpate.drivers.emulators.tip import Outline, press
+from palpate.drivers.emulators.tip import PartSection, tip_load
 
 # Half as sensitive: the forces are small beside the noise, as they are where fingers stop gently.
 FAINT = replace(DESCRIPTION, full_scale_n=2.0475, counts_per_n=2000.0)
@@ -45,7 +45,7 @@ def pressed(rng: np.random.Generator, shapes: list[np.ndarray]) -> Iterator[tupl
             dent = RADIUS - part.distance(shapely.Point(begin + middle * heading))
             low, high = (middle, high) if dent < force / stiffness else (low, middle)
         centre = begin + low * heading
-        touch = press(Outline(ring, np.roll(ring, -1, axis=0), 20.0), centre, RADIUS, stiffness)
+        touch = tip_load(PartSection(ring, np.roll(ring, -1, axis=0), 20.0), centre, RADIUS, stiffness)
         if touch is None:
             continue
         direction = away + math.pi

@@ -10,12 +10,22 @@ from hypothesis import strategies as st
 from serial import SerialException
 from serial.serialutil import SerialBase
 
-from palpate.drivers.transport.calls import CALLS, Instants, calls_in
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
 from palpate.drivers.transport.record import Recorder
-from palpate.drivers.transport.recording import Direction, Entry, Opened, Passed, Raised, Told, What
+from palpate.drivers.transport.recording import (
+    CALLS,
+    Direction,
+    Entry,
+    ErrorRaised,
+    Instants,
+    PortBytes,
+    PortOpened,
+    RecordedEvent,
+    SessionEvent,
+    calls_in,
+)
 from palpate.drivers.transport.replay import RecordEnded, ReplayDiffers, Replayer
 from palpate.drivers.transport.wire import Emission
 
@@ -52,19 +62,19 @@ class Tape:
         self._calls.append(text)
 
     def opened(self, number: int, port: str, url: str | None) -> None:
-        self.add(Opened(number, port, url))
+        self.add(PortOpened(number, port, url))
 
     def check(self) -> None:
         """Nothing fails here."""
 
     def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
         del instant
-        self.add(Passed(direction, port, data))
+        self.add(PortBytes(direction, port, data))
 
     def raised(self, during: str | None, error: BaseException) -> None:
-        self.add(Raised(during, error))
+        self.add(ErrorRaised(during, error))
 
-    def add(self, what: What) -> None:
+    def add(self, what: RecordedEvent) -> None:
         self.entries.append(Entry(len(self.entries) + 1, 0.0, "".join(self._calls), what))
         self._calls.clear()
 
@@ -86,7 +96,7 @@ def recorded(host: Callable[[Outside], object], echo: Echo | None = None) -> tup
     answer = outcome(
         host, Outside(recorder.clock, lambda: recorder.open("echo", lambda: open_port(url, BAUD)))
     )
-    tape.add(Told("end", {}))
+    tape.add(SessionEvent("end", {}))
     return tape, answer
 
 
@@ -172,7 +182,7 @@ def test_an_interrupt_between_two_calls_is_raised_before_the_next_one() -> None:
 
     tape, answer = recorded(Host(interrupted=True))
     assert answer == (KeyboardInterrupt, "Ctrl-C")
-    assert [entry.what.during for entry in tape.entries if isinstance(entry.what, Raised)] == [None]
+    assert [entry.what.during for entry in tape.entries if isinstance(entry.what, ErrorRaised)] == [None]
     assert replayed(Host(interrupted=False), tape) == answer
 
 

@@ -8,16 +8,16 @@ import contextlib
 import os
 import socket
 
-from palpate.drivers.emulators.line import CHUNK, Line
+from palpate.drivers.emulators.served_port import CHUNK, ServedPort
 from palpate.drivers.transport.wire import Device
 from palpate.errors import DeviceError
 
-__all__ = ["LOOPBACK", "TcpLine"]
+__all__ = ["LOOPBACK", "TcpPort"]
 
 LOOPBACK = "127.0.0.1"
 
 
-class TcpLine(Line):
+class TcpPort(ServedPort):
     """One device on its TCP port; `address` is the port's URL."""
 
     def __init__(self, device: Device, baudrate: int, port: int = 0) -> None:

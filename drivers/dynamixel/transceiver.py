@@ -1,7 +1,7 @@
-"""One instruction and what comes back, through the vendor's SDK. Between `bus` and the port.
+"""Transactions: one instruction and the answer to it, through the vendor's SDK.
 
 Nothing here is repeated and nothing raised but the port's own errors: an answer is a status packet, or it is
-`Lost`, or a `Misfit`. What a loss means, and whether to ask again, is for the `bus`.
+`Lost`, or a `SizeMismatch`. What a loss means, and whether to ask again, is for the `bus`.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -12,7 +12,6 @@ from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.counts import BusCounts
-from palpate.drivers.dynamixel.outstanding import ACK, PING, Block, Outstanding, Question, questions
 from palpate.drivers.dynamixel.packet import (
     ALERT_BIT,
     BROADCAST_ID,
@@ -21,12 +20,13 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     parse_fast_status,
 )
+from palpate.drivers.dynamixel.pending import ACK, PING, Block, PendingAnswers, Query, queries
 from palpate.drivers.dynamixel.sdk import ClockedPortHandler, StuffingPacketHandler
 from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing, fast_frame_size
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
 
-__all__ = ["Exchange", "Loss", "Lost", "Misfit", "combine_losses"]
+__all__ = ["Loss", "Lost", "SizeMismatch", "Transceiver", "combine_losses"]
 
 _STATUS_SIZE = 11  # bytes of a status packet without parameters
 _ID, _ERROR, _PARAMS = 4, 8, 9  # where the SDK's packet lists have them
@@ -46,22 +46,22 @@ class Lost(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Misfit:
+class SizeMismatch:
     """An answer of another length than asked for, and not to anything that was asked before."""
 
     size: int
     wanted: int
 
 
-Loss = Lost | Misfit
+Loss = Lost | SizeMismatch
 
 
 def combine_losses(before: Loss | None, loss: Loss) -> Loss:
     """What two tries at one question say: whatever comes after silence is late rather than misfit."""
-    return Lost.LATE if isinstance(loss, Misfit) and before in (Lost.SILENT, Lost.LATE) else loss
+    return Lost.LATE if isinstance(loss, SizeMismatch) and before in (Lost.SILENT, Lost.LATE) else loss
 
 
-class Exchange:
+class Transceiver:
     """The port, the SDK's handlers on it, and how long each servo may take to answer."""
 
     def __init__(self, port: SerialBase, clock: Clock, timing: Timing, counts: BusCounts) -> None:
@@ -73,7 +73,7 @@ class Exchange:
         self._handler = ClockedPortHandler(port, clock, timing)
         self._delays_s: dict[int, float] = {}
         self._heard = False
-        self._outstanding = Outstanding(timing.horizon_s)
+        self._pending = PendingAnswers(timing.horizon_s)
         self._troubled_until_s = 0.0
         self._handler.openPort()
 
@@ -93,7 +93,7 @@ class Exchange:
         """
         now = self._clock.now()
         variants = _VARIANTS_TROUBLED if now < self._troubled_until_s else _VARIANTS
-        found = self._outstanding.wider(blocks, now, variants=variants, fast=fast)
+        found = self._pending.wider(blocks, now, variants=variants, fast=fast)
         if found is None:
             self.settle([BROADCAST_ID] if fast else blocks)
             return blocks
@@ -101,29 +101,29 @@ class Exchange:
 
     def may_be_stale(self, dxl_id: int, size: int = ACK) -> bool:
         """Whether an answer of this length may be to something that was asked before."""
-        return self._outstanding.expects(dxl_id, size, self._clock.now())
+        return self._pending.expects(dxl_id, size, self._clock.now())
 
     def settle(self, dxl_ids: Iterable[int]) -> None:
         """Wait until nothing that servos were asked before can be answered any more, and drop what comes."""
-        instant = max(self._outstanding.clear_at(dxl_id) for dxl_id in dxl_ids)
+        instant = max(self._pending.clear_at(dxl_id) for dxl_id in dxl_ids)
         while self._clock.now() < instant:
             self._port.read(_LARGEST_READ)
 
     def tell(self, dxl_id: int, params: bytes, written: Block) -> None:
         """Write without waiting for a confirmation, which may come; to one servo or all (`BROADCAST_ID`)."""
         self._send(dxl_id, Instruction.WRITE, params)
-        self._outstanding.outdate(None if dxl_id == BROADCAST_ID else [dxl_id], written)
+        self._pending.outdate(None if dxl_id == BROADCAST_ID else [dxl_id], written)
         if dxl_id != BROADCAST_ID:
             self._note({(dxl_id, ACK): None})
 
     def tell_group(self, dxl_ids: Collection[int], params: bytes, written: Block) -> None:
         """Send a sync write, which is not confirmed."""
         self._send(BROADCAST_ID, Instruction.SYNC_WRITE, params)
-        self._outstanding.outdate(dxl_ids, written)
+        self._pending.outdate(dxl_ids, written)
 
     def read(self, dxl_id: int, block: Block, *, patient: bool = False) -> StatusPacket | Loss:
         """Read a block of one servo."""
-        self._note(questions({dxl_id: block}))
+        self._note(queries({dxl_id: block}))
         return self._ask(dxl_id, Instruction.READ, _words(*block), block[1], patient)
 
     def ping(self, dxl_id: int, *, patient: bool = False) -> StatusPacket | Loss:
@@ -138,7 +138,7 @@ class Exchange:
 
         All confirmations are alike: this may be an earlier one's if `may_be_stale` said so before.
         """
-        self._outstanding.outdate([dxl_id], written)
+        self._pending.outdate([dxl_id], written)
         self._note({(dxl_id, ACK): None})
         return self._ask(dxl_id, instruction, params, ACK, patient)
 
@@ -160,7 +160,7 @@ class Exchange:
                 if _fits(answer, size):
                     return answer
                 if not self._is_stale(answer):
-                    return Misfit(len(answer.params), size)
+                    return SizeMismatch(len(answer.params), size)
                 lost = Lost.LATE
             if self._handler.isPacketTimeout():  # somebody else on the wire may go on talking for ever
                 return lost
@@ -174,7 +174,7 @@ class Exchange:
         waited for: where the servos wait for each other, all behind it are silent, too. `patient`: as long as
         nobody has answered. If somebody has, it is not the computer that is late.
         """
-        self._note(questions(blocks))
+        self._note(queries(blocks))
         self._send_group(blocks, Instruction.SYNC_READ, Instruction.BULK_READ)
         found: dict[int, StatusPacket | Loss] = dict.fromkeys(blocks, Lost.SILENT)
         waiting = dict(blocks)
@@ -202,7 +202,7 @@ class Exchange:
 
     def read_group_fast(self, blocks: Mapping[int, Block]) -> dict[int, StatusPacket | Loss]:
         """The same with a fast read: one answer, made by all servos in turn, with a CRC after each part."""
-        self._note(questions(blocks, fast=True))
+        self._note(queries(blocks, fast=True))
         self._send_group(blocks, Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
         sizes = [size for _, size in blocks.values()]
         self._expect(fast_frame_size(sizes), self._delay_s(list(blocks)))
@@ -307,10 +307,10 @@ class Exchange:
     def _delay_s(self, dxl_ids: Sequence[int]) -> float:
         return max(self._delays_s.get(dxl_id, LONGEST_RETURN_DELAY_S) for dxl_id in dxl_ids)
 
-    def _note(self, asked: Mapping[tuple[int, int], Question | None]) -> None:
+    def _note(self, asked: Mapping[tuple[int, int], Query | None]) -> None:
         now = self._clock.now()
         for (dxl_id, size), question in asked.items():
-            self._outstanding.note(dxl_id, size, question, now)
+            self._pending.note(dxl_id, size, question, now)
 
     def _note_trouble(self) -> None:
         self._troubled_until_s = self._clock.now() + self._timing.horizon_s
@@ -318,7 +318,7 @@ class Exchange:
     def _judged(self, answer: StatusPacket, size: int) -> StatusPacket | Loss:
         if _fits(answer, size):
             return answer
-        return Lost.LATE if self._is_stale(answer) else Misfit(len(answer.params), size)
+        return Lost.LATE if self._is_stale(answer) else SizeMismatch(len(answer.params), size)
 
     def _is_stale(self, answer: StatusPacket) -> bool:
         """Whether an answer that does not fit is to something that was asked before; counted."""

@@ -2,8 +2,8 @@
 
 No packet of Protocol 2.0 says which instruction it answers, and an answer can come late, or twice. All that
 tells two answers of a servo apart is their length. So a read is made a few bytes wider wherever an answer of
-its length, to anything else, may still be under way. `exchange` asks here before it sends, and once an answer
-has come that does not fit.
+its length, to anything else, may still be under way. `transceiver` asks here before it sends, and once an
+answer has come that does not fit.
 """
 
 from collections.abc import Collection, Mapping
@@ -14,12 +14,12 @@ from palpate.drivers.dynamixel.control_table import ITEMS
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 from palpate.drivers.dynamixel.timing import fast_frame_size
 
-__all__ = ["ACK", "PING", "Block", "Outstanding", "Question", "part", "questions"]
+__all__ = ["ACK", "PING", "Block", "PendingAnswers", "Query", "part", "queries"]
 
 Block = tuple[int, int]
 """First address and number of bytes of a part of the control table."""
 
-Question = tuple[tuple[int, Block], ...]
+Query = tuple[tuple[int, Block], ...]
 """What was read of which servos; one servo in all but fast reads."""
 
 ACK = 0
@@ -35,11 +35,11 @@ _GOALS = range(
 
 @dataclass(slots=True)
 class _Owed:
-    question: Question | None  # None: more than one, or it would be answered otherwise by now
+    question: Query | None  # None: more than one, or it would be answered otherwise by now
     until_s: float
 
 
-class Outstanding:
+class PendingAnswers:
     """Answers that may still arrive, by servo and number of parameters."""
 
     def __init__(self, horizon_s: float) -> None:
@@ -47,7 +47,7 @@ class Outstanding:
         self._horizon_s = horizon_s
         self._owed: dict[tuple[int, int], _Owed] = {}
 
-    def note(self, dxl_id: int, size: int, question: Question | None, now: float) -> None:
+    def note(self, dxl_id: int, size: int, question: Query | None, now: float) -> None:
         """Something was asked; its answer has `size` bytes of parameters."""
         owed = self._owed.get((dxl_id, size))
         if owed is None:
@@ -120,7 +120,7 @@ class Outstanding:
                 break
         return best and best[1]
 
-    def _last_use_s(self, asked: Mapping[tuple[int, int], Question], now: float) -> float | None:
+    def _last_use_s(self, asked: Mapping[tuple[int, int], Query], now: float) -> float | None:
         """When answers of these lengths were last asked for, 0 if none is outstanding; None: to else."""
         last_s = 0.0
         for key, question in asked.items():
@@ -135,13 +135,13 @@ class Outstanding:
         return last_s
 
 
-def questions(blocks: Mapping[int, Block], *, fast: bool = False) -> Mapping[tuple[int, int], Question]:
+def queries(blocks: Mapping[int, Block], *, fast: bool = False) -> Mapping[tuple[int, int], Query]:
     """What is asked when blocks are read, by the servo and the length of the answer."""
-    return _questions(tuple(blocks.items()), fast)
+    return _queries(tuple(blocks.items()), fast)
 
 
 @lru_cache(maxsize=1024)  # control loops ask the same a hundred times a second
-def _questions(asked: Question, fast: bool) -> Mapping[tuple[int, int], Question]:
+def _queries(asked: Query, fast: bool) -> Mapping[tuple[int, int], Query]:
     if fast:
         return {(BROADCAST_ID, fast_frame_size([size for _, (_, size) in asked])): asked}
     return {(dxl_id, block[1]): ((dxl_id, block),) for dxl_id, block in asked}
@@ -149,14 +149,14 @@ def _questions(asked: Question, fast: bool) -> Mapping[tuple[int, int], Question
 
 @lru_cache(maxsize=1024)
 def _widened(
-    asked: Question, extra: int, fast: bool
-) -> tuple[Mapping[int, Block], Mapping[tuple[int, int], Question]]:
-    """Blocks that are wider by some bytes, and the questions that they are."""
+    asked: Query, extra: int, fast: bool
+) -> tuple[Mapping[int, Block], Mapping[tuple[int, int], Query]]:
+    """Blocks that are wider by some bytes, and the queries for them."""
     wide = tuple(
         (dxl_id, (first if first < _INDIRECT else first - extra, size + extra))
         for dxl_id, (first, size) in asked
     )
-    return dict(wide), _questions(wide, fast)
+    return dict(wide), _queries(wide, fast)
 
 
 def part(data: bytes, wide: Block, block: Block) -> bytes:

@@ -1,7 +1,7 @@
 """What one served device hangs on, seen from the service. Between `serve` and a device.
 
 A line feeds the device what its client sends, and delivers the device's answers when their last bit has
-arrived. `pty_line` and `tcp_line` say how clients come, send and receive.
+arrived. `pty_port` and `tcp_port` say how clients come, send and receive.
 """
 
 from abc import ABC, abstractmethod
@@ -9,13 +9,13 @@ from collections import deque
 
 from palpate.drivers.transport.wire import Device, Emission, RatedDevice, wire_time_s
 
-__all__ = ["CHUNK", "Line"]
+__all__ = ["CHUNK", "ServedPort"]
 
 CHUNK = 4096
 """Most bytes that are taken from a client at once."""
 
 
-class Line(ABC):
+class ServedPort(ABC):
     """One device, and the port on which clients reach it. `address` is what a client opens."""
 
     address: str

@@ -5,18 +5,27 @@ device that knows rates decides for itself. The slave side is held open here, so
 """
 
 import contextlib
+import fcntl
 import os
+import struct
+import termios
 import tty
 
-from palpate.drivers.emulators.line import CHUNK, Line
-from palpate.drivers.emulators.terminal import baud_rate
+from palpate.drivers.emulators.served_port import CHUNK, ServedPort
 from palpate.drivers.transport.wire import Device
 from palpate.errors import DeviceError
 
-__all__ = ["PtyLine"]
+__all__ = ["PtyPort", "baud_rate"]
+
+# struct termios2 of <asm-generic/termbits.h>: four words of flags, c_line and c_cc, both speeds as numbers
+_TCGETS2 = 0x802C542A
+_TERMIOS2 = struct.Struct("4I20s2I")
+_NAMED = {
+    getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()
+}
 
 
-class PtyLine(Line):
+class PtyPort(ServedPort):
     """One device on its pseudo-terminal; `address` is the terminal's path."""
 
     def __init__(self, device: Device, baudrate: int) -> None:
@@ -54,3 +63,15 @@ class PtyLine(Line):
     def _client_rate(self) -> int:
         rate = baud_rate(self._master)
         return self.baudrate if rate is None else rate
+
+
+def baud_rate(fd: int) -> int | None:
+    """Rate (baud) at which a terminal sends; None if the system cannot tell.
+
+    Python's termios knows named rates only, and cannot tell if the client has set its rate as a number, as
+    some do at any rate.
+    """
+    try:
+        return int(_TERMIOS2.unpack(fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size)))[-1])
+    except OSError:
+        return _NAMED.get(termios.tcgetattr(fd)[5])

@@ -22,14 +22,14 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 
-__all__ = ["Change", "Wire", "apply", "differing", "only_servo", "wanted_items"]
+__all__ = ["ItemChange", "ServoPort", "apply_changes", "find_changes", "only_servo", "setup_items"]
 
 _ATTEMPTS = 3
 _SETTLE_S = 0.1  # a servo that has changed id or rate listens again by then
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ItemChange:
     """An item that is not as it should be."""
 
     item: str
@@ -38,7 +38,7 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
-class Wire:
+class ServoPort:
     """How to open the port that leads to the servo."""
 
     open_port: Callable[[int], SerialBase]
@@ -50,7 +50,7 @@ class Wire:
         return Bus(self.open_port(baudrate), self.clock, baudrate, latency_s=self.latency_s)
 
 
-def wanted_items(dxl_id: int, baudrate: int, eeprom: Mapping[str, int]) -> dict[str, int]:
+def setup_items(dxl_id: int, baudrate: int, eeprom: Mapping[str, int]) -> dict[str, int]:
     """All items that a servo should hold, in the order in which they are written."""
     return {
         "Status Return Level": ct.ANSWERS_ALL,  # lives in RAM: looked at, and written on every start
@@ -80,17 +80,23 @@ def only_servo(found: Scan, model: Model, port: str) -> FoundServo:
     return only
 
 
-def differing(wire: Wire, at: FoundServo, model: Model, wanted: Mapping[str, int]) -> list[Change]:
+def find_changes(
+    wire: ServoPort, at: FoundServo, model: Model, wanted: Mapping[str, int]
+) -> list[ItemChange]:
     """What differs from `wanted` in the servo found at `at`. Raises what the bus raises."""
     with closing(wire.bus(at.baudrate)) as bus:
         servo = Servo(bus, at.dxl_id, model.name)
         servo.check()
         found = read_items(bus, servo, wanted)
-    return [Change(name, found[name], value) for name, value in wanted.items() if found[name] != value]
+    return [ItemChange(name, found[name], value) for name, value in wanted.items() if found[name] != value]
 
 
-def apply(
-    wire: Wire, at: FoundServo, model: Model, changes: list[Change], written: Callable[[Change], None]
+def apply_changes(
+    wire: ServoPort,
+    at: FoundServo,
+    model: Model,
+    changes: list[ItemChange],
+    written: Callable[[ItemChange], None],
 ) -> FoundServo:
     """Switch torque off and write the changes; returns where the servo answers now.
 
@@ -105,7 +111,7 @@ def apply(
         servo.check()
         servo.disable_torque()
         for change in plain:
-            servo.keep(change.item, change.wanted)
+            servo.ensure(change.item, change.wanted)
             written(change)
         if ct.ID.name in moves:
             change = moves[ct.ID.name]
@@ -133,7 +139,7 @@ def _change_id(bus: Bus, clock: Clock, old: int, new: int) -> None:
     raise NotConfirmed([old], bus.port_name, [f"ID {new}"])
 
 
-def _change_rate(wire: Wire, at: FoundServo, code: int) -> None:
+def _change_rate(wire: ServoPort, at: FoundServo, code: int) -> None:
     """Write the baud rate; nor at which rate."""
     port = ""
     for _ in range(_ATTEMPTS):
