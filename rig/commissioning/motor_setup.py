@@ -14,7 +14,14 @@ from palpate.config.setup_result import ChangeOut, FoundOut, SetupOutcome, Setup
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo, scan
 from palpate.drivers.dynamixel.models import Model
-from palpate.drivers.dynamixel.servo_setup import ItemChange, ServoPort, apply_changes, find_changes, only_servo, setup_items
+from palpate.drivers.dynamixel.servo_setup import (
+    ItemChange,
+    ServoPort,
+    apply_changes,
+    find_changes,
+    only_servo,
+    setup_items,
+)
 from palpate.errors import DeviceError, InputError
 from palpate.rig.servo_settings import servo_settings
 
