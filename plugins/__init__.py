@@ -14,6 +14,7 @@ from palpate.drivers.tactile.frame_times import FrameTimes
 from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.drivers.tactile.stream import FrameStream, Port
+from palpate.drivers.tactile.streamed_array import StreamedArray
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import Device, Emission, wire_time_s
 from palpate.errors import DeviceError, InputError, printable
@@ -47,6 +48,7 @@ __all__ = [
     "SampledArray",
     "ServoSpecification",
     "Shape",
+    "StreamedArray",
     "TableItem",
     "TactileFrame",
     "Taxels",

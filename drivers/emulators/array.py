@@ -29,14 +29,14 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     SelfTest,
+    SelfTestReport,
     SelfTestResult,
     Start,
     Stop,
     Tare,
+    TaxelPlaces,
 )
-from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
 from palpate.drivers.tactile.protocol import VERSION, DecodeFault, Decoder, FaultKind, encode
 from palpate.drivers.transport.wire import Emission
 from palpate.geometry import Floats
@@ -208,13 +208,13 @@ class EmulatedArray:
         self._busy_until_s = now + self._self_test_s
         bad = examine(self.taxels)
         result = self.broken | (SelfTestResult.TAXELS if bad else _NOTHING)
-        self._send(Report(body.request_id, result, len(bad), bad[:MAX_LISTED]), self._busy_until_s)
+        self._send(SelfTestReport(body.request_id, result, len(bad), bad[:MAX_LISTED]), self._busy_until_s)
 
     def _tell_places(self, body: Geometry, now: float) -> None:
         places = self._places[body.first : body.first + _TAXELS_A_MESSAGE]
         if places.size:
             told = tuple(map(float, places.ravel()))
-            self._send(TaxelsMessage(body.request_id, body.first, told), now)
+            self._send(TaxelPlaces(body.request_id, body.first, told), now)
         else:
             self._send(Nack(body.request_id, NackReason.BAD_PAYLOAD), now)
 

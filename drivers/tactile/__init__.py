@@ -10,7 +10,7 @@ from palpate.drivers.tactile.contact import (
     TipCalibration,
 )
 from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFrame
-from palpate.drivers.tactile.messages import Description, Report, Shape
+from palpate.drivers.tactile.messages import Description, SelfTestReport, Shape
 from palpate.drivers.tactile.mounting import Mounting
 
 __all__ = [
@@ -23,7 +23,7 @@ __all__ = [
     "Mounting",
     "PatchFlag",
     "Patches",
-    "Report",
+    "SelfTestReport",
     "Shape",
     "TactileArray",
     "TactileFrame",

@@ -9,9 +9,9 @@ from typing import TypeVar
 
 from serial.serialutil import SerialBase
 
-from palpate.drivers.tactile.exchange import Exchange
+from palpate.drivers.tactile.exchange import ArrayExchange
 from palpate.drivers.tactile.frame_check import FrameCheck
-from palpate.drivers.tactile.frames import ArrayCounters, TactileFrame
+from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import (
     MAX_TARE_SAMPLES,
     Ack,
@@ -25,17 +25,18 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     Request,
     SelfTest,
+    SelfTestReport,
     Shape,
     Start,
     Stop,
     Tare,
-    Taxels,
+    TaxelPlaces,
 )
 from palpate.drivers.tactile.protocol import frame_bytes
 from palpate.drivers.tactile.stream import Port
+from palpate.drivers.tactile.streamed_array import StreamedArray
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, printable
 
@@ -59,10 +60,10 @@ _ADVICE = {
     NackReason.BAD_VERSION: "check its firmware",
 }
 
-_Granted = TypeVar("_Granted", Ack, Report, Taxels)
+_Granted = TypeVar("_Granted", Ack, SelfTestReport, TaxelPlaces)
 
 
-class TactileArray:
+class TactileArray(StreamedArray):
     """A tactile array on a port, as an `ArrayDriver`. Call `connect` first.
 
     Every verb raises DeviceError, which names the array and says what to do, if the array refuses, does not
@@ -70,27 +71,15 @@ class TactileArray:
     """
 
     def __init__(self, port: SerialBase | Port, clock: Clock, name: str) -> None:
-        self._exchange = Exchange(port, clock, name, self._take)
-        self._stream = self._exchange.stream
-        self._clock = clock
-        self._description: Description | None = None
+        self._exchange = ArrayExchange(port, clock, name, self._take)
+        super().__init__(self._exchange.stream, clock)
         self._check: FrameCheck | None = None
         self._just_opened = True
-        self._misshapen = 0
 
     @property
-    def description(self) -> Description:
-        """What the array said of itself; raises DeviceError before `connect`."""
-        if self._description is None:
-            raise DeviceError(f"{self._stream.where} has not been asked what it is; call connect() first")
-        return self._description
-
-    @property
-    def counters(self) -> ArrayCounters:
-        """Frames taken and everything that did not become a frame."""
-        decoder, stream = self._exchange.decoder, self._stream
-        faults = sum(decoder.faults.values())
-        return ArrayCounters(stream.received, decoder.lost, faults, self._misshapen, stream.dropped)
+    def _lost_and_faults(self) -> tuple[int, int]:
+        decoder = self._exchange.decoder
+        return decoder.lost, sum(decoder.faults.values())
 
     def connect(self) -> Description:
         """Ask the array what it is, and where its taxels are if its surface is free; a running stream stops.
@@ -167,47 +156,27 @@ class TactileArray:
         """Let the array send raw counts again."""
         self._command(lambda number: Tare(number, 0), "send raw counts")
 
-    def self_test(self) -> Report:
+    def self_test(self) -> SelfTestReport:
         """Let the array examine itself, which takes up to 2 s; it must not be streaming."""
         return self._tested(self._test())
 
-    def self_test_if_known(self) -> Report | None:
+    def self_test_if_known(self) -> SelfTestReport | None:
         """The same; None if the array cannot examine anything."""
         answer = self._test()
         if isinstance(answer, Nack) and answer.reason is NackReason.UNKNOWN_TYPE:
             return None
         return self._tested(answer)
 
-    def frames(self) -> list[TactileFrame]:
-        """Return every frame that has arrived, oldest first, without waiting.
+    def _test(self) -> SelfTestReport | Nack | None:
+        return self._exchange.ask(SelfTest, SelfTestReport, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
 
-        Takes no longer, whatever arrives; raises DeviceError if it makes no sense for long (see FrameStream).
-        """
-        return self._stream.frames()
-
-    def wait_frame(self, timeout_s: float) -> TactileFrame:
-        """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
-        return self._stream.wait_frame(timeout_s)
-
-    @property
-    def silence(self) -> str:
-        """What came since the last frame, for messages: "nothing", or what is no frame."""
-        return self._stream.silence
-
-    def _test(self) -> Report | Nack | None:
-        return self._exchange.ask(SelfTest, Report, SELF_TEST_TIMEOUT_S, SELF_TEST_ATTEMPTS)
-
-    def _tested(self, answer: Report | Nack | None) -> Report:
+    def _tested(self, answer: SelfTestReport | Nack | None) -> SelfTestReport:
         if isinstance(answer, Nack) and answer.reason is NackReason.BAD_STATE:
             raise DeviceError(f"{self._stream.where} cannot test itself while it streams; stop it first")
         return self._granted(answer, "test itself")
 
     def _rate_mhz(self, rate_hz: float) -> int:
-        limit = self.description.max_rate_hz
-        if not 0 < rate_hz <= limit:
-            raise DeviceError(
-                f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
-            )
+        self._check_rate(rate_hz)
         return round(rate_hz * 1000)
 
     def _geometry(self, taxels: int) -> tuple[float, ...]:
@@ -216,7 +185,7 @@ class TactileArray:
         told = 0
         while told < taxels:
             ask = _geometry_from(told)
-            answer = self._exchange.ask(ask, Taxels, GEOMETRY_TIMEOUT_S, ATTEMPTS)
+            answer = self._exchange.ask(ask, TaxelPlaces, GEOMETRY_TIMEOUT_S, ATTEMPTS)
             part = self._granted(answer, "say where its taxels are")
             if part.first != told or told + part.count > taxels:
                 raise DeviceError(
@@ -244,8 +213,7 @@ class TactileArray:
         now = self._clock.now()
         problem = self._check.problem(message, body, now)
         if problem is not None:
-            self._misshapen += 1
-            self._stream.refuse(problem)
+            self._refuse(problem)
             return
         tared = bool(message.flags & FrameFlag.TARED)
         self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, body.counts, tared))

@@ -21,7 +21,7 @@ from scipy.ndimage import binary_dilation
 from palpate.errors import InputError
 from palpate.geometry import Bools, Counts, Floats, Ints
 
-__all__ = ["Baseline", "BaselineTracker", "Zeros", "tared"]
+__all__ = ["Baseline", "BaselineTracker", "Zeros", "baseline_of"]
 
 SIGMAS = 4.0
 _BLOCK_S = 0.1
@@ -53,7 +53,7 @@ class Zeros:
     block_of: Ints
 
 
-def tared(counts: Counts, max_count: int, noise_counts: float, usable: Bools | None) -> Baseline:
+def baseline_of(counts: Counts, max_count: int, noise_counts: float, usable: Bools | None) -> Baseline:
     """The baseline from still, untouched frames (n, rows, cols).
 
     `noise_counts` is the calibration's, taken where there are too few frames to measure it. A taxel that

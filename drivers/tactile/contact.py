@@ -18,13 +18,13 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, tared
+from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, baseline_of
 from palpate.drivers.tactile.cylinder import CylinderTip
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
-from palpate.drivers.tactile.pads import Taxels, pad_patches
-from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, joined
-from palpate.drivers.tactile.surface import Surface, surface_of
+from palpate.drivers.tactile.pads import TaxelForces, pad_patches
+from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, concatenated
+from palpate.drivers.tactile.surface import TaxelSurface, surface_of
 from palpate.errors import InputError
 from palpate.geometry import Bools, Counts, Floats
 
@@ -66,7 +66,7 @@ class ContactExtractor:
         """
         c = self._calibration
         counts = np.stack([f.counts for f in frames]) if frames else np.zeros((0, 1, 1), np.uint16)
-        baseline = tared(counts, self._description.max_count, c.noise_counts, c.usable)
+        baseline = baseline_of(counts, self._description.max_count, c.noise_counts, c.usable)
         self._use(baseline, float(np.mean([f.device_time_s for f in frames])))
         return self._baseline
 
@@ -138,7 +138,7 @@ class ContactExtractor:
             pieces.append(self._patches(piece - zeros, doubt, piece >= d.max_count, exact=False))
         if not pieces:
             pieces = [self._patches(np.zeros((0, d.rows, d.cols)), None, np.zeros((0, d.rows, d.cols), bool))]
-        return joined(pieces)
+        return concatenated(pieces)
 
     def _zeros(self, counts: Counts, time_s: Floats) -> tuple[Floats, Floats | None]:
         if self._tracker is None:
@@ -160,10 +160,10 @@ class ContactExtractor:
         drift = np.zeros_like(counts) if doubt_counts is None else doubt_counts * self._n_per_count
         noise = np.broadcast_to(self._n_per_count * self._baseline.noise_counts, counts.shape)
         force = np.where(usable, counts * self._n_per_count, 0.0)
-        return pad_patches(Taxels(force, noise, drift, usable, full), self._surface, self._calibration)
+        return pad_patches(TaxelForces(force, noise, drift, usable, full), self._surface, self._calibration)
 
     @cached_property
-    def _surface(self) -> Surface:
+    def _surface(self) -> TaxelSurface:
         return surface_of(self._description)
 
 

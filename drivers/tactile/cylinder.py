@@ -12,10 +12,10 @@ from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
 from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
 from palpate.drivers.tactile.messages import Description
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known
+from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, nan_where_untouched
 from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
-from palpate.drivers.tactile.templates import Match, Profile, TemplateSet, template_set
-from palpate.drivers.tactile.unobserved_load import beyond, by_shape
+from palpate.drivers.tactile.templates import ColumnProfile, Match, TemplateSet, template_set
+from palpate.drivers.tactile.unobserved_load import load_beyond_edge, log_concave_limit_n
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 
@@ -127,7 +127,7 @@ class CylinderTip:
         weakest = np.maximum(SIGMAS * columns.noise_n, _SOFT_SHARE * strongest)
         loaded = (columns.taxel_n > weakest) & span[:, None, :]
 
-        return known(
+        return nan_where_untouched(
             Patches(
                 touched=touched,
                 angle_rad=angle,
@@ -226,7 +226,7 @@ class CylinderTip:
     def _match(self, columns: Columns, runs: Runs, variance: Floats, missing: float, i: int) -> Match | None:
         """Directions whose templates fit frame i, looked for one by one."""
         first, last = int(runs.first[i]), int(runs.last[i])
-        profile = Profile(columns.force_n[i], variance[i], first, last, missing)
+        profile = ColumnProfile(columns.force_n[i], variance[i], first, last, missing)
         return self._templates.match(profile, MISFIT_SLACK)
 
     def _centroid(self, columns: Columns, span: Bools, beside: Bools, flags: Ints) -> tuple[Floats, Floats]:
@@ -302,7 +302,7 @@ class CylinderTip:
         guessed = np.abs(total - patch.sum(axis=(1, 2)))
         bound: Floats = np.minimum(likely, mean * total) + noise + guessed
         low, high = np.maximum(force - doubt, 0.0), np.where(columns.seen, force + doubt, np.inf)
-        hidden = by_shape(low[:, None], high[:, None])[:, 0]
+        hidden = log_concave_limit_n(low[:, None], high[:, None])[:, 0]
         bound += np.where(span & ~columns.seen, hidden, 0.0).sum(axis=1)
         if doubt_counts is not None:
             bound += (doubt_counts * self._n_per_count * beside[:, None, :]).sum(axis=(1, 2))
@@ -341,7 +341,7 @@ def _past_edge(
     """Load beyond a column at the array's edge where it is `loaded` (n,), and how far out: N, columns."""
     outer = np.maximum(force_n[:, edge] + SIGMAS * np.sqrt(variance[:, edge]), 0.0)
     least = force_n[:, inner] - SIGMAS * np.sqrt(variance[:, inner])
-    load, cells = beyond(np.where(loaded, outer, 0.0), np.where(loaded, least, 1.0))
+    load, cells = load_beyond_edge(np.where(loaded, outer, 0.0), np.where(loaded, least, 1.0))
     return load, cells
 
 

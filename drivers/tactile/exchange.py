@@ -11,9 +11,9 @@ from typing import TypeVar
 from serial.serialutil import SerialBase
 
 from palpate.drivers.tactile.messages import (
-    Answer,
     Body,
     Describe,
+    DeviceAnswer,
     Frame,
     Message,
     MessageType,
@@ -27,14 +27,14 @@ from palpate.drivers.tactile.stream import FrameStream, Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 
-__all__ = ["Exchange"]
+__all__ = ["ArrayExchange"]
 
-_Wanted = TypeVar("_Wanted", bound=Answer)
+_Wanted = TypeVar("_Wanted", bound=DeviceAnswer)
 _OUT_OF_ORDER = (FaultKind.SEQUENCE_GAP, FaultKind.STALE)
 _UNUSABLE = (FaultKind.LENGTH, FaultKind.UNKNOWN_TYPE, FaultKind.PAYLOAD)
 
 
-class Exchange:
+class ArrayExchange:
     """The port of one array: `ask` says a request until it is answered, `on_frame` is handed every frame.
 
     Raises DeviceError, which names field and value, for an answer whose CRC holds and that cannot be used:
@@ -113,7 +113,7 @@ class Exchange:
         def answered() -> bool:
             for message in self._answers:
                 body = message.body
-                if not isinstance(body, Answer):
+                if not isinstance(body, DeviceAnswer):
                     continue
                 if body.request_id not in numbers:
                     self._strays.append(body.request_id)
@@ -156,7 +156,7 @@ class Exchange:
             elif isinstance(item.body, Frame):
                 self._restarts.note(item, now)
                 self._on_frame(item, item.body)
-            elif isinstance(item.body, Answer):
+            elif isinstance(item.body, DeviceAnswer):
                 self.stream.understood()
                 self._answers.append(item)
                 self._look_for_restart(item, now)

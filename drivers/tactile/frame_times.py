@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass
 from statistics import median
 
-__all__ = ["FrameTimes", "Placed"]
+__all__ = ["FrameTime", "FrameTimes"]
 
 _WRAP = 1 << 32
 _REMEMBERED = 16
@@ -18,7 +18,7 @@ _IMPOSSIBLE_S = 10.0  # no stream pauses for so long: the stamp is damaged, or t
 
 
 @dataclass(frozen=True)
-class Placed:
+class FrameTime:
     """Where a frame belongs: its number, with a gap where frames seem to be missing, and its time."""
 
     sequence: int
@@ -42,7 +42,7 @@ class FrameTimes:
         self._fresh = True
         self._steps.clear()
 
-    def place(self, stamp: int) -> Placed | None:
+    def place(self, stamp: int) -> FrameTime | None:
         """Number and time of the next frame; None if it is repeated or its time is impossible.
 
         After an impossible one, times go on from it: if it was the damaged one, one more frame is
@@ -60,7 +60,7 @@ class FrameTimes:
         self._ticks += step
         self.lost += missing
         self._sequence += 1 + missing
-        return Placed(self._sequence, self._ticks * self._tick_s)
+        return FrameTime(self._sequence, self._ticks * self._tick_s)
 
     def _missing(self, step: int) -> int:
         usual = median(self._steps) if len(self._steps) >= _ENOUGH else None

@@ -17,11 +17,11 @@ __all__ = [
     "MAX_TARE_SAMPLES",
     "MAX_TAXELS",
     "Ack",
-    "Answer",
     "BadTaxel",
     "Body",
     "Describe",
     "Description",
+    "DeviceAnswer",
     "Frame",
     "FrameFlag",
     "Geometry",
@@ -31,16 +31,16 @@ __all__ = [
     "Nack",
     "NackReason",
     "Rate",
-    "Report",
     "Request",
     "SelfTest",
+    "SelfTestReport",
     "SelfTestResult",
     "Shape",
     "Start",
     "Stop",
     "Tare",
     "TaxelFault",
-    "Taxels",
+    "TaxelPlaces",
 ]
 
 MAX_LISTED = 255  # taxels in one TAXELS or REPORT
@@ -192,7 +192,7 @@ class BadTaxel:
 
 
 @dataclass(frozen=True)
-class Report:
+class SelfTestReport:
     """Device: what the self-test found. `bad` holds the first 255 of `bad_count` bad taxels."""
 
     request_id: int
@@ -202,7 +202,7 @@ class Report:
 
 
 @dataclass(frozen=True)
-class Taxels:
+class TaxelPlaces:
     """Device: places of taxels from number `first` on.
 
     `places` holds six reals each: position x, y, z (mm) and outward unit normal x, y, z, in the tip frame.
@@ -233,8 +233,8 @@ class Frame:
 
 
 Request: TypeAlias = Hello | Start | Stop | Rate | Tare | SelfTest | Geometry
-Answer: TypeAlias = Describe | Ack | Nack | Report | Taxels
-Body: TypeAlias = Request | Answer | Frame
+DeviceAnswer: TypeAlias = Describe | Ack | Nack | SelfTestReport | TaxelPlaces
+Body: TypeAlias = Request | DeviceAnswer | Frame
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,20 @@ from scipy.ndimage import binary_dilation, binary_propagation, label, uniform_fi
 
 from palpate.drivers.tactile.baseline import SIGMAS
 from palpate.drivers.tactile.centroids import Load, Unseen, centroids
-from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, known, spread_out, untouched
-from palpate.drivers.tactile.surface import Surface
-from palpate.drivers.tactile.unobserved_load import beyond, by_crosstalk, by_shape
+from palpate.drivers.tactile.patches import (
+    Patches,
+    PatchFlag,
+    TipCalibration,
+    nan_where_untouched,
+    scattered,
+    without_contact,
+)
+from palpate.drivers.tactile.surface import TaxelSurface
+from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 
-__all__ = ["Taxels", "pad_patches"]
+__all__ = ["TaxelForces", "pad_patches"]
 
 _PATCH_SHARE = 0.04  # of the strongest taxel: less does not belong to the patch
 _BEYOND_STEPS = 5.0  # half steps between normals that a patch may go on for beyond an edge
@@ -42,7 +49,7 @@ class _Patch:
 
 
 @dataclass(frozen=True, eq=False)
-class Taxels:
+class TaxelForces:
     """What n frames say, each (n, r, c): `force_n` above zero, 0 where not `usable`; `noise_n`: its standard
     deviation; `drift_n`: bound of what the zeros are off by; `full`: at the largest count. Full and dead
     taxels are not usable.
@@ -54,9 +61,9 @@ class Taxels:
     usable: Bools
     full: Bools
 
-    def frames(self, which: Ints) -> "Taxels":
+    def frames(self, which: Ints) -> "TaxelForces":
         """Some of the frames."""
-        return Taxels(**{f.name: getattr(self, f.name)[which] for f in fields(Taxels)})
+        return TaxelForces(**{f.name: getattr(self, f.name)[which] for f in fields(TaxelForces)})
 
     @property
     def doubt_n(self) -> Floats:
@@ -65,16 +72,16 @@ class Taxels:
         return result
 
 
-def pad_patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> Patches:
+def pad_patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> Patches:
     """Patches of n frames."""
     # Most frames of a recording show nothing at all.
     some = np.flatnonzero((taxels.force_n > taxels.doubt_n).any(axis=(1, 2)))
     if not len(some):
-        return untouched(len(taxels.force_n))
-    return spread_out(_patches(taxels.frames(some), surface, calibration), some, len(taxels.force_n))
+        return without_contact(len(taxels.force_n))
+    return scattered(_patches(taxels.frames(some), surface, calibration), some, len(taxels.force_n))
 
 
-def _patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> Patches:
+def _patches(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> Patches:
     found = _strongest(taxels, surface, calibration)
     n = len(taxels.force_n)
     force = taxels.force_n.reshape(n, -1)
@@ -89,7 +96,7 @@ def _patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> P
     force_bound = _force_bound(taxels, found, hidden, calibration)
     force_bound[(full & found.around).any(axis=1)] = np.inf
     nothing = np.full(n, np.nan)
-    return known(
+    return nan_where_untouched(
         Patches(
             touched=touched,
             angle_rad=angle,
@@ -109,7 +116,7 @@ def _patches(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> P
     )
 
 
-def _strongest(taxels: Taxels, surface: Surface, calibration: TipCalibration) -> _Patch:
+def _strongest(taxels: TaxelForces, surface: TaxelSurface, calibration: TipCalibration) -> _Patch:
     """Connected cells above the noise; ones that cannot be seen join what is beside them."""
     taxel_n = taxels.force_n
     n = len(taxel_n)
@@ -134,7 +141,7 @@ def _strongest(taxels: Taxels, surface: Surface, calibration: TipCalibration) ->
     return _Patch(cells, around, others, _cut(taxels, cells, surface, calibration))
 
 
-def _cut(taxels: Taxels, cells: Bools, surface: Surface, calibration: TipCalibration) -> Bools:
+def _cut(taxels: TaxelForces, cells: Bools, surface: TaxelSurface, calibration: TipCalibration) -> Bools:
     """Where a patch's cells on a side bear more than crosstalk from the next ones explains, (4, n)."""
     n = len(cells)
     force, doubt = taxels.force_n.reshape(n, -1), taxels.doubt_n.reshape(n, -1)
@@ -153,7 +160,7 @@ def _cut(taxels: Taxels, cells: Bools, surface: Surface, calibration: TipCalibra
     return out
 
 
-def _shown_together(taxels: Taxels) -> Bools:
+def _shown_together(taxels: TaxelForces) -> Bools:
     """Cells whose mean with their eight neighbours is above the noise: broad, weak load."""
     mean = uniform_filter(taxels.force_n, (3, 3), axes=(1, 2), mode="constant")
     noise = uniform_filter(taxels.noise_n, (3, 3), axes=(1, 2), mode="constant") / 3
@@ -162,18 +169,18 @@ def _shown_together(taxels: Taxels) -> Bools:
     return result
 
 
-def _hidden_n(taxels: Taxels, calibration: TipCalibration) -> Floats:
+def _hidden_n(taxels: TaxelForces, calibration: TipCalibration) -> Floats:
     """The most that each cell can bear without being seen, (n, r, c) N; inf if nothing says."""
     spread, doubt = calibration.spreads, taxels.doubt_n
     force = np.maximum(taxels.force_n, 0.0)
     high = np.where(taxels.usable, (force + doubt) / (1 - spread), np.inf)
     low = np.where(taxels.usable, np.maximum(force - doubt, 0.0) / (1 + spread), 0.0)
-    shared = by_crosstalk(high, calibration.crosstalk - calibration.crosstalk_bound)
-    return np.minimum(shared, by_shape(low, high))
+    shared = crosstalk_limit_n(high, calibration.crosstalk - calibration.crosstalk_bound)
+    return np.minimum(shared, log_concave_limit_n(low, high))
 
 
 def _position(
-    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, calibration: TipCalibration
+    taxels: TaxelForces, found: _Patch, hidden: Floats, surface: TaxelSurface, calibration: TipCalibration
 ) -> tuple[Floats, Floats]:
     """Centroid and its bounds, both (n, 3) mm."""
     n = len(hidden)
@@ -203,7 +210,7 @@ def _position(
 
 
 def _unseen(
-    found: _Patch, hidden: Floats, surface: Surface, axis: int, beyond_sides: list[tuple[Floats, Floats]]
+    found: _Patch, hidden: Floats, surface: TaxelSurface, axis: int, beyond_sides: list[tuple[Floats, Floats]]
 ) -> Unseen:
     """Load on cells that cannot be seen, and beyond the array's four sides, along one axis."""
     place, half = surface.place_mm[:, axis], float(surface.half_mm[axis])
@@ -228,7 +235,7 @@ def _unseen(
 
 
 def _beyond_sides(
-    taxels: Taxels, found: _Patch, hidden: Floats, surface: Surface, calibration: TipCalibration
+    taxels: TaxelForces, found: _Patch, hidden: Floats, surface: TaxelSurface, calibration: TipCalibration
 ) -> list[tuple[Floats, Floats]]:
     """For each side the load beyond it, and how far out it is centred at most, each (n,): N, cells."""
     n = len(found.cells)
@@ -245,12 +252,12 @@ def _beyond_sides(
         outer_n, outer_doubt = line(found.around & side)
         inner_n, inner_doubt = line(found.around & inner)
         most = np.maximum(outer_n + outer_doubt, 0.0) + np.where(side, hidden, 0.0).sum(axis=1)
-        load, reach = beyond(np.where(cut, most, 0.0), np.maximum(inner_n - inner_doubt, 0.0))
+        load, reach = load_beyond_edge(np.where(cut, most, 0.0), np.maximum(inner_n - inner_doubt, 0.0))
         sides.append((load, reach))
     return sides
 
 
-def _directions(force: Floats, found: _Patch, surface: Surface) -> tuple[Floats, Floats, Floats]:
+def _directions(force: Floats, found: _Patch, surface: TaxelSurface) -> tuple[Floats, Floats, Floats]:
     """Middle and half of the range of directions, and the patch's width, each (n,) rad."""
     n = len(force)
     if surface.flat:
@@ -287,7 +294,7 @@ def _flags(found: _Patch, seen: Bools, full: Bools) -> Ints:
     return result
 
 
-def _force_bound(taxels: Taxels, found: _Patch, hidden: Floats, calibration: TipCalibration) -> Floats:
+def _force_bound(taxels: TaxelForces, found: _Patch, hidden: Floats, calibration: TipCalibration) -> Floats:
     """Bound of the force (n,) N: gains, noise, drift and unseen cells."""
     n, spread = len(hidden), calibration.spreads.ravel()
     force = taxels.force_n.reshape(n, -1)

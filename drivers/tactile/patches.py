@@ -7,7 +7,6 @@ the tip's lower end; angle 0 at the array's middle, counter-clockwise seen from 
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +18,10 @@ __all__ = [
     "PatchFlag",
     "Patches",
     "TipCalibration",
-    "joined",
-    "known",
-    "spread_out",
-    "untouched",
+    "concatenated",
+    "nan_where_untouched",
+    "scattered",
+    "without_contact",
 ]
 
 
@@ -141,20 +140,27 @@ class Patches:
         return ContactPatch(**said)
 
 
-def known(patches: Patches) -> Patches:
-    """The same with nan, and no flags, where nothing is touched."""
-    return _kept(patches, patches.touched)
+def nan_where_untouched(patches: Patches) -> Patches:
+    """The same with nan, and no flags, in frames without contact."""
+    touched = patches.touched
+    values = {f.name: getattr(patches, f.name) for f in fields(Patches)}
+    masked = {
+        name: np.where(touched.reshape(-1, *[1] * (value.ndim - 1)), value, np.nan)
+        for name, value in values.items()
+    }
+    flags = np.where(touched, patches.flags, 0).astype(np.uint8)
+    return Patches(**(masked | {"touched": touched, "flags": flags}))
 
 
-def spread_out(patches: Patches, rows: Ints, count: int) -> Patches:
+def scattered(patches: Patches, rows: Ints, count: int) -> Patches:
     """The same as rows of `count` frames, of which the others are not touched."""
-    out = untouched(count)
+    out = without_contact(count)
     for f in fields(Patches):
         getattr(out, f.name)[rows] = getattr(patches, f.name)
     return out
 
 
-def untouched(count: int) -> Patches:
+def without_contact(count: int) -> Patches:
     """`count` frames in which nothing is touched."""
     nothing = {f.name: np.full(count, np.nan) for f in fields(Patches)}
     sides = {name: np.full((count, 3), np.nan) for name in ("position_mm", "position_bound_mm")}
@@ -163,15 +169,6 @@ def untouched(count: int) -> Patches:
     )
 
 
-def joined(pieces: Sequence[Patches]) -> Patches:
+def concatenated(pieces: Sequence[Patches]) -> Patches:
     """One after the other."""
     return Patches(**{f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Patches)})
-
-
-def _kept(patches: Patches, keep: Bools) -> Patches:
-    out: dict[str, Any] = {}
-    for f in fields(Patches):
-        values = getattr(patches, f.name)
-        out[f.name] = np.where(keep.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
-    out["touched"], out["flags"] = keep, np.where(keep, patches.flags, 0).astype(np.uint8)
-    return Patches(**out)

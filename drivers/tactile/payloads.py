@@ -23,15 +23,15 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     SelfTest,
+    SelfTestReport,
     SelfTestResult,
     Shape,
     Start,
     Stop,
     Tare,
     TaxelFault,
-    Taxels,
+    TaxelPlaces,
 )
 
 __all__ = ["MAX_PAYLOAD", "pack", "request_id", "unpack"]
@@ -60,8 +60,11 @@ def request_id(payload: bytes) -> int | None:
 
 def pack(body: Body) -> tuple[MessageType, bytes]:
     """Return a body's type and payload. Raises ValueError if a field does not fit its place."""
-    kind, writer = _PACK[type(body)]
     try:
+        if type(body) in _FIXED:
+            kind, form = _FIXED[type(body)]
+            return kind, form.pack(*vars(body).values())
+        kind, writer = _PACK[type(body)]
         return kind, writer(body)
     except (struct.error, OverflowError) as problem:
         raise ValueError(f"field out of range in {body!r}: {problem}") from problem
@@ -76,6 +79,10 @@ def unpack(kind: int, payload: bytes) -> Body | None:
         return reader(payload)
     except struct.error as problem:
         raise ValueError(f"a payload of {len(payload)} bytes: {problem}") from problem
+
+
+def _reader(body: Callable[..., Body], form: struct.Struct) -> Callable[[bytes], Body]:
+    return lambda payload: body(*form.unpack(payload))
 
 
 def _pack_frame(body: Frame) -> bytes:
@@ -163,14 +170,14 @@ def _text(name: bytes) -> str:
         raise ValueError(f"firmware name {ascii(name)[1:]} (allowed: UTF-8)") from problem
 
 
-def _pack_report(body: Report) -> bytes:
+def _pack_report(body: SelfTestReport) -> bytes:
     if len(body.bad) != min(body.bad_count, MAX_LISTED):
         raise ValueError(f"a list of {len(body.bad)} taxels where {body.bad_count} are bad")
     told = (_BAD_TAXEL.pack(bad.row, bad.col, bad.fault) for bad in body.bad)
     return _REPORT.pack(body.request_id, body.result, body.bad_count) + b"".join(told)
 
 
-def _unpack_report(payload: bytes) -> Report:
+def _unpack_report(payload: bytes) -> SelfTestReport:
     request, result, count = _REPORT.unpack_from(payload)
     told = payload[_REPORT.size :]
     if len(told) != _BAD_TAXEL.size * min(count, MAX_LISTED):
@@ -179,10 +186,10 @@ def _unpack_report(payload: bytes) -> Report:
     if unknown:
         raise ValueError(f"kind {min(unknown)} of a bad taxel (allowed: 1 to {max(_TAXEL_FAULTS)})")
     bad = tuple(BadTaxel(row, col, TaxelFault(kind)) for row, col, kind in _BAD_TAXEL.iter_unpack(told))
-    return Report(request, SelfTestResult(result), count, bad)
+    return SelfTestReport(request, SelfTestResult(result), count, bad)
 
 
-def _pack_taxels(body: Taxels) -> bytes:
+def _pack_taxels(body: TaxelPlaces) -> bytes:
     if not 1 <= body.count <= MAX_LISTED or len(body.places) % REALS_PER_TAXEL:
         raise ValueError(f"{len(body.places)} reals, which are not six each for 1..{MAX_LISTED} taxels")
     problem = unusable_places(body.places)
@@ -192,7 +199,7 @@ def _pack_taxels(body: Taxels) -> bytes:
     return _TAXELS.pack(body.request_id, body.first, body.count) + reals
 
 
-def _unpack_taxels(payload: bytes) -> Taxels:
+def _unpack_taxels(payload: bytes) -> TaxelPlaces:
     request, first, count = _TAXELS.unpack_from(payload)
     if count == 0 or len(payload) != _TAXELS.size + 4 * REALS_PER_TAXEL * count:
         raise ValueError(f"count {count} of taxels in a payload of {len(payload)} bytes")
@@ -200,35 +207,31 @@ def _unpack_taxels(payload: bytes) -> Taxels:
     problem = unusable_places(places)
     if problem is not None:
         raise ValueError(problem)
-    return Taxels(request, first, places)
+    return TaxelPlaces(request, first, places)
 
+
+_FIXED: dict[type[Body], tuple[MessageType, struct.Struct]] = {
+    Hello: (MessageType.HELLO, _REQUEST),
+    Start: (MessageType.START, _RATE),
+    Stop: (MessageType.STOP, _REQUEST),
+    Rate: (MessageType.RATE, _RATE),
+    Tare: (MessageType.TARE, _TARE),
+    SelfTest: (MessageType.SELF_TEST, _REQUEST),
+    Geometry: (MessageType.GEOMETRY, _GEOMETRY),
+    Ack: (MessageType.ACK, _REQUEST),
+    Nack: (MessageType.NACK, _NACK),
+}
+"""Bodies whose fields are the numbers of their payload, in order."""
 
 _PACK: dict[type[Body], tuple[MessageType, Callable[[Any], bytes]]] = {
-    Hello: (MessageType.HELLO, lambda b: _REQUEST.pack(b.request_id)),
-    Start: (MessageType.START, lambda b: _RATE.pack(b.request_id, b.rate_mhz)),
-    Stop: (MessageType.STOP, lambda b: _REQUEST.pack(b.request_id)),
-    Rate: (MessageType.RATE, lambda b: _RATE.pack(b.request_id, b.rate_mhz)),
-    Tare: (MessageType.TARE, lambda b: _TARE.pack(b.request_id, b.samples, b.pedestal)),
-    SelfTest: (MessageType.SELF_TEST, lambda b: _REQUEST.pack(b.request_id)),
-    Geometry: (MessageType.GEOMETRY, lambda b: _GEOMETRY.pack(b.request_id, b.first)),
     Describe: (MessageType.DESCRIBE, _pack_describe),
-    Ack: (MessageType.ACK, lambda b: _REQUEST.pack(b.request_id)),
-    Nack: (MessageType.NACK, lambda b: _NACK.pack(b.request_id, b.reason)),
-    Report: (MessageType.REPORT, _pack_report),
-    Taxels: (MessageType.TAXELS, _pack_taxels),
+    SelfTestReport: (MessageType.REPORT, _pack_report),
+    TaxelPlaces: (MessageType.TAXELS, _pack_taxels),
     Frame: (MessageType.FRAME, _pack_frame),
 }
-
 _UNPACK: dict[int, Callable[[bytes], Body]] = {
-    MessageType.HELLO: lambda p: Hello(*_REQUEST.unpack(p)),
-    MessageType.START: lambda p: Start(*_RATE.unpack(p)),
-    MessageType.STOP: lambda p: Stop(*_REQUEST.unpack(p)),
-    MessageType.RATE: lambda p: Rate(*_RATE.unpack(p)),
-    MessageType.TARE: lambda p: Tare(*_TARE.unpack(p)),
-    MessageType.SELF_TEST: lambda p: SelfTest(*_REQUEST.unpack(p)),
-    MessageType.GEOMETRY: lambda p: Geometry(*_GEOMETRY.unpack(p)),
+    **{kind: _reader(body, form) for body, (kind, form) in _FIXED.items()},
     MessageType.DESCRIBE: _unpack_describe,
-    MessageType.ACK: lambda p: Ack(*_REQUEST.unpack(p)),
     MessageType.NACK: _unpack_nack,
     MessageType.REPORT: _unpack_report,
     MessageType.TAXELS: _unpack_taxels,

@@ -11,11 +11,11 @@ from palpate.drivers.tactile.messages import Description, Shape
 from palpate.geometry import Bools, Floats
 from palpate.geometry.plane import wrap_angle
 
-__all__ = ["Surface", "surface_of"]
+__all__ = ["TaxelSurface", "surface_of"]
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class TaxelSurface:
     """k = rows · cols cells in the tip frame, row by row.
 
     `place_mm` (k, 3) are their middles; within `half_mm` (3,) of it, by axis, a cell's load lies. `area_mm2`
@@ -36,7 +36,7 @@ class Surface:
     step_mm: Floats
 
 
-def surface_of(description: Description) -> Surface:
+def surface_of(description: Description) -> TaxelSurface:
     """The cells of a flat or free array."""
     d = description
     place = d.positions_mm()
@@ -51,7 +51,7 @@ def surface_of(description: Description) -> Surface:
     turns = np.concatenate([np.diff(azimuth, axis=axis).ravel() for axis in (0, 1)] + [np.zeros(1)])
     turns = np.abs(wrap_angle(turns))
     row, col = np.indices((d.rows, d.cols)).reshape(2, -1)
-    return Surface(
+    return TaxelSurface(
         flat=d.shape is Shape.FLAT,
         place_mm=place.reshape(-1, 3),
         half_mm=half,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry import Bools, Floats, Singles
 
-__all__ = ["Match", "Profile", "TemplateSet", "template_set"]
+__all__ = ["ColumnProfile", "Match", "TemplateSet", "template_set"]
 
 _REACH_RAD = math.radians(75.0)  # of a template on either side of its middle; no contact reaches as far
 _LEAST_REACH, _MOST_REACH = 3, 20  # columns
@@ -43,7 +43,7 @@ _REFERENCE_DEPTH = 0.1  # tip radii at which linear and foundation stiffness agr
 
 
 @dataclass(frozen=True)
-class Profile:
+class ColumnProfile:
     """Measured forces of the columns, each of shape (cols,): N, and the variance of its error in N².
 
     A column of infinite variance is not looked at. `missing_n` bounds the force of the patch that the array
@@ -141,7 +141,7 @@ class TemplateSet:
         """What lies between one template and the next: to be added to a range on either side."""
         return 0.75 / _STEPS_PER_COLUMN
 
-    def match(self, profile: Profile, slack: float) -> Match | None:
+    def match(self, profile: ColumnProfile, slack: float) -> Match | None:
         """Return the hull of directions whose misfit is within `slack` of the best, if any is possible.
 
         Misfit is the sum of squared errors over their variances, the amplitude being free.
@@ -190,7 +190,7 @@ def template_set(
     )
 
 
-def _misfits(profile: Profile, centres: NDArray[np.int_], cells: Singles, squares: Singles) -> Floats:
+def _misfits(profile: ColumnProfile, centres: NDArray[np.int_], cells: Singles, squares: Singles) -> Floats:
     """Squared errors over variances of templates centred in each column, shape (centres, templates)."""
     reach = cells.shape[1] // 2
     columns = centres[:, None] + np.arange(-reach, reach + 1)

@@ -12,12 +12,12 @@ import numpy as np
 
 from palpate.geometry import Floats
 
-__all__ = ["beyond", "by_crosstalk", "by_shape"]
+__all__ = ["crosstalk_limit_n", "load_beyond_edge", "log_concave_limit_n"]
 
 _STEADY = 0.9  # a ratio above it may go on for ever
 
 
-def by_crosstalk(shown_n: Floats, least_share: float) -> Floats:
+def crosstalk_limit_n(shown_n: Floats, least_share: float) -> Floats:
     """The most that each cell can bear, (n, r, c) N.
 
     `shown_n` (n, r, c): the most that its neighbours really show, inf where they cannot be seen;
@@ -32,7 +32,7 @@ def by_crosstalk(shown_n: Floats, least_share: float) -> Floats:
     return result
 
 
-def by_shape(low_n: Floats, high_n: Floats) -> Floats:
+def log_concave_limit_n(low_n: Floats, high_n: Floats) -> Floats:
     """The most that each cell of a log-concave load can bear, (n, r, c) N; inf where nothing says.
 
     `low_n`, `high_n` (n, r, c): limits of the other cells' loads; 0 and inf where they cannot be seen.
@@ -54,7 +54,7 @@ def _ratio(near: Floats, far: Floats) -> Floats:
     return np.where(known, square / np.where(known, far, 1.0), np.inf)
 
 
-def beyond(outer_n: Floats, inner_n: Floats) -> tuple[Floats, Floats]:
+def load_beyond_edge(outer_n: Floats, inner_n: Floats) -> tuple[Floats, Floats]:
     """Load beyond an edge, and how many cells beyond the outermost one it is centred at most; both (n,).
 
     `outer_n`: the most that the outermost line of cells bears; `inner_n`: the least that the next one does.

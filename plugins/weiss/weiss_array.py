@@ -4,7 +4,7 @@ and losses come from their stamps (`frame_times`). A texel at the matrix's full 
 largest count.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Collection
 from enum import IntEnum
 
@@ -12,7 +12,6 @@ import numpy as np
 from serial.serialutil import SerialBase
 
 from palpate.plugins import (
-    ArrayCounters,
     Clock,
     Counts,
     Description,
@@ -21,6 +20,7 @@ from palpate.plugins import (
     FrameTimes,
     Mounting,
     Port,
+    StreamedArray,
     TactileFrame,
     printable,
 )
@@ -55,7 +55,7 @@ _LONGEST_ANSWER = 256  # bytes, other than frames: tags and descriptors are the 
 _BIT_DEPTH = 12
 
 
-class WeissArray(ABC):
+class WeissArray(StreamedArray):
     """An `ArrayDriver` but for what the two dialects say differently."""
 
     _dialect: WeissDialect
@@ -65,33 +65,21 @@ class WeissArray(ABC):
         self, port: SerialBase | Port, clock: Clock, name: str, mounting: Mounting, matrix: int = 0
     ) -> None:
         """`name` is the finger's. `matrix`: which one is on its tip, of a device that has several."""
-        self._stream = FrameStream(port, clock, name, self._take)
-        self._clock = clock
+        super().__init__(FrameStream(port, clock, name, self._take), clock)
         self._mounting = mounting
         self._matrix = matrix
         self._decoder = WeissDecoder(self._dialect)
         self._answers: list[WeissPacket] = []
-        self._description: Description | None = None
         self._matrices: tuple[MatrixInfo, ...] = ()
         self._times: FrameTimes | None = None
         self._asked_again = False
         self._lost_before = 0
-        self._misshapen = 0
 
     @property
-    def description(self) -> Description:
-        """What the array said of itself, with its mounting; raises DeviceError before `connect`."""
-        if self._description is None:
-            raise DeviceError(f"{self._stream.where} has not been asked what it is; call connect() first")
-        return self._description
-
-    @property
-    def counters(self) -> ArrayCounters:
-        """Frames taken and everything that did not become a frame; `lost` is estimated from stamps."""
+    def _lost_and_faults(self) -> tuple[int, int]:
+        """`lost` is estimated from stamps."""
         lost = self._lost_before + (self._times.lost if self._times else 0)
-        faults = sum(self._decoder.faults.values())
-        stream = self._stream
-        return ArrayCounters(stream.received, lost, faults, self._misshapen, stream.dropped)
+        return lost, sum(self._decoder.faults.values())
 
     def connect(self) -> Description:
         """Ask the array what it is; a running stream stops. Raises DeviceError if nothing answers.
@@ -119,30 +107,13 @@ class WeissArray(ABC):
 
     def start(self, rate_hz: float) -> None:
         """Stream frames at `rate_hz`, or as near to it as the array can; DeviceError if it refuses."""
-        limit = self.description.max_rate_hz
-        if not 0 < rate_hz <= limit:
-            raise DeviceError(
-                f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
-            )
+        self._check_rate(rate_hz)
         self._stream.expect(self._arriving_hz(rate_hz), frame_size(self._cells))
         self._begin(rate_hz)
 
     @abstractmethod
     def stop(self) -> None:
         """Stop the stream; frames that were on their way stay readable."""
-
-    def frames(self) -> list[TactileFrame]:
-        """Return every frame that has arrived, oldest first, without waiting."""
-        return self._stream.frames()
-
-    def wait_frame(self, timeout_s: float) -> TactileFrame:
-        """Return the oldest unread frame, waiting up to `timeout_s`; raises DeviceError if none comes."""
-        return self._stream.wait_frame(timeout_s)
-
-    @property
-    def silence(self) -> str:
-        """What came since the last frame, for messages: "nothing", or what is no frame."""
-        return self._stream.silence
 
     def _arriving_hz(self, rate_hz: float) -> float:
         """Frames a second that may come where `rate_hz` are asked for."""
@@ -260,10 +231,6 @@ class WeissArray(ABC):
             return
         host_s = self._clock.now()
         self._stream.push(TactileFrame(placed.sequence, placed.time_s, host_s, self._on_tip(raw)))
-
-    def _refuse(self, reason: str) -> None:
-        self._misshapen += 1
-        self._stream.refuse(reason)
 
     def _on_tip(self, raw: RawFrame) -> Counts:
         number = self._matrix

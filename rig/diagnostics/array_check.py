@@ -9,7 +9,7 @@ from palpate.config import FingerConfig
 from palpate.config.check_result import ArrayCheckOut
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
-from palpate.drivers.tactile.messages import BadTaxel, Description, Report, SelfTestResult
+from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestReport, SelfTestResult
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, counted
@@ -93,7 +93,7 @@ def _left_out(spec: FingerConfig) -> Collection[tuple[int, int]]:
     return () if spec.array.taxels is None else spec.array.taxels.unusable
 
 
-def _complaints(report: Report, *, taxels: bool) -> list[str]:
+def _complaints(report: SelfTestReport, *, taxels: bool) -> list[str]:
     """What a self-test found, in words; of its taxels only if asked."""
     parts = [str(part.name).replace("_", " ").lower() for part in SelfTestResult if part in report.result]
     parts = [part for part in parts if part != "taxels"]

@@ -17,15 +17,15 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     SelfTest,
+    SelfTestReport,
     SelfTestResult,
     Shape,
     Start,
     Stop,
     Tare,
     TaxelFault,
-    Taxels,
+    TaxelPlaces,
 )
 
 u8, u16, u32, u64 = (st.integers(0, 2**n - 1) for n in (8, 16, 32, 64))
@@ -82,11 +82,11 @@ def places(draw: st.DrawFn) -> tuple[float, ...]:
 
 
 @st.composite
-def reports(draw: st.DrawFn) -> Report:
+def reports(draw: st.DrawFn) -> SelfTestReport:
     """Any report; its list is short, or as long as it can be."""
     count = draw(st.one_of(st.integers(0, 4), st.sampled_from([254, 255, 256, 4096])))
     one = draw(st.builds(BadTaxel, u8, u8, st.sampled_from(TaxelFault)))
-    return Report(draw(u16), SelfTestResult(draw(u16)), count, (one,) * min(count, 255))
+    return SelfTestReport(draw(u16), SelfTestResult(draw(u16)), count, (one,) * min(count, 255))
 
 
 bodies: st.SearchStrategy[Body] = st.one_of(
@@ -101,6 +101,6 @@ bodies: st.SearchStrategy[Body] = st.one_of(
     st.builds(Nack, u16, st.sampled_from(NackReason)),
     st.builds(Describe, u16, descriptions()),
     reports(),
-    st.builds(Taxels, u16, u16, places()),
+    st.builds(TaxelPlaces, u16, u16, places()),
     frames(),
 )

@@ -16,15 +16,15 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     SelfTest,
+    SelfTestReport,
     SelfTestResult,
     Shape,
     Start,
     Stop,
     Tare,
     TaxelFault,
-    Taxels,
+    TaxelPlaces,
 )
 
 
@@ -111,10 +111,10 @@ VECTORS = {
         wire(0x90, 6, 9250, struct.pack("<BB2H", 1, 2, 64, 70), flags=1),
     ),
     "REPORT": (
-        Message(3, 400, Report(6, SelfTestResult.TAXELS, 2, BAD)),
+        Message(3, 400, SelfTestReport(6, SelfTestResult.TAXELS, 2, BAD)),
         wire(0x84, 3, 400, REPORT_PAYLOAD),
     ),
-    "TAXELS": (Message(4, 450, Taxels(7, 0, PLACES)), wire(0x85, 4, 450, TAXELS_PAYLOAD)),
+    "TAXELS": (Message(4, 450, TaxelPlaces(7, 0, PLACES)), wire(0x85, 4, 450, TAXELS_PAYLOAD)),
     "NACK, BAD_VERSION": (
         Message(5, 500, Nack(8, NackReason.BAD_VERSION)),
         wire(0x83, 5, 500, b"\x08\x00\x06"),

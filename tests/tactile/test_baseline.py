@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.baseline import Baseline, BaselineTracker, Zeros, tared
+from palpate.drivers.tactile.baseline import Baseline, BaselineTracker, Zeros, baseline_of
 from palpate.errors import InputError
 
 ROWS, COLS = 6, 7
@@ -53,7 +53,7 @@ def read(zeros: np.ndarray, load: np.ndarray, rng: np.random.Generator, noise: f
 def tracker(drift: float, rng: np.random.Generator, noise: float = NOISE) -> BaselineTracker:
     """A tracker, just tared at zeros of 500 counts."""
     frames = read(np.full((TARE, *SHAPE), OFFSET), np.zeros(SHAPE), rng, noise)
-    return BaselineTracker(tared(frames, 4095, noise, None), drift)
+    return BaselineTracker(baseline_of(frames, 4095, noise, None), drift)
 
 
 def outside(zeros: Zeros, truth: np.ndarray, slack: float = 0.5) -> float:
@@ -294,13 +294,13 @@ def test_dead_taxels_hold_nobody_and_unusable_ones_are_left_out() -> None:
 
 def test_tare_needs_frames_and_judges_noise_only_with_enough() -> None:
     with pytest.raises(InputError, match="no frames"):
-        tared(np.zeros((0, *SHAPE), np.uint16), 4095, NOISE, None)
-    few = tared(np.full((2, *SHAPE), int(OFFSET), np.uint16), 4095, NOISE, None)
+        baseline_of(np.zeros((0, *SHAPE), np.uint16), 4095, NOISE, None)
+    few = baseline_of(np.full((2, *SHAPE), int(OFFSET), np.uint16), 4095, NOISE, None)
     assert few.noise_counts >= NOISE
     assert few.usable.all()
     rng = np.random.default_rng(11)
     many = read(np.full((200, *SHAPE), OFFSET), np.zeros(SHAPE), rng, 3.0)
     many[:, 1, 1], many[:, 2, 2] = 4095, int(OFFSET)
-    found = tared(many, 4095, NOISE, None)
+    found = baseline_of(many, 4095, NOISE, None)
     assert {tuple(map(int, p)) for p in np.argwhere(~found.usable)} == {(1, 1), (2, 2)}
     assert found.noise_counts == pytest.approx(3.0, rel=0.05)

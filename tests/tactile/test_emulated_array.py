@@ -21,15 +21,15 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     SelfTest,
+    SelfTestReport,
     SelfTestResult,
     Start,
     Stop,
     Tare,
     TaxelFault,
+    TaxelPlaces,
 )
-from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
 from palpate.drivers.tactile.protocol import Decoder, encode
 from palpate.errors import DeviceError
 
@@ -157,7 +157,7 @@ def test_the_self_test_finds_dead_and_hot_taxels() -> None:
         BadTaxel(4, 4, TaxelFault.STUCK_HIGH),
         BadTaxel(7, 19, TaxelFault.STUCK_LOW),
     )
-    assert answer.body == Report(8, SelfTestResult.TAXELS, 3, bad)
+    assert answer.body == SelfTestReport(8, SelfTestResult.TAXELS, 3, bad)
 
 
 @pytest.mark.parametrize("depth", [4, 8, 12, 16])
@@ -165,14 +165,14 @@ def test_the_self_test_of_good_taxels_finds_nothing_at_any_depth(depth: int) -> 
     most = (1 << depth) - 1
     description = replace(DESCRIPTION, bit_depth=depth, counts_per_n=float(most))
     array = emulated(Taxels(description, seed=1, noise_counts=most / 2000, gain_spread=0.3), self_test_s=0.0)
-    assert told(array, SelfTest(1)) == Report(1, SelfTestResult(0), 0, ())
+    assert told(array, SelfTest(1)) == SelfTestReport(1, SelfTestResult(0), 0, ())
 
 
 def test_the_list_of_bad_taxels_ends_at_255() -> None:
     wide = replace(DESCRIPTION, rows=16, row_heights_mm=tuple(map(float, range(16))))
     array = emulated(Taxels(wide, seed=1, noise_counts=400.0), self_test_s=0.0)
     report = told(array, SelfTest(1))
-    assert isinstance(report, Report)
+    assert isinstance(report, SelfTestReport)
     assert report.bad_count == 320
     assert len(report.bad) == 255
     assert set(report.bad) == {BadTaxel(k // 20, k % 20, TaxelFault.UNSTEADY) for k in range(255)}
@@ -186,7 +186,7 @@ def test_what_arrives_during_a_self_test_waits_for_its_turn() -> None:
     answers = array.poll(1.3)
     assert [at for at, _ in answers] == [1.25] * 3
     bodies = [m.body for m in Decoder().feed(b"".join(data for _, data in answers)) if isinstance(m, Message)]
-    assert bodies == [Report(1, SelfTestResult(0), 0, ()), Ack(2), Ack(3)]
+    assert bodies == [SelfTestReport(1, SelfTestResult(0), 0, ()), Ack(2), Ack(3)]
     assert array.next_due() is None
 
 
@@ -195,7 +195,7 @@ def test_a_broken_converter_is_reported_and_streams_nothing() -> None:
     assert told(array, Start(1, RATE)) == Nack(1, NackReason.HARDWARE)
     assert told(array, Start(2, 0)) == Nack(2, NackReason.BAD_RATE)
     report = told(array, SelfTest(3))
-    assert isinstance(report, Report)
+    assert isinstance(report, SelfTestReport)
     assert SelfTestResult.CONVERTER in report.result
 
 
@@ -216,8 +216,8 @@ def test_numbers_begin_with_0_and_hello_does_not_set_them_back() -> None:
 def test_places_of_a_free_array() -> None:
     array = EmulatedArray(Taxels(replace(FREE, geometry=PLACES), seed=0))
     assert told(array, Hello(1)) == Describe(1, FREE)
-    assert told(array, Geometry(2, 0)) == TaxelsMessage(2, 0, PLACES)
-    assert told(array, Geometry(3, 1)) == TaxelsMessage(3, 1, PLACES[6:])
+    assert told(array, Geometry(2, 0)) == TaxelPlaces(2, 0, PLACES)
+    assert told(array, Geometry(3, 1)) == TaxelPlaces(3, 1, PLACES[6:])
     assert told(array, Geometry(4, 2)) == Nack(4, NackReason.BAD_PAYLOAD)
     with pytest.raises(DeviceError, match="not known"):
         EmulatedArray(Taxels(FREE, seed=0))
@@ -228,7 +228,7 @@ def test_places_of_a_cylinder_are_those_that_describe_implies() -> None:
     places: list[float] = []
     while len(places) < 6 * DESCRIPTION.taxels:
         part = told(array, Geometry(1, len(places) // 6))
-        assert isinstance(part, TaxelsMessage)
+        assert isinstance(part, TaxelPlaces)
         places += part.places
     got = np.reshape(places, (8, 20, 6))
     np.testing.assert_allclose(got[..., :3], DESCRIPTION.positions_mm(), atol=1e-5)

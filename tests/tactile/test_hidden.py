@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.drivers.tactile.unobserved_load import beyond, by_crosstalk, by_shape
+from palpate.drivers.tactile.unobserved_load import crosstalk_limit_n, load_beyond_edge, log_concave_limit_n
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -39,7 +39,7 @@ def test_a_hidden_cell_never_bears_more_than_the_shape_allows(seed: int) -> None
     load = sheet(rng, 6, 7)
     hidden = rng.random(load.shape) < 0.15
     low, high = np.where(hidden, 0.0, load)[None], np.where(hidden, np.inf, load)[None]
-    limit = by_shape(low, high)[0]
+    limit = log_concave_limit_n(low, high)[0]
     assert (load <= limit * (1 + 1e-9)).all()
 
 
@@ -48,8 +48,8 @@ def test_wider_limits_allow_more(seed: int) -> None:
     rng = np.random.default_rng(seed)
     load = sheet(rng, 5, 6)[None]
     doubt = rng.uniform(0, 0.2, load.shape)
-    sharp = by_shape(load, load)
-    loose = by_shape(load * (1 - doubt), load * (1 + doubt))
+    sharp = log_concave_limit_n(load, load)
+    loose = log_concave_limit_n(load * (1 - doubt), load * (1 + doubt))
     assert (sharp <= loose * (1 + 1e-9)).all()
 
 
@@ -58,10 +58,10 @@ def test_the_shape_says_what_two_neighbours_say() -> None:
     high = line.copy()
     low = line.copy()
     low[..., 3], high[..., 3] = 0.0, np.inf
-    assert by_shape(low, high)[0, 0, 3] == pytest.approx(4.0**2 / 1.0)
+    assert log_concave_limit_n(low, high)[0, 0, 3] == pytest.approx(4.0**2 / 1.0)
     # The neighbour or the one after it cannot be seen: nothing says.
     low[..., [1, 5]], high[..., [1, 5]] = 0.0, np.inf
-    assert np.isinf(by_shape(low, high)[0, 0, 3])
+    assert np.isinf(log_concave_limit_n(low, high)[0, 0, 3])
 
 
 @given(seeds)
@@ -72,12 +72,12 @@ def test_crosstalk_never_hides_a_load(seed: int) -> None:
     padded = np.pad(load, 1)
     neighbours = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
     shown = load * (1 - 4 * share) + share * neighbours
-    limit = by_crosstalk(np.where(hidden, np.inf, shown)[None], share * rng.uniform(0.5, 1.0))[0]
+    limit = crosstalk_limit_n(np.where(hidden, np.inf, shown)[None], share * rng.uniform(0.5, 1.0))[0]
     assert (load <= limit * (1 + 1e-9)).all()
 
 
 def test_without_crosstalk_nothing_shows() -> None:
-    assert np.isinf(by_crosstalk(np.zeros((1, 2, 3)), 0.0)).all()
+    assert np.isinf(crosstalk_limit_n(np.zeros((1, 2, 3)), 0.0)).all()
 
 
 @given(seeds, st.floats(0.0, 0.2))
@@ -89,7 +89,7 @@ def test_what_lies_beyond_is_no_more_than_the_limit(seed: int, doubt: float) -> 
         if line[: edge + 1].sum() == 0:  # not seen at all
             continue
         outer, inner = line[edge] * (1 + doubt), line[edge - 1] * (1 - doubt)
-        load, reach = beyond(np.array([outer]), np.array([inner]))
+        load, reach = load_beyond_edge(np.array([outer]), np.array([inner]))
         assert rest.sum() <= load[0] * (1 + 1e-9) + 1e-12
         if rest.sum() > 0:
             centred = float(rest @ np.arange(1, len(rest) + 1) / rest.sum())
@@ -97,7 +97,7 @@ def test_what_lies_beyond_is_no_more_than_the_limit(seed: int, doubt: float) -> 
 
 
 def test_a_load_that_does_not_fall_may_go_on_for_ever() -> None:
-    load, reach = beyond(np.array([1.0, 0.95, 0.5, 0.0]), np.array([0.8, 1.0, 1.0, 1.0]))
+    load, reach = load_beyond_edge(np.array([1.0, 0.95, 0.5, 0.0]), np.array([0.8, 1.0, 1.0, 1.0]))
     assert np.isinf(load[:2]).all()
     assert np.isinf(reach[:2]).all()
     assert load[2:] == pytest.approx([0.5, 0.0])  # 0.25 + 0.125 + …

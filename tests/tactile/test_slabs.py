@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.tactile.slabs import Profiles, Slabs
-from palpate.drivers.tactile.templates import Profile, TemplateSet, template_set
+from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 
 PITCH = math.radians(13.5)
 COLS = 14
@@ -85,7 +85,7 @@ def narrowings(templates: TemplateSet, slabs: Slabs, p: Profiles) -> list[float]
     """By how many columns the hulls of many profiles are narrower than those of one at a time."""
     found, narrower = slabs.match(p, SLACK), []
     for i in range(len(p.total_n)):
-        one = templates.match(Profile(p.force_n[i], p.variance[i], *run(p.force_n[i]), 0.0), SLACK)
+        one = templates.match(ColumnProfile(p.force_n[i], p.variance[i], *run(p.force_n[i]), 0.0), SLACK)
         if one is not None and max(one.misfit, found.misfit[i]) <= LIMIT:
             low, high = one.low_rad / PITCH, one.high_rad / PITCH
             narrower.append(float(max(found.low[i] - low, high - found.high[i])))

@@ -15,12 +15,12 @@ from palpate.drivers.tactile.messages import (
     Description,
     Hello,
     Message,
-    Report,
+    SelfTestReport,
     SelfTestResult,
     Shape,
     TaxelFault,
+    TaxelPlaces,
 )
-from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
 from palpate.drivers.tactile.protocol import encode
 from palpate.drivers.transport.wire import Emission
 from palpate.errors import DeviceError
@@ -90,7 +90,7 @@ def test_lost_questions_about_places_are_asked_again() -> None:
 @pytest.mark.parametrize(("first", "places"), [(1, PLACES[:6]), (0, PLACES * 2)])
 def test_places_that_do_not_fit_are_refused(first: int, places: tuple[float, ...]) -> None:
     device = emulated(Taxels(free(1, 2), seed=1))
-    places_told = encode(Message(1, 0, TaxelsMessage(2, first, places)))
+    places_told = encode(Message(1, 0, TaxelPlaces(2, first, places)))
     describe = device.feed(encode(Message(0, 0, Hello(1))), 0.0)[0][1]
     answers = iter((describe, places_told))
     array, _, clock = plugged(Told(lambda *_: next(answers)))
@@ -158,7 +158,7 @@ def test_the_self_test_reports_bad_taxels() -> None:
 def test_a_self_test_that_an_array_does_not_know_is_none() -> None:
     array, port, _, _ = bench()
     array.connect()
-    assert array.self_test_if_known() == Report(2, SelfTestResult(0), 0, ())
+    assert array.self_test_if_known() == SelfTestReport(2, SelfTestResult(0), 0, ())
     number = len(port.written) + 1
     port.device = always(wire(0x83, 1, 0, bytes((number, 0, 1))))
     assert array.self_test_if_known() is None

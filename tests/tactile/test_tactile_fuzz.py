@@ -28,15 +28,15 @@ from palpate.drivers.tactile.messages import (
     Nack,
     NackReason,
     Rate,
-    Report,
     SelfTest,
+    SelfTestReport,
     SelfTestResult,
     Start,
     Stop,
     Tare,
     TaxelFault,
+    TaxelPlaces,
 )
-from palpate.drivers.tactile.messages import Taxels as TaxelsMessage
 from palpate.drivers.tactile.protocol import MAX_ENCODED, DecodeFault, Decoder, FaultKind, encode
 from palpate.testing import fuzz
 
@@ -49,9 +49,9 @@ def from_an_array() -> bytes:
         Describe(1, SMALL),
         Ack(2),
         Nack(3, NackReason.BAD_STATE),
-        Report(4, SelfTestResult.TAXELS, 1, bad),
+        SelfTestReport(4, SelfTestResult.TAXELS, 1, bad),
         Describe(5, FREE),
-        TaxelsMessage(6, 0, PLACES),
+        TaxelPlaces(6, 0, PLACES),
     ]
     parts += [Frame(8, 20, rng.integers(0, 4096, 160, dtype="<u2").tobytes()) for _ in range(84)]
     return b"\0" + b"".join(encode(Message(n, 5000 * n, body)) for n, body in enumerate(parts))
@@ -144,7 +144,17 @@ def test_whatever_has_a_right_crc_gives_messages_or_faults() -> None:
             cut = cut[:16] + struct.pack("<H", len(cut) - 18) + cut[18:]
         (item,) = decoder.feed(seal(cut))[-1:]
         seen[item.kind.name if isinstance(item, DecodeFault) else type(item.body).__name__] += 1
-    wanted = {"VERSION", "LENGTH", "UNKNOWN_TYPE", "PAYLOAD", "Describe", "Report", "Taxels", "Tare", "Frame"}
+    wanted = {
+        "VERSION",
+        "LENGTH",
+        "UNKNOWN_TYPE",
+        "PAYLOAD",
+        "Describe",
+        "SelfTestReport",
+        "TaxelPlaces",
+        "Tare",
+        "Frame",
+    }
     assert wanted <= set(seen)
     assert {"FRAMING", "SHORT", "CRC", "OVERSIZED"}.isdisjoint(seen)
 

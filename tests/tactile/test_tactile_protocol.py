@@ -29,11 +29,11 @@ from palpate.drivers.tactile.messages import (
     Frame,
     Hello,
     Message,
-    Report,
+    SelfTestReport,
     SelfTestResult,
     Start,
     Tare,
-    Taxels,
+    TaxelPlaces,
 )
 from palpate.drivers.tactile.protocol import MAX_ENCODED, DecodeFault, Decoder, FaultKind, encode
 
@@ -237,11 +237,11 @@ def test_an_answer_from_a_restarted_array_starts_the_count_anew() -> None:
         Message(0, 0, Frame(2, 2, b"\0")),
         Message(0, 0, Start(1, -5)),
         Message(0, 0, Tare(1, 70000)),
-        Message(0, 0, Report(1, SelfTestResult.TAXELS, 3, BAD)),
-        Message(0, 0, Taxels(1, 0, ())),
-        Message(0, 0, Taxels(1, 0, PLACES[:-1])),
-        Message(0, 0, Taxels(1, 0, (0.0,) * 6)),
-        Message(0, 0, Taxels(1, 0, (1e300, *PLACES[1:]))),
+        Message(0, 0, SelfTestReport(1, SelfTestResult.TAXELS, 3, BAD)),
+        Message(0, 0, TaxelPlaces(1, 0, ())),
+        Message(0, 0, TaxelPlaces(1, 0, PLACES[:-1])),
+        Message(0, 0, TaxelPlaces(1, 0, (0.0,) * 6)),
+        Message(0, 0, TaxelPlaces(1, 0, (1e300, *PLACES[1:]))),
     ],
 )
 def test_encode_refuses_what_does_not_fit(message: Message) -> None:

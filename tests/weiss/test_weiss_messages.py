@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from palpate.drivers.tactile.frame_times import FrameTimes, Placed
+from palpate.drivers.tactile.frame_times import FrameTime, FrameTimes
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.plugins.weiss.messages import (
@@ -106,10 +106,10 @@ def test_long_steps_are_frames_that_are_missing() -> None:
     times = FrameTimes(1e-3)
     for stamp in (0, 33, 67, 100, 133, 167):
         times.place(stamp)
-    assert times.place(167 + 100) == Placed(8, pytest.approx(0.267))
+    assert times.place(167 + 100) == FrameTime(8, pytest.approx(0.267))
     assert times.lost == 2
     times.restart()
-    assert times.place(100_000) == Placed(9, pytest.approx(100.0)), "a pause between streams is no loss"
+    assert times.place(100_000) == FrameTime(9, pytest.approx(100.0)), "a pause between streams is no loss"
     assert times.lost == 2
 
 

@@ -1,10 +1,9 @@
-"""Host driver of the line array, as an `ArrayDriver`."""
+"""Host driver of the line array: an `ArrayDriver`, most of which `StreamedArray` does."""
 
 import numpy as np
 
 from line_array.codec import LineDecoder, encode
 from palpate.plugins import (
-    ArrayCounters,
     Clock,
     Description,
     DeviceError,
@@ -12,6 +11,7 @@ from palpate.plugins import (
     FrameTimes,
     Mounting,
     Port,
+    StreamedArray,
     TactileFrame,
 )
 
@@ -24,40 +24,22 @@ _MAX_RATE_HZ = 100.0
 _HEAD = 9  # characters of a frame before its taxels
 
 
-class LineArray:
+class LineArray(StreamedArray):
     """A line array on an open port, with its mounting on a finger's tip."""
 
     def __init__(
         self, port: Port, clock: Clock, finger: str, mounting: Mounting, oversampling: int = 1
     ) -> None:
-        self._stream = FrameStream(port, clock, finger, self._take, b"\n")
-        self._clock = clock
+        super().__init__(FrameStream(port, clock, finger, self._take, b"\n"), clock)
         self._mounting = mounting
         self._oversampling = oversampling
         self._decoder = LineDecoder()
         self._answers: list[list[str]] = []
-        self._description: Description | None = None
         self._times = FrameTimes(1e-3)
-        self._misshapen = 0
 
     @property
-    def description(self) -> Description:
-        """What the array said of itself; raises DeviceError before `connect`."""
-        if self._description is None:
-            raise DeviceError(f"{self._stream.where} has not been asked what it is; call connect() first")
-        return self._description
-
-    @property
-    def counters(self) -> ArrayCounters:
-        """Frames taken and everything that did not become a frame."""
-        faults = sum(self._decoder.faults.values())
-        stream = self._stream
-        return ArrayCounters(stream.received, self._times.lost, faults, self._misshapen, stream.dropped)
-
-    @property
-    def silence(self) -> str:
-        """What came since the last frame, for messages."""
-        return self._stream.silence
+    def _lost_and_faults(self) -> tuple[int, int]:
+        return self._times.lost, sum(self._decoder.faults.values())
 
     def connect(self) -> Description:
         """Ask the array what it is; a running stream stops."""
@@ -84,11 +66,7 @@ class LineArray:
 
     def start(self, rate_hz: float) -> None:
         """Stream frames at `rate_hz`."""
-        limit = self.description.max_rate_hz
-        if not 0 < rate_hz <= limit:
-            raise DeviceError(
-                f"{self._stream.where} cannot sample at {rate_hz:g} Hz; choose a rate up to {limit:g} Hz"
-            )
+        self._check_rate(rate_hz)
         self._ask("halt")
         self._times.restart()
         self._ask(f"go {rate_hz:g} {self._oversampling}")
@@ -97,14 +75,6 @@ class LineArray:
     def stop(self) -> None:
         """Stop the stream."""
         self._ask("halt")
-
-    def frames(self) -> list[TactileFrame]:
-        """Return the frames that have arrived, without waiting."""
-        return self._stream.frames()
-
-    def wait_frame(self, timeout_s: float) -> TactileFrame:
-        """Return the oldest unread frame, waiting up to `timeout_s`."""
-        return self._stream.wait_frame(timeout_s)
 
     def _ask(self, text: str) -> list[str]:
         verb = text.split(maxsplit=1)[0]
@@ -133,8 +103,7 @@ class LineArray:
             stamp, counts = 0, []
         place = self._times.place(stamp) if len(counts) == d.taxels else None
         if place is None:
-            self._misshapen += 1
-            self._stream.refuse(f"{len(text)} characters, or a time that cannot be: {text[:_HEAD]}")
+            self._refuse(f"{len(text)} characters, or a time that cannot be: {text[:_HEAD]}")
             return
         shape = (d.cols, d.rows) if self._mounting.upright else (d.rows, d.cols)
         cells = self._mounting.to_tip(np.array(counts, np.uint16).reshape(shape))
