@@ -11,7 +11,6 @@ import numpy as np
 from palpate.calibration.finger_fit import (
     AIM_PLAY,
     COLUMNS,
-    HEADING,
     RADIUS,
     ZERO,
     FingerModel,
@@ -20,7 +19,7 @@ from palpate.calibration.finger_fit import (
     Touches,
     predict_residuals,
 )
-from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.calibration.gauge import align_to_nominal, fitted_poses, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
@@ -156,8 +155,7 @@ def _check_sizes(
 def _check_bounds(specs: Sequence[SlideFingerConfig], models: Sequence[FingerModel], fit: Fit) -> None:
     """Refuse values that the rig file rules out: they would come from references of a wrong size."""
     sigma = np.sqrt(np.diag(fit.covariance))
-    nominal = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
-    found = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in fit.values]
+    nominal, found = nominal_poses(specs), fitted_poses(fit.values)
     frame = align_to_nominal(nominal, found)
     for k, (spec, model) in enumerate(zip(specs, models, strict=True)):
         radius, bound = float(fit.values[k, RADIUS]), spec.tip.radius_bound_mm

@@ -24,7 +24,7 @@ from palpate.calibration.finger_fit import (
     Touches,
 )
 from palpate.calibration.finger_model import zero_in_file_mm
-from palpate.calibration.gauge import BasePose, RigidMotion, align_to_nominal
+from palpate.calibration.gauge import BasePose, RigidMotion, align_to_nominal, fitted_poses, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import SlideApproach
 from palpate.config import SlideFingerConfig
@@ -77,7 +77,7 @@ def align_fit(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
 
     Where the rig stands, which cannot be known, goes out of the covariance.
     """
-    nominal = [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
+    nominal = nominal_poses(specs)
     flat = fit.values.ravel()
     slopes = np.empty((len(flat), len(flat)))
     for k in range(len(flat)):
@@ -91,7 +91,7 @@ def align_fit(specs: Sequence[SlideFingerConfig], fit: Fit) -> AlignedFit:
 
 def _moved(nominal: Sequence[BasePose], flat: Floats) -> tuple[Floats, RigidMotion]:
     values = flat.reshape(-1, COLUMNS).copy()
-    places = [BasePose((float(v[0]), float(v[1])), float(v[HEADING])) for v in values]
+    places = fitted_poses(values)
     frame = align_to_nominal(nominal, places)
     for row, place in zip(values, places, strict=True):
         there = frame.place(place)

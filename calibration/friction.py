@@ -24,15 +24,13 @@ _SIGNIFICANT = 3.0  # standard errors from which on a current has a direction
 
 @dataclass(frozen=True)
 class Friction:
-    """Current of a slide that moves out freely: middle value ± standard deviation of samples, A.
+    """Current of a slide that moves out freely, A: the median of samples.
 
     `direction`: +1 if the current pushes the tip out, as it must; -1 if it pulls, so that the slide was
     pushed or its direction is not what the rig file says; 0 if the current cannot be told from none.
     """
 
     current_a: float
-    sigma_a: float
-    samples: int
     direction: int
 
 
@@ -54,7 +52,7 @@ def estimate_friction(presses: Sequence[PressMeasurement], mm_per_rad: float) ->
     lower, upper = np.quantile(current, [0.25, 0.75])
     sigma = float(upper - lower) / 1.349
     significant = abs(middle) > _SIGNIFICANT * sigma / np.sqrt(len(current))
-    return Friction(middle, sigma, len(current), int(np.sign(middle)) if significant else 0)
+    return Friction(middle, int(np.sign(middle)) if significant else 0)
 
 
 def _moves_out(press: PressMeasurement, mm_per_rad: float) -> Bools:

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "align_to_nominal"]
+from palpate.config import SlideFingerConfig
+from palpate.geometry import Floats
+
+__all__ = ["HEADING_ARM_MM", "BasePose", "RigidMotion", "align_to_nominal", "fitted_poses", "nominal_poses"]
 
 HEADING_ARM_MM = 100.0
 """A heading counts like a point so far from its base; with several fingers it hardly matters."""
@@ -58,3 +61,13 @@ def align_to_nominal(nominal: Sequence[BasePose], found: Sequence[BasePose]) -> 
     angle = float(np.angle(centred.sum() + HEADING_ARM_MM**2 * np.exp(1j * turns).sum()))
     shift = wanted.mean() - np.exp(1j * angle) * given.mean()
     return RigidMotion(angle, (float(shift.real), float(shift.imag)))
+
+
+def nominal_poses(specs: Sequence[SlideFingerConfig]) -> list[BasePose]:
+    """Where the rig file says that fingers stand."""
+    return [BasePose(spec.base_mm, math.radians(spec.heading_deg)) for spec in specs]
+
+
+def fitted_poses(values: Floats) -> list[BasePose]:
+    """Where fingers stand by values (fingers, 7) of a fit."""
+    return [BasePose((x, y), heading) for x, y, heading in values[:, :3].tolist()]

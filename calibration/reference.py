@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 
 from palpate.geometry import Floats
+from palpate.geometry.plane import rotation_matrix
 
 __all__ = ["Reference", "ReferenceDisc", "ReferencePlate"]
 
@@ -106,9 +107,7 @@ def _symmetry(corners: Floats) -> int:
     for order in range(count, 1, -1):
         if count % order:
             continue
-        angle = 2 * math.pi / order
-        c, s = math.cos(angle), math.sin(angle)
-        turned = corners @ np.array([[c, s], [-s, c]])
+        turned = corners @ rotation_matrix(2 * math.pi / order).T
         if np.allclose(turned, np.roll(corners, -count // order, axis=0), atol=1e-6):
             return order
     return 1

@@ -21,6 +21,7 @@ from palpate.config.calibration_numbers import (
 )
 from palpate.config.fields import Count, FileModel, Flag, Items, Name
 from palpate.config.problems import problem
+from palpate.config.rig_fingers import check_gains
 
 __all__ = [
     "ActuatorsCalibration",
@@ -83,17 +84,9 @@ class TactileCalibration(FileModel):
         description="Root mean square of what the fit leaves of the presses' forces, as a share of them."
     )
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the array."""
-        return len(self.gain), len(self.gain[0]) if self.gain else 0
-
     @model_validator(mode="after")
     def _is_one_array(self) -> Self:
-        rows, cols = self.shape
-        for key, matrix in (("gain", self.gain), ("gain_bound", self.gain_bound)):
-            if 0 in (rows, cols) or len(matrix) != rows or any(len(row) != cols for row in matrix):
-                raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
+        rows, cols = check_gains(self.gain, self.gain_bound)
         seen: set[tuple[int, int]] = set()
         for index, taxel in enumerate(self.unusable):
             if taxel.row >= rows or taxel.col >= cols:

@@ -34,6 +34,7 @@ __all__ = [
     "SlideFingerConfig",
     "TaxelsConfig",
     "TipConfig",
+    "check_gains",
 ]
 
 PALPATE_PROTOCOL = "palpate"
@@ -60,6 +61,15 @@ class TipConfig(FileModel):
         return self
 
 
+def check_gains(gain: list[list[float]], gain_bound: list[list[float]]) -> tuple[int, int]:
+    """Rows and columns of two matrices by taxel; refuses those that differ in shape."""
+    rows, cols = len(gain), len(gain[0]) if gain else 0
+    for key, matrix in (("gain", gain), ("gain_bound", gain_bound)):
+        if 0 in (rows, cols) or len(matrix) != rows or any(len(row) != cols for row in matrix):
+            raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
+    return rows, cols
+
+
 class TaxelsConfig(FileModel):
     """What calibration found of an array's taxels, row by row from the tip's lower end up."""
 
@@ -78,14 +88,10 @@ class TaxelsConfig(FileModel):
 
     @model_validator(mode="after")
     def _is_a_matrix(self) -> Self:
-        shape = (len(self.gain), len(self.gain[0]) if self.gain else 0)
-        for key in ("gain", "gain_bound"):
-            rows = getattr(self, key)
-            if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows) or 0 in shape:
-                raise problem("has rows of different lengths; both matrices have a value for each taxel", key)
+        rows, cols = check_gains(self.gain, self.gain_bound)
         for row, col in self.unusable:
-            if row >= shape[0] or col >= shape[1]:
-                raise problem(f"names taxel [{row}, {col}] of {shape[0]} x {shape[1]}", "unusable")
+            if row >= rows or col >= cols:
+                raise problem(f"names taxel [{row}, {col}] of {rows} x {cols}", "unusable")
         return self
 
 

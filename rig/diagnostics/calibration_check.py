@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from palpate.config import CalibrationFile
-from palpate.config.check_result import CalibrationCheckOut, CheckOut, FingerTouchOut, TouchCheckOut
+from palpate.config.check_result import CalibrationCheckOut, CheckOut, TouchCheckOut
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.retouch import Retouch
 from palpate.rig.motion.calibrated_devices import other_device
@@ -52,10 +52,7 @@ def with_touch(out: CheckOut, found: Retouch) -> CheckOut:
         touches=len(agreement.residual_mm),
         residual_rms_mm=agreement.rms_mm,
         expected_rms_mm=agreement.expected_rms_mm,
-        fingers=tuple(
-            FingerTouchOut(finger=item.name, touches=item.touches, offset_mm=item.offset_mm)
-            for item in found.fingers
-        ),
+        fingers=found.fingers,
     )
     problems = [] if touch.agrees else [_disagreement(touch)]
     return out.model_copy(

@@ -38,25 +38,14 @@ from palpate.calibration.reference_search import (
     touch_arrays,
 )
 from palpate.config import RigFile, SlideFingerConfig
+from palpate.config.check_result import FingerTouchOut
 from palpate.errors import InputError
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 
-__all__ = ["FingerOffset", "Retouch", "compare_retouch", "retouch"]
+__all__ = ["Retouch", "compare_retouch", "retouch"]
 
 _BEARINGS_RAD = (math.radians(40.0), math.radians(-40.0))  # beside those of the touches that look for it
 _CERTAIN = 1e-5  # standard deviation of what is not to be fitted: mm, rad
-
-
-@dataclass(frozen=True)
-class FingerOffset:
-    """How far a finger's touches were off, in the mean along the surface's normal; outward positive, mm.
-
-    One finger that is off shows in all fingers round a disc, because the disc's place gives way to it.
-    """
-
-    name: str
-    touches: int
-    offset_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +53,7 @@ class Retouch:
     """What came of a re-touch: how all touches agree with the calibration, and every finger's mean."""
 
     agreement: Agreement
-    fingers: tuple[FingerOffset, ...]
+    fingers: tuple[FingerTouchOut, ...]
 
 
 def retouch(
@@ -173,6 +162,6 @@ def _surface(
     )
 
 
-def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerOffset:
+def _off(model: FingerModel, index: int, touches: Touches, fit: Fit) -> FingerTouchOut:
     own = fit.residual_mm[touches.finger == index]
-    return FingerOffset(model.name, len(own), float(own.mean()))
+    return FingerTouchOut(finger=model.name, touches=len(own), offset_mm=float(own.mean()))

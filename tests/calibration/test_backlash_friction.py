@@ -183,7 +183,6 @@ def test_friction_of_moving_samples_only(sign: float) -> None:
     press = press_of(drive, np.full(400, FREE), sign * MM_PER_RAD, current)
     found = estimate_friction([press], sign * MM_PER_RAD)
     assert found.current_a == pytest.approx(0.05, abs=0.005)
-    assert found.sigma_a == pytest.approx(0.01, rel=0.3)
     assert found.direction == 1
     assert (
         estimate_friction([press_of(drive, np.full(400, FREE), MM_PER_RAD, -current)], MM_PER_RAD).direction

@@ -143,6 +143,6 @@ def test_a_taxel_is_named_once(tmp_path: Path) -> None:
 def test_a_gain_bound_rounded_up_stays_a_share() -> None:
     tactile = full_calibration(RIG).fingers[0].tactile
     assert tactile is not None
-    bounds = np.full(tactile.shape, 0.99899999)
+    bounds = np.full_like(tactile.gain, 0.99899999)
     again = type(tactile).model_validate({**tactile.model_dump(), "gain_bound": bounds.tolist()})
     assert np.max(again.gain_bound) == 0.999
