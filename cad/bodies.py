@@ -5,10 +5,9 @@ cross nor touch along edges: `mesh_checks` refuses such files before.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from palpate.cad.box_pairs import overlapping_pairs
+from palpate.cad.connectivity import component_of
 from palpate.cad.surface import TriangleSurface
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
@@ -55,9 +54,7 @@ def _components(neighbours: Ints) -> Ints:
     """The shell (m,) of each face: faces that hang together by edges."""
     count = len(neighbours)
     rows = np.repeat(np.arange(count), 3)
-    joined = coo_array((np.ones(3 * count), (rows, neighbours.ravel())), shape=(count, count))
-    result: Ints = connected_components(joined, directed=False)[1].astype(np.int64)
-    return result
+    return component_of(rows, neighbours.ravel(), count)
 
 
 def _volume(corners: Floats) -> float:
@@ -110,9 +107,7 @@ def _joined(surface: TriangleSurface, shell: Ints, body: Ints) -> Ints:
     own = np.repeat(shell, 3)
     owner[corner] = own
     rows, columns = np.concatenate([own, np.arange(len(body))]), np.concatenate([owner[corner], body])
-    joined = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(body), len(body)))
-    result: Ints = connected_components(joined, directed=False)[1].astype(np.int64)
-    return result
+    return component_of(rows, columns, len(body))
 
 
 def _around(surface: TriangleSurface, faces: Ints) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.cad.dxf_walk import Walk
-from palpate.cad.extras import readable
+from palpate.cad.extras import needed, readable
 from palpate.cad.loop_assembly import JOIN_MM, Sheet, Stroke, closed_loops
 from palpate.cad.ring_nesting import parts
 from palpate.cad.size import UNIT_MM
@@ -66,14 +66,11 @@ def read_dxf(
 
 
 def _opened(path: Path) -> "Document":
-    try:
-        # An extra: only who reads such files needs it.
-        from ezdxf.filemanagement import readfile  # noqa: PLC0415
-    except ImportError:
-        raise InputError("reading DXF files needs ezdxf: pip install 'palpate[cad]'") from None
+    ezdxf = needed("ezdxf", "cad", "reading DXF files")
     check_file(path, CAD_BYTES, "keep the outlines only")
     with readable(path, "DXF"):
-        return readfile(path)
+        document: Document = ezdxf.readfile(path)
+    return document
 
 
 def _unit(document: "Document", units: str | None, path: Path) -> tuple[str, float]:

@@ -10,9 +10,8 @@ import itertools
 
 import numpy as np
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from palpate.cad.connectivity import component_of
 from palpate.cad.surface import TriangleSurface
 from palpate.geometry import Bools, Floats, Ints
 
@@ -73,9 +72,7 @@ def _few_views(surface: TriangleSurface, views: Floats) -> Ints:
 def _parts(neighbours: Ints, view: Ints) -> Ints:
     """Number of the part (m,) of each face: neighbours with the same view belong together."""
     face, side = np.nonzero(view[:, None] == view[neighbours])
-    joined = coo_array((np.ones(len(face)), (face, neighbours[face, side])), shape=(len(view), len(view)))
-    labels: Ints = connected_components(joined, directed=False)[1].astype(np.int64)
-    return labels
+    return component_of(face, neighbours[face, side], len(view))
 
 
 def _grouped(part: Ints) -> list[Ints]:

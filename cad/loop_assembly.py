@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from palpate.cad.connectivity import component_of
 from palpate.cad.curves import Curve, hull, joined_chords
 from palpate.cad.size import MAX_SIZE_MM
 from palpate.errors import InputError
@@ -120,8 +119,7 @@ def _netted(runs: Sequence[Loop], sheet: Sheet) -> tuple[list[Loop], Ints]:
     """
     ends = np.concatenate([[run.points[0], run.points[-1]] for run in runs])
     pairs = cKDTree(ends).query_pairs(JOIN_MM, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(ends), len(ends)))
-    _, node = connected_components(links, directed=False)
+    node = component_of(pairs[:, 0], pairs[:, 1], len(ends))
     _, first = np.unique(node, return_index=True)
     moved = np.hypot(*(ends[first][node] - ends).T)
     if moved.max() > 2 * JOIN_MM:

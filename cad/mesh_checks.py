@@ -5,27 +5,21 @@ repaired.
 """
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from palpate.cad.bodies import bodies
+from palpate.cad.connectivity import component_of
 from palpate.cad.self_crossing import ENOUGH, crossings
+from palpate.cad.size import MIN_SIZE_MM, size_problem
 from palpate.cad.surface import TriangleSurface, edge_keys, rounding, surface_of
 from palpate.cad.values import Solid
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
 
-__all__ = ["LARGEST_MM", "MM_PER_UNIT", "SMALLEST_MM", "check_solids"]
-
-SMALLEST_MM = 1.0
-LARGEST_MM = 1000.0
-"""Between these is the largest side of every part that a hand of this size can recognise."""
+__all__ = ["check_solids"]
 
 _FAR_MM = 10000.0
 """Bodies of one file are all within this."""
-
-MM_PER_UNIT = {"mm": 1.0, "inch": 25.4, "m": 1000.0}
 
 
 def check_solids(
@@ -79,7 +73,7 @@ def _check_spread(where: str, vertices: Floats, units: str | None) -> None:
     """Refuse what cannot hold a body of the right size, or is too far away for single precision."""
     with np.errstate(over="ignore"):
         spread = float(np.ptp(vertices, axis=0).max())
-    if not SMALLEST_MM <= spread <= _FAR_MM:
+    if not MIN_SIZE_MM <= spread <= _FAR_MM:
         _check_size(where, spread, units)
     if (away := float(np.abs(vertices).max())) > _FAR_MM:
         raise InputError(
@@ -89,33 +83,20 @@ def _check_spread(where: str, vertices: Floats, units: str | None) -> None:
 
 
 def _check_size(where: str, side_mm: float, units: str | None) -> None:
-    if SMALLEST_MM <= side_mm <= LARGEST_MM:
-        return
-    said = f" with --units {units}" if units else ""
-    scale = side_mm / MM_PER_UNIT[units] if units else 0.0
-    others = [
-        other
-        for other, size in MM_PER_UNIT.items()
-        if other != units and SMALLEST_MM <= scale * size <= LARGEST_MM
-    ]
-    hint = f"; did you mean --units {' or '.join(others)}?" if others else ""
-    raise InputError(
-        f"{where}: its largest side is {side_mm:.4g} mm{said}; "
-        f"{SMALLEST_MM:g} to {LARGEST_MM:g} mm are possible{hint}"
-    )
+    if problem := size_problem(np.array([side_mm]), units):
+        raise InputError(f"{where}: {problem}")
 
 
 def _merged(vertices: Floats, faces: Ints, tolerance: float) -> tuple[Floats, Ints, float]:
     """Vertices closer together than the tolerance made one, faces between different ones, longest move."""
     distinct, inverse = np.unique(vertices, axis=0, return_inverse=True)
     near = cKDTree(distinct).query_pairs(tolerance, output_type="ndarray")
-    joined = coo_array((np.ones(len(near)), tuple(near.T)), shape=(len(distinct),) * 2)
-    count, label = connected_components(joined, directed=False)
-    kept = np.zeros((count, 3))
+    label = component_of(near[:, 0], near[:, 1], len(distinct))
+    kept = np.zeros((int(label.max()) + 1, 3))
     # The last one written stays: any of them will do.
     kept[label] = distinct
     moved = float(np.sqrt(((kept[label] - distinct) ** 2).sum(axis=1).max()))
-    faces = label.astype(np.int64)[inverse.reshape(-1)[faces]]
+    faces = label[inverse.reshape(-1)[faces]]
     proper = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     return kept, faces[proper], moved
 

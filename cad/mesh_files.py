@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from palpate.cad.extras import needed
-from palpate.cad.mesh_checks import MM_PER_UNIT, check_solids
+from palpate.cad.mesh_checks import check_solids
 from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
+from palpate.cad.size import UNIT_MM
 from palpate.cad.values import Solid
 from palpate.errors import InputError
 from palpate.files import read_bytes
@@ -64,7 +65,7 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     vertices, faces = _one_mesh(path, _scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")
-    return check_solids(str(path), path.stem, vertices * MM_PER_UNIT[units], faces, units=units)
+    return check_solids(str(path), path.stem, vertices * UNIT_MM[units], faces, units=units)
 
 
 def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
@@ -82,7 +83,7 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
     unit = stated.pop()
     if unit not in _3MF_MM:
         raise InputError(f"{path}: unknown unit '{unit}'; 3MF allows {', '.join(_3MF_MM)}")
-    if units is not None and MM_PER_UNIT[units] != _3MF_MM[unit]:
+    if units is not None and UNIT_MM[units] != _3MF_MM[unit]:
         raise InputError(f"{path}: says that it is in {unit}, not in {units}: leave --units out")
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):

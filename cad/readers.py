@@ -6,8 +6,8 @@ The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_
 
 from pathlib import Path
 
-from palpate.cad.mesh_checks import MM_PER_UNIT
 from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
+from palpate.cad.size import UNIT_MM
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
 from palpate.cad.values import Drawing, Solid
 from palpate.errors import InputError
@@ -79,6 +79,6 @@ def _check_count(path: Path, count: int, what: str) -> None:
 
 
 def _check(path: Path, units: str | None) -> None:
-    if units is not None and units not in MM_PER_UNIT:
-        raise InputError(f"--units {units}: allowed are {', '.join(MM_PER_UNIT)}")
+    if units is not None and units not in UNIT_MM:
+        raise InputError(f"--units {units}: allowed are {', '.join(UNIT_MM)}")
     check_file(path, CAD_BYTES, simpler(path))

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from palpate.cad.extras import needed
-from palpate.cad.mesh_checks import MM_PER_UNIT, check_solids
+from palpate.cad.mesh_checks import check_solids
 from palpate.cad.scenes import distinct_shapes
+from palpate.cad.size import UNIT_MM
 from palpate.cad.surface import rounding
 from palpate.cad.values import Solid
 from palpate.errors import InputError
@@ -89,7 +90,7 @@ def _check_units(path: Path, data: bytes, units: str | None) -> None:
     stated = _units_mm(data.decode("latin-1"))
     if not stated:
         raise InputError(f"{path}: states no unit of length; export it again with one")
-    if units is not None and any(abs(mm / MM_PER_UNIT[units] - 1) > 1e-9 for mm in stated):
+    if units is not None and any(abs(mm / UNIT_MM[units] - 1) > 1e-9 for mm in stated):
         said = " and ".join(f"{mm:g} mm" for mm in sorted(stated))
         raise InputError(f"{path}: says that its unit is {said}, not {units}: leave --units out")
 

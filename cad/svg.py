@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.cad.curves import Arc, Curve, line, mapped
-from palpate.cad.extras import readable
+from palpate.cad.extras import needed, readable
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
 from palpate.cad.ring_nesting import parts
 from palpate.cad.svg_page import Page, bare_svg, page, parse_svg
@@ -43,10 +43,7 @@ def read_svg(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, .
 
 def _strokes(source: bytes, size: Page) -> Iterator[Stroke]:
     """All that is drawn, from the page's top left, y upwards, mm."""
-    try:
-        import svgelements  # noqa: PLC0415 - an extra: only who reads such files needs it
-    except ImportError:
-        raise InputError("reading SVG files needs svgelements: pip install 'palpate[cad]'") from None
+    svgelements = needed("svgelements", "cad", "reading SVG files")
     drawing = svgelements.SVG.parse(io.BytesIO(source), reify=False)
     number: Counter[str] = Counter()
     for shape in drawing.elements():
