@@ -1,4 +1,4 @@
-"""What all results that are written as JSON have in common. The far end of the data's way.
+"""Results as JSON: from the values of a computation to the keys, numbers and order of the published formats.
 
 The keys come out in the order declared, numbers rounded to a fixed number of decimals (bounds outward), so
 that two runs with one seed can be compared byte by byte. A number that is not finite is a bug and raises.
@@ -7,9 +7,10 @@ The formats themselves: `recognition_result`, `identification_result`, `grip_res
 
 import json
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 __all__ = ["DECIMALS", "BoundsOut", "ConfigurationOut", "Interval", "Out", "Rounded", "to_json"]
 
@@ -35,10 +36,31 @@ _Finite = Annotated[float, Field(allow_inf_nan=False)]
 Interval = Annotated[tuple[_Finite, _Finite], AfterValidator(_rounded_outward)]
 
 
+_UNITS = ("", "_mm", "_rad")
+
+
 class Out(BaseModel):
-    """A part of a result."""
+    """A part of a result, given by its fields, or by a value: then each is the attribute of the same name.
+
+    In a value the name may end in its unit, which a result's header says.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @classmethod
+    def of(cls, value: object, **fields: object) -> Self:
+        """Map a value; `fields` go before its attributes."""
+        return cls.model_validate(_attributes(cls, value) | fields)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_value(cls, value: Any) -> Any:
+        return value if isinstance(value, Mapping | Out) else _attributes(cls, value)
+
+
+def _attributes(model: type[BaseModel], value: object) -> dict[str, Any]:
+    names = [(name, name + unit) for name in model.model_fields for unit in _UNITS]
+    return {name: getattr(value, own) for name, own in names if hasattr(value, own)}
 
 
 class ConfigurationOut(Out):

@@ -3,9 +3,9 @@
 import math
 
 from palpate.config.grip_result import ApproachOut, AssumptionsOut, GripOut, PossibleOut, PredictionOut
-from palpate.recognizer import Grip, Hypothesis, Prediction
+from palpate.recognizer import Grip, Prediction
 from palpate.rig.identification.next_grip import Planned
-from palpate.rig.identification.result import bounds_out, configuration_out
+from palpate.rig.identification.result import state_names
 from palpate.vocabulary import Strategy
 
 __all__ = ["grip_out", "outward_normals"]
@@ -19,7 +19,10 @@ def grip_out(planned: Planned) -> GripOut:
         strategy=planned.strategy,
         verdict=recognition.verdict,
         fine=planned.fine,
-        hypotheses=tuple(_possible(item) for item in recognition.hypotheses),
+        hypotheses=tuple(
+            PossibleOut.of(item, **state_names(item), symmetry_order=item.state.symmetry_order)
+            for item in recognition.hypotheses
+        ),
         approaches=() if grip is None else tuple(_approach(planned, grip, row) for row in planned.rows),
         decisive=grip and grip.decisive,
         remaining=grip.remaining if grip is not None and foresees else None,
@@ -38,25 +41,12 @@ def outward_normals(prediction: Prediction) -> tuple[float, float] | None:
     return lo - shift, hi - shift
 
 
-def _possible(item: Hypothesis) -> PossibleOut:
-    return PossibleOut(
-        object=item.state.object_name,
-        state=item.state.state.name,
-        configuration=configuration_out(item.configuration),
-        bounds=bounds_out(item.bounds),
-        weight=item.weight,
-        symmetry_order=item.state.symmetry_order,
-    )
-
-
 def _approach(planned: Planned, grip: Grip, row: int) -> ApproachOut:
     candidate = grip.approaches[row]
-    return ApproachOut(
+    return ApproachOut.of(
+        candidate,
         finger=planned.rig.fingers[candidate.finger_index].name,
-        start=candidate.start_mm,
-        direction=candidate.direction_rad,
         travel=grip.travels_mm[row],
-        position_bound=candidate.position_bound_mm,
         predictions=tuple(
             _prediction(index, item) for index, item in enumerate(grip.predictions.of_approach(row))
         ),

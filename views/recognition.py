@@ -5,17 +5,14 @@ from collections.abc import Sequence
 from palpate.config.recognition_result import (
     HypothesisOut,
     InterpretationOut,
-    LevelOut,
-    MemoOut,
     RecognitionOut,
-    SlideOut,
     StatisticsOut,
 )
 from palpate.geometry import Floats
 from palpate.geometry.plane import rotation_matrix
 from palpate.recognizer import Contact, Hypothesis, Recognition
 from palpate.recognizer.statistics import MemoCounts
-from palpate.rig.identification.result import bounds_out, configuration_out
+from palpate.rig.identification.result import state_names
 from palpate.views.scene import picture
 
 __all__ = [
@@ -38,18 +35,10 @@ def recognition_out(
         verdict=recognition.verdict,
         hypotheses=tuple(hypothesis_out(item) for item in recognition.hypotheses),
         statistics=StatisticsOut(
-            levels=tuple(
-                LevelOut(
-                    level=level.level,
-                    candidates=level.candidates,
-                    after_distance=level.after_distance,
-                    after_angle=level.after_angle,
-                )
-                for level in recognition.levels
-            ),
+            levels=recognition.levels,
             model_tests=sum(level.after_distance for level in recognition.levels[1:]),
             seconds=seconds,
-            memo=memo and MemoOut(distance_first=memo.distance_first, angle_first=memo.angle_first),
+            memo=memo,
         ),
     )
 
@@ -80,13 +69,9 @@ def recognition_picture(recognition: Recognition, title: str) -> str:
 
 def hypothesis_out(item: Hypothesis) -> HypothesisOut:
     """One hypothesis as a JSON value."""
-    return HypothesisOut(
-        object=item.state.object_name,
-        state=item.state.state.name,
-        configuration=configuration_out(item.configuration),
-        bounds=bounds_out(item.bounds),
-        weight=item.weight,
-        verified=item.verified,
+    return HypothesisOut.of(
+        item,
+        **state_names(item),
         symmetry_order=item.state.symmetry_order,
         interpretations=tuple(
             InterpretationOut(
@@ -95,8 +80,6 @@ def hypothesis_out(item: Hypothesis) -> HypothesisOut:
             )
             for row in item.features
         ),
-        spurious=item.spurious,
-        slide=item.slide and SlideOut(direction=item.slide.direction_rad, extent=item.slide.extent_mm),
     )
 
 

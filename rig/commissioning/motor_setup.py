@@ -85,7 +85,7 @@ class MotorSetup:
             found=None
             if at is None or firmware is None
             else FoundOut(id=at.dxl_id, baudrate_bps=at.baudrate, firmware=firmware),
-            written=tuple(ChangeOut(item=c.item, found=c.found, wanted=c.wanted) for c in self.written),
+            written=tuple(map(ChangeOut.of, self.written)),
             problem=self.problem,
         )
 

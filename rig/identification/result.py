@@ -10,15 +10,13 @@ from palpate.config.identification_result import (
     Relation,
     TruthOut,
 )
-from palpate.config.results import BoundsOut, ConfigurationOut
 from palpate.recognizer import Hypothesis
-from palpate.recognizer.hypotheses import Bounds, Configuration
 from palpate.rig.emulated.answer_error import Comparison, compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification
 from palpate.vocabulary import Strategy
 
-__all__ = ["bounds_out", "configuration_out", "hypotheses_of", "identification_out"]
+__all__ = ["hypotheses_of", "identification_out", "state_names"]
 
 
 def identification_out(
@@ -40,8 +38,8 @@ def identification_out(
         verdict=result.outcome,
         object=first and first.state.object_name,
         state=first and first.state.state.name,
-        configuration=None if first is None else configuration_out(first.configuration),
-        bounds=None if first is None else bounds_out(first.bounds),
+        configuration=first and first.configuration,
+        bounds=first and first.bounds,
         alternatives=tuple(_alternative(item, hypotheses[0]) for item in hypotheses[1:]),
         symmetry_order=1 if first is None else first.state.symmetry_order,
         strategy=strategy,
@@ -61,15 +59,17 @@ def identification_out(
     )
 
 
+def state_names(item: Hypothesis) -> dict[str, object]:
+    """The names of a hypothesis's object and state, as results have them."""
+    return {"object": item.state.object_name, "state": item.state.state.name}
+
+
 def _alternative(item: Hypothesis, first: Hypothesis) -> AlternativeOut:
     same = item.state_index == first.state_index
     turned, moved = _displacement(first, item) if same else (None, None)
-    return AlternativeOut(
-        object=item.state.object_name,
-        state=item.state.state.name,
-        configuration=configuration_out(item.configuration),
-        bounds=bounds_out(item.bounds),
-        weight=item.weight,
+    return AlternativeOut.of(
+        item,
+        **state_names(item),
         relation=Relation.SYMMETRY if same else Relation.TWIN,
         turned=turned,
         moved=moved,
@@ -100,22 +100,6 @@ def hypotheses_of(result: Identification) -> Sequence[Hypothesis]:
 
 
 def _truth(placement: Placement, found: Comparison) -> TruthOut:
-    return TruthOut(
-        object=placement.model.name,
-        state=placement.state.name,
-        configuration=configuration_out(found.configuration),
-        named=found.hypothesis is not None,
-        inside_bounds=found.inside_bounds,
-        position_error_mm=found.position_error_mm,
-        orientation_error_rad=found.orientation_error_rad,
+    return TruthOut.of(
+        found, object=placement.model.name, state=placement.state.name, named=found.hypothesis is not None
     )
-
-
-def configuration_out(value: Configuration) -> ConfigurationOut:
-    """A configuration as a JSON value."""
-    return ConfigurationOut(x=value.x_mm, y=value.y_mm, theta=value.theta_rad)
-
-
-def bounds_out(value: Bounds) -> BoundsOut:
-    """Bounds as a JSON value."""
-    return BoundsOut(x=value.x_mm, y=value.y_mm, theta=value.theta_rad)

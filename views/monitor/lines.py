@@ -113,15 +113,10 @@ def _finger_out(view: FingerView) -> WatchedFingerOut:
 
 
 def _patch_out(patch: ContactPatch) -> PatchOut:
-    return PatchOut(
-        angle_rad=patch.angle_rad,
-        angle_half_range_rad=patch.angle_half_range_rad,
+    return PatchOut.of(
+        patch,
         centroid_rad=patch.centroid_rad if math.isfinite(patch.centroid_rad) else None,
-        height_mm=patch.height_mm,
-        height_bound_mm=patch.height_bound_mm,
-        force_n=patch.force_n,
         force_bound_n=patch.force_bound_n if math.isfinite(patch.force_bound_n) else None,
-        extent_rad=patch.extent_rad,
         flags=tuple(flag_words(patch)),
     )
 
