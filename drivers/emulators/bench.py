@@ -16,7 +16,6 @@ from palpate.drivers.emulators.mechanics import (
     ArmTruth,
     EmulatedStage,
     FingerTruth,
-    Mechanics,
     SlideMechanics,
 )
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -75,7 +74,7 @@ class EmulatedFinger:
         self.press: TipLoad | None = None
         self.hardest_n = 0.0
         self._stage = stage
-        self._mechanics: Mechanics = (
+        self._mechanics: ArmMechanics | SlideMechanics = (
             ArmMechanics(truth, *servos) if isinstance(truth, ArmTruth) else SlideMechanics(truth, *servos)
         )
         self._free_centre = np.full(2, np.inf)

@@ -8,7 +8,6 @@ What the host is not told (the `…Truth` values) is drawn by whoever builds the
 import cmath
 import math
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -21,7 +20,6 @@ __all__ = [
     "EmulatedStage",
     "FingerTruth",
     "JointTruth",
-    "Mechanics",
     "SlideMechanics",
 ]
 
@@ -84,29 +82,6 @@ class ArmTruth:
     tip_radius_mm: float
     stiffness_n_per_mm: float
     array_heading_rad: float
-
-
-class Mechanics(Protocol):
-    """Two servos and what they move."""
-
-    @property
-    def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
-        """The servo next to the base, and the other one."""
-        ...
-
-    @property
-    def facing_rad(self) -> float:
-        """True direction from which the array's heading counts."""
-        ...
-
-    @property
-    def centre_mm(self) -> Floats:
-        """True position (2,) of the tip's axis."""
-        ...
-
-    def step(self, dt_s: float, force_n: Floats | None) -> None:
-        """Let servos and couplings move on, with a force (2,) on the tip."""
-        ...
 
 
 class _Play:

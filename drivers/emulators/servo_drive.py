@@ -6,35 +6,34 @@ the e-Manual. Reverse Mode turns everything round that has a direction: ticks co
 
 import math
 
+from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.emulators.servo_laws import (
     LOOP_S,
-    CurrentLaw,
-    DutyLaw,
     Law,
     PositionExtras,
     VelocityLaw,
+    current_law,
+    duty_law,
 )
 from palpate.drivers.emulators.servo_motion import ShaftMotion
 from palpate.drivers.emulators.servo_profile import ProfileType, profile_shape, timed_profile
 from palpate.drivers.emulators.servo_table import ControlTable
 
-__all__ = ["GOAL_OF_MODE", "POSITION_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
+__all__ = ["GOAL_OF_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
 
-CURRENT_MODE = 0
-VELOCITY_MODE = 1
-POSITION_MODE = 3
-EXTENDED_MODE = 4
-CURRENT_BASED_MODE = 5
-PWM_MODE = 16
-POSITION_MODES = (POSITION_MODE, EXTENDED_MODE, CURRENT_BASED_MODE)
+POSITION_MODES = (
+    OperatingMode.POSITION,
+    OperatingMode.EXTENDED_POSITION,
+    OperatingMode.CURRENT_BASED_POSITION,
+)
 
-GOAL_OF_MODE = {
-    CURRENT_MODE: "Goal Current",
-    VELOCITY_MODE: "Goal Velocity",
-    POSITION_MODE: "Goal Position",
-    EXTENDED_MODE: "Goal Position",
-    CURRENT_BASED_MODE: "Goal Position",
-    PWM_MODE: "Goal PWM",
+GOAL_OF_MODE: dict[int, str] = {
+    OperatingMode.CURRENT: "Goal Current",
+    OperatingMode.VELOCITY: "Goal Velocity",
+    OperatingMode.POSITION: "Goal Position",
+    OperatingMode.EXTENDED_POSITION: "Goal Position",
+    OperatingMode.CURRENT_BASED_POSITION: "Goal Position",
+    OperatingMode.PWM: "Goal PWM",
 }
 """By Operating Mode, the item whose update is a command; in other modes it may be a limit."""
 
@@ -83,11 +82,11 @@ class ServoDrive:
         """Do what the manual says a change of Operating Mode does."""
         self._reset()
         mode = self._mode()
-        if mode == CURRENT_BASED_MODE:
+        if mode == OperatingMode.CURRENT_BASED_POSITION:
             # the manual resets it "properly" for this mode and gives no value
             self._table.reset("PWM Limit")
             self._table.set("Goal PWM", self._table.get("PWM Limit"))
-        if mode == POSITION_MODE:
+        if mode == OperatingMode.POSITION:
             self.forget_turns()
         self._hold_here()
 
@@ -100,16 +99,16 @@ class ServoDrive:
         """Hand the drive settings of the table to the motion."""
         table, mode = self._table, self._mode()
         current = table.get("Current Limit")
-        if mode == CURRENT_BASED_MODE:
+        if mode == OperatingMode.CURRENT_BASED_POSITION:
             current = min(current, abs(table.get("Goal Current")))
         pwm = table.get("PWM Limit")
-        if mode != PWM_MODE:
+        if mode != OperatingMode.PWM:
             pwm = min(pwm, abs(table.get("Goal PWM")))
         self._motion.configure(
             gain_per_rad=table.get("Position P Gain") / 128 / _FULL_DUTY / _RAD_PER_TICK,
             duty_limit=pwm / _FULL_DUTY,
             # voltage is all that PWM Control Mode controls
-            current_limit_a=math.inf if mode == PWM_MODE else current * self._current_unit_a,
+            current_limit_a=math.inf if mode == OperatingMode.PWM else current * self._current_unit_a,
             extras=self._position_extras(),
         )
         self._motion.law = self._law(mode)
@@ -125,7 +124,7 @@ class ServoDrive:
         if self._motion.driven:
             return
         mode = self._mode()
-        if mode == POSITION_MODE:
+        if mode == OperatingMode.POSITION:
             self.forget_turns()
         if mode not in POSITION_MODES:
             self._table.set(GOAL_OF_MODE[mode], 0)
@@ -154,7 +153,7 @@ class ServoDrive:
         mode = self._mode()
         if mode in POSITION_MODES:
             self._move_to(self._table.get("Goal Position"))
-        elif mode == VELOCITY_MODE:
+        elif mode == OperatingMode.VELOCITY:
             goal = self._table.get("Goal Velocity") * _VELOCITY_UNIT * self._sign
             self._velocity.go(goal, self._ramp(goal))
 
@@ -224,11 +223,11 @@ class ServoDrive:
 
     def _law(self, mode: int) -> Law | None:
         table, sign = self._table, self._sign
-        if mode == CURRENT_MODE:
-            return CurrentLaw(sign * table.get("Goal Current") * self._current_unit_a)
-        if mode == PWM_MODE:
-            return DutyLaw(sign * table.get("Goal PWM") / _FULL_DUTY)
-        if mode == VELOCITY_MODE:
+        if mode == OperatingMode.CURRENT:
+            return current_law(sign * table.get("Goal Current") * self._current_unit_a)
+        if mode == OperatingMode.PWM:
+            return duty_law(sign * table.get("Goal PWM") / _FULL_DUTY)
+        if mode == OperatingMode.VELOCITY:
             per_unit = 1.0 / _FULL_DUTY / _VELOCITY_UNIT
             self._velocity.p = table.get("Velocity P Gain") / 128 * per_unit
             self._velocity.i = table.get("Velocity I Gain") / 65536 / LOOP_S * per_unit
@@ -277,7 +276,7 @@ class ServoDrive:
 
     def _homing_offset(self) -> int:
         offset = self._table.get("Homing Offset")
-        if self._mode() == POSITION_MODE and abs(offset) > _SINGLE_TURN_OFFSET:
+        if self._mode() == OperatingMode.POSITION and abs(offset) > _SINGLE_TURN_OFFSET:
             return 0
         return offset
 

@@ -7,62 +7,31 @@ run it does not say: a period of 1 ms is a guess. The feedforward gains have no 
 """
 
 import math
-from typing import Protocol
+from collections.abc import Callable
 
-__all__ = ["LOOP_S", "CurrentLaw", "DutyLaw", "Law", "PositionExtras", "VelocityLaw"]
+__all__ = ["LOOP_S", "Law", "PositionExtras", "VelocityLaw", "current_law", "duty_law"]
 
 LOOP_S = 1e-3
 """Period of the firmware's control loops in s; a guess."""
 
 
-class Law(Protocol):
-    """A control law."""
-
-    def duty(self, dt: float, velocity: float, back_emf: float, drive_a: float, limit: float, /) -> float:
-        """Duty of the next step of `dt` s at `velocity` rad/s.
-
-        `back_emf`: the duty at which no current flows. `drive_a`: current at full duty and standstill, in A.
-        `limit`: largest duty.
-        """
-        ...
-
-    def stop(self) -> None:
-        """Want nothing any more."""
-        ...
+Law = Callable[[float, float, float, float, float], float]
+"""A control law: the duty of the next step, from its length (s), the velocity (rad/s), the duty at which no
+current flows, the current (A) at full duty and standstill, and the largest duty."""
 
 
 def _within(value: float, limit: float) -> float:
     return limit if value > limit else -limit if value < -limit else value
 
 
-class CurrentLaw:
+def current_law(goal_a: float) -> Law:
     """Current Control Mode: the duty that lets `goal_a` flow, as far as there is voltage for it."""
-
-    def __init__(self, goal_a: float = 0.0) -> None:
-        self.goal_a = goal_a
-
-    def duty(self, _dt: float, _velocity: float, back_emf: float, drive_a: float, limit: float, /) -> float:
-        """See `Law`."""
-        return _within(self.goal_a / drive_a + back_emf, limit)
-
-    def stop(self) -> None:
-        """Let no current flow."""
-        self.goal_a = 0.0
+    return lambda _dt, _velocity, back_emf, drive_a, limit: _within(goal_a / drive_a + back_emf, limit)
 
 
-class DutyLaw:
+def duty_law(goal: float) -> Law:
     """PWM Control Mode: the duty as it is asked for."""
-
-    def __init__(self, goal: float = 0.0) -> None:
-        self.goal = goal
-
-    def duty(self, _dt: float, _velocity: float, _back_emf: float, _drive_a: float, limit: float, /) -> float:
-        """See `Law`."""
-        return _within(self.goal, limit)
-
-    def stop(self) -> None:
-        """Put no voltage on the motor."""
-        self.goal = 0.0
+    return lambda _dt, _velocity, _back_emf, _drive_a, limit: _within(goal, limit)
 
 
 class VelocityLaw:
@@ -88,8 +57,10 @@ class VelocityLaw:
         """Want to stand still, at once."""
         self.goal_rad_s = self.reference_rad_s = 0.0
 
-    def duty(self, dt: float, velocity: float, _back_emf: float, _drive_a: float, limit: float, /) -> float:
-        """See `Law`."""
+    def __call__(
+        self, dt: float, velocity: float, _back_emf: float, _drive_a: float, limit: float, /
+    ) -> float:
+        """Duty of the next step, as of any `Law`."""
         self.reference_rad_s += _within(self.goal_rad_s - self.reference_rad_s, self._rate * dt)
         error = self.reference_rad_s - velocity
         integral = self._integral + self.i * error * dt

@@ -157,7 +157,7 @@ class ShaftMotion:
                 duty = limit if duty > limit else -limit if duty < -limit else duty
             else:
                 back_emf = velocity * self._a_per_rad_s / self._drive_a
-                duty = self.law.duty(dt, velocity, back_emf, self._drive_a, limit)
+                duty = self.law(dt, velocity, back_emf, self._drive_a, limit)
             current = duty * self._drive_a - velocity * self._a_per_rad_s
             limit = self._max_current_a
             current = limit if current > limit else -limit if current < -limit else current

@@ -4,13 +4,13 @@ Below `servo` (the face towards mechanics and wire) and `servo_instructions` (pa
 which addresses and values are possible; here stands what depends on the servo's state.
 """
 
+from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.manual import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 from palpate.drivers.dynamixel.specifications import ServoSpecification
 from palpate.drivers.emulators.servo_backup import Backup
 from palpate.drivers.emulators.servo_drive import (
     GOAL_OF_MODE,
-    POSITION_MODE,
     REVERSE,
     TORQUE_ON_BY_GOAL,
     ServoDrive,
@@ -201,7 +201,7 @@ class ServoUnit:
         if name != "Goal Position":
             if abs(value) > table.get(_LIMIT_OF_GOAL[name]):
                 raise Refused(StatusErrorCode.DATA_LIMIT_ERROR)
-        elif table.get("Operating Mode") == POSITION_MODE:
+        elif table.get("Operating Mode") == OperatingMode.POSITION:
             if not table.get("Min Position Limit") <= value <= table.get("Max Position Limit"):
                 raise Refused(StatusErrorCode.DATA_LIMIT_ERROR)
         elif abs(value) > _EXTENDED_RANGE:
