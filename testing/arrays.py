@@ -86,7 +86,7 @@ class ArrayConformance:
     """The suite: a subclass names `protocol` and the `keys` that a rig file has to give for it.
 
     `rate_hz`: a rate, at most 25, that the array can do at `baudrate_bps`. `keys` have to say 1000 counts
-    per N where the array does not tell it.
+    per N where the array does not report it.
     """
 
     protocol: ClassVar[str]

@@ -1,7 +1,7 @@
-"""An emulated tactile array: forces on taxels in, protocol bytes out. Stands where a real array's port ends.
+"""Emulated tactile array: forces on taxels in, bytes of the tactile protocol out.
 
-It is written from `docs/tactile-protocol.md` and knows nothing of objects or recognition: whoever plays
-the world calls `sample` at the instants that `next_sample_s` names. What is wrong with the sensor is in
+It is written from `docs/tactile-protocol.md` and knows nothing of objects or recognition: the bench
+calls `sample` at the instants that `next_sample_s` names. What is wrong with the sensor is in
 `taxels`; the zero that it takes off is in `array_zero`.
 """
 

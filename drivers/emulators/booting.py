@@ -2,7 +2,7 @@
 
 Opening the port raises DTR, which pulls the reset line through a capacitor. The bootloader then waits for a
 new program and throws away whatever else it hears; it may print something when it gives up. Only then does
-the firmware run, with all that it had been told forgotten.
+the firmware run, with all settings lost.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ class BootingBoard:
         self._runs_s: float | None = None
 
     def opened(self, now: float) -> None:
-        """Reset: somebody has opened the port."""
+        """Reset: the port was opened."""
         self._device.poll(now)  # what was on its way is lost
         self.resets += 1
         self._runs_s = now + self.boot_s

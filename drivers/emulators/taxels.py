@@ -1,6 +1,6 @@
 """The taxels of an emulated array: forces in, counts out, whatever protocol carries them.
 
-Stands behind the emulated arrays (`array`, `weiss`). The sensor's faults are its own: gain and offset per
+The sensor's faults are its own: gain and offset per
 taxel, drift, crosstalk to the four neighbours, noise, saturation, quantisation, dead and hot taxels.
 """
 

@@ -1,10 +1,8 @@
-"""Host driver of an array that speaks `docs/tactile-protocol.md`. Stands between a port and the extractor.
-
-Bytes in, frames out. `exchange` asks and hears the answers, `stream` does the waiting.
-"""
+"""Host driver of arrays that speak palpate's own protocol, `docs/tactile-protocol.md`."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 from serial.serialutil import SerialBase
@@ -84,7 +82,7 @@ class TactileArray(StreamedArray):
     def connect(self) -> Description:
         """Ask the array what it is, and where its taxels are if its surface is free; a running stream stops.
 
-        The array forgets a zero that it was told to take off. A port that was just opened is given 5 s,
+        The array drops its tare. A port that was just opened is given 5 s,
         because many boards reset then.
         """
         self._description = self._check = None
@@ -98,13 +96,13 @@ class TactileArray(StreamedArray):
         if answer is None:
             raise self._silent()
         self._just_opened = False
-        told = replace(answer.description, firmware=printable(answer.description.firmware))
-        if told.shape is Shape.FREE:
-            told = replace(told, geometry=self._geometry(told.taxels))
-        self._description = told
+        described = replace(answer.description, firmware=printable(answer.description.firmware))
+        if described.shape is Shape.FREE:
+            described = replace(described, geometry=self._geometry(described.taxels))
+        self._description = described
         self._stream.clear()
         self._expect(0.0)
-        return told
+        return described
 
     def _silent(self) -> DeviceError:
         where, noise = self._stream.where, self._exchange.noise
@@ -182,18 +180,18 @@ class TactileArray(StreamedArray):
     def _geometry(self, taxels: int) -> tuple[float, ...]:
         """Ask where the taxels are, as many at a time as the array likes."""
         places: tuple[float, ...] = ()
-        told = 0
-        while told < taxels:
-            ask = _geometry_from(told)
+        known = 0
+        while known < taxels:
+            ask = partial(Geometry, first=known)
             answer = self._exchange.ask(ask, TaxelPlaces, GEOMETRY_TIMEOUT_S, ATTEMPTS)
             part = self._granted(answer, "say where its taxels are")
-            if part.first != told or told + part.count > taxels:
+            if part.first != known or known + part.count > taxels:
                 raise DeviceError(
-                    f"{self._stream.where} was asked where its taxels are from number {told} on, and told of "
-                    f"{part.count} from {part.first} on; it has {taxels}: check its firmware"
+                    f"{self._stream.where} was asked where its taxels are from number {known} on, and "
+                    f"reported {part.count} from {part.first} on; it has {taxels}: check its firmware"
                 )
             places += part.places
-            told += part.count
+            known += part.count
         return places
 
     def _command(self, make: Callable[[int], Request], verb: str) -> None:
@@ -217,7 +215,3 @@ class TactileArray(StreamedArray):
             return
         tared = bool(message.flags & FrameFlag.TARED)
         self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, body.counts, tared))
-
-
-def _geometry_from(first: int) -> Callable[[int], Geometry]:
-    return lambda number: Geometry(number, first)

@@ -1,6 +1,6 @@
-"""What an untouched array reads, and following it while it drifts. Frames in, zeros with bounds out.
+"""Baseline: what an untouched array reads, with bounds, followed while it drifts.
 
-Stands between frames and `contact`. A taxel's zero wanders with temperature and wear, and a finger that comes
+A taxel's zero wanders with temperature and wear, and a finger that comes
 to rest on a part very slowly looks the same at first. So the zero is not filtered, it is bounded: a taxel's
 zero is known to lie in an interval, which grows by the drift that the calibration allows and is cut with what
 the taxel reads, four standard deviations either way. Load only adds, so a zero is never above what its taxel
@@ -8,7 +8,7 @@ reads. It is not below either, unless the taxel is touched: where reading and in
 it and its neighbours are held, and nothing cuts their intervals from below. A taxel is let go when it has
 come back by more than half of the way, or was never far away. So of a contact that grows by `r` counts per
 second, about drift · (interval + noise) / (r - drift) counts are taken for drift; one that grows no faster
-than the drift cannot be told from it by anybody who looks at counts alone. What was taken is given back when
+than the drift cannot be distinguished from it by counts alone. What was taken is given back when
 the taxel is let go.
 """
 

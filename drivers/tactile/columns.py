@@ -1,6 +1,6 @@
 """Column forces of a cylindrical tip and what is known of their errors. Counts in, sums along the tip out.
 
-Stands between counts and `cylinder`, which asks `templates` or `slabs` about them. All arrays begin with the
+All arrays begin with the
 frames: n is their number, r the rows, c the columns.
 """
 

@@ -1,6 +1,6 @@
 """Patches on a cylindrical tip: from counts above zero to normals, centroid, force and their bounds.
 
-Stands between `contact` and the steps that it puts together: `columns`, `slabs` or `templates`, `centroids`.
+Puts the steps together: `columns`, then `slabs` or `templates`, then `centroids`.
 """
 
 import math
@@ -47,7 +47,7 @@ class CylinderTip:
         self._heights = np.asarray(description.row_heights_mm)
         if len(self._columns) < _LEAST_COLUMNS:
             raise InputError(
-                "tactile array: a cylinder of one column; it takes two to tell a direction: describe the "
+                "tactile array: a cylinder of one column; a direction takes two: describe the "
                 "array as flat, or as free with the places of its taxels"
             )
         steps = np.diff(self._columns)
@@ -210,7 +210,7 @@ class CylinderTip:
         )
 
     def _missing(self, columns: Columns, runs: Runs) -> Floats:
-        """Force (n,) N beyond the array's edge that the patch may have; inf if nobody can say.
+        """Force (n,) N beyond the array's edge that the patch may have; inf if nothing bounds it.
 
         A patch that has fallen off by half at the edge goes on for at most two columns more.
         """

@@ -1,4 +1,4 @@
-"""Questions to an array and their answers, among its frames. Stands between `stream` and `array`.
+"""Request and answer: asks an array until it answers, and passes its frames on.
 
 Every question is asked under a number of its own, more than once if need be: question or answer may get lost,
 and every request of `docs/tactile-protocol.md` may be said twice without harm.
@@ -167,7 +167,7 @@ class ArrayExchange:
         self._restarts.note(answer, now)
 
     def _note(self, fault: DecodeFault, now: float) -> None:
-        """Remember what an array sent that cannot be used; a request is somebody else's."""
+        """Remember what an array sent that cannot be used; requests, of another host, are ignored."""
         if fault.dropped is not None:
             restarted = self._restarts.is_restart(fault.dropped, now)
             self.stream.refuse(self._restarts.behind(fault.dropped), restarted=restarted)

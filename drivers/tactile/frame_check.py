@@ -1,4 +1,4 @@
-"""Whether the frames of an array make sense: size, counts and time. Between `array` and what it is sent.
+"""Plausibility of frames: size, counts and time.
 
 A CRC that holds says that a message is as the array sent it, not that the array is well. The rules are those
 of `docs/tactile-protocol.md`, section 4.

@@ -1,6 +1,6 @@
 """Numbers and times for frames of devices that only stamp them with a counter of 32 bits.
 
-Between a driver (`weiss`) and its frames. Lost frames are estimated: a step much longer than usual
+Lost frames are estimated: a step much longer than usual
 means that frames are missing. A device that pauses by itself looks the same.
 """
 

@@ -1,7 +1,4 @@
-"""A frame of taxels, and what every driver of a tactile array can do, whatever its protocol.
-
-Stands between the drivers (`array`, `weiss`) and all who use frames. `devices` says which driver speaks what.
-"""
+"""Frames of taxels, and `ArrayDriver`: the interface of every driver of a tactile array."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -17,7 +14,7 @@ class TactileFrame:
     """One sample of every taxel: `counts` has shape (rows, cols), uint16, lowest row first.
 
     `device_time_s` is the array's own clock at the sample; `host_time_s` is the host's clock when the frame
-    was read from the port, which is later by the time on the wire and by the wait until somebody looked.
+    was read from the port, which is later by the time on the wire and by the wait until it was read.
     `tared` says that the array took a zero of its own off, so that counts are not raw.
     """
 

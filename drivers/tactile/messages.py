@@ -1,4 +1,4 @@
-"""What a tactile array and its host say to each other, as values. Next: `protocol` turns them into bytes.
+"""Messages of the tactile protocol as values: requests of the host, answers and frames of the array.
 
 The byte layout is in `docs/tactile-protocol.md`. What an array says of itself is in `description`.
 """
@@ -214,7 +214,7 @@ class TaxelPlaces:
 
     @property
     def count(self) -> int:
-        """How many taxels are told of."""
+        """How many taxels it reports."""
         return len(self.places) // REALS_PER_TAXEL
 
 

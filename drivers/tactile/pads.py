@@ -1,6 +1,6 @@
 """Patches on flat and free arrays: connected taxels, wherever they are. Counts in, patches out.
 
-Stands beside `columns`, `templates` and `slabs`, which do it for cylinders. A flat pad cannot tell the
+A flat pad cannot tell the
 object's normal: the range is the half circle in front of it. On a free array the contact's direction lies
 among those of the patch's taxels and half a step to their neighbours.
 """
@@ -268,7 +268,7 @@ def _directions(force: Floats, found: _Patch, surface: TaxelSurface) -> tuple[Fl
     away = wrap_angle(azimuth[None, :] - middle[:, None])
     low = np.where(found.cells, away, np.inf).min(axis=1)
     high = np.where(found.cells, away, -np.inf).max(axis=1)
-    if surface.turn_rad < _FLAT_RAD:  # told taxel by taxel, but flat all the same
+    if surface.turn_rad < _FLAT_RAD:  # free by its description, but flat all the same
         return middle, np.full(n, math.pi / 2), np.zeros(n)
     step = surface.turn_rad / 2
     cut = found.cut.any(axis=0)

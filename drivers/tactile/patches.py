@@ -80,7 +80,7 @@ class ContactPatch:
     the half circle in front of the pad.
 
     `position_mm` is the centroid of the load on the surface, x, y, z, each within `position_bound_mm` (inf
-    where the array's edge cuts the patch and nobody can say). `centroid_rad` ± `centroid_bound_rad` is its
+    where the array's edge cuts the patch and nothing bounds it). `centroid_rad` ± `centroid_bound_rad` is its
     direction on a cylinder, nan on a flat array; `height_mm` ± `height_bound_mm` its height over the tip's
     lower end. `force_n` is what the array sees of this patch, within `force_bound_n` (inf if taxels are
     saturated). `extent_rad` is the width of the active patch, 0 on a flat array, `area_mm2` that of its

@@ -1,4 +1,4 @@
-"""Payloads of tactile messages: bodies to bytes and back. Stands between `messages` and `protocol`.
+"""Payloads of tactile messages: bodies to bytes and back.
 
 Tables: `docs/tactile-protocol.md`, section 2. Little endian throughout. Both ways raise ValueError where
 something does not fit.
@@ -173,19 +173,19 @@ def _text(name: bytes) -> str:
 def _pack_report(body: SelfTestReport) -> bytes:
     if len(body.bad) != min(body.bad_count, MAX_LISTED):
         raise ValueError(f"a list of {len(body.bad)} taxels where {body.bad_count} are bad")
-    told = (_BAD_TAXEL.pack(bad.row, bad.col, bad.fault) for bad in body.bad)
-    return _REPORT.pack(body.request_id, body.result, body.bad_count) + b"".join(told)
+    listed = (_BAD_TAXEL.pack(bad.row, bad.col, bad.fault) for bad in body.bad)
+    return _REPORT.pack(body.request_id, body.result, body.bad_count) + b"".join(listed)
 
 
 def _unpack_report(payload: bytes) -> SelfTestReport:
     request, result, count = _REPORT.unpack_from(payload)
-    told = payload[_REPORT.size :]
-    if len(told) != _BAD_TAXEL.size * min(count, MAX_LISTED):
+    listed = payload[_REPORT.size :]
+    if len(listed) != _BAD_TAXEL.size * min(count, MAX_LISTED):
         raise ValueError(f"{count} bad taxels in a payload of {len(payload)} bytes")
-    unknown = {kind for _, _, kind in _BAD_TAXEL.iter_unpack(told)} - _TAXEL_FAULTS
+    unknown = {kind for _, _, kind in _BAD_TAXEL.iter_unpack(listed)} - _TAXEL_FAULTS
     if unknown:
         raise ValueError(f"kind {min(unknown)} of a bad taxel (allowed: 1 to {max(_TAXEL_FAULTS)})")
-    bad = tuple(BadTaxel(row, col, TaxelFault(kind)) for row, col, kind in _BAD_TAXEL.iter_unpack(told))
+    bad = tuple(BadTaxel(row, col, TaxelFault(kind)) for row, col, kind in _BAD_TAXEL.iter_unpack(listed))
     return SelfTestReport(request, SelfTestResult(result), count, bad)
 
 

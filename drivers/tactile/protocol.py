@@ -1,4 +1,4 @@
-"""Bytes to tactile messages and back. Stands between a port's bytes and `array.TactileArray`.
+"""Codec of the tactile protocol: bytes to messages and back.
 
     COBS(version u8, type u8, flags u16, sequence u32, time_us u64, length u16, payload, crc u32) 00
 

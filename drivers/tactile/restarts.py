@@ -1,4 +1,4 @@
-"""Whether an array was reset while the host talked to it. Between `exchange` and the decoder.
+"""Restart detection: whether an array was reset while the host talked to it.
 
 After a reset numbers and clock begin at 0 (`docs/tactile-protocol.md`, section 1). A late copy of an old
 message has a number that is behind, too, but not a clock that has run no longer than the array was not heard.
@@ -32,7 +32,7 @@ class RestartWatch:
         )
 
     def is_restart(self, message: Message, now: float) -> bool:
-        """Whether a message that was read at `now` (s) tells of a reset: number and clock are behind."""
+        """Whether a message that was read at `now` (s) shows a reset: number and clock are behind."""
         last = self._last
         if last is None or (message.sequence - last.sequence) % (1 << 32) < _HALF_CIRCLE:
             return False

@@ -1,6 +1,6 @@
 """`templates` for many profiles at once: only those that can fit are looked at, and those in one product.
 
-Beside `templates`, for whole recordings. A template can only fit if its force is possible and if its centroid
+For whole recordings. A template can only fit if its force is possible and if its centroid
 is where the profile's is: within six standard deviations, for by Cauchy and Schwarz's inequality any other
 has a misfit above 36, and a best one above 20 counts for nothing. (The window is that of the errors without
 what alike templates differ by. That adds at most 0.75 of a column's variance, since templates' own error is

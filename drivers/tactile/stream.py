@@ -1,4 +1,4 @@
-"""A port read frame by frame: the waiting that every driver of a tactile array does. Bytes in, bytes out.
+"""Frame stream: a port read frame by frame, with the waiting that every driver of a tactile array does.
 
 The port is pyserial's; waiting is done by reading with a time-out, so that an emulated port can let virtual
 time pass. Nothing here blocks longer than its stated limit on the clock it was given.
@@ -131,7 +131,7 @@ class FrameStream:
         self._frames.append(frame)
 
     def refuse(self, reason: str, *, restarted: bool = False) -> None:
-        """Note that a frame makes no sense, or tells of a restart, and why. It was dropped."""
+        """Note that a frame makes no sense, or shows a restart, and why. It was dropped."""
         self._refused += 1
         self._refusal = reason
         self._has_restarted = restarted
@@ -141,7 +141,7 @@ class FrameStream:
         self._since_frame = 0
 
     def clear(self) -> None:
-        """Forget the frames that nobody has read."""
+        """Forget unread frames."""
         self._frames.clear()
 
     def frames(self) -> list[TactileFrame]:
@@ -285,7 +285,7 @@ class FrameStream:
     def has_restarted(self, how: str) -> DeviceError:
         """The error of an array that was reset; `how` it shows."""
         return DeviceError(
-            f"{self.where} has restarted ({how}); what it had been told is forgotten: check its supply and "
+            f"{self.where} has restarted ({how}) and has lost its settings: check its supply and "
             "its cable, then start again"
         )
 

@@ -1,7 +1,4 @@
-"""The taxels of an array as cells on its surface. A description in, places, sizes and sides out.
-
-Beside `pads`, which finds patches of such cells.
-"""
+"""The taxels of an array as cells on its surface. A description in, places, sizes and sides out."""
 
 from dataclasses import dataclass
 

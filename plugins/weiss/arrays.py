@@ -25,7 +25,7 @@ class WtsArray(WeissArray):
     """A WTS tactile sensor module on a port, as an `ArrayDriver`. Call `connect` first.
 
     Its manual was not at hand where it gives the unit of the stamps. `connect` measures it: two frames,
-    a tenth of a second apart, tell apart milliseconds and what is ten, a hundred or a thousand times
+    a tenth of a second apart, distinguish milliseconds from what is ten, a hundred or a thousand times
     finer.
     """
 
@@ -56,8 +56,8 @@ class WtsArray(WeissArray):
         tick_s = self._tick_s()
         name = f"{kind or 'WTS'} {system.version}"
         uid = b"WTS" + system.serial.to_bytes(4, "little") + bytes((system.hardware,))
-        told = self._describe(uid, name, emulated=tag.startswith(_EMULATED), limit_hz=self._MAX_RATE_HZ)
-        return told, tick_s
+        described = self._describe(uid, name, emulated=tag.startswith(_EMULATED), limit_hz=self._MAX_RATE_HZ)
+        return described, tick_s
 
     def _tick_s(self) -> float:
         """Unit of the frames' stamps in s."""
@@ -130,10 +130,10 @@ class DsaArray(WeissArray):
         kind = text_of(self._inquire(DsaCommand.DESCRIPTOR, self._DESCRIPTOR_OF_SENSOR))
         if controller.release >= self._RELEASE_WITH_THRESHOLDS:
             self._inquire(DsaCommand.SET_THRESHOLD, bytes((self._ALL_MATRICES, 0, 0, 0)))
-        told = self._describe(
+        described = self._describe(
             b"DSA" + controller.serial.to_bytes(4, "little") + bytes((number,)) + self._matrices[number].uid,
             f"DSACON32 R{controller.release}",
             emulated=kind.startswith(_EMULATED),
             limit_hz=self._MAX_RATE_HZ,
         )
-        return told, self._TICK_S
+        return described, self._TICK_S

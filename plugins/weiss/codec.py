@@ -79,7 +79,7 @@ class WeissFault:
 def encode(dialect: WeissDialect, packet: WeissPacket) -> bytes:
     """Return the wire bytes. Raises ValueError if a field does not fit its place on the wire.
 
-    AA is no command of either dialect, and cannot be sent as one: it could not be told from the
+    AA is no command of either dialect, and cannot be sent as one: it could not be distinguished from the
     preamble.
     """
     size = len(packet.payload)
@@ -173,8 +173,8 @@ class WeissDecoder:
         if len(self._pending) - at < length:
             return None
         if checked:
-            told = _CRC.unpack_from(self._pending, end)[0]
-            if told != self._crc.of(at + self._dialect.unchecked_head, end):
+            sent = _CRC.unpack_from(self._pending, end)[0]
+            if sent != self._crc.of(at + self._dialect.unchecked_head, end):
                 return WeissFaultKind.CRC
         return WeissPacket(command, bytes(self._pending[at + _HEADER.size : end])), length
 

@@ -1,5 +1,6 @@
 """Base of the host drivers of Weiss Robotics' tactile sensors: requests, answers, frames.
- Neither device numbers its frames: numbers
+
+Neither device numbers its frames: numbers
 and losses come from their stamps (`frame_times`). A texel at the matrix's full scale counts as the
 largest count.
 """
@@ -189,7 +190,7 @@ class WeissArray(StreamedArray):
         return None
 
     def _let_pass(self) -> None:
-        """Hear out what is under way: an answer tells its command, not which of several askings it is for."""
+        """Read what is under way: an answer names its command, not which of several requests it is for."""
         if self._description is None:
             self._stream.wait_until(lambda: False, _LATE_S if self._asked_again else _QUIET_S)
             self._asked_again = False
