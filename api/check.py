@@ -102,8 +102,8 @@ def _touched(
 ) -> Retouch:
     """Connect, touch the disc, disconnect."""
     assert on_bench.calibration is not None, "refused before"
-    promises = contact_uncertainties(on_bench.calibration, at_rest=False)
-    assert promises is not None, "refused before"
+    uncertainties = contact_uncertainties(on_bench.calibration, at_rest=False)
+    assert uncertainties is not None, "refused before"
     bench = set_up(on_bench.described, None, seed)
     table = table or emulated_table(bench, seed)
     if table is None:
@@ -111,7 +111,7 @@ def _touched(
     disc, _ = build_references(shapes)
     connect = rig_connector(environment(bench), table, show)
     with connect(on_bench.rig, moving=True) as there:
-        return retouch(on_bench.rig, there.prober, disc, promises, lambda text: show(f"  {text}"))
+        return retouch(on_bench.rig, there.prober, disc, uncertainties, lambda text: show(f"  {text}"))
 
 
 def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[str]:

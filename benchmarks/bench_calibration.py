@@ -138,12 +138,12 @@ def retouched(seed: int, file: CalibrationFile) -> dict[str, object]:
     drawn = load_rig(RIG)
     rig, bench = apply_calibration(drawn, file), set_up(drawn, None, seed)
     table = emulated_table(bench, seed + 1)
-    promises = contact_uncertainties(file, at_rest=False)
+    uncertainties = contact_uncertainties(file, at_rest=False)
     assert table is not None
-    assert promises is not None
+    assert uncertainties is not None
     disc = build_references(load_references(shipped_references()))[0]
     with rig_connector(environment(bench), table, print)(rig, moving=True) as there:
-        found = retouch(rig, there.prober, disc, promises).agreement
+        found = retouch(rig, there.prober, disc, uncertainties).agreement
     return {
         "drifted": found.drifted,
         "rms_mm": found.rms_mm,

@@ -123,10 +123,10 @@ def _promise(
     )
 
 
-def touch_covariance(surface: SurfaceContacts, promises: Sequence[ContactUncertainty]) -> Floats:
-    """Covariance (n, n) of the distances of touches from the surface, mm²; `promises`: of every finger."""
+def touch_covariance(surface: SurfaceContacts, uncertainties: Sequence[ContactUncertainty]) -> Floats:
+    """Covariance (n, n) of touches' distances from the surface, mm²; `uncertainties`: of every finger."""
     scatter, fit, along, across, sigmas = np.array(
-        [(item.scatter_mm, item.fit_mm, item.along_mm, item.across_mm, item.sigmas) for item in promises]
+        [(item.scatter_mm, item.fit_mm, item.along_mm, item.across_mm, item.sigmas) for item in uncertainties]
     )[surface.finger].T
     cosine = (surface.normal * surface.travel).sum(axis=1)
     same = surface.finger[:, None] == surface.finger

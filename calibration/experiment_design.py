@@ -110,7 +110,7 @@ def predict_touches(
 
 
 def choose_touches(
-    foreseen: PredictedTouches,
+    predicted: PredictedTouches,
     approaches: Sequence[SlideApproach],
     models: Sequence[FingerModel],
     covariance: Floats,
@@ -118,7 +118,7 @@ def choose_touches(
     count: int,
 ) -> list[list[Probe]]:
     """`count` grips, the most informative first, each with a touch of every finger that has a good one."""
-    left = foreseen.good.copy()
+    left = predicted.good.copy()
     spread = covariance.copy()
     finger = np.array([item.finger for item in approaches])
     grips: list[list[Probe]] = []
@@ -128,14 +128,14 @@ def choose_touches(
             own = np.flatnonzero(left & (finger == index))
             if not len(own):
                 continue
-            rows = foreseen.rows[own]
+            rows = predicted.rows[own]
             information = np.einsum("ij,jk,ik->i", rows, spread, rows)
             best = int(own[information.argmax()])
-            row = foreseen.rows[best]
+            row = predicted.rows[best]
             carried = spread @ row
             spread -= np.outer(carried, carried) / (sigma_mm**2 + row @ carried)
             left[best] = False
-            grip.append(_probe(best, approaches[best], foreseen.slide_rad[best], models[index]))
+            grip.append(_probe(best, approaches[best], predicted.slide_rad[best], models[index]))
         if grip:
             grips.append(grip)
     return grips

@@ -76,7 +76,7 @@ def touch_placing(
     found = locate_reference(prober, models, placings, known, stiffness, start)
     touched = list(found.touched)
     grips = choose_touches(
-        found.foreseen, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT
+        found.predicted, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT
     )
 
     def carried_out(grip: Sequence[Probe]) -> list[TouchMeasurement]:

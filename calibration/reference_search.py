@@ -26,7 +26,7 @@ class LocatedReference:
 
     touched: tuple[TouchMeasurement, ...]
     fit: Fit
-    foreseen: PredictedTouches
+    predicted: PredictedTouches
 
 
 def locate_reference(
@@ -78,12 +78,12 @@ def probes_at_bearing(
     finger = np.array([item.finger for item in prober.approaches])
     result = []
     for index in range(len(models)):
-        own = np.flatnonzero(found.foreseen.good & (finger == index))
+        own = np.flatnonzero(found.predicted.good & (finger == index))
         if len(own):
-            off = np.abs(found.foreseen.oblique_rad[own] - bearing_rad)
+            off = np.abs(found.predicted.oblique_rad[own] - bearing_rad)
             best = int(own[off.argmin()])
-            probe = Probe(best, float(found.foreseen.slide_rad[best]))
-            result.append((probe, float(found.foreseen.oblique_rad[best])))
+            probe = Probe(best, float(found.predicted.slide_rad[best]))
+            result.append((probe, float(found.predicted.oblique_rad[best])))
     return result
 
 

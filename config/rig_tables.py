@@ -119,7 +119,7 @@ class SearchConfig(FileModel):
     )
     detectable_shift_mm: Positive = Field(
         default=10.0,
-        description="The last grip before an answer should surely notice a shift of the part by this.",
+        description="The last grip before an answer must be able to detect a shift of the part by this.",
     )
     goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(

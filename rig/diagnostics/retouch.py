@@ -60,13 +60,13 @@ def retouch(
     rig: RigFile,
     prober: Prober,
     disc: Reference,
-    promises: Sequence[ContactUncertainty],
+    uncertainties: Sequence[ContactUncertainty],
     tell: Callable[[str], None] = lambda _: None,
 ) -> Retouch:
     """Have a disc put in the middle, touch it with every finger from several sides, and compare.
 
-    `rig`: with its calibration, all its fingers slides; `promises`: of every finger. Raises InputError if the
-    disc is not found, or a finger never meets it.
+    `rig`: with its calibration, all its fingers slides; `uncertainties`: of every finger. Raises InputError
+    if the disc is not found, or a finger never meets it.
     """
     specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     models = [_as_calibrated(spec) for spec in specs]
@@ -83,13 +83,16 @@ def retouch(
         raise InputError(
             f"finger {missing[0]} never met the {disc.name}: put it nearer to the middle, or calibrate again"
         )
-    return compare_retouch(rig, disc, promises, touched)
+    return compare_retouch(rig, disc, uncertainties, touched)
 
 
 def compare_retouch(
-    rig: RigFile, disc: Reference, promises: Sequence[ContactUncertainty], touched: Sequence[TouchMeasurement]
+    rig: RigFile,
+    disc: Reference,
+    uncertainties: Sequence[ContactUncertainty],
+    touched: Sequence[TouchMeasurement],
 ) -> Retouch:
-    """Compare touches of a disc in the middle with what a calibration, which is laid over `rig`, promises.
+    """Compare touches of a disc in the middle with the uncertainties of `rig`'s calibration.
 
     Every finger must have touched it. Raises InputError if touches are too few to tell anything.
     """
@@ -99,7 +102,7 @@ def compare_retouch(
     touches = touch_arrays(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
     fit = fit_fingers(models, placings, touches)
     # Another size of the disc shifts all touches alike.
-    covariance = touch_covariance(_surface(rig, specs, models, touched, touches, fit), promises)
+    covariance = touch_covariance(_surface(rig, specs, models, touched, touches, fit), uncertainties)
     covariance += disc.tolerance_mm**2 / 3
     slopes = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
     first = len(models) * COLUMNS

@@ -42,8 +42,8 @@ def session_agreement(
     None if there is no calibration with bounds, more than one hypothesis is left, or contacts are too few.
     """
     recognition = result.recognition
-    promises = None if calibration is None else contact_uncertainties(calibration, at_rest=True)
-    if promises is None or recognition is None or recognition.verdict is not RecognitionVerdict.UNIQUE:
+    uncertainties = None if calibration is None else contact_uncertainties(calibration, at_rest=True)
+    if uncertainties is None or recognition is None or recognition.verdict is not RecognitionVerdict.UNIQUE:
         return None
     since = result.moved_before[-1] - 1 if result.moved_before else 0
     touches = [touch for grip in result.grips[since:] for touch in grip if _is_clear(touch)]
@@ -51,7 +51,7 @@ def session_agreement(
     outlines = [_edges_at(found, touch.contact.finger.height_mm) for touch in touches]
     if not touches or any(not len(outline) for outline in outlines):
         return None
-    return _agreement(touches, outlines, found, rig, promises)
+    return _agreement(touches, outlines, found, rig, uncertainties)
 
 
 def calibration_used(
@@ -78,7 +78,7 @@ def _agreement(
     outlines: Sequence[Floats],
     found: Hypothesis,
     rig: RigFile,
-    promises: Sequence[ContactUncertainty],
+    uncertainties: Sequence[ContactUncertainty],
 ) -> Agreement | None:
     centre = np.array([touch.contact.end_mm for touch in touches])
     radius = np.array([touch.contact.finger.tip_radius_mm for touch in touches])
@@ -111,7 +111,7 @@ def _agreement(
         dent_mm=np.array([_dent_mm(touch, rig) for touch in touches]),
         tolerance_mm=found.state.tolerance_mm,
     )
-    return compare_touches(residual, slopes, touch_covariance(surface, promises))
+    return compare_touches(residual, slopes, touch_covariance(surface, uncertainties))
 
 
 def _dent_mm(touch: Touch, rig: RigFile) -> float:

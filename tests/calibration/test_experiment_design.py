@@ -1,4 +1,4 @@
-"""Which touches are foreseen, against simulated ones, and that the chosen ones say more than others."""
+"""Which touches are predicted, against simulated ones, and that the chosen ones say more than others."""
 
 import math
 
@@ -64,7 +64,7 @@ def fit() -> Fit:
 
 
 @pytest.fixture(scope="module")
-def foreseen(fit: Fit) -> PredictedTouches:
+def predicted(fit: Fit) -> PredictedTouches:
     return predict_touches(models(), placings()[: PLACING + 1], fit, PLACING, approaches())
 
 
@@ -78,70 +78,70 @@ def direction_rad(fit: Fit, approach: SlideApproach) -> float:
     return float(fit.values[own, HEADING] + (approach.aim_rad - AIM_ZEROS_RAD[own]) / GEARS[own])
 
 
-def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, foreseen: PredictedTouches) -> None:
+def test_approaches_end_where_they_would_if_the_fit_were_true(fit: Fit, predicted: PredictedTouches) -> None:
     plate, hits = as_fitted(fit), 0
     for k, approach in enumerate(approaches()):
         own = fit.values[approach.finger]
         expected = met(own[:2], direction_rad(fit, approach), plate, own[3])
         if expected is None:
-            assert math.isnan(foreseen.slide_rad[k])
+            assert math.isnan(predicted.slide_rad[k])
             continue
         if expected.room_mm == 0.0:
-            assert not foreseen.good[k]
+            assert not predicted.good[k]
             continue
         hits += 1
         _, slide = servos_rad(own, approach.finger, 0.0, expected.travel_mm, 0.0)
-        assert foreseen.slide_rad[k] == pytest.approx(slide, abs=1e-5)
-        assert foreseen.oblique_rad[k] == pytest.approx(expected.oblique_rad, abs=1e-4)
-        assert foreseen.room_mm[k] == pytest.approx(expected.room_mm, abs=1e-3)
+        assert predicted.slide_rad[k] == pytest.approx(slide, abs=1e-5)
+        assert predicted.oblique_rad[k] == pytest.approx(expected.oblique_rad, abs=1e-4)
+        assert predicted.room_mm[k] == pytest.approx(expected.room_mm, abs=1e-3)
         wanted = abs(expected.oblique_rad) <= math.radians(48.0) and expected.room_mm >= 4.0
-        assert foreseen.good[k] == wanted
+        assert predicted.good[k] == wanted
     assert hits > AIMS
 
 
-def told(foreseen: PredictedTouches, covariance: Floats, numbers: list[int]) -> float:
+def told(predicted: PredictedTouches, covariance: Floats, numbers: list[int]) -> float:
     """By how much touches shrink the ellipsoid of what is unknown: the logarithm of its volumes' ratio."""
-    rows = foreseen.rows[numbers]
+    rows = predicted.rows[numbers]
     return float(np.linalg.slogdet(np.eye(len(rows)) + rows @ covariance @ rows.T / SIGMA_MM**2)[1])
 
 
-def test_chosen_touches_say_more_than_random_ones(fit: Fit, foreseen: PredictedTouches) -> None:
+def test_chosen_touches_say_more_than_random_ones(fit: Fit, predicted: PredictedTouches) -> None:
     count, every = 3, approaches()
-    grips = choose_touches(foreseen, every, models(), fit.covariance, SIGMA_MM, count)
+    grips = choose_touches(predicted, every, models(), fit.covariance, SIGMA_MM, count)
     chosen = [probe.approach for grip in grips for probe in grip]
     assert len(grips) == count
     assert len(set(chosen)) == len(chosen)
-    assert foreseen.good[chosen].all()
+    assert predicted.good[chosen].all()
     assert [[every[probe.approach].finger for probe in grip] for grip in grips] == [[0, 1, 2]] * count
     rng = np.random.default_rng(0)
     finger = np.array([approach.finger for approach in every])
     others = []
     for _ in range(100):
         drawn_ones = [
-            rng.choice(np.flatnonzero(foreseen.good & (finger == k)), count, False) for k in range(3)
+            rng.choice(np.flatnonzero(predicted.good & (finger == k)), count, False) for k in range(3)
         ]
-        others.append(told(foreseen, fit.covariance, [int(k) for k in np.concatenate(drawn_ones)]))
-    assert told(foreseen, fit.covariance, chosen) > max(others) - 1e-9
+        others.append(told(predicted, fit.covariance, [int(k) for k in np.concatenate(drawn_ones)]))
+    assert told(predicted, fit.covariance, chosen) > max(others) - 1e-9
     assert max(others) > min(others) + 0.1
 
 
 def test_a_probe_goes_beyond_its_contact_and_not_beyond_its_approach(
-    fit: Fit, foreseen: PredictedTouches
+    fit: Fit, predicted: PredictedTouches
 ) -> None:
     every = approaches()
-    for grip in choose_touches(foreseen, every, models(), fit.covariance, SIGMA_MM, 4):
+    for grip in choose_touches(predicted, every, models(), fit.covariance, SIGMA_MM, 4):
         for probe in grip:
             approach, model = every[probe.approach], models()[every[probe.approach].finger]
-            beyond = (probe.end_rad - foreseen.slide_rad[probe.approach]) * model.mm_per_rad
-            left = (approach.end_rad - foreseen.slide_rad[probe.approach]) * model.mm_per_rad
+            beyond = (probe.end_rad - predicted.slide_rad[probe.approach]) * model.mm_per_rad
+            left = (approach.end_rad - predicted.slide_rad[probe.approach]) * model.mm_per_rad
             assert beyond == pytest.approx(min(12.0, left))
 
 
-def test_a_finger_without_good_touches_takes_no_part(fit: Fit, foreseen: PredictedTouches) -> None:
+def test_a_finger_without_good_touches_takes_no_part(fit: Fit, predicted: PredictedTouches) -> None:
     every = approaches()
     mine = np.array([approach.finger == 1 for approach in every])
     nowhere = PredictedTouches(
-        np.where(mine, np.nan, foreseen.slide_rad), foreseen.oblique_rad, foreseen.room_mm, foreseen.rows
+        np.where(mine, np.nan, predicted.slide_rad), predicted.oblique_rad, predicted.room_mm, predicted.rows
     )
     for grip in choose_touches(nowhere, every, models(), fit.covariance, SIGMA_MM, 2):
         assert [every[probe.approach].finger for probe in grip] == [0, 2]

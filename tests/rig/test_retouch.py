@@ -60,11 +60,11 @@ def touched(
     """A re-touch of a simulated rig whose calibration has bases of fingers off by so much."""
     world = SimulatedRig(RIG, seed, spoil)
     file = truth_calibration(RIG, world.fingers, off_mm=off_mm)
-    promises = contact_uncertainties(file, at_rest=False)
-    assert promises is not None
+    uncertainties = contact_uncertainties(file, at_rest=False)
+    assert uncertainties is not None
     rig = apply_calibration(RIG, file)
     with world.connect(rig, moving=True) as there:
-        return retouch(rig, there.prober, disc, promises)
+        return retouch(rig, there.prober, disc, uncertainties)
 
 
 def test_a_rig_that_is_as_it_was_agrees() -> None:
@@ -105,10 +105,10 @@ class Empty(SimulatedProber):
 
 def test_no_disc_is_said() -> None:
     world = SimulatedRig(RIG, 0)
-    promises = contact_uncertainties(truth_calibration(RIG, world.fingers), at_rest=False)
-    assert promises is not None
+    uncertainties = contact_uncertainties(truth_calibration(RIG, world.fingers), at_rest=False)
+    assert uncertainties is not None
     with pytest.raises(InputError, match=r"the disc was not found near \(0, 0\) mm"):
-        retouch(RIG, Empty(world, RIG), DISC, promises)
+        retouch(RIG, Empty(world, RIG), DISC, uncertainties)
 
 
 @pytest.fixture
