@@ -25,9 +25,9 @@ from palpate.views.explanation import (
     why_out,
 )
 from palpate.views.grip_result import grip_out
+from palpate.views.identification import identification_picture
 from palpate.views.plan_picture import plan_picture
 from palpate.views.recognition import recognition_out, recognition_picture
-from palpate.views.run import identification_picture
 from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict
 
 __all__ = ["Answer", "Plan", "RecognitionAnswer"]
