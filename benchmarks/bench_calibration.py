@@ -42,7 +42,7 @@ from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, build_r
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.rig.diagnostics.retouch import retouch
-from palpate.rig.emulated.answer_error import in_hand_frame
+from palpate.rig.emulated.calibrated_truth import in_hand_frame
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.session.run import IdentificationJob, run_identification

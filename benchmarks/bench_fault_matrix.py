@@ -22,8 +22,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from fault_matrix import FAULTS, LOOKED, Cell, Outcome, cells, problems, run_cell
+from fault_matrix import Cell, Outcome, cells, problems, run_cell
 from fault_page import write_page
+from fault_rows import FAULTS, LOOKED
 
 from palpate.drivers.dynamixel import bus, control_table, guarded, servo, state
 from palpate.drivers.transport import record

@@ -1,6 +1,4 @@
-"""Running the bench: what joins drivers, recogniser and configuration, and the command line on top.
+"""What is done with a rig: drives, reach, guarded motion, identification, sessions, the emulated bench.
 
-The only layer that knows all others. `bench` is the composition root, `hand` and `closing` move fingers,
-`identify` is the loop from an untouched table to a verdict, `session` logs it, `report` and `picture` show
-it, `cli` is what users start.
+`bench` is the composition root: it alone connects a rig file to real ports or to emulated devices.
 """

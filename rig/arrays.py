@@ -1,7 +1,4 @@
-"""Tactile arrays of a rig: driver, emulated device and contact extractor of each, from the rig file.
-
-A kind of array is an `ArrayPlugin`. One is built in, others come by entry point.
-"""
+"""Tactile arrays of a rig: the driver and the contact extractor of each finger."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

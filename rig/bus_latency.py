@@ -1,4 +1,4 @@
-"""How long a bus's adapter may hold an answer back: from a rig file, or from what the system tells."""
+"""Latency of a bus's adapter: from the rig file, or from the operating system."""
 
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.timing import UNKNOWN_LATENCY_S, latency_with_timer_s

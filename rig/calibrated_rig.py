@@ -1,4 +1,4 @@
-"""A rig file with the calibration that lies beside it. Between `config` and every command that takes a rig.
+"""A rig file together with the calibration that lies beside it.
 
 Two descriptions of one rig: hand and recogniser use the calibrated one; emulated devices are built from the
 one in the rig file, which says round what their hidden truth is drawn.

@@ -1,7 +1,7 @@
-"""How a finger is moved: what its servos are told, and when. Between the closing and the servos.
+"""Drives: the goals of a finger's servos, and when each is due.
 
-A `Drive` is told where to go; the closing asks it every sample for the goals to write then (`goals`), and at
-the end where its servos should stand (`targets`). A slide has one goal for a whole way, with the servo's own
+A `Drive` is given a path; a mover asks it every sample for the goals to write then (`goals`), and at the end
+where its servos should stand (`targets`). A slide has one goal for a whole way, with the servo's own
 speed profile. Limits are written before torque goes on.
 """
 

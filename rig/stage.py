@@ -1,6 +1,6 @@
 """The turning stage as the host sees it: one servo, and from its angle to where the ring stands.
 
-Between the rig file and the hand. The stage turns all fingers about a fixed centre; what it carries is
+The stage turns all fingers about a fixed centre; what it carries is
 computed in the ring's frame, and `Turn` leads from there to W.
 """
 

@@ -1,4 +1,4 @@
-"""From a finger's part of the rig file to its servos on the bus, and what moves it. Called by the hand."""
+"""Drives of a rig: the servos of each finger on the bus, limited to its ranges, and how they are moved."""
 
 import math
 

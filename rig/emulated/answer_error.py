@@ -1,30 +1,13 @@
-"""How an answer compares with what the emulator had on the table: after the run, on emulated rigs only."""
+"""Error of an answer against the truth on an emulated table; known after the run only."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
 
-from palpate.calibration.gauge import BasePose, align_to_nominal
-from palpate.config import RigFile
 from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.emulated.scene import Placement
 
-__all__ = ["Comparison", "Standing", "compare", "in_hand_frame"]
-
-
-class Standing(Protocol):
-    """What of a finger's truth says where it stands in W."""
-
-    @property
-    def base_mm(self) -> tuple[float, float]:
-        """Its base."""
-        ...
-
-    @property
-    def heading_rad(self) -> float:
-        """Its direction at aim 0, or of its first link at shoulder angle 0."""
-        ...
+__all__ = ["Comparison", "compare"]
 
 
 @dataclass(frozen=True)
@@ -53,17 +36,6 @@ def compare(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Compariso
     if not found:
         return Comparison(None, truth, False, None, None)
     return min(found, key=lambda item: (not item.inside_bounds, item.position_error_mm))
-
-
-def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[Standing]) -> Placement:
-    """The placement as a calibrated rig speaks of it: fingers stand nearest to the drawing there.
-
-    `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
-    """
-    drawn = [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
-    moved = align_to_nominal(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
-    x, y = moved.point_mm((placement.x_mm, placement.y_mm))
-    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)
 
 
 def _compared(placement: Placement, hypothesis: Hypothesis) -> Comparison:

@@ -1,15 +1,21 @@
-"""What an emulated rig has on its table, as a calibrated hand sees it: after the run, to compare answers.
+"""Truth on an emulated table in the frame in which a calibrated rig answers.
 
-A calibration cannot know where the rig stands on its table. It speaks of the hand frame, in which the fingers
-are nearest to where the rig file has them (`calibration.hand_frame`); the emulators speak of the table's.
+A calibration cannot measure where the rig stands on its table. Its answers are in the hand frame, in which
+the fingers are nearest to where the rig file has them; the emulators' truth is in the table's frame.
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.config import RigFile
+from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.rig.calibrated_rig import RigOnBench
-from palpate.rig.emulated.answer_error import in_hand_frame
 from palpate.rig.emulated.devices import EmulatedRig, emulate
 from palpate.rig.emulated.scene import Placement
 
-__all__ = ["placement_in_hand_frame"]
+__all__ = ["in_hand_frame", "placement_in_hand_frame"]
 
 
 def placement_in_hand_frame(
@@ -25,3 +31,14 @@ def placement_in_hand_frame(
         return placement
     devices = emulated or emulate(on_bench.described, placement, seed)
     return in_hand_frame(placement, on_bench.described, [item.truth for item in devices.bench.fingers])
+
+
+def in_hand_frame(placement: Placement, rig: RigFile, truths: Sequence[FingerTruth | ArmTruth]) -> Placement:
+    """The placement as a calibrated rig speaks of it: fingers stand nearest to the drawing there.
+
+    `rig` is the drawing, the rig file before it was calibrated; `truths` are its fingers', in their order.
+    """
+    drawn = [BasePose(finger.base_mm, math.radians(finger.heading_deg)) for finger in rig.fingers]
+    moved = align_to_nominal(drawn, [BasePose(truth.base_mm, truth.heading_rad) for truth in truths])
+    x, y = moved.point_mm((placement.x_mm, placement.y_mm))
+    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + moved.angle_rad)

@@ -1,4 +1,4 @@
-"""One finger during a closing: where it is to go, and where it has been. Between closing and conclusions."""
+"""State of one finger during a grip: its planned approach, its line, and where its tip has been."""
 
 import math
 from dataclasses import dataclass, field

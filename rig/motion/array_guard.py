@@ -1,4 +1,4 @@
-"""Watch over the tactile arrays that stream: what they have sent, too much force, and silence.
+"""Guard over the tactile arrays that stream: too much force and silence end all motion.
 
 The hand looks through it wherever time passes with torque on, so that no motion can leave it out.
 """

@@ -1,4 +1,4 @@
-"""Are the devices that are connected those that were calibrated? Between the calibration file and a hand.
+"""Identity of devices: whether those that are connected are those that were calibrated.
 
 An array or a servo that was replaced has other gains, another play, another zero.
 """

@@ -1,4 +1,4 @@
-"""What a finger's approach came to: from a run and its patch to the recogniser's contact, in W."""
+"""Contact or miss, in W with its bounds, from the state of an approach and the patch on the array."""
 
 import math
 from dataclasses import dataclass

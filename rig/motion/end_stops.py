@@ -1,6 +1,6 @@
-"""Moves of single joints for calibration: slides against their hard stops, aims to and fro.
+"""Motions of single joints for calibration: slides against their hard stops, aims to and fro.
 
-Between the hand and `rig_prober`. Nothing lies on the table.
+Nothing lies on the table.
 """
 
 import math

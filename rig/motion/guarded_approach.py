@@ -1,6 +1,6 @@
-"""Guarded closing: fingers move along straight lines and stop at what they touch.
+"""Guarded approach: fingers move along straight lines until contact, limit, stall or deadline.
 
-From planned approaches to contacts. Each finger touches twice: quickly to find the object, then, after
+Each finger touches twice: quickly to find the object, then, after
 backing off a little, slowly to measure it. All chosen fingers move at once; the loop runs once per tactile
 sample, and every finger stops by itself. A finger that comes too close to another one stops where it is: its
 free way so far is still evidence.
@@ -39,7 +39,7 @@ Measure = Callable[[Hand, Sequence[ApproachState]], list[tuple[ApproachState, Co
 
 
 class GripPhase(Enum):
-    """What a finger is doing, for whoever shows progress."""
+    """Phase of a grip, as progress is reported."""
 
     AIMING = "aiming"
     CLOSING = "closing"

@@ -1,8 +1,8 @@
 """The hand: all fingers of a rig, connected, limited, and switched off again whatever happens.
 
-Joins servos, arrays, extractors and kinematics. Limits are written and read back before torque goes on; Bus
-Watchdog is armed while anything moves; leaving the `with` block, by whatever way, switches every motor's
-torque off, each by itself. Whatever time passes with torque on passes in `pause`, where arrays are guarded.
+Limits are written and read back before torque goes on; Bus Watchdog is armed while anything moves; leaving
+the `with` block, by whatever way, switches every motor's torque off, each by itself. Whatever time passes
+with torque on passes in `pause`, where arrays are guarded.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Slow presses and stops of fingers, for calibration. Between the hand and `rig_prober`.
+"""Slow presses, and stops at speed, for calibration.
 
 The ways to contacts must be known to be free: the fingers have touched there before. What servos and arrays
 say on the way in and out is kept sample by sample; what it means is calibration's business.

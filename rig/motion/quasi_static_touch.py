@@ -1,6 +1,6 @@
-"""Measuring contacts on the move, for calibration: fingers creep on a little and readings are averaged.
+"""Quasi-static touch, for calibration: fingers creep on into a contact, and readings are averaged.
 
-Between a slow touch and its conclusion. A slide that is stopped comes to rest in the same part of an encoder
+A slide that is stopped comes to rest in the same part of an encoder
 step again and again, and in which part depends on how obliquely it touches: so the rounding of resting
 positions does not average out over touches. While a slide creeps over whole steps, it does.
 """

@@ -1,6 +1,6 @@
 """The reach of the rig: every approach that each finger can take, and which of them go together.
 
-From the rig file to the planner's candidates. An approach starts with the tip waiting outside of the
+An approach starts with the tip waiting outside of the
 workspace and goes straight on until the tip has crossed the workspace, the finger ends, or something stands
 in its way: an obstacle, or the place where another finger may wait.
 """

@@ -1,6 +1,6 @@
-"""Where fingers wait between approaches, and between which of those places they may move at any time.
+"""Standby poses: where fingers wait between approaches, and the ranges of aims within which they may move.
 
-From the rig file to the ranges of aims that `reach` makes approaches of. A finger waits with its tip outside
+A finger waits with its tip outside
 of the workspace, at an aim; it changes its aim there, by way of all aims in between.
 
 No finger meets another one while fingers aim: each keeps to a range of aims, and every place of one finger's

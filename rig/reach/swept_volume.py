@@ -1,6 +1,6 @@
-"""Room that fingers take up, and how far it is from obstacles and from one another; whole arrays, mm.
+"""Swept volumes of fingers, and their distances from obstacles and from one another; whole arrays, mm.
 
-Used by `waiting` and `reach`. Everything that a finger sweeps is kept as straight capsules with half widths:
+Everything that a finger sweeps is kept as straight capsules with half widths:
 what does not change shape on the way as it is, what does (the links of an arm) at samples whose half widths
 are larger by as much as any point of them moves up to the middle between two samples.
 """

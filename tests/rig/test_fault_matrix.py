@@ -6,8 +6,9 @@
 import random
 
 import pytest
-from fault_matrix import FAULTS, Cell, problems, run_cell
+from fault_matrix import Cell, problems, run_cell
 from fault_page import table, table_of_page
+from fault_rows import FAULTS
 
 _PHASES = ("approach", "touch", "free travel", "torque off")
 

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.rig.emulated.answer_error import in_hand_frame
+from palpate.rig.emulated.calibrated_truth import in_hand_frame
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
 

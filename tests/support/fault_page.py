@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fault_matrix import FAULTS
+from fault_rows import FAULTS
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "safety.md"
 _BEGIN, _END = "<!-- fault matrix: begin -->\n", "<!-- fault matrix: end -->"
