@@ -8,10 +8,10 @@ import time
 from pathlib import Path
 
 import pytest
-from served_rig import served
 
 from palpate.drivers import Bus, MonotonicClock, open_port
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
+from palpate.testing import served
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "drive_servos.py"
