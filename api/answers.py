@@ -9,7 +9,7 @@ from palpate.config.identification_result import AlternativeOut, IdentificationO
 from palpate.config.results import BoundsOut, ConfigurationOut, to_json
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Hypothesis, Recognition
-from palpate.recognizer.explanation import Why, why
+from palpate.recognizer.explanation import ObjectExplanation, explain_object
 from palpate.recognizer.statistics import MemoCounts
 from palpate.rig.catalogue.reachability_text import untouched_lines
 from palpate.rig.identification.next_grip import Planned
@@ -167,11 +167,11 @@ class RecognitionAnswer:
             return None
         return explain(self.catalogue, self.contacts, self.max_spurious)
 
-    def why(self, name: str) -> Why:
+    def why(self, name: str) -> ObjectExplanation:
         """Why an object, "object" or "object/state", is eliminated; InputError if there is none such."""
-        return why(self.catalogue, self.contacts.contacts, *state_named(self.catalogue, name))
+        return explain_object(self.catalogue, self.contacts.contacts, *state_named(self.catalogue, name))
 
-    def to_json(self, because: Why | None = None, memo: MemoCounts | None = None) -> str:
+    def to_json(self, because: ObjectExplanation | None = None, memo: MemoCounts | None = None) -> str:
         """`palpate/recognition@1`, with why an object is eliminated and the memo's counts if given."""
         explanation = self.explanation()
         more = {

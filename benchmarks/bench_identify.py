@@ -30,7 +30,7 @@ from shapely_bench import outward_normal, placed_as, stop, unit
 from simulated_touches import as_predicted
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
-from palpate.recognizer import Approach, Catalogue, Grip, Recognition, used_by
+from palpate.recognizer import Approach, Catalogue, Grip, Recognition, already_used
 from palpate.rig.bench import BenchRig, connect, set_up
 from palpate.rig.conversion import resolution_of
 from palpate.rig.emulated.answer_error import compare
@@ -215,7 +215,7 @@ def _separable(result: Identification) -> bool:
     assert result.recognition is not None, "only called with an answer"
     rig = load_rig(shipped_rig())
     candidates = reach_of(rig).approaches
-    used = used_by(result.recognition.contacts, candidates)
+    used = already_used(result.recognition.contacts, candidates)
     placed = [placed_as(item) for item in result.recognition.hypotheses]
     heights = {item.finger.height_mm for item in candidates}
     shapes = {height: [item.shape_at(height) for item in placed] for height in heights}

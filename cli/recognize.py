@@ -10,7 +10,7 @@ from palpate.api.recognition import recognise
 from palpate.errors import counted
 from palpate.files.writing import write_text
 from palpate.recognizer import Hypothesis
-from palpate.recognizer.explanation import Why
+from palpate.recognizer.explanation import ObjectExplanation
 from palpate.recognizer.statistics import MemoCounts, memo_counts
 from palpate.views.explanation import ContactRecord, explanation_lines, why_lines
 from palpate.vocabulary import RecognitionVerdict
@@ -84,7 +84,7 @@ def _print(answer: RecognitionAnswer) -> None:
     typer.echo(f"{1000 * answer.seconds:.1f} ms")
 
 
-def _print_why(because: Why | None, record: ContactRecord) -> None:
+def _print_why(because: ObjectExplanation | None, record: ContactRecord) -> None:
     if because is None:
         return
     for line in why_lines(because, record):

@@ -13,8 +13,7 @@ __all__ = ["capsule_interval", "cross", "distance_range", "point_segment_distanc
 
 def cross(a: Floats, b: Floats) -> Floats:
     """z component of a × b for arrays of shape (…, 2)."""
-    product: Floats = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    return product
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def point_segment_distance(point: Floats, start: Floats, direction: Floats, length: Floats) -> Floats:

@@ -5,8 +5,8 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
-from palpate.recognizer.evidence import chance_of_agreeing, detectable_shift_mm
-from palpate.recognizer.explanation import fits_something
+from palpate.recognizer.evidence import detectable_shift_mm, false_match_probability
+from palpate.recognizer.explanation import is_explained
 from palpate.recognizer.grips import FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.measurement_model import Resolution
@@ -15,7 +15,7 @@ from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition, recognise
-from palpate.recognizer.strategy import checking_grip, next_grip, used_by
+from palpate.recognizer.strategy import already_used, checking_grip, next_grip
 
 __all__ = [
     "Approach",
@@ -35,14 +35,14 @@ __all__ = [
     "Recognition",
     "Resolution",
     "Slide",
-    "chance_of_agreeing",
+    "already_used",
     "checking_grip",
     "detectable_shift_mm",
-    "fits_something",
+    "false_match_probability",
+    "is_explained",
     "next_grip",
     "plan_grip",
     "predict",
     "recognise",
     "twins",
-    "used_by",
 ]

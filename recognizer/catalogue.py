@@ -1,6 +1,6 @@
 """The catalogue: every state of every object, grown for each kind of finger, in flat arrays.
 
-From object models to everything that reads edges. Work done once per catalogue and kept: grown edges sorted
+Work done once per catalogue and kept: grown edges sorted
 by normal within a state (`edges`), and the ranges of distance between the edges of each state (`pairs`).
 """
 

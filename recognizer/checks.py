@@ -1,7 +1,6 @@
-"""What object models must be before the recogniser takes them up: for whoever uses it without files.
+"""Validation of object models that were made without a file: clear errors instead of obscure geometry.
 
-Files are checked when they are read, with their own places and names; here is the last gate before geometry
-that would fail obscurely, or never end.
+Models from files have been checked already, with messages that name the place in the file.
 """
 
 import math

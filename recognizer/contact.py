@@ -1,8 +1,7 @@
-"""What one finger's approach says about the object: the recogniser's input.
+"""Contact: what one finger's approach measured. The recogniser's input.
 
-Stands between the fingers (tip kinematics and contact extractor) and the interpretation tree. Positions are
-those of the tip's centre in the support-plane frame W, because growing the cross sections by the tip radius
-turns the finger into a point (memo footnote 3).
+Positions are those of the tip's centre in the support-plane frame W, because growing the cross sections by
+the tip radius turns the finger into a point (memo footnote 3).
 """
 
 import math
@@ -60,10 +59,10 @@ class Contact:
 
     If `touched`, it was stopped at `end` by the object, and by nothing before; otherwise the whole way was
     free. The true centre is within `position_bound_mm` of the given one all along the path. A real tip may
-    be dented a little before anything is felt: `path_bound_mm` is the position bound with that allowance, for
-    the free path only (None: none needed). `normal` is None where nothing is known of it. `friction`: the
-    largest coefficient that friction may have, if the finger came to rest by it alone (None: it may also
-    have been stopped, by its drive or by a corner, where it would have slid).
+    be dented a little before a contact is detected: `path_bound_mm` is the position bound with that
+    allowance, for the free path only (None: none needed). `normal` is None where nothing is known of it.
+    `friction`: the largest coefficient that friction may have, if the finger came to rest by it alone (None:
+    it may also have been stopped, by its drive or by a corner, where it would have slid).
     """
 
     name: str

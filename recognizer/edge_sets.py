@@ -1,8 +1,4 @@
-"""How edge sets are made: states grown for a finger, with the slack that each edge needs.
-
-From object models, by way of grown and displaced sections, to the catalogue's flat arrays. Done once for each
-kind of finger.
-"""
+"""Making edge sets: states grown for one kind of finger, with the slack that each edge needs."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +13,8 @@ from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow
-from palpate.recognizer.simplification import coarsened
+from palpate.recognizer.simplification import simplify_outline
+from palpate.recognizer.tables import Table
 from palpate.recognizer.tolerance_band import touchable_edges
 
 __all__ = ["MOST_EDGES", "outline_set", "pairing_set"]
@@ -27,7 +24,7 @@ MOST_EDGES = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Part(Table):
     """The grown edges of one state, sorted by normal, and the slack of each (n,) mm."""
 
     edges: GrownSection
@@ -37,12 +34,8 @@ class _Part:
 
 
 _NONE, _NOWHERE = np.empty(0), np.empty((0, 2))
-_NOTHING = _Part(
-    GrownSection(_NOWHERE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE, np.empty(0, np.int64)),
-    _NONE,
-    _NONE,
-    _NONE,
-)
+_NO_EDGES = GrownSection(_NOWHERE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE, np.empty(0, np.int64))
+_NOTHING = _Part(_NO_EDGES, _NONE, _NONE, _NONE)
 
 
 def outline_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm: float) -> EdgeSet:
@@ -72,36 +65,27 @@ def pairing_set(
 
 
 def _joined(states: Sequence[CatalogueState], parts: Sequence[_Part]) -> EdgeSet:
-    first = np.cumsum([0] + [len(part.slack_in) for part in parts])
-    start, end, direction, length, span, feature = (
-        np.concatenate([getattr(part.edges, name) for part in parts])
-        for name in ("start", "end", "direction", "length", "span", "feature")
-    )
-    slack_in, slack_out, slack_along = (
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("slack_in", "slack_out", "slack_along")
-    )
+    part = _Part.joined(parts)
+    edges, direction = part.edges, part.edges.direction
+    count = [len(each) for each in parts]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
     return EdgeSet(
-        state=np.repeat(np.arange(len(states)), np.diff(first)),
-        start=start,
-        end=end,
+        state=np.repeat(np.arange(len(states)), count),
+        start=edges.start,
+        end=edges.end,
         direction=direction,
         normal=normal,
-        length=length,
-        slack_in=slack_in,
-        slack_out=slack_out,
-        slack_along=slack_along,
+        length=edges.length,
+        slack_in=part.slack_in,
+        slack_out=part.slack_out,
+        slack_along=part.slack_along,
         normal_rad=np.arctan2(normal[:, 1], normal[:, 0]) % (2 * np.pi),
-        span=np.minimum(span + 1e-9, np.pi),
-        feature=feature,
+        span=np.minimum(edges.span + 1e-9, np.pi),
+        feature=edges.feature,
         representative=np.concatenate(
-            [
-                _representative(part.edges, state.symmetry_order)
-                for part, state in zip(parts, states, strict=True)
-            ]
+            [_representative(p.edges, s.symmetry_order) for p, s in zip(parts, states, strict=True)]
         ),
-        first=first.astype(np.int64),
+        first=np.cumsum([0, *count]),
     )
 
 
@@ -110,7 +94,8 @@ def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Pa
     if section is None:
         return _NOTHING
     delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
-    grown = _by_normal(coarsened(grow(section, radius, facet_error_mm), MOST_EDGES)).moved(-item.origin_mm)
+    grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES)
+    grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
     return _Part(
         edges=grown,
         slack_in=item.rounding_mm + grown.dent + max(0.0, delta - finger.tip_radius_mm),
@@ -142,10 +127,6 @@ def _section_at(item: CatalogueState, height_mm: float) -> Section | None:
     if not at_height:
         return None
     return Section((height_mm, height_mm), tuple(polygon for s in at_height for polygon in s.polygons))
-
-
-def _by_normal(grown: GrownSection) -> GrownSection:
-    return grown.select(_normal_order(grown))
 
 
 def _normal_order(grown: GrownSection) -> Ints:

@@ -1,7 +1,6 @@
-"""Edges that one kind of finger can meet, over the whole catalogue, in flat arrays.
+"""Edge sets: the edges that one kind of finger can meet, over the whole catalogue, in flat arrays.
 
-Between the catalogue, which fills them (`edge_sets`), and whatever reads edges. They are sorted by normal
-within a state, so that the angle test is a range look-up.
+They are sorted by normal within a state, so that the angle test is a range look-up. Made by `edge_sets`.
 """
 
 from dataclasses import dataclass
@@ -11,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints, State
-from palpate.recognizer.ranges import expand_ranges
+from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet"]
+__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "ring_order"]
 
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
@@ -92,14 +91,12 @@ class EdgeSet:
     @cached_property
     def centre(self) -> Floats:
         """Midpoint (n, 2) of each edge."""
-        result: Floats = (self.start + self.end) / 2
-        return result
+        return (self.start + self.end) / 2
 
     @cached_property
     def half_length(self) -> Floats:
         """Half of each edge's length, (n,)."""
-        result: Floats = self.length / 2
-        return result
+        return self.length / 2
 
     def grid(self, columns: int) -> "EdgeGrid":
         """The edges of states that have at most so many, in rows."""
@@ -131,14 +128,12 @@ class EdgeSet:
     @cached_property
     def half_across(self) -> Floats:
         """Half of that rectangle's size across the edge, (n,)."""
-        result: Floats = (self.slack_out + self.slack_in) / 2
-        return result
+        return (self.slack_out + self.slack_in) / 2
 
     @cached_property
     def half_along(self) -> Floats:
         """Half of that rectangle's size along the edge, (n,)."""
-        result: Floats = self.length / 2 + self.slack_along
-        return result
+        return self.length / 2 + self.slack_along
 
     @cached_property
     def sides(self) -> Floats:
@@ -163,8 +158,7 @@ class EdgeSet:
     @cached_property
     def slack_mm(self) -> Floats:
         """How far from each edge the tip's centre may lie though nothing is mismeasured, (n,)."""
-        result: Floats = np.hypot(np.maximum(self.slack_in, self.slack_out), self.slack_along)
-        return result
+        return np.hypot(np.maximum(self.slack_in, self.slack_out), self.slack_along)
 
     @cached_property
     def open_cone(self) -> tuple[Floats, Floats]:
@@ -222,8 +216,7 @@ class EdgeSet:
     @cached_property
     def _keys(self) -> Floats:
         once = self.state * _KEY_STRIDE + self.normal_rad
-        keys: Floats = np.sort(np.concatenate([once, once + 2 * np.pi]))
-        return keys
+        return np.sort(np.concatenate([once, once + 2 * np.pi]))
 
     def by_normal(self, state: Ints, lo_rad: Floats, width_rad: Floats) -> tuple[Ints, Ints]:
         """Edges of `state` (m,) whose normal angle lies in [lo, lo + width] (m,), widths at most 2π.
@@ -262,3 +255,25 @@ def _open_cones(edges: EdgeSet, rows: slice, block: slice) -> tuple[Floats, Floa
     wall = np.any(across & (out - aside * (out_to - out) / gap > _ON_LINE_MM), axis=1)
     left, right = (np.where(wall, -1.0, seen.min(axis=1)) for seen in (seen_left, seen_right))
     return left, right
+
+
+def ring_order(start: Floats, end: Floats) -> tuple[Ints, list[int]]:
+    """Closed outlines of n edges, which meet in the same numbers, walked ring after ring.
+
+    Returns the edges (n,) in that order, and the size of each ring.
+    """
+    following = np.empty(len(start), np.int64)
+    following[np.lexsort(end.T)] = np.lexsort(start.T)
+    follow, left = following.tolist(), np.ones(len(start), dtype=bool)
+    order: list[int] = []
+    sizes = []
+    for first in range(len(start)):
+        ring, at = [], first
+        while left[at]:
+            left[at] = False
+            ring.append(at)
+            at = follow[at]
+        if ring:
+            order += ring
+            sizes.append(len(ring))
+    return np.array(order, dtype=np.int64), sizes

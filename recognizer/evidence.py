@@ -1,8 +1,7 @@
-"""What speaks for an answer beside its bounds: how unlikely it came out by chance, or over a part that moved.
+"""Evidence beside bounds: false-match probability, and the smallest detectable shift of the part.
 
-From plans and what came of them to verdicts. Bounds prove which of the catalogue's objects lies there, but
-not that it is one of these, nor that it stayed where it was. For that there are touches that came out as
-predicted though they might have come out otherwise.
+Bounds prove which of the catalogue's objects lies there, but not that it is one of these, nor that it stayed
+where it was. Evidence for that are touches that agreed with their predictions though they need not have.
 """
 
 import math
@@ -14,17 +13,17 @@ from palpate.geometry import Floats
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.prediction import Predictions
 
-__all__ = ["chance_of_agreeing", "detectable_shift_mm"]
+__all__ = ["detectable_shift_mm", "false_match_probability"]
 
-_ACROSS_MM = 40.0  # a stop might have come anywhere within this, as far as a stranger's size is known
+_ACROSS_MM = 40.0  # a stop might have come anywhere within this, as far as an unknown part's size is known
 _FACING_RAD = math.pi  # and normals within this
 _SHIFTS = 90
 
 
-def chance_of_agreeing(
+def false_match_probability(
     predictions: Predictions, contacts: Sequence[Contact], normal_half_rad: float
 ) -> float:
-    """Share of all outcomes of a grip that would have agreed with some hypothesis, 0 to 1.
+    """False-match probability: share of a grip's possible outcomes that agree with some hypothesis, 0 to 1.
 
     `predictions` (a, h) for the a contacts, in order. Stops and normals count as independent and equally
     likely everywhere; misses say nothing, because a smaller thing would have been missed as well. So it is a
@@ -39,11 +38,11 @@ def chance_of_agreeing(
 
 
 def detectable_shift_mm(predictions: Predictions, normal_rad: Floats, direction_rad: Floats) -> float:
-    """How far the part may have been shifted before a grip, at most, though all came out as predicted (mm).
+    """Smallest shift (mm) of the part before a grip that its touches are guaranteed to detect.
 
     `predictions` (a, h), `normal_rad` and `direction_rad` (a,): the surfaces that were met, and the travels.
-    On a straight surface a shift moves the stop by its share along the normal; beyond the predicted interval
-    it would have been noticed. Infinite if nothing was predicted to be met for certain.
+    On a straight surface a shift moves the stop by its component along the normal; it is detected if that
+    leaves the predicted interval. Infinite if no predicted contact is certain.
     """
     wide = predictions.latest.max(axis=1) - predictions.earliest.min(axis=1)
     facing = np.abs(np.cos(normal_rad - direction_rad))

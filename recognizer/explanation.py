@@ -1,8 +1,7 @@
-"""Why nothing fits, or why one object does not. Beside the data's way: for people, after `recognise`.
+"""Explanation of a rejection: the test that ruled an object out, a minimal conflict, possible causes.
 
-From contacts to the step of the search that ruled an object out, to a smallest set of contacts that rule it
-out on their own, and to what may have gone wrong: an object that moved between grips, a contact that is
-spurious.
+A minimal conflict is a set of contacts that rules the object out, none of which can be left out. Possible
+causes are an object that moved between grips, and spurious contacts.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,16 +18,31 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.hypotheses import Hypothesis
 from palpate.recognizer.recognition import anchor_of, intervals_of, recognise
 from palpate.recognizer.region import Cells, build_cells
-from palpate.recognizer.sweep import unblocked
-from palpate.recognizer.tree import Interpretations, by_angle, by_chord, by_distance, by_triple, first_level
+from palpate.recognizer.sweep import free_path_test
+from palpate.recognizer.tree import (
+    Interpretations,
+    filter_by_distance,
+    first_level,
+    narrow_by_three,
+    narrow_by_two,
+    pair_by_angle,
+)
 
-__all__ = ["Reason", "Step", "Why", "fits_something", "moved", "suspects", "why"]
+__all__ = [
+    "ObjectExplanation",
+    "SearchStep",
+    "SearchTest",
+    "explain_object",
+    "grips_before_move",
+    "is_explained",
+    "suspected_contacts",
+]
 
 
 _LEAST_TO_SUSPECT = 2
 
 
-class Reason(Enum):
+class SearchTest(Enum):
     """What a step of the search looks at (docs/recogniser.md)."""
 
     EDGES = "edges"  # that the first contact may lie on, at its height
@@ -42,16 +56,16 @@ class Reason(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class SearchStep:
     """`left` interpretations after a test of `contacts`; the newest of them is the last."""
 
-    reason: Reason
+    reason: SearchTest
     contacts: tuple[Contact, ...]
     left: int
 
 
 @dataclass(frozen=True, eq=False)
-class Why:
+class ObjectExplanation:
     """What the search makes of one object, or of one of its states.
 
     `conflict`: contacts and misses that cannot all be true of it, none of which can be left out; empty if the
@@ -60,19 +74,19 @@ class Why:
 
     object_name: str
     state_name: str | None
-    steps: tuple[Step, ...]
+    steps: tuple[SearchStep, ...]
     conflict: tuple[Contact, ...]
     hypotheses: tuple[Hypothesis, ...]
 
     @property
-    def ruled_out(self) -> Step | None:
+    def ruled_out(self) -> SearchStep | None:
         """The step that left nothing; None if something is left."""
         return None if self.steps[-1].left else self.steps[-1]
 
 
-def why(
+def explain_object(
     catalogue: Catalogue, contacts: Sequence[Contact], object_name: str, state_name: str | None = None
-) -> Why:
+) -> ObjectExplanation:
     """Search for one object alone, step by step, until nothing is left of it or all contacts are used.
 
     No contact is taken as spurious. Raises InputError if none of the contacts touched anything, and for an
@@ -83,28 +97,32 @@ def why(
         raise InputError("no finger touched anything: nothing can be ruled out")
     steps = tuple(_steps(alone, contacts))
     if not steps[-1].left:
-        return Why(object_name, state_name, steps, _conflict(alone, contacts), ())
-    return Why(object_name, state_name, steps, (), tuple(recognise(alone, contacts).hypotheses))
+        return ObjectExplanation(object_name, state_name, steps, _conflict(alone, contacts), ())
+    return ObjectExplanation(object_name, state_name, steps, (), tuple(recognise(alone, contacts).hypotheses))
 
 
-def moved(catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious: int = 0) -> int | None:
+def grips_before_move(
+    catalogue: Catalogue, grips: Sequence[Sequence[Contact]], max_spurious: int = 0
+) -> int | None:
     """How many of the first grips fit together, if the object may have moved after them.
 
     That is so if every grip that touched something fits an object on its own, but all together fit none. None
     otherwise.
     """
-    if fits_something(catalogue, _together(grips), max_spurious):
+    if is_explained(catalogue, _together(grips), max_spurious):
         return None
-    if not all(fits_something(catalogue, grip, max_spurious) for grip in grips):
+    if not all(is_explained(catalogue, grip, max_spurious) for grip in grips):
         return None
     return next(
         count - 1
         for count in range(1, len(grips) + 1)
-        if not fits_something(catalogue, _together(grips[:count]), max_spurious)
+        if not is_explained(catalogue, _together(grips[:count]), max_spurious)
     )
 
 
-def suspects(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> tuple[Contact, ...]:
+def suspected_contacts(
+    catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0
+) -> tuple[Contact, ...]:
     """Contacts that are spurious in some hypothesis if `max_spurious` + 1 may be; in the order given.
 
     Empty if that does not help, or if less than two contacts would be left: one alone nearly always fits.
@@ -119,7 +137,7 @@ def suspects(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: in
     return tuple(contact for contact in contacts if id(contact) in named)
 
 
-def fits_something(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> bool:
+def is_explained(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> bool:
     """Whether something explains the contacts; without a touch, or if they say too little, anything does."""
     touched = sum(contact.touched for contact in contacts)
     if not touched:
@@ -148,7 +166,7 @@ def _only(catalogue: Catalogue, object_name: str, state_name: str | None) -> Cat
     return Catalogue([model], facet_error_mm=catalogue.facet_error_mm, flat_edges=catalogue.flat_edges)
 
 
-def _steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[Step]:
+def _steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[SearchStep]:
     """The tests of the search with what they leave, up to the first that leaves nothing."""
     for step in _all_steps(alone, contacts):
         yield step
@@ -156,41 +174,41 @@ def _steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[Step]:
             return
 
 
-def _all_steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[Step]:
+def _all_steps(alone: Catalogue, contacts: Sequence[Contact]) -> Iterator[SearchStep]:
     """Pairs and triples of contacts are tested at every level; `recognise` has the last word."""
     touched = [contact for contact in contacts if contact.touched]
     anchor = anchor_of(touched)
     nodes, _ = first_level(alone, touched[0])
-    yield Step(Reason.EDGES, (touched[0],), len(nodes))
+    yield SearchStep(SearchTest.EDGES, (touched[0],), len(nodes))
     for size in range(2, len(touched) + 1):
         for step, grown in _level(alone, nodes, touched[:size]):
             nodes = grown
             yield step
     cells = build_cells(alone, nodes, touched, anchor, intervals_of(nodes))
-    yield Step(Reason.REGION, tuple(touched), _interpretations(cells))
+    yield SearchStep(SearchTest.REGION, tuple(touched), _interpretations(cells))
     for contact in contacts:
-        cells = cells.select(unblocked(alone, cells, anchor, [contact]))
-        yield Step(Reason.PATH, (contact,), _interpretations(cells))
+        cells = cells.select(free_path_test(alone, cells, anchor, [contact]))
+        yield SearchStep(SearchTest.PATH, (contact,), _interpretations(cells))
     found = recognise(alone, contacts).hypotheses
-    yield Step(Reason.FINER, tuple(contacts), sum(_interpretations(item.cells) for item in found))
+    yield SearchStep(SearchTest.FINER, tuple(contacts), sum(_interpretations(item.cells) for item in found))
 
 
 def _level(
     alone: Catalogue, nodes: Interpretations, contacts: list[Contact]
-) -> Iterator[tuple[Step, Interpretations]]:
+) -> Iterator[tuple[SearchStep, Interpretations]]:
     """The tests of `tree.next_level`, one by one."""
     *earlier, new = contacts
-    nodes = by_angle(alone, nodes, earlier, new)
-    yield Step(Reason.NORMAL, (new,), len(nodes)), nodes
+    nodes = pair_by_angle(alone, nodes, earlier, new)
+    yield SearchStep(SearchTest.NORMAL, (new,), len(nodes)), nodes
     for level, other in enumerate(earlier):
-        nodes = by_distance(alone, nodes, level, other, new)
-        yield Step(Reason.DISTANCE, (other, new), len(nodes)), nodes
+        nodes = filter_by_distance(alone, nodes, level, other, new)
+        yield SearchStep(SearchTest.DISTANCE, (other, new), len(nodes)), nodes
     for level, other in enumerate(earlier):
-        nodes = by_chord(alone, nodes, level, contacts)
-        yield Step(Reason.TWO, (other, new), len(nodes)), nodes
+        nodes = narrow_by_two(alone, nodes, level, contacts)
+        yield SearchStep(SearchTest.TWO, (other, new), len(nodes)), nodes
     for pair in combinations(range(len(earlier)), 2):
-        nodes = by_triple(alone, nodes, pair, contacts, anchor_of(contacts))
-        yield Step(Reason.THREE, (*(earlier[k] for k in pair), new), len(nodes)), nodes
+        nodes = narrow_by_three(alone, nodes, pair, contacts, anchor_of(contacts))
+        yield SearchStep(SearchTest.THREE, (*(earlier[k] for k in pair), new), len(nodes)), nodes
 
 
 def _interpretations(cells: Cells) -> int:

@@ -1,16 +1,16 @@
-"""Pairing a further contact with edges, under interpretations whose pose regions are already known.
+"""Pairing by region: further contacts under interpretations whose pose regions are already known.
 
-From the fourth contact on. A region says where in the object's frame the new contact must lie, which prunes
-harder than distances to the earlier contacts and costs the same however many of those there are.
+Used from the fourth contact on. A region says where in the object's frame the new contact must lie, which
+prunes harder than distances to the earlier contacts and costs the same however many of those there are.
 """
 
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import point_segment_distance
-from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.edge_lookup import matching_edges
 from palpate.recognizer.region import Cells
 from palpate.recognizer.tree import (
     Interpretations,
@@ -33,17 +33,16 @@ def extend_by_region(
     """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells."""
     edges = catalogue.edges(contact.finger)
     candidates = int(np.sum(edges.count[nodes.state]))
-    point, reach = _sight(cells, contact, anchor_mm)
+    point, reach = _contact_in_object(cells, contact, anchor_mm)
 
     def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
         along = end - start
         length = np.hypot(along[:, 0], along[:, 1])
         direction = along / np.maximum(length, 1e-300)[:, None]
         away = point_segment_distance(point[query], start, direction, length)
-        fits: Bools = away <= reach[query] + stray
-        return fits
+        return away <= reach[query] + stray
 
-    owner, edge = paired_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near)
+    owner, edge = matching_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near)
     after_angle = _distinct(cells.node[owner], edge, len(edges.state))
     close = near(owner, edges.start[edge], edges.end[edge], edges.slack_mm[edge])
     owner, edge = owner[close], edge[close]
@@ -54,7 +53,7 @@ def extend_by_region(
     lo, hi = intersect(cells.lo[owner], cells.hi[owner], *orientation_range(normals, edges, edge))
     meets = lo <= hi
     owner, edge, lo, hi = owner[meets], edge[meets], lo[meets], hi[meets]
-    grown = _gathered(nodes, cells.node[owner], edge, lo, hi, len(edges.state))
+    grown = _merged_cells(nodes, cells.node[owner], edge, lo, hi, len(edges.state))
     return grown, LevelCount(level, candidates, after_angle, len(grown), len(grown))
 
 
@@ -79,7 +78,7 @@ def _distinct(node: Ints, edge: Ints, edges: int) -> int:
     return len(np.unique(node * edges + edge))
 
 
-def _sight(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
+def _contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
     """Where the contact lies in the object's frame: within reach (k,) mm of a point (k, 2), in each cell."""
     x, y = np.asarray(contact.end_mm) - anchor_mm
     cos, sin = np.cos(cells.middle), np.sin(cells.middle)
@@ -88,7 +87,7 @@ def _sight(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, F
     return point, reach
 
 
-def _gathered(
+def _merged_cells(
     nodes: Interpretations, node: Ints, edge: Ints, lo: Floats, hi: Floats, edges: int
 ) -> Interpretations:
     """One new interpretation for each pair of an old one and an edge, over the hull of its orientations."""

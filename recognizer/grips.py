@@ -1,8 +1,4 @@
-"""Grips: approaches to carry out together, what hypotheses foretell of them, and what that promises.
-
-From reachable approaches and enclosures (`prediction`) to grips with their certificate; whoever chooses them
-(`planner`, `strategy`) ends here.
-"""
+"""Grips: approaches to carry out together, with the predictions of every hypothesis and a certificate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,18 +7,27 @@ from typing import Protocol, Self
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
-from palpate.recognizer.measurement_model import Resolution, felt, likeness
+from palpate.recognizer.measurement_model import Resolution, similarity, touch_outcomes
 from palpate.recognizer.poses import witness_poses
-from palpate.recognizer.prediction import Predictions, joined_predictions, predict
+from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition
 
-__all__ = ["FingerApproach", "Foreseen", "Grip", "Reachable", "fits", "foreseen", "grip_of", "twins"]
+__all__ = [
+    "FingerApproach",
+    "Grip",
+    "PredictedApproach",
+    "Reachable",
+    "fits_together",
+    "make_grip",
+    "predict_approach",
+    "twins",
+]
 
 _CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
 _AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
 _FEW = 8
-_PERCEPTIBLE = np.exp(-1.0)  # likeness of what the rig can just tell apart
+_PERCEPTIBLE = np.exp(-1.0)  # similarity of what the rig can just distinguish
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +67,7 @@ class Grip:
     hypotheses). `decisive`: whatever happens, hypotheses of one class survive, the class being what no
     reachable approach tells apart; a certificate as long as no touch is blunter than its approach's
     position bound and the resolution's normal range. `remaining`: expected share of what needs telling
-    apart that will still feel alike, 0 to 1. `seconds`: estimated time of the motion.
+    apart that will still be indistinguishable, 0 to 1. `seconds`: estimated time of the motion.
     """
 
     approaches: tuple[FingerApproach, ...]
@@ -79,7 +84,7 @@ class Grip:
 
 
 @dataclass(frozen=True, eq=False)
-class Foreseen:
+class PredictedApproach:
     """Approach `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
 
     index: int
@@ -87,30 +92,30 @@ class Foreseen:
     travel_mm: float
 
 
-def foreseen(recognition: Recognition, reachable: Reachable, index: int) -> Foreseen:
-    """What candidate `index` will meet, and how far it has to go for it."""
+def predict_approach(recognition: Recognition, reachable: Reachable, index: int) -> PredictedApproach:
+    """Prediction for approach `index`, and how far it has to go."""
     approaches = [reachable.approaches[index]]
     found = predict(recognition.catalogue, recognition.hypotheses, recognition.anchor_mm, approaches)
-    return Foreseen(index, found, float(found.needed_mm(approaches)[0]))
+    return PredictedApproach(index, found, float(found.needed_mm(approaches)[0]))
 
 
-def fits(reachable: Reachable, one: Foreseen, chosen: Sequence[Foreseen]) -> bool:
+def fits_together(reachable: Reachable, one: PredictedApproach, chosen: Sequence[PredictedApproach]) -> bool:
     """Whether a candidate can be carried out together with all that are chosen."""
     others = np.array([item.index for item in chosen], dtype=np.int64)
     travels = np.array([item.travel_mm for item in chosen])
     return bool(reachable.together(one.index, one.travel_mm, others, travels).all())
 
 
-def grip_of(
+def make_grip(
     recognition: Recognition,
     reachable: Reachable,
-    chosen: Sequence[Foreseen],
+    chosen: Sequence[PredictedApproach],
     resolution: Resolution,
     remaining: float,
 ) -> Grip:
     """The grip of certain candidates, with what it promises."""
     indices = [item.index for item in chosen]
-    predictions = joined_predictions([item.predictions for item in chosen])
+    predictions = Predictions.joined([item.predictions for item in chosen])
     travels = np.zeros(len(reachable.approaches))
     travels[indices] = [item.travel_mm for item in chosen]
     return Grip(
@@ -126,7 +131,7 @@ def grip_of(
 def twins(
     recognition: Recognition, reachable: Reachable, resolution: Resolution, used: Bools | None = None
 ) -> Bools:
-    """Which two hypotheses (h, h) no candidate that is left may tell apart, at their own configurations.
+    """Twins: pairs of hypotheses (h, h) that no remaining approach distinguishes at their configurations.
 
     Their stops and normals agree to within the rig's resolution, or both are missed. `used` (n,): candidates
     that have been carried out.
@@ -152,15 +157,15 @@ def _alike(
     """Which pairs of hypotheses, `first` and `second` (n,), none of the candidates `rows` tells apart."""
     approaches = [reachable.approaches[k] for k in rows.tolist()]
     poses = witness_poses(recognition.hypotheses)
-    outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
-    # Most pairs feel different to one of the first few that touch much: few are left for the others.
+    outcome = touch_outcomes(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
+    # Most pairs differ for one of the first few that touch much: few are left for the others.
     order = np.argsort(-outcome.hit.sum(axis=1), kind="stable")
     left = np.arange(len(first))
     for begin in range(0, len(rows), _FEW):
         some = order[begin : begin + _FEW]
         kept = [
             piece[
-                likeness(outcome, first[piece], second[piece], resolution, some).min(axis=0) >= _PERCEPTIBLE
+                similarity(outcome, first[piece], second[piece], resolution, some).min(axis=0) >= _PERCEPTIBLE
             ]
             for piece in np.array_split(left, 1 + len(left) * _FEW // _AT_ONCE)
         ]
@@ -173,7 +178,7 @@ def _alike(
 def _decisive(
     recognition: Recognition, reachable: Reachable, predictions: Predictions, resolution: Resolution
 ) -> bool:
-    """Whether every two hypotheses that something reachable tells apart are told apart by this.
+    """Whether a grip distinguishes every two hypotheses that some reachable approach distinguishes.
 
     Where touches may be spurious nothing is certain.
     """
@@ -186,7 +191,7 @@ def _decisive(
     if len(first) > _CLASSED:
         return False
     # Survivors of an outcome are confused two by two; if these are twins two by two, they are one class.
-    # A few candidates tell most others apart, which is soon seen.
+    # A few approaches distinguish most others, which is soon seen.
     count = len(reachable.approaches)
     for rows in (np.unique(np.linspace(0, count - 1, 3 * _FEW).astype(np.int64)), np.arange(count)):
         if not _alike(recognition, reachable, resolution, rows, first, second).all():

@@ -1,6 +1,6 @@
-"""Which cells belong together: connected pose regions, with θ counted modulo the state's symmetry.
+"""Connected components of cells: pose regions, with θ counted modulo the state's symmetry.
 
-From cells to hypotheses. Cells of one state are linked where their boxes in (x, y, θ) meet.
+Cells of one state are linked where their boxes in (x, y, θ) meet.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.geometry import Bools, Floats, Ints
-from palpate.recognizer.ranges import expand_ranges
+from palpate.recognizer.tables import expand_ranges
 
 __all__ = ["Boxes", "connected"]
 
@@ -56,7 +56,7 @@ def connected(boxes: Boxes) -> Ints:
 
 
 def _by_spreading(links: Bools) -> Ints:
-    """Component of each of a few rows (k, k): everyone takes the least number among those linked to it."""
+    """Component of each of a few rows (k, k): each takes the least number among those linked to it."""
     label = np.arange(len(links))
     while len(links):
         least = np.where(links, label, len(links)).min(axis=1)
@@ -64,14 +64,12 @@ def _by_spreading(links: Bools) -> Ints:
         if np.array_equal(least, label):
             break
         label = least
-    result: Ints = np.unique(label, return_inverse=True)[1]
-    return result
+    return np.unique(label, return_inverse=True)[1]
 
 
 def _components(one: Ints, two: Ints, count: int) -> Ints:
     links = coo_array((np.ones(len(one), dtype=np.int8), (one, two)), shape=(count, count))
-    label: Ints = connected_components(links, directed=False)[1].astype(np.int64)
-    return label
+    return connected_components(links, directed=False)[1].astype(np.int64)
 
 
 def _connected_by_order(boxes: Boxes) -> Ints:

@@ -1,10 +1,9 @@
-"""What a contact on an edge says of the object's position: four half-planes, for every orientation.
+"""Half-planes: the constraints of a contact on an edge on the object's position, for every orientation.
 
-From contacts and edges to the model tests (`chord`, `triple`) and the cells (`region`). For a fixed
-orientation θ they are g·s ≤ C + A cos θ + B sin θ in the position s of the object, with g constant in the
-object's frame. By Helly's theorem and Farkas' lemma the half-planes of all contacts have a common point iff
-every positively dependent pair or triple of them allows one, and each triple is again
-C + A cos θ + B sin θ ≥ 0: one arc of θ.
+For a fixed orientation θ they are g·s ≤ C + A cos θ + B sin θ in the position s of the object, with g
+constant in the object's frame. By Helly's theorem and Farkas' lemma the half-planes of all contacts have a
+common point iff every positively dependent pair or triple of them allows one, and each triple is again C + A
+cos θ + B sin θ ≥ 0: one arc of θ.
 """
 
 import numpy as np

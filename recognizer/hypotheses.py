@@ -1,7 +1,6 @@
-"""Hypotheses: what a person or the planner is told. The recogniser's answer.
+"""Hypotheses, the recogniser's answer: object, state, configuration, certified bounds and weight.
 
-From settled regions to object, state, configuration, certified bounds and weight (docs/recogniser.md,
-"Hypotheses"). Kept as arrays; one `Hypothesis` is a view of a row.
+See docs/recogniser.md, "Hypotheses". Kept as arrays; one `Hypothesis` is a view of a row.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,8 +15,8 @@ from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
-from palpate.recognizer.sinusoid_bounds import largest
-from palpate.recognizer.witness_search import Question, Regions, position_boxes
+from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
+from palpate.recognizer.witness_search import Constraints, Regions, position_boxes
 
 __all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
 
@@ -82,7 +81,7 @@ class Hypothesis:
     verified: bool
     witness_node: int
     cells: Cells
-    question: Question
+    constraints: Constraints
 
     @property
     def null_contacts(self) -> tuple[Contact, ...]:
@@ -90,9 +89,11 @@ class Hypothesis:
 
         As few as in any of its interpretations, unless no configuration was found for these.
         """
-        edges = self.question.nodes.edges[self.witness_node]
+        edges = self.constraints.nodes.edges[self.witness_node]
         return tuple(
-            contact for contact, edge in zip(self.question.touched, edges, strict=True) if edge == NULL_EDGE
+            contact
+            for contact, edge in zip(self.constraints.touched, edges, strict=True)
+            if edge == NULL_EDGE
         )
 
     @property
@@ -107,11 +108,11 @@ class Hypothesis:
         It is the largest of the interpretations that counts; the extent holds for all of them.
         """
         volume = np.bincount(self.cells.node, self.cells.volume)
-        node = self.question.nodes.select(np.array([np.argmax(volume)]))
+        node = self.constraints.nodes.select(np.array([np.argmax(volume)]))
         along = np.concatenate(
             [
-                self.question.catalogue.edges(contact.finger).direction[node.edges[:, level]]
-                for level, contact in enumerate(self.question.touched)
+                self.constraints.catalogue.edges(contact.finger).direction[node.edges[:, level]]
+                for level, contact in enumerate(self.constraints.touched)
                 if node.edges[0, level] != NULL_EDGE
             ]
         )
@@ -126,7 +127,10 @@ class Hypothesis:
         lo, hi = cells.lo[:, None], cells.hi[:, None]
         at = self.configuration.theta_rad
         here = float(self.witness_mm @ [x * np.cos(at) + y * np.sin(at), y * np.cos(at) - x * np.sin(at)])
-        low, high = -float(largest(-a, -b, lo, hi).max()), float(largest(a, b, lo, hi).max())
+        low, high = (
+            -float(sinusoid_maximum(-a, -b, lo, hi).max()),
+            float(sinusoid_maximum(a, b, lo, hi).max()),
+        )
         return Slide(direction, (low - here - 1e-9, high - here + 1e-9))
 
     @cached_property
@@ -135,13 +139,13 @@ class Hypothesis:
 
         None for a null contact. Interpretations with the fewest of these come first.
         """
-        pairings: Ints = np.unique(self.question.nodes.edges[np.unique(self.cells.node)], axis=0)
+        pairings: Ints = np.unique(self.constraints.nodes.edges[np.unique(self.cells.node)], axis=0)
         rows = {
             tuple(
                 None
                 if edge == NULL_EDGE
-                else int(self.question.catalogue.edges(contact.finger).feature[edge])
-                for contact, edge in zip(self.question.touched, pairing, strict=True)
+                else int(self.constraints.catalogue.edges(contact.finger).feature[edge])
+                for contact, edge in zip(self.constraints.touched, pairing, strict=True)
             )
             for pairing in pairings.tolist()
         }
@@ -156,7 +160,7 @@ class Hypotheses(Sequence[Hypothesis]):
     the file's origin in W; `weight` (h,) sums to 1.
     """
 
-    question: Question
+    constraints: Constraints
     regions: Regions
     state: Ints
     position_mm: Floats
@@ -192,7 +196,7 @@ class Hypotheses(Sequence[Hypothesis]):
         x, y = self.position_mm[row].tolist()
         return Hypothesis(
             state_index=state,
-            state=self.question.catalogue.states[state],
+            state=self.constraints.catalogue.states[state],
             configuration=Configuration(x, y, float(regions.theta[row])),
             witness_mm=regions.position[row],
             bounds=Bounds((x_lo, x_hi), (y_lo, y_hi), (theta_lo, theta_hi)),
@@ -200,28 +204,28 @@ class Hypotheses(Sequence[Hypothesis]):
             verified=bool(regions.verified[row]),
             witness_node=int(regions.node[row]),
             cells=regions.cells.select(slice(int(regions.first[row]), int(regions.first[row + 1]))),
-            question=self.question,
+            constraints=self.constraints,
         )
 
 
-def hypotheses_of(question: Question, regions: Regions) -> Hypotheses:
+def hypotheses_of(constraints: Constraints, regions: Regions) -> Hypotheses:
     """Bounds and weights of the regions, in the order of `Hypotheses`."""
-    catalogue, cells = question.catalogue, regions.cells
+    catalogue, cells = constraints.catalogue, regions.cells
     begin = regions.first[:-1]
     state = cells.state[begin]
     volume = _per_region(np.add, cells.volume, begin)
-    rows = np.lexsort((state, -volume, question.nulls[regions.node]))
+    rows = np.lexsort((state, -volume, constraints.nulls[regions.node]))
     regions, state, volume = regions.select(rows), state[rows], volume[rows]
     cells, begin = regions.cells, regions.first[:-1]
     origin = catalogue.origins_mm[cells.state]
-    low, high = position_boxes(cells, origin, question.anchor_mm)
+    low, high = position_boxes(cells, origin, constraints.anchor_mm)
     lo = np.column_stack([low, cells.lo - 1e-12])
     hi = np.column_stack([high, cells.hi + 1e-12])
     cos, sin = np.cos(regions.theta), np.sin(regions.theta)
     x, y = (regions.position - catalogue.origins_mm[state]).T
-    position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + question.anchor_mm
+    position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + constraints.anchor_mm
     return Hypotheses(
-        question,
+        constraints,
         regions,
         state,
         position,
@@ -239,5 +243,4 @@ def _per_region(combine: np.ufunc, value: Floats, begin: Ints) -> Floats:
     """One value for each region of those of its cells."""
     if not len(begin):
         return np.empty((0, *value.shape[1:]))
-    result: Floats = combine.reduceat(value, begin, axis=0)
-    return result
+    return combine.reduceat(value, begin, axis=0)

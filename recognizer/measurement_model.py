@@ -1,7 +1,7 @@
-"""What approaches feel at single configurations, and how differently: what plans are compared by.
+"""Measurement model: outcomes of touches at single configurations, and how similar two of them are.
 
-From poses and approaches to stops and normals, exact but for the facets of arcs, and from these to how alike
-two poses feel. Says what is likely; what is certain is `prediction`'s to say.
+Stops and normals are exact but for the facets of arcs. Plans are compared by them; guaranteed enclosures over
+whole regions are those of `prediction`.
 """
 
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.rays import Approach, Rays, in_object_frame, near_edges, side
+from palpate.recognizer.rays import Approach, Rays, in_object_frame, near_edges, offset_from_rays
 from palpate.recognizer.region import Cells
 from palpate.recognizer.strips import StripForest
 
-__all__ = ["Felt", "Resolution", "felt", "likeness"]
+__all__ = ["Resolution", "TouchOutcomes", "similarity", "touch_outcomes"]
 
 
 @dataclass(frozen=True)
 class Resolution:
-    """What the rig can feel: stops and normals that differ by less may look alike.
+    """Resolution of the rig: stops and normals that differ by less may be indistinguishable.
 
-    `normal_half_rad`: an ordinary touch tells the normal to within this, either way.
+    `normal_half_rad`: an ordinary touch measures the normal to within this, either way.
     """
 
     distance_mm: float
@@ -31,8 +31,8 @@ class Resolution:
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
-    """What c approaches feel for each of p poses, all (c, p).
+class TouchOutcomes:
+    """Outcomes of c approaches at each of p poses, all (c, p).
 
     `hit`; where hit, `travel` mm before the stop, `normal` rad, outward in W, and `facing`: cosine between
     the travel and the inward normal. `margin` mm: how far sideways the object would have to move for the
@@ -45,9 +45,9 @@ class Felt:
     facing: Floats
     margin: Floats
 
-    def select(self, rows: Ints, poses: Ints) -> "Felt":
+    def select(self, rows: Ints, poses: Ints) -> "TouchOutcomes":
         """Those of approaches `rows` and of `poses` (indices)."""
-        return Felt(
+        return TouchOutcomes(
             self.hit[rows].take(poses, axis=1),
             self.travel[rows].take(poses, axis=1),
             self.normal[rows].take(poses, axis=1),
@@ -56,7 +56,9 @@ class Felt:
         )
 
 
-def felt(catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approaches: Sequence[Approach]) -> Felt:
+def touch_outcomes(
+    catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approaches: Sequence[Approach]
+) -> TouchOutcomes:
     """Outcomes of approaches for poses, which are cells without extent."""
     shape = (len(approaches), len(poses))
     travel, normal, margin = np.full(shape, np.inf), np.zeros(shape), np.zeros(shape)
@@ -77,16 +79,18 @@ def felt(catalogue: Catalogue, poses: Cells, anchor_mm: Floats, approaches: Sequ
     hit = travel <= reach
     normal = np.where(hit, normal, 0.0)
     direction = np.array([approach.direction_rad for approach in approaches])[:, None]
-    return Felt(hit, np.where(hit, travel, 0.0), normal, np.abs(np.cos(normal - direction)), margin)
+    return TouchOutcomes(hit, np.where(hit, travel, 0.0), normal, np.abs(np.cos(normal - direction)), margin)
 
 
-def likeness(outcome: Felt, first: Ints, second: Ints, resolution: Resolution, rows: Ints) -> Floats:
-    """How alike poses `first` and `second` (n,) feel to the approaches `rows` (c,), (c, n).
+def similarity(
+    outcome: TouchOutcomes, first: Ints, second: Ints, resolution: Resolution, rows: Ints
+) -> Floats:
+    """Similarity (c, n) of the outcomes of approaches `rows` (c,) at poses `first` and `second` (n,).
 
-    1 if nothing differs, 1/e where the rig can just tell. Two hits differ by where they stop, as seen along
-    the surface's normal, or by their normals. A hit and a miss differ by how far the object would have to
-    move sideways to turn one into the other: a graze is no sure sign of anything, and both its outcomes carry
-    an error.
+    1 if nothing differs, 1/e where the rig can just distinguish them. Two hits differ by where they stop, as
+    seen along the surface's normal, or by their normals. A hit and a miss differ by how far the object would
+    have to move sideways to turn one into the other: a graze is no sure sign of anything, and both its
+    outcomes carry an error.
     """
     one, two = outcome.select(rows, first), outcome.select(rows, second)
     along = np.minimum(one.facing, two.facing) * np.abs(one.travel - two.travel) / resolution.distance_mm
@@ -107,10 +111,9 @@ def _margin(edges: EdgeSet, rays: Rays) -> Floats:
     """How far each ray's line (r,) runs inside of the outline's extent, sideways; negative outside of it."""
     offset = rays.heading[:, 0] * rays.start[:, 1] - rays.heading[:, 1] * rays.start[:, 0]
     left = np.arctan2(rays.heading[:, 0], -rays.heading[:, 1])
-    result: Floats = np.minimum(
+    return np.minimum(
         edges.support(rays.state, left) - offset, edges.support(rays.state, left + np.pi) + offset
     )
-    return result
 
 
 def _first_crossing(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Floats, Ints]:
@@ -119,7 +122,8 @@ def _first_crossing(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Fl
     rel = edges.start[edge] - rays.start[ray]
     facing = np.sum(rays.heading[ray] * edges.normal[edge], axis=1)
     enters = (facing < -1e-12) & (
-        (side(rays, ray, edges.start[edge]) > 0) != (side(rays, ray, edges.end[edge]) > 0)
+        (offset_from_rays(rays, ray, edges.start[edge]) > 0)
+        != (offset_from_rays(rays, ray, edges.end[edge]) > 0)
     )
     ray, edge = ray[enters], edge[enters]
     at = np.sum(rel[enters] * edges.normal[edge], axis=1) / facing[enters]

@@ -1,4 +1,4 @@
-"""Grown cross sections: a section grown by the finger's radius turns the finger into a point.
+"""Minkowski sums: a section grown by the finger's radius turns the finger into a point.
 
 Memo footnote 3; Lozano-Pérez 1981. The Minkowski sum of a section with a disc is bounded by the section's
 edges moved outwards and by arcs about its convex vertices. Arcs are faceted from inside; how far an arc
@@ -9,16 +9,17 @@ corners are then put where the arcs themselves meet, and each visible arc is fac
 """
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 
-from palpate.geometry import Bools, Floats, Ints, Section
+from palpate.geometry import Floats, Ints, Section
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.outline_arcs import facet_turn, with_exact_arcs
+from palpate.recognizer.tables import Table
 
-__all__ = ["GrownSection", "Ring", "grow", "oriented_rings"]
+__all__ = ["GrownSection", "OrientedRing", "grow", "oriented_rings"]
 
 _MERGE_MM = 1e-7  # union vertices nearer than this are one
 _ON_ARC_MM = 1e-9
@@ -27,7 +28,7 @@ _UNION_FINER = 16.0  # facets of the union are this much closer to their arcs th
 
 
 @dataclass(frozen=True, eq=False)
-class GrownSection:
+class GrownSection(Table):
     """Edges of a grown section in the object's frame; n edges, the solid on the left of each.
 
     `start` and `end` (n, 2) mm, `direction` (n, 2) unit, `length` (n,) mm, `bulge` and `dent` (n,) mm: how
@@ -44,10 +45,6 @@ class GrownSection:
     dent: Floats
     span: Floats
     feature: Ints
-
-    def select(self, rows: Ints | Bools) -> "GrownSection":
-        """The edges `rows` (indices, in that order, or a mask)."""
-        return GrownSection(*(getattr(self, item.name)[rows] for item in fields(self)))
 
     def moved(self, by_mm: Floats) -> "GrownSection":
         """The same, moved by (2,) mm."""
@@ -77,7 +74,7 @@ def grow(section: Section, radius_mm: float, facet_error_mm: float) -> GrownSect
 
 
 @dataclass(frozen=True, eq=False)
-class Ring:
+class OrientedRing:
     """A ring with the solid on its left; `edge` and `vertex` are the numbers that the section gave them."""
 
     points: Floats
@@ -89,7 +86,7 @@ class Ring:
 class _Sources:
     """The section's own edges and vertices; `vertex_at` (n, 2) holds vertex k of the section at row k."""
 
-    rings: tuple[Ring, ...]
+    rings: tuple[OrientedRing, ...]
     vertex_at: Floats
 
     def features_of(self, outline: Floats, radius_mm: float) -> Ints:
@@ -113,8 +110,7 @@ class _Sources:
         centre = source[which] + (at > 0.5)[:, None] * leg[which]
         furthest = np.linalg.norm(legs - centre[:, None], axis=2).max(axis=1)
         on_arc = at_end & (furthest <= radius_mm + _ON_ARC_MM) & (radius_mm > 0)
-        features: Ints = np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64)
-        return features
+        return np.where(on_arc, -1 - nearest_vertex, edge[which]).astype(np.int64)
 
 
 def _nearest_edge(source: Floats, leg: Floats, point: Floats) -> Ints:
@@ -124,7 +120,7 @@ def _nearest_edge(source: Floats, leg: Floats, point: Floats) -> Ints:
     return nearest
 
 
-def oriented_rings(section: Section) -> tuple[Ring, ...]:
+def oriented_rings(section: Section) -> tuple[OrientedRing, ...]:
     """The section's rings with the solid on their left, numbered as in `GrownSection.feature`."""
     return _sources(section).rings
 
@@ -140,7 +136,7 @@ def _sources(section: Section) -> _Sources:
     return _Sources(tuple(rings), np.vstack(vertices))
 
 
-def _ring(points: Floats, first: int, *, ccw: bool) -> Ring:
+def _ring(points: Floats, first: int, *, ccw: bool) -> OrientedRing:
     number = np.arange(len(points))
     following = np.roll(points, -1, axis=0)
     distinct = np.linalg.norm(following - points, axis=1) > _MERGE_MM
@@ -149,10 +145,10 @@ def _ring(points: Floats, first: int, *, ccw: bool) -> Ring:
     area = float(np.sum(points[:, 0] * following[:, 1] - points[:, 1] * following[:, 0]))
     if (area > 0) != ccw:
         points, edge, vertex = points[::-1], np.roll(edge[::-1], -1), vertex[::-1]
-    return Ring(points, first + edge, first + vertex)
+    return OrientedRing(points, first + edge, first + vertex)
 
 
-def _skirt(source: Ring, radius_mm: float, turn_rad: float) -> list[shapely.Polygon]:
+def _skirt(source: OrientedRing, radius_mm: float, turn_rad: float) -> list[shapely.Polygon]:
     """What growing adds along a ring: a rectangle on each edge and a fan at each convex vertex."""
     ring = source.points
     following = np.roll(ring, -1, axis=0)

@@ -1,13 +1,12 @@
 """The null branch of the interpretation tree: interpretations in which some contacts are spurious.
 
-Between contacts and interpretations, around the levels of `tree` and `extension`. Besides its edges every
-contact may be paired with none, as long as few are (Grimson and Lozano-Pérez 1987, docs/recogniser.md). Such
-a contact is no evidence at all. Interpretations with the same null contacts are one branch. It grows as if
-its paired contacts were the only ones.
+Besides its edges every contact may be paired with none, as long as few are (Grimson and Lozano-Pérez 1987,
+docs/recogniser.md). Such a contact is no evidence at all. Interpretations with the same null contacts are one
+branch. It grows as if its paired contacts were the only ones.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, replace
 
 import numpy as np
 
@@ -16,10 +15,19 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.extension import extend_by_region
-from palpate.recognizer.region import Cells, build_cells, stepped
+from palpate.recognizer.region import Cells, build_cells, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount, first_level, next_level, second_level
 
-__all__ = ["COARSE_RAD", "ROOT", "TREE_LEVELS", "Branch", "branches_of", "grown", "ignored", "joined"]
+__all__ = [
+    "COARSE_RAD",
+    "ROOT_BRANCH",
+    "TREE_LEVELS",
+    "Branch",
+    "branches_of",
+    "grow_branches",
+    "join_branches",
+    "null_mask",
+]
 
 TREE_LEVELS = 3  # from the fourth contact on, pose regions prune better than tests on triples
 COARSE_RAD = 0.015
@@ -37,13 +45,13 @@ class Branch:
     cells: Cells | None = None
 
 
-ROOT = Branch(
+ROOT_BRANCH = Branch(
     (), Interpretations(np.empty(0, np.int64), np.empty((0, 0), np.int64), np.empty(0), np.empty(0))
 )
 """The branch with which a search begins: nothing is paired."""
 
 
-def grown(
+def grow_branches(
     catalogue: Catalogue,
     branches: Sequence[Branch],
     touched: Sequence[Contact],
@@ -62,13 +70,8 @@ def grown(
         counts.append(count)
         if new - len(branch.paired) < max_spurious:
             found.append(branch)
-    return found, LevelCount(
-        len(touched),
-        sum(count.candidates for count in counts),
-        sum(count.after_angle for count in counts),
-        sum(count.after_distance for count in counts),
-        sum(count.after_model for count in counts),
-    )
+    columns = zip(*(astuple(count)[1:] for count in counts), strict=True)
+    return found, LevelCount(len(touched), *(sum(column) for column in columns))
 
 
 def _paired(
@@ -85,26 +88,23 @@ def _paired(
     cells = branch.cells
     if cells is None:
         cells = build_cells(
-            catalogue, branch.nodes, earlier, anchor_mm, stepped(branch.nodes, step_rad=COARSE_RAD, least=1)
+            catalogue,
+            branch.nodes,
+            earlier,
+            anchor_mm,
+            divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1),
         )
     return extend_by_region(catalogue, branch.nodes, cells, new, len(touched), anchor_mm)
 
 
-def joined(branches: Sequence[Branch], contacts: int) -> Interpretations:
+def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:
     """Interpretations of all branches in one, a column for each of `contacts`: null where not paired."""
-    if len(branches) == 1 and len(branches[0].paired) == contacts:
-        return branches[0].nodes
-    edges = []
+    parts = []
     for branch in branches:
         columns = np.full((len(branch.nodes), contacts), NULL_EDGE)
         columns[:, list(branch.paired)] = branch.nodes.edges
-        edges.append(columns)
-    return Interpretations(
-        np.concatenate([branch.nodes.state for branch in branches]),
-        np.concatenate(edges),
-        np.concatenate([branch.nodes.lo for branch in branches]),
-        np.concatenate([branch.nodes.hi for branch in branches]),
-    )
+        parts.append(replace(branch.nodes, edges=columns))
+    return Interpretations.joined(parts)
 
 
 def branches_of(nodes: Interpretations, cells: Cells) -> list[Branch]:
@@ -124,12 +124,12 @@ def _part(nodes: Interpretations, cells: Cells, null: Bools, chosen: Bools) -> B
     number = np.cumsum(chosen) - 1
     return Branch(
         tuple(int(column) for column in columns),
-        Interpretations(part.state, part.edges[:, columns], part.lo, part.hi),
-        Cells(number[some.node], some.state, some.lo, some.hi, some.polygon),
+        replace(part, edges=part.edges[:, columns]),
+        replace(some, node=number[some.node]),
     )
 
 
-def ignored(nodes: Interpretations, node: Ints, contacts: Sequence[Contact]) -> Bools | None:
+def null_mask(nodes: Interpretations, node: Ints, contacts: Sequence[Contact]) -> Bools | None:
     """Which of m contacts, misses included, are null in the interpretations `node` (k,): (k, m).
 
     None if none of them is. Misses are never null.

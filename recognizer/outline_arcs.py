@@ -1,6 +1,6 @@
 """Arcs of a grown outline: exact corners where they meet other pieces, and even facets in between.
 
-From the union of faceted pieces (`grown`) to the outline that the catalogue keeps. A facet that another piece
+A facet that another piece
 cuts short hides some of the arc above it, and the arcs' own crossing may lie well beyond the facets'; without
 this, a finger that rests near the corner of a notch would be on no edge at all.
 """

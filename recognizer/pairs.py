@@ -1,11 +1,12 @@
-"""Pairs of edges, by the turn between their normals and by their range of distances (memo §2.2.1).
+"""Table of pairs of edges, by the turn between their normals and by their range of distances (memo §2.2.1).
 
-Between the catalogue and the tree's second level. The turn from one edge's normal to the other's does not
+The turn from one edge's normal to the other's does not
 depend on the object's orientation, so the pairs that two measured normals allow are one stretch of a sorted
 list; in it only the distances are compared. Single precision, rounded outward, keeps large catalogues small.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,17 @@ from palpate.geometry import Bools, Floats, Ints, Singles
 from palpate.geometry.segments import cross, distance_range
 from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.ranges import expand_ranges
 from palpate.recognizer.strips import strip_forest
+from palpate.recognizer.tables import expand_ranges
 
 __all__ = ["PairTable"]
 
 _AT_ONCE = 1 << 16
 _TURN_ROUNDING_RAD = 4e-6  # of angles kept in single precision
 _BEYOND_RAD = 8.0  # more than a turn
+
+_Edges = NDArray[np.integer]
+_OfPairs = Callable[[EdgeSet, _Edges, EdgeSet, _Edges], tuple[Floats | Singles, Floats | Singles]]
 
 
 class PairTable:
@@ -38,7 +42,7 @@ class PairTable:
         sizes = np.where(self.flat, first.count, 0) * self._columns
         self._begin: Ints = np.cumsum(np.append(0, sizes))[:-1]
         edge_a, edge_b = self._all_pairs(sizes)
-        self._shortest, self._longest = self._distances(edge_a, edge_b)
+        self._shortest, self._longest = self._in_parts(_outward_range, edge_a, edge_b)
         listed = np.flatnonzero(first.representative[edge_a])
         turn = (second.normal_rad[edge_b[listed]] - first.normal_rad[edge_a[listed]]) % (2 * np.pi)
         order = np.argsort(turn)
@@ -46,7 +50,7 @@ class PairTable:
         self._turn = turn[order].astype(np.float32)
         self._edge_a, self._edge_b = edge_a[listed], edge_b[listed]
         self._near, self._far = self._shortest[listed], self._longest[listed]
-        self._bearing, self._sector = self._bearings(self._edge_a, self._edge_b)
+        self._bearing, self._sector = self._in_parts(_sector, self._edge_a, self._edge_b)
         self._strips = (strip_forest(first, ~self.flat), strip_forest(second, ~self.flat))
         self._span_rad = (
             float(np.max(first.span, initial=0.0)),
@@ -132,26 +136,16 @@ class PairTable:
         edge_a = (self._first.first[state] + within // width).astype(np.int32)
         return edge_a, (self._second.first[state] + within % width).astype(np.int32)
 
-    def _distances(self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]) -> tuple[Singles, Singles]:
-        shortest, longest = np.empty(len(edge_a), np.float32), np.empty(len(edge_a), np.float32)
+    def _in_parts(self, of: _OfPairs, edge_a: _Edges, edge_b: _Edges) -> tuple[Singles, Singles]:
+        """Two values of each pair (n,), in single precision; computed part by part."""
+        values = np.empty((2, len(edge_a)), np.float32)
         for begin in range(0, len(edge_a), _AT_ONCE):
             part = slice(begin, begin + _AT_ONCE)
-            near, far = _slack_range(self._first, edge_a[part], self._second, edge_b[part])
-            shortest[part] = np.nextafter(near.astype(np.float32), np.float32(-np.inf))
-            longest[part] = np.nextafter(far.astype(np.float32), np.float32(np.inf))
-        return shortest, longest
-
-    def _bearings(self, edge_a: NDArray[np.int32], edge_b: NDArray[np.int32]) -> tuple[Singles, Singles]:
-        bearing, sector = np.empty(len(edge_a), np.float32), np.empty(len(edge_a), np.float32)
-        for begin in range(0, len(edge_a), _AT_ONCE):
-            part = slice(begin, begin + _AT_ONCE)
-            bearing[part], sector[part] = _sector(self._first, edge_a[part], self._second, edge_b[part])
-        return bearing, sector
+            values[:, part] = of(self._first, edge_a[part], self._second, edge_b[part])
+        return values[0], values[1]
 
 
-def _sector(
-    first: EdgeSet, edge_a: NDArray[np.integer], second: EdgeSet, edge_b: NDArray[np.integer]
-) -> tuple[Floats, Floats]:
+def _sector(first: EdgeSet, edge_a: _Edges, second: EdgeSet, edge_b: _Edges) -> tuple[Floats, Floats]:
     """Middle and half-width (n,) rad of the directions from points of edge a to points of edge b.
 
     Counted from the normal of edge a. All differences lie within `reach` of the middles' difference, so they
@@ -179,11 +173,20 @@ def _sector(
     return bearing, np.where(seen, widest + beyond, np.pi) + _TURN_ROUNDING_RAD
 
 
-def _slack_range(
-    first: EdgeSet, edge_a: NDArray[np.integer], second: EdgeSet, edge_b: NDArray[np.integer]
-) -> tuple[Floats, Floats]:
+def _slack_range(first: EdgeSet, edge_a: _Edges, second: EdgeSet, edge_b: _Edges) -> tuple[Floats, Floats]:
     shortest, longest = distance_range(
         first.start[edge_a], first.end[edge_a], second.start[edge_b], second.end[edge_b]
     )
     slack = first.slack_mm[edge_a] + second.slack_mm[edge_b]
     return shortest - slack, longest + slack
+
+
+def _outward_range(
+    first: EdgeSet, edge_a: _Edges, second: EdgeSet, edge_b: _Edges
+) -> tuple[Singles, Singles]:
+    """`_slack_range` in single precision, rounded outward."""
+    near, far = _slack_range(first, edge_a, second, edge_b)
+    return (
+        np.nextafter(near.astype(np.float32), np.float32(-np.inf)),
+        np.nextafter(far.astype(np.float32), np.float32(np.inf)),
+    )

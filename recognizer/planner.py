@@ -1,25 +1,32 @@
-"""The next approach (memo §3.2, third strategy): which reachable touches tell apart what is left.
+"""Planner of the next grip (memo §3.2, third strategy): reachable touches that distinguish hypotheses best.
 
-From a recognition and the approaches that the rig can reach to a grip. Every hypothesis is represented by
-some configurations of its region. Two of them need telling apart if they are of different hypotheses, or
-further apart than is fine enough; what they would feel (`felt`) says how likely each approach is to do it.
+Every hypothesis is represented by
+some configurations of its region. Two of them need distinguishing if they are of different hypotheses, or
+further apart than is fine enough. How likely each approach is to tell two poses apart follows from what
+touches would come to at both (`touch_outcomes`).
 Fingers are added one by one, as long as each takes away a good share of what would still be confused. What
 the grip then promises is not taken from these samples, but from enclosures over whole regions (`grips`).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
-from palpate.recognizer.grips import Foreseen, Grip, Reachable, fits, foreseen, grip_of
-from palpate.recognizer.measurement_model import Felt, Resolution, felt, likeness
-from palpate.recognizer.poses import Goals, Pairs, Poses, pairs_to_tell_apart, sampled_poses
+from palpate.recognizer.grips import (
+    Grip,
+    PredictedApproach,
+    Reachable,
+    fits_together,
+    make_grip,
+    predict_approach,
+)
+from palpate.recognizer.measurement_model import Resolution, TouchOutcomes, similarity, touch_outcomes
+from palpate.recognizer.poses import Goals, pairs_to_distinguish, sampled_poses
 from palpate.recognizer.recognition import Recognition
 
-__all__ = ["other_side", "plan_grip"]
+__all__ = ["meets_other_side", "plan_grip"]
 
 _HOPELESS = 1e-3  # the first finger must take at least this share of confusion away
 _WORTH = 0.08  # and every further one this
@@ -42,9 +49,9 @@ def plan_grip(
     """Choose approaches, at most one for each finger, that leave the least confusion; None if none helps.
 
     As many as `fingers`, where that many go together, and more if they are worth it. `used` (n,): candidates
-    not to choose, because they were carried out before: what they can tell they have told.
+    not to choose, because they were carried out before.
     """
-    choice = _Choice.begun(recognition, reachable, resolution, goals)
+    choice = _GripSearch(recognition, reachable, resolution, goals)
     if used is not None:
         choice.open_to &= ~used
     while choice.wants_more(fingers):
@@ -54,55 +61,34 @@ def plan_grip(
         choice.take(*best)
     if not choice.chosen:
         return None
-    return grip_of(recognition, reachable, choice.chosen, resolution, choice.remaining)
+    return make_grip(recognition, reachable, choice.chosen, resolution, choice.remaining)
 
 
-@dataclass
-class _Choice:
-    """A grip in the making.
+class _GripSearch:
+    """A grip in the making; at first nothing is chosen, and what all poses miss is of no use.
 
     `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `confused`
-    (pairs,): the weight of pairs of poses that still feel alike, `remaining` together; `compared`: how many
-    pairs there were at first.
+    (pairs,): the weight of pairs of poses that are still indistinguishable, `remaining` together;
+    `compared`: number of pairs at first.
     """
 
-    recognition: Recognition
-    reachable: Reachable
-    resolution: Resolution
-    poses: Poses
-    pairs: Pairs
-    outcome: Felt
-    open_to: Bools
-    furthest: Floats
-    seconds: Floats
-    confused: Floats
-    compared: int
-    remaining: float = 1.0
-    chosen: list[Foreseen] = field(default_factory=list)
-
-    @classmethod
-    def begun(
-        cls, recognition: Recognition, reachable: Reachable, resolution: Resolution, goals: Goals
-    ) -> "_Choice":
-        """Nothing is chosen yet; what is missed by all poses is of no use."""
-        poses = sampled_poses(recognition.hypotheses)
-        pairs = pairs_to_tell_apart(poses, recognition.hypotheses, goals)
-        approaches = reachable.approaches
-        outcome = felt(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
-        furthest = np.where(outcome.hit, outcome.travel, 0.0).max(axis=1, initial=0.0) + _MARGIN_MM
-        return cls(
-            recognition,
-            reachable,
-            resolution,
-            poses,
-            pairs,
-            outcome,
-            np.asarray(np.any(outcome.hit, axis=1)),
-            furthest,
-            reachable.seconds(furthest),
-            pairs.weight,
-            len(pairs.first),
+    def __init__(
+        self, recognition: Recognition, reachable: Reachable, resolution: Resolution, goals: Goals
+    ) -> None:
+        self.recognition, self.reachable, self.resolution = recognition, reachable, resolution
+        self.poses = sampled_poses(recognition.hypotheses)
+        self.pairs = pairs_to_distinguish(self.poses, recognition.hypotheses, goals)
+        poses = self.poses.cells
+        self.outcome = touch_outcomes(
+            recognition.catalogue, poses, recognition.anchor_mm, reachable.approaches
         )
+        self.open_to: Bools = np.asarray(self.outcome.hit.any(axis=1))
+        met = np.where(self.outcome.hit, self.outcome.travel, 0.0)
+        self.furthest: Floats = met.max(axis=1, initial=0.0) + _MARGIN_MM
+        self.seconds = reachable.seconds(self.furthest)
+        self.confused, self.compared = self.pairs.weight, len(self.pairs.first)
+        self.remaining = 1.0
+        self.chosen: list[PredictedApproach] = []
 
     def wants_more(self, fingers: int) -> bool:
         """Whether a further approach could be of use."""
@@ -110,7 +96,7 @@ class _Choice:
         return bool(self.open_to.any()) and len(self.pairs.first) > 0 and not enough
 
     def best(self, fingers: int) -> tuple[int, Floats, float] | None:
-        """The candidate to add, how alike pairs (n,) feel to it, and what would remain; None if none pays."""
+        """Approach to add, similarity (n,) of pairs under it, and what would remain; None if none pays."""
         taken = [item.index for item in self.chosen]
         rows = _shortlist(
             np.flatnonzero(self.open_to),
@@ -121,10 +107,10 @@ class _Choice:
             self.compared,
         )
         wanted = len(self.chosen) < fingers
-        sides = other_side(self.outcome.normal[:, 0], rows, taken)
+        sides = meets_other_side(self.outcome.normal[:, 0], rows, taken)
         if wanted and sides.any():
             rows = rows[sides]
-        alike = likeness(self.outcome, self.pairs.first, self.pairs.second, self.resolution, rows)
+        alike = similarity(self.outcome, self.pairs.first, self.pairs.second, self.resolution, rows)
         scores = alike @ self.confused
         least = float(scores.min())
         worth = (0.0 if wanted else _WORTH) if self.chosen else _HOPELESS
@@ -136,9 +122,9 @@ class _Choice:
 
     def take(self, index: int, alike: Floats, remaining: float) -> None:
         """Add a candidate, if it goes together with those that were chosen before."""
-        one = foreseen(self.recognition, self.reachable, index)
+        one = predict_approach(self.recognition, self.reachable, index)
         self.open_to[index] = False
-        if not fits(self.reachable, one, self.chosen):
+        if not fits_together(self.reachable, one, self.chosen):
             return
         self.furthest[index] = one.travel_mm
         self.confused, self.remaining = self.confused * alike, remaining
@@ -150,7 +136,7 @@ class _Choice:
         self.open_to &= self.reachable.together(index, one.travel_mm, every, self.furthest)
 
 
-def other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
+def meets_other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
     """Which candidates `rows` (m,) meet a surface that is not parallel to those that the chosen ones meet.
 
     `normal_rad` (n,): the normals that all candidates meet under the first hypothesis. Met from two sides, a
@@ -162,7 +148,12 @@ def other_side(normal_rad: Floats, rows: Ints, chosen: Sequence[int]) -> Bools:
 
 
 def _shortlist(
-    rows: Ints, outcome: Felt, weight: Floats, chosen: Sequence[int], resolution: Resolution, pairs: int
+    rows: Ints,
+    outcome: TouchOutcomes,
+    weight: Floats,
+    chosen: Sequence[int],
+    resolution: Resolution,
+    pairs: int,
 ) -> Ints:
     """Candidates `rows` that are worth comparing pair by pair: all of them, if that is quick.
 
@@ -170,9 +161,11 @@ def _shortlist(
     """
     if len(rows) * pairs <= _SHORT or len(rows) <= _LISTED:
         return rows
-    heap = _heaps(outcome, rows, resolution)
+    heap = _outcome_classes(outcome, rows, resolution)
     for index in chosen:
-        before = np.unique(_heaps(outcome, np.array([index]), resolution)[0], return_inverse=True)[1]
+        before = np.unique(_outcome_classes(outcome, np.array([index]), resolution)[0], return_inverse=True)[
+            1
+        ]
         heap = heap * (int(before.max()) + 1) + before
     _, number = np.unique(heap + (int(heap.max()) + 1) * np.arange(len(rows))[:, None], return_inverse=True)
     number = number.reshape(heap.shape)
@@ -181,9 +174,8 @@ def _shortlist(
     return np.sort(rows[np.argsort(alike, kind="stable")[:_LISTED]])
 
 
-def _heaps(outcome: Felt, rows: Ints, resolution: Resolution) -> Ints:
+def _outcome_classes(outcome: TouchOutcomes, rows: Ints, resolution: Resolution) -> Ints:
     """Outcomes (c, p) as whole numbers: alike if stop and normal round to the same."""
     stop = np.floor(outcome.travel[rows] / (2 * resolution.distance_mm)).astype(np.int64)
     normal = np.floor(outcome.normal[rows] % (2 * np.pi) / (2 * resolution.normal_half_rad)).astype(np.int64)
-    result: Ints = np.where(outcome.hit[rows], 1 + stop * 64 + normal, 0)
-    return result
+    return np.where(outcome.hit[rows], 1 + stop * 64 + normal, 0)

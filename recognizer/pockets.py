@@ -1,21 +1,21 @@
-"""Angle pockets: from which directions a finger can reach an edge, with the rest of the outline in the way.
+"""Angle pockets: directions from which a finger can reach an edge, with the rest of the outline in the way.
 
-From grown edges (`catalogue`) to the angle test of the interpretation tree (memo §2.2.2 and Fig. 6). A pocket
+See the memo's §2.2.2 and Fig. 6. A pocket
 is a set of directions of travel η in the object's frame. A finger that travels in direction φ of W and comes
 to rest on the edge leaves the orientations θ ∈ φ − η. *Conservative* pockets hold for a whole edge, *exact*
 ones for one point of it.
 
-What is not in a pocket is ruled out for certain, for a finger that came from outside of the section's convex
-hull (see `hull_radius`), or from as far as the pocket was made for. The argument: let q be the point of the
-edge where the finger rests, ρ a bound on all errors together, and F a stretch of an outline that stays
-further than ρ from q. Follow the direction in which q sees a point of F as the point runs along F, without
-jumps of 2π. Say that it comes to lie on both sides of a direction δ: first at a point that is further than ρ
-to the one side of the ray from q along δ, then at one as far to the other side. Move everything from where
-the model and the stated path have it to where it truly is. No point of F is moved onto q and neither of the
-two points onto the ray, because all are too far away. So the true stretch still leads from one side of the
-true path to the other without going round the path's end: it crosses the path. Hence δ is no free direction,
-and it does not matter what happens nearer to q than ρ, nor how thin F is. Where an outline that stays further
-than ρ from q goes round it, no direction is free.
+What is not in a pocket is ruled out for certain, for a finger that came straight from outside of the
+section's convex hull, or from as far as the pocket was made for. Proof: let q be the point of the edge where
+the finger rests, ρ a bound on all errors together, and F a stretch of an outline that stays further than ρ
+from q. Follow the direction in which q sees a point of F as the point runs along F, without jumps of 2π. Say
+that it comes to lie on both sides of a direction δ: first at a point that is further than ρ to the one side
+of the ray from q along δ, then at one as far to the other side. Move everything from where the model and the
+stated path have it to where it truly is. No point of F is moved onto q and neither of the two points onto the
+ray, because all are too far away. So the true stretch still leads from one side of the true path to the other
+without going round the path's end: it crosses the path. Hence δ is no free direction, and it does not matter
+what happens nearer to q than ρ, nor how thin F is. Where an outline that stays further than ρ from q goes
+round it, no direction is free.
 
 ρ is twice the allowance. Once, because the stated path is that far from where the true path is seen from the
 modelled outline; once more, because the path's end is that far from the modelled edge. Of a path that may
@@ -29,16 +29,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.geometry import Bools, Floats, Ints
+from palpate.geometry import Floats, Ints
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.ranges import expand_ranges
-from palpate.recognizer.visibility import Pieces, blocked, walked
+from palpate.recognizer.tables import expand_ranges
+from palpate.recognizer.visibility import EdgePieces, blocked_directions, outline_rings
 
 __all__ = [
     "Pockets",
     "conservative_pockets",
-    "exact_pockets",
-    "hull_radius",
+    "pockets_of",
 ]
 
 _AT_ONCE = 200_000  # pieces times vertices in one go: bounds the temporary arrays to tens of MB
@@ -67,21 +66,6 @@ class Pockets:
         """The row that each arc belongs to."""
         return np.repeat(np.arange(len(self)), np.diff(self.first))
 
-    @property
-    def width_rad(self) -> Floats:
-        """Angle that the arcs of each row cover together, (n,)."""
-        width = np.zeros(len(self))
-        np.add.at(width, self.row, self.hi_rad - self.lo_rad)
-        return width
-
-    def hold(self, row: Ints, direction_rad: Floats) -> Bools:
-        """Whether each direction (m,) lies in the pocket of its row (m,)."""
-        owner, arc = expand_ranges(self.first[row], np.diff(self.first)[row])
-        past = (direction_rad[owner] - self.lo_rad[arc]) % (2 * np.pi)
-        inside: Bools = np.zeros(len(row), dtype=bool)
-        inside[owner[past <= self.hi_rad[arc] - self.lo_rad[arc]]] = True
-        return inside
-
 
 def conservative_pockets(edges: EdgeSet, allowance_mm: float, travel_mm: float = math.inf) -> Pockets:
     """Pocket of every edge: never smaller than the union of the exact pockets of its points.
@@ -95,40 +79,10 @@ def conservative_pockets(edges: EdgeSet, allowance_mm: float, travel_mm: float =
     whose outlines meet in single points has half turns everywhere.
     """
     pieces = [_edge_pieces(edges, state) for state in range(len(edges.first) - 1)]
-    return _pockets(edges, pieces, allowance_mm, travel_mm, np.arange(len(edges.state)))
+    return pockets_of(edges, pieces, allowance_mm, travel_mm, np.arange(len(edges.state)))
 
 
-def exact_pockets(
-    edges: EdgeSet, edge: Ints, point_mm: Floats, allowance_mm: float, travel_mm: float = math.inf
-) -> Pockets:
-    """Pocket of each point (m, 2), taken at the nearest point of its edge (m,); mm in the object's frame.
-
-    Allowance and travel as in `conservative_pockets`; row k of the result is point k.
-    """
-    start, direction = edges.start[edge], edges.direction[edge]
-    along = np.clip(np.sum((point_mm - start) * direction, axis=1), 0.0, edges.length[edge])
-    foot = start + along[:, None] * direction
-    pieces = []
-    for state in range(len(edges.first) - 1):
-        row = np.flatnonzero(edges.state[edge] == state)
-        pieces.append(Pieces(row, edge[row], foot[row], foot[row]))
-    return _pockets(edges, pieces, allowance_mm, travel_mm, edge)
-
-
-def hull_radius(edges: EdgeSet) -> Floats:
-    """Radius (S,) mm about each state's centroid outside of which no point is in the section's convex hull.
-
-    Pockets for an infinite travel may be used for a contact only if its path began outside of the hull. It
-    did, whatever the configuration is, if start and end are further apart than twice this radius and twice
-    the position bound. 0 for a state that does not reach up to the finger.
-    """
-    radius = np.zeros(len(edges.first) - 1)
-    reach = np.hypot(*edges.start.T) + edges.slack_mm
-    np.maximum.at(radius, edges.state, reach)
-    return radius
-
-
-def _edge_pieces(edges: EdgeSet, state: int) -> Pieces:
+def _edge_pieces(edges: EdgeSet, state: int) -> EdgePieces:
     """Every edge of a state, the long ones in pieces of about a hundredth of the whole outline."""
     block = np.arange(edges.first[state], edges.first[state + 1])
     length = edges.length[block]
@@ -138,13 +92,13 @@ def _edge_pieces(edges: EdgeSet, state: int) -> Pieces:
     edge = block[owner]
     along = edges.end[edge] - edges.start[edge]
     begin, end = part / count[owner], (part + 1) / count[owner]
-    return Pieces(
+    return EdgePieces(
         edge, edge, edges.start[edge] + begin[:, None] * along, edges.start[edge] + end[:, None] * along
     )
 
 
-def _pockets(
-    edges: EdgeSet, pieces: list[Pieces], allowance_mm: float, travel_mm: float, edge_of_row: Ints
+def pockets_of(
+    edges: EdgeSet, pieces: list[EdgePieces], allowance_mm: float, travel_mm: float, edge_of_row: Ints
 ) -> Pockets:
     """Pockets of the rows that the pieces belong to; row k is of edge `edge_of_row[k]`."""
     found = [
@@ -160,14 +114,14 @@ def _pockets(
 
 
 def _free(
-    edges: EdgeSet, state: int, pieces: Pieces, allowance_mm: float, travel_mm: float
+    edges: EdgeSet, state: int, pieces: EdgePieces, allowance_mm: float, travel_mm: float
 ) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Free arcs (row, lo, hi) of the pieces, from the begin of each one's window on."""
     if not len(pieces.edge):
         return
     block = slice(int(edges.first[state]), int(edges.first[state + 1]))
     rho = max(2 * (allowance_mm + float(edges.slack_mm[block].max())), _NEAR_MM)
-    outline = walked(edges, block)
+    outline = outline_rings(edges, block)
     chunk = max(1, _AT_ONCE // (block.stop - block.start))
     for begin in range(0, len(pieces.edge), chunk):
         part = pieces.select(slice(begin, begin + chunk))
@@ -176,7 +130,7 @@ def _free(
             yield part.row, np.zeros(len(width)), width
             continue
         group = np.arange(len(width))
-        shadows = blocked(edges, outline, block.start, part, rho, travel_mm - rho)
+        shadows = blocked_directions(edges, outline, block.start, part, rho, travel_mm - rho)
         index, lo, hi = _gaps(group, width, *shadows)
         yield part.row[index], lo, hi
 

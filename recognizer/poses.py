@@ -1,4 +1,4 @@
-"""Configurations that stand for hypotheses when plans are compared, and which of them need telling apart."""
+"""Sampled poses: configurations that represent hypotheses in planning, and pairs that need distinguishing."""
 
 from dataclasses import dataclass
 
@@ -7,14 +7,15 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.hypotheses import Bounds, Hypotheses
-from palpate.recognizer.region import Cells, joined_cells
+from palpate.recognizer.region import Cells
+from palpate.recognizer.tables import Table
 
-__all__ = ["Goals", "Pairs", "Poses", "pairs_to_tell_apart", "sampled_poses", "witness_poses"]
+__all__ = ["Goals", "Pairs", "Poses", "pairs_to_distinguish", "sampled_poses", "witness_poses"]
 
 _POSES = 160  # in all; shared out among the hypotheses
 _MOST_POSES, _LEAST_POSES = 48, 1
 _OUT = 0.7  # of the way from a cell's middle to its corners
-_FINE = 0.4  # of the goals: bounds are twice as wide, and they hold more than what a touch can just not tell
+_FINE = 0.4  # of the goals: bounds are twice as wide, and they hold more than one touch can resolve
 _MOST_PAIRS = 12_000
 
 
@@ -43,16 +44,12 @@ class Poses:
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
-    """n pairs of poses, `first` and `second` (n,), that need telling apart. Their `weight` (n,) sums to 1."""
+class Pairs(Table):
+    """n pairs of poses to distinguish, `first` and `second` (n,). Their `weight` (n,) sums to 1."""
 
     first: Ints
     second: Ints
     weight: Floats
-
-    def select(self, rows: Ints) -> "Pairs":
-        """Those at `rows` (indices)."""
-        return Pairs(self.first[rows], self.second[rows], self.weight[rows])
 
 
 def sampled_poses(hypotheses: Hypotheses) -> Poses:
@@ -65,7 +62,7 @@ def sampled_poses(hypotheses: Hypotheses) -> Poses:
     if share == 1:
         return witness_poses(hypotheses)
     own, spread = witness_poses(hypotheses), _spread(hypotheses, share - 1)
-    cells = joined_cells([own.cells, spread])
+    cells = Cells.joined([own.cells, spread])
     owner = np.concatenate([own.owner, np.repeat(own.owner, share - 1)])
     return Poses(cells, owner, own.weight[owner] / share)
 
@@ -80,7 +77,7 @@ def witness_poses(hypotheses: Hypotheses) -> Poses:
     return Poses(cells, np.arange(count), _weights(hypotheses))
 
 
-def pairs_to_tell_apart(poses: Poses, hypotheses: Hypotheses, goals: Goals) -> Pairs:
+def pairs_to_distinguish(poses: Poses, hypotheses: Hypotheses, goals: Goals) -> Pairs:
     """Pairs of different hypotheses, and pairs of one that are further apart than is fine enough.
 
     Where there are too many, some that are drawn in proportion to their weight: always the same ones.
@@ -93,7 +90,7 @@ def pairs_to_tell_apart(poses: Poses, hypotheses: Hypotheses, goals: Goals) -> P
         first, second, weight = first[drawn], second[drawn], np.ones(_MOST_PAIRS)
     other = poses.owner[first] != poses.owner[second]
     coarse = ~other & _coarse(poses, hypotheses, goals, first, second)
-    # Both kinds count for half: whoever tells hypotheses apart may as well place what is left.
+    # Both kinds count for half: a grip that rules out hypotheses should also narrow what is left.
     for kind in (other, coarse):
         weight[kind] /= float(weight[kind].sum()) or 1.0
     needed = other | coarse
@@ -103,7 +100,7 @@ def pairs_to_tell_apart(poses: Poses, hypotheses: Hypotheses, goals: Goals) -> P
 
 def _coarse(poses: Poses, hypotheses: Hypotheses, goals: Goals, first: Ints, second: Ints) -> Bools:
     """Whether two poses of one object are further apart than bounds that are fine enough allow."""
-    origin = hypotheses.question.catalogue.origins_mm[poses.cells.state]
+    origin = hypotheses.constraints.catalogue.origins_mm[poses.cells.state]
     x, y = (poses.cells.polygon[:, 0] - origin).T
     cos, sin = np.cos(poses.cells.lo), np.sin(poses.cells.lo)
     place = np.column_stack([cos * x - sin * y, sin * x + cos * y])
@@ -114,8 +111,7 @@ def _coarse(poses: Poses, hypotheses: Hypotheses, goals: Goals, first: Ints, sec
 
 
 def _weights(hypotheses: Hypotheses) -> Floats:
-    result: Floats = (hypotheses.weight + 1 / len(hypotheses)) / 2
-    return result
+    return (hypotheses.weight + 1 / len(hypotheses)) / 2
 
 
 def _spread(hypotheses: Hypotheses, count: int) -> Cells:

@@ -1,7 +1,6 @@
-"""What approaches will meet under each hypothesis: enclosures over the whole of its region (memo §3.2).
+"""Predictions: enclosures of where approaches stop, and on which normals, over whole regions (memo §3.2).
 
-From hypotheses and approaches to intervals of stops and normals, and to which hypotheses no outcome can
-confuse. The same capsules decide afterwards what a touch rules out, so planner and recogniser cannot
+The same capsules decide afterwards what a touch rules out, so planner and recogniser cannot
 disagree. The exact angle pockets of the predicted edges are in it: an interval that ends says that nothing
 else is in the way, for every configuration of the region (docs/recogniser.md, "The next approach").
 """
@@ -16,11 +15,12 @@ from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.hypotheses import Hypotheses
-from palpate.recognizer.rays import Approach, in_pieces, rays_of
+from palpate.recognizer.rays import Approach, rays_of, split_rays
 from palpate.recognizer.region import Cells
 from palpate.recognizer.swept_edges import Capsules, capsules_of
+from palpate.recognizer.tables import Table
 
-__all__ = ["END_MM", "Prediction", "Predictions", "joined_predictions", "predict"]
+__all__ = ["END_MM", "Prediction", "Predictions", "predict"]
 
 END_MM = 1.0
 """A finger may end its travel this much early: only a stop before that is a sure one."""
@@ -45,7 +45,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class Predictions:
+class Predictions(Table):
     """Predictions for a approaches and h hypotheses, all (a, h); see `Prediction`.
 
     `normal_lo` ≤ `normal_hi` rad in W; where nothing can be met, `furthest` is −∞ and the normals are 0.
@@ -71,17 +71,6 @@ class Predictions:
         """Those of one approach, for every hypothesis."""
         return tuple(self.of(approach, hypothesis) for hypothesis in range(self.earliest.shape[1]))
 
-    def select(self, approaches: Sequence[int]) -> "Predictions":
-        """Those of some approaches."""
-        rows = list(approaches)
-        return Predictions(
-            self.earliest[rows],
-            self.latest[rows],
-            self.furthest[rows],
-            self.normal_lo[rows],
-            self.normal_hi[rows],
-        )
-
     def needed_mm(self, approaches: Sequence[Approach]) -> Floats:
         """Travel (a,) after which nothing can be met any more, and a little further."""
         furthest = self.furthest.max(axis=1, initial=0.0) + _SPARE_MM
@@ -103,16 +92,6 @@ class Predictions:
         either = before | before.transpose(0, 2, 1) | (leaning & sure[:, :, None] & sure[:, None, :])
         result: Bools = np.any(either, axis=0)
         return result
-
-
-def joined_predictions(parts: Sequence[Predictions]) -> Predictions:
-    """Predictions of several approaches for the same hypotheses in one."""
-    return Predictions(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("earliest", "latest", "furthest", "normal_lo", "normal_hi")
-        )
-    )
 
 
 def predict(
@@ -162,7 +141,7 @@ def _met(
     # Where vertices may be off, so may normals, by anything if edges are short: nothing is said of them.
     vague = np.array([state.tolerance_mm > 0 for state in catalogue.states])
     parts, begin = [], 0
-    for some in in_pieces(edges, strips, rays):
+    for some in split_rays(edges, strips, rays):
         piece = slice(begin, begin + len(some))
         begin = piece.stop
         cell, of = row[piece], column[piece]

@@ -1,8 +1,4 @@
-"""Straight approaches as rays in the frames of objects, and the edges that they pass close to.
-
-Between configurations with approaches and whatever asks what these meet: `capsules` for what may happen over
-a whole region, `felt` for what does at one configuration.
-"""
+"""Rays: straight approaches in the frames of objects, and the edges that they pass close to."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,17 +11,18 @@ from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.region import Cells
 from palpate.recognizer.strips import StripForest
+from palpate.recognizer.tables import Table
 
 __all__ = [
     "Approach",
     "Rays",
-    "aside",
+    "approach_lines",
     "in_object_frame",
-    "in_pieces",
-    "lines_of",
     "near_edges",
+    "offset_from_lines",
+    "offset_from_rays",
     "rays_of",
-    "side",
+    "split_rays",
 ]
 
 _SOME_EDGES = 64
@@ -43,34 +40,26 @@ class Approach:
     position_bound_mm: float
 
 
-def lines_of(approaches: Sequence[Approach]) -> tuple[Floats, Floats]:
+def approach_lines(approaches: Sequence[Approach]) -> tuple[Floats, Floats]:
     """Starts (n, 2) mm and directions (n,) rad in W."""
     start = np.array([approach.start_mm for approach in approaches]).reshape(-1, 2)
     return start, np.array([approach.direction_rad for approach in approaches])
 
 
-def aside(start: Floats, angle: Floats, point: Floats) -> Floats:
-    """Signed distance (n,) mm of a point (2,) from the lines of `lines_of`, positive on their left."""
+def offset_from_lines(start: Floats, angle: Floats, point: Floats) -> Floats:
+    """Signed distance (n,) mm of a point (2,) from the lines of `approach_lines`, positive on their left."""
     rel = point - start
-    result: Floats = np.cos(angle) * rel[:, 1] - np.sin(angle) * rel[:, 0]
-    return result
+    return np.cos(angle) * rel[:, 1] - np.sin(angle) * rel[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
-class Rays:
+class Rays(Table):
     """r rays in the frames of their objects: `state` (r,), `start`, unit `heading` (r, 2), `rho` (r,) mm."""
 
     state: Ints
     start: Floats
     heading: Floats
     rho: Floats
-
-    def __len__(self) -> int:
-        return len(self.state)
-
-    def select(self, part: slice | Ints) -> "Rays":
-        """Those at `part` (a slice or indices)."""
-        return Rays(self.state[part], self.start[part], self.heading[part], self.rho[part])
 
 
 def in_object_frame(cells: Cells, anchor_mm: Floats, approaches: Sequence[Approach]) -> tuple[Floats, Floats]:
@@ -104,7 +93,7 @@ def rays_of(edges: EdgeSet, cells: Cells, anchor_mm: Floats, approaches: Sequenc
     )
 
 
-def in_pieces(edges: EdgeSet, strips: StripForest, rays: Rays) -> list[Rays]:
+def split_rays(edges: EdgeSet, strips: StripForest, rays: Rays) -> list[Rays]:
     """Cut rays so that no piece has many more than _RAYS_TIMES_EDGES edges to look at."""
     large = strips.root[rays.state] >= 0
     # Of outlines in strip trees only a few edges are ever looked at; how many is a guess.
@@ -123,10 +112,9 @@ def near_edges(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Ints, I
     """Pairs of a ray and an edge that its line passes within ρ, by ray. Most edges lie clear on one side."""
 
     def near(ray: Ints, begin: Floats, end: Floats, stray: Floats | float) -> Bools:
-        first, last = side(rays, ray, begin), side(rays, ray, end)
+        first, last = offset_from_rays(rays, ray, begin), offset_from_rays(rays, ray, end)
         margin = rays.rho[ray] + stray + 1e-9
-        result: Bools = (np.minimum(first, last) <= margin) & (np.maximum(first, last) >= -margin)
-        return result
+        return (np.minimum(first, last) <= margin) & (np.maximum(first, last) >= -margin)
 
     large = strips.root[rays.state] >= 0
     # One look at an edge's circle is half of the work of two at its ends, and settles most.
@@ -158,7 +146,7 @@ def _columns(count: int) -> int:
     return whole * 3 // 4 if count <= whole * 3 // 4 else whole
 
 
-def side(rays: Rays, ray: Ints, point: Floats) -> Floats:
+def offset_from_rays(rays: Rays, ray: Ints, point: Floats) -> Floats:
     """Signed distance (n,) of points (n, 2) from the lines of the rays `ray` (n,)."""
     x = point[:, 0] - rays.start[ray, 0]
     y = point[:, 1] - rays.start[ray, 1]

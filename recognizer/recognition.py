@@ -1,4 +1,4 @@
-"""From contacts to hypotheses, and on from there with every further contact. The recogniser's front door.
+"""Recognition: from contacts to hypotheses, extended by every further contact.
 
     contacts → interpretation tree (levels 1–3, null branches) → cells → free-path evidence → hypotheses
 
@@ -18,16 +18,16 @@ from palpate.recognizer.extension import split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
 from palpate.recognizer.null_branch import (
     COARSE_RAD,
-    ROOT,
+    ROOT_BRANCH,
     TREE_LEVELS,
     Branch,
     branches_of,
-    grown,
-    joined,
+    grow_branches,
+    join_branches,
 )
-from palpate.recognizer.region import Cells, Intervals, stepped
+from palpate.recognizer.region import Cells, Intervals, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount
-from palpate.recognizer.witness_search import Question, settled, witnessed_cells
+from palpate.recognizer.witness_search import Constraints, connected_regions, find_witnesses
 from palpate.vocabulary import RecognitionVerdict
 
 __all__ = ["Recognition", "anchor_of", "intervals_of", "recognise"]
@@ -61,9 +61,10 @@ class Recognition:
 
     def extend(self, contacts: Sequence[Contact]) -> "Recognition":
         """The same with further contacts and misses; keeps only what survives them."""
-        search = _Search(self.catalogue, self.anchor_mm, self.max_spurious)
         branches = branches_of(self.interpretations, self.cells)
-        return search.after(self.contacts, tuple(contacts), branches, self.levels)
+        return _search(
+            self.catalogue, self.anchor_mm, self.max_spurious, self.contacts, contacts, branches, self.levels
+        )
 
 
 def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> Recognition:
@@ -81,7 +82,7 @@ def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: i
             f"max_spurious is {max_spurious}; with {len(touched)} touched contacts it must be from 0 to "
             f"{len(touched) - 1}, so that one at least is not spurious"
         )
-    return _Search(catalogue, anchor_of(touched), max_spurious).after((), tuple(contacts), [ROOT], ())
+    return _search(catalogue, anchor_of(touched), max_spurious, (), contacts, [ROOT_BRANCH], ())
 
 
 def anchor_of(touched: Sequence[Contact]) -> Floats:
@@ -95,52 +96,29 @@ def intervals_of(nodes: Interpretations) -> Intervals:
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
     # Contacts that say little leave wide intervals: those get fewer cells and wider bounds, not long waits.
     step = max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / _MOST_CELLS)
-    return stepped(nodes, step_rad=step, least=least)
+    return divide_orientations(nodes, step_rad=step, least=least)
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """What stays the same from contact to contact."""
-
-    catalogue: Catalogue
-    anchor_mm: Floats
-    max_spurious: int
-
-    def after(
-        self,
-        known: tuple[Contact, ...],
-        new: tuple[Contact, ...],
-        branches: list[Branch],
-        levels: tuple[LevelCount, ...],
-    ) -> Recognition:
-        """Pair every new contact in turn, then conclude."""
-        touched = [contact for contact in known if contact.touched]
-        for contact in new:
-            if contact.touched:
-                touched.append(contact)
-                branches, count = grown(self.catalogue, branches, touched, self.anchor_mm, self.max_spurious)
-                levels = (*levels, count)
-        return self._concluded((*known, *new), touched, joined(branches, len(touched)), levels)
-
-    def _concluded(
-        self,
-        contacts: tuple[Contact, ...],
-        touched: list[Contact],
-        nodes: Interpretations,
-        levels: tuple[LevelCount, ...],
-    ) -> Recognition:
-        """Cells, evidence and hypotheses of the interpretations that are left."""
-        question = Question(self.catalogue, nodes, touched, list(contacts), self.anchor_mm)
-        found = witnessed_cells(question, intervals_of(nodes))
-        hypotheses = hypotheses_of(question, settled(question, found))
-        left, cells = split_into_runs(nodes, found.cells)
-        return Recognition(
-            self.catalogue,
-            contacts,
-            left,
-            cells,
-            self.anchor_mm,
-            hypotheses,
-            levels,
-            self.max_spurious,
-        )
+def _search(
+    catalogue: Catalogue,
+    anchor_mm: Floats,
+    max_spurious: int,
+    known: tuple[Contact, ...],
+    new: Sequence[Contact],
+    branches: list[Branch],
+    levels: tuple[LevelCount, ...],
+) -> Recognition:
+    """Pair every new contact in turn; then cells, evidence and hypotheses of what is left."""
+    touched = [contact for contact in known if contact.touched]
+    for contact in new:
+        if contact.touched:
+            touched.append(contact)
+            branches, count = grow_branches(catalogue, branches, touched, anchor_mm, max_spurious)
+            levels = (*levels, count)
+    contacts = (*known, *new)
+    nodes = join_branches(branches, len(touched))
+    constraints = Constraints(catalogue, nodes, touched, list(contacts), anchor_mm)
+    found = find_witnesses(constraints, intervals_of(nodes))
+    hypotheses = hypotheses_of(constraints, connected_regions(constraints, found))
+    left, cells = split_into_runs(nodes, found.cells)
+    return Recognition(catalogue, contacts, left, cells, anchor_mm, hypotheses, levels, max_spurious)

@@ -1,13 +1,13 @@
 """Pose regions: what is left of the configuration space of an interpretation, as a list of cells.
 
-From interpretations to certified bounds, weights and witnesses, and to the planner. A cell is an interval of
+A cell is an interval of
 orientations and a convex polygon of positions that together contain every feasible configuration in that
 interval: each of the `half_planes` is relaxed to its largest value over the interval, and the polygon is
 clipped by them. The union of an interpretation's cells contains the truth whenever the errors are in bounds.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -17,13 +17,21 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import all_half_planes
-from palpate.recognizer.ranges import expand_ranges
-from palpate.recognizer.sinusoid_bounds import largest
-from palpate.recognizer.three_contact_test import triple_hull
+from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
+from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.three_contact_test import three_contact_hull
 from palpate.recognizer.tree import Interpretations
-from palpate.recognizer.two_contact_test import chord_hull
+from palpate.recognizer.two_contact_test import two_contact_hull
 
-__all__ = ["Cells", "Intervals", "Probed", "build_cells", "joined_cells", "probed", "refined", "stepped"]
+__all__ = [
+    "Cells",
+    "Intervals",
+    "ProbedCells",
+    "build_cells",
+    "divide_orientations",
+    "probe_cells",
+    "refine_intervals",
+]
 
 _ALL_PROBED, _FEW = 256, 8
 _MAX_CELLS = 64  # per interpretation and pass
@@ -32,7 +40,7 @@ _FINEST_RAD = 2e-4  # narrower cells bound nothing better: 0.01 mm at 50 mm
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class Cells(Table):
     """k cells. `node` (k,): the interpretation each belongs to; θ in [`lo`, `hi`] (k,) rad.
 
     `polygon` (k, v, 2) mm: positions s = R(−θ)(p − anchor) of the centroid, seen in the object's frame,
@@ -45,24 +53,21 @@ class Cells:
     hi: Floats
     polygon: Floats
 
-    def __len__(self) -> int:
-        return len(self.node)
-
-    def select(self, index: Ints | Bools | slice) -> "Cells":
-        """Those at `index` (integers, a mask or a slice)."""
-        return Cells(self.node[index], self.state[index], self.lo[index], self.hi[index], self.polygon[index])
+    @classmethod
+    def joined(cls, parts: "Sequence[Cells]") -> "Cells":
+        """Cells of several regions in one; polygons with fewer vertices are padded."""
+        most = max(part.polygon.shape[1] for part in parts)
+        return super().joined([replace(part, polygon=_padded(part.polygon, most)) for part in parts])
 
     @cached_property
     def middle(self) -> Floats:
         """Middle orientation, (k,)."""
-        result: Floats = (self.lo + self.hi) / 2
-        return result
+        return (self.lo + self.hi) / 2
 
     @cached_property
     def half_width(self) -> Floats:
         """Half of the orientation interval, (k,)."""
-        result: Floats = (self.hi - self.lo) / 2
-        return result
+        return (self.hi - self.lo) / 2
 
     @cached_property
     def centre(self) -> Floats:
@@ -96,23 +101,16 @@ class Cells:
         return result
 
 
-def joined_cells(parts: Sequence[Cells]) -> Cells:
-    """Cells of several regions in one; polygons with fewer vertices are padded."""
-    most = max(part.polygon.shape[1] for part in parts)
-    polygons = [np.pad(part.polygon, ((0, 0), (0, most - part.polygon.shape[1]), (0, 0))) for part in parts]
-    for part, polygon in zip(parts, polygons, strict=True):
-        polygon[:, part.polygon.shape[1] :] = polygon[:, :1]
-    return Cells(
-        np.concatenate([part.node for part in parts]),
-        np.concatenate([part.state for part in parts]),
-        np.concatenate([part.lo for part in parts]),
-        np.concatenate([part.hi for part in parts]),
-        np.concatenate(polygons),
-    )
+def _padded(polygon: Floats, vertices: int) -> Floats:
+    """Polygons (k, v, 2) with the first vertex repeated up to a number of vertices."""
+    missing = vertices - polygon.shape[1]
+    if not missing:
+        return polygon
+    return np.concatenate([polygon, np.repeat(polygon[:, :1], missing, axis=1)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class Probed:
+class ProbedCells:
     """k cells, t of which were looked at in their middle.
 
     `section` (t, v, 2) mm: the polygon of positions s that satisfy every contact at exactly the middle
@@ -125,7 +123,7 @@ class Probed:
 
 
 @dataclass(frozen=True, eq=False)
-class Intervals:
+class Intervals(Table):
     """Orientation intervals [`lo`, `hi`] (k,) rad of interpretations `node` (k,): cells not yet cut."""
 
     node: Ints
@@ -133,7 +131,7 @@ class Intervals:
     hi: Floats
 
 
-def stepped(nodes: Interpretations, *, step_rad: float, least: int) -> Intervals:
+def divide_orientations(nodes: Interpretations, *, step_rad: float, least: int) -> Intervals:
     """Every interpretation's orientations in steps of at most `step_rad`, at least `least` and at most 64.
 
     One that is narrow already is not cut for the sake of `least`.
@@ -158,7 +156,7 @@ def build_cells(
     return _cut(catalogue, nodes, contacts, anchor_mm, intervals)[0]
 
 
-def refined(
+def refine_intervals(
     catalogue: Catalogue,
     nodes: Interpretations,
     cells: Cells,
@@ -177,32 +175,14 @@ def refined(
     hi = np.where(part == parts - 1, cells.hi[owner], lo + width)
     node = cells.node[owner]
     for pair in combinations(range(len(contacts)), 2):
-        lo, hi = _by_chord(catalogue, nodes.edges[node][:, pair], [contacts[k] for k in pair], lo, hi)
+        lo, hi = two_contact_hull(catalogue, nodes.edges[node][:, pair], [contacts[k] for k in pair], lo, hi)
         node, lo, hi = _left(node, lo, hi)
     if len(contacts) <= _TRIPLED:
         for group in combinations(range(len(contacts)), 3):
             some = [contacts[k] for k in group]
-            lo, hi = triple_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
+            lo, hi = three_contact_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
             node, lo, hi = _left(node, lo, hi)
     return Intervals(node, lo, hi)
-
-
-def _by_chord(
-    catalogue: Catalogue, edges: Ints, pair: list[Contact], lo: Floats, hi: Floats
-) -> tuple[Floats, Floats]:
-    """`chord_hull` of two contacts on `edges` (k, 2); where either is null, all of [lo, hi] is left."""
-    one, two = pair
-    first, second = catalogue.edges(one.finger), catalogue.edges(two.finger)
-    null = (edges < 0).any(axis=1)
-    if not null.any():
-        return chord_hull(first, edges[:, 0], one, second, edges[:, 1], two, lo, hi)
-    lo, hi = lo.copy(), hi.copy()
-    if not null.all():
-        edges = edges[~null]
-        lo[~null], hi[~null] = chord_hull(
-            first, edges[:, 0], one, second, edges[:, 1], two, lo[~null], hi[~null]
-        )
-    return lo, hi
 
 
 def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
@@ -210,13 +190,13 @@ def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
     return node[left], lo[left], hi[left]
 
 
-def probed(
+def probe_cells(
     catalogue: Catalogue,
     nodes: Interpretations,
     contacts: list[Contact],
     anchor_mm: Floats,
     intervals: Intervals,
-) -> Probed:
+) -> ProbedCells:
     """Cut the intervals, and at exactly their middle orientations as well.
 
     Where there are many, only the middle one of each few of an interpretation is looked at in its middle.
@@ -231,17 +211,13 @@ def probed(
         nodes,
         contacts,
         anchor_mm,
-        Intervals(
-            np.concatenate([intervals.node, intervals.node[tried]]),
-            np.concatenate([intervals.lo, middle[tried]]),
-            np.concatenate([intervals.hi, middle[tried]]),
-        ),
+        Intervals.joined([intervals, Intervals(intervals.node[tried], middle[tried], middle[tried])]),
     )
     whole = alive < count
     place = np.full(count, -1)
     place[alive[whole]] = np.arange(int(whole.sum()))
     # A cell that is not empty in its middle is not empty.
-    return Probed(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
+    return ProbedCells(found.select(whole), place[tried[alive[~whole] - count]], found.polygon[~whole])
 
 
 def _middles(node: Ints) -> Ints:
@@ -268,7 +244,7 @@ def _cut(
     """
     node, lo, hi = intervals.node, intervals.lo, intervals.hi
     g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
-    limit = coefficients[..., 0] + largest(
+    limit = coefficients[..., 0] + sinusoid_maximum(
         coefficients[..., 1], coefficients[..., 2], lo[:, None], hi[:, None]
     )
     polygon = _rectangle(g, limit)
@@ -307,12 +283,10 @@ def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
     if not len(cut):
         return polygon, kept
     clipped, left = _clipped(polygon[cut], height[cut])
-    wider = clipped.shape[1] - polygon.shape[1]
-    if wider > 0:
-        polygon = np.concatenate([polygon, np.repeat(polygon[:, :1], wider, axis=1)], axis=1)
+    vertices = max(clipped.shape[1], polygon.shape[1])
+    polygon, clipped = _padded(polygon, vertices), _padded(clipped, vertices)
     rows = cut[left]
-    polygon[rows, : clipped.shape[1]] = clipped
-    polygon[rows, clipped.shape[1] :] = clipped[:, :1]
+    polygon[rows] = clipped
     if len(rows) == len(cut):
         return polygon, kept
     kept[cut[~left]] = False

@@ -1,6 +1,6 @@
-"""Outlines that are finer than any search needs: runs of short edges replaced by one edge with slack.
+"""Simplification of very fine outlines: runs of short edges replaced by one edge with slack.
 
-From grown sections to the catalogue's edges. Ten thousand edges of a tenth of a millimetre say no more than
+Ten thousand edges of a tenth of a millimetre say no more than
 two thousand do, and take their cube of interpretations to say it. How far a run strays from its chord, and
 how much its normal turns, is kept with the chord as is done with arcs and their facets (memo §3.4: an edge
 enclosed in a strip).
@@ -13,15 +13,15 @@ from palpate.geometry import Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.minkowski import GrownSection
-from palpate.recognizer.ranges import expand_ranges
+from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["coarsened"]
+__all__ = ["simplify_outline"]
 
 _FINEST_MM = 1e-3
 _ROUGH_MM = 0.1
 
 
-def coarsened(grown: GrownSection, most: int) -> GrownSection:
+def simplify_outline(grown: GrownSection, most: int) -> GrownSection:
     """The same outline in no more than `most` edges, if it has more and that can be done.
 
     Each ring keeps four edges at least. The stray allowed is doubled until the edges are few enough, up to
@@ -103,5 +103,4 @@ def _chords(grown: GrownSection, first: Ints, count: Ints) -> GrownSection:
 
 
 def _angle(direction: Floats) -> Floats:
-    angle: Floats = np.arctan2(direction[:, 1], direction[:, 0])
-    return angle
+    return np.arctan2(direction[:, 1], direction[:, 0])

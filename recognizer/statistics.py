@@ -1,6 +1,6 @@
 """The memo's pruning statistics (Tables I and II): how many interpretations each test leaves at each level.
 
-Beside the data's way: nothing is recognised here. The counts are those of the memo's own algorithm, with
+The counts are those of the memo's own algorithm, with
 distance and angle tests on their own and the model test at the end, where `tree` mixes them for speed. Angle
 pruning uses conservative pockets and, where a contact has one, its range of normals.
 """
@@ -18,12 +18,12 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.pockets import conservative_pockets
-from palpate.recognizer.ranges import expand_ranges
-from palpate.recognizer.region import build_cells, stepped
-from palpate.recognizer.sweep import unblocked
-from palpate.recognizer.three_contact_test import triple_hull
+from palpate.recognizer.region import build_cells, divide_orientations
+from palpate.recognizer.sweep import free_path_test
+from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.three_contact_test import three_contact_hull
 from palpate.recognizer.tree import Interpretations
-from palpate.recognizer.two_contact_test import chord_hull
+from palpate.recognizer.two_contact_test import two_contact_hull
 
 __all__ = ["MemoCounts", "MemoLevel", "memo_counts"]
 
@@ -94,14 +94,11 @@ def memo_counts(
 
 
 @dataclass(frozen=True, eq=False)
-class _Arcs:
+class _Arcs(Table):
     """For each of n edges up to a arcs of θ: `lo`, `width` (n, a) rad; no arc is a width of −1."""
 
     lo: Floats
     width: Floats
-
-    def at(self, edge: Ints) -> "_Arcs":
-        return _Arcs(self.lo[edge], self.width[edge])
 
     def meet(self, lo: Floats, hi: Floats) -> Bools:
         """Whether some arc of each row meets the intervals [lo, hi], each (n, m) and not empty; (n, m)."""
@@ -157,13 +154,7 @@ def _level(
         both = by_distance & by_angle
         counts += [len(paired), int(by_distance.sum()), int(by_angle.sum()), int(both.sum())]
         kept.append(paired.select(np.flatnonzero(both)))
-    grown = Interpretations(
-        np.concatenate([part.state for part in kept]),
-        np.concatenate([part.edges for part in kept]),
-        np.concatenate([part.lo for part in kept]),
-        np.concatenate([part.hi for part in kept]),
-    )
-    return grown, MemoLevel(*(int(count) for count in counts))
+    return Interpretations.joined(kept), MemoLevel(*(int(count) for count in counts))
 
 
 def _candidates(catalogue: Catalogue, nodes: Interpretations, contact: Contact) -> Iterator[Interpretations]:
@@ -194,7 +185,9 @@ def _distances_possible(catalogue: Catalogue, nodes: Interpretations, touched: l
 
 def _orientations_meet(nodes: Interpretations, sets: list[list[_Arcs]]) -> Bools:
     """Whether the orientation sets of all pairings have an orientation in common (n,)."""
-    arcs = [part.at(nodes.edges[:, level]) for level in range(nodes.edges.shape[1]) for part in sets[level]]
+    arcs = [
+        part.select(nodes.edges[:, level]) for level in range(nodes.edges.shape[1]) for part in sets[level]
+    ]
     # What sets of arcs have in common begins where one of the arcs begins.
     begins = np.concatenate([part.lo for part in arcs], axis=1)
     common = np.concatenate([part.width for part in arcs], axis=1) >= 0
@@ -221,10 +214,12 @@ def _model_count(
             parts, owner = _narrowed(catalogue, parts, owner, touched, anchor)
             for level in range(len(touched)):
                 for some in sets[level]:
-                    met = some.at(parts.edges[:, level]).meet(parts.lo[:, None], parts.hi[:, None])[:, 0]
+                    met = some.select(parts.edges[:, level]).meet(parts.lo[:, None], parts.hi[:, None])[:, 0]
                     parts, owner = parts.select(np.flatnonzero(met)), owner[met]
-        cells = build_cells(catalogue, parts, touched, anchor, stepped(parts, step_rad=_CELL_RAD, least=1))
-        cells = cells.select(unblocked(catalogue, cells, anchor, contacts))
+        cells = build_cells(
+            catalogue, parts, touched, anchor, divide_orientations(parts, step_rad=_CELL_RAD, least=1)
+        )
+        cells = cells.select(free_path_test(catalogue, cells, anchor, contacts))
         found += len(np.unique(owner[cells.node]))
     return found
 
@@ -245,14 +240,10 @@ def _narrowed(
     for size in (2, 3):
         for group in combinations(range(len(touched)), size):
             some = [touched[k] for k in group]
+            paired = nodes.edges[:, group]
             if size == 2:
-                one, two = (catalogue.edges(contact.finger) for contact in some)
-                a, b = (nodes.edges[:, k] for k in group)
-                lo, hi = chord_hull(one, a, some[0], two, b, some[1], nodes.lo, nodes.hi)
+                lo, hi = two_contact_hull(catalogue, paired, some, nodes.lo, nodes.hi)
             else:
-                paired = nodes.edges[:, group]
-                lo, hi = triple_hull(catalogue, paired, some, anchor_mm, nodes.lo, nodes.hi)
-            left = np.flatnonzero(lo <= hi)
-            nodes = Interpretations(nodes.state[left], nodes.edges[left], lo[left], hi[left])
-            owner = owner[left]
+                lo, hi = three_contact_hull(catalogue, paired, some, anchor_mm, nodes.lo, nodes.hi)
+            nodes, owner = nodes.narrowed(lo, hi), owner[lo <= hi]
     return nodes, owner

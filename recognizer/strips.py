@@ -1,20 +1,21 @@
 """Strip trees of outlines with very many edges (memo §3.3; Ballard 1981).
 
-Between the catalogue and the tree's second and further levels. A strip stands for a run of neighbouring
+A strip stands for a run of neighbouring
 edges: a segment from the run's start to its end, how far the run strays from it, and the range of its
 normals. Distance and angle are tested on strips first, and only the halves of strips that pass are looked at
 further, down to single edges. What the flat search would keep is in what the strips leave.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.geometry.segments import distance_range
-from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.edges import EdgeSet, ring_order
+from palpate.recognizer.tables import Table
 
 __all__ = ["StripForest", "strip_forest"]
 
@@ -23,7 +24,7 @@ _ROUNDING_RAD = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class StripForest:
+class StripForest(Table):
     """Strip trees of some states of an edge set; N strips in all.
 
     `start` and `end` (N, 2) mm in the object's frame: the strip's segment; `stray` (N,) mm: how far the run,
@@ -111,7 +112,9 @@ def strip_forest(edges: EdgeSet, chosen: Bools) -> StripForest:
     parts: list[StripForest] = []
     size = 0
     for state in np.flatnonzero(chosen & (edges.count > 0)):
-        tree = _tree(edges, _in_ring_order(edges, int(state)), size)
+        block = slice(int(edges.first[state]), int(edges.first[state + 1]))
+        ring, _ = ring_order(edges.start[block], edges.end[block])
+        tree = _tree(edges, block.start + ring, size)
         root[state] = size
         size += len(tree.edge)
         parts.append(tree)
@@ -120,30 +123,7 @@ def strip_forest(edges: EdgeSet, chosen: Bools) -> StripForest:
         return StripForest(
             np.empty((0, 2)), np.empty((0, 2)), nothing, nothing, nothing, none, none, none, root
         )
-    joined = {
-        name: np.concatenate([getattr(part, name) for part in parts])
-        for name in ("start", "end", "stray", "normal", "half_turn", "left", "right", "edge")
-    }
-    return StripForest(root=root, **joined)
-
-
-def _in_ring_order(edges: EdgeSet, state: int) -> Ints:
-    """The edges of a state, each followed by the one that begins where it ends."""
-    block = np.arange(edges.first[state], edges.first[state + 1])
-    by_start = np.lexsort(edges.start[block].T)
-    by_end = np.lexsort(edges.end[block].T)
-    following = np.empty(len(block), dtype=np.int64)
-    following[by_end] = by_start
-    order: list[int] = []
-    seen = np.zeros(len(block), dtype=bool)
-    for begin in range(len(block)):
-        at = begin
-        while not seen[at]:
-            seen[at] = True
-            order.append(at)
-            at = int(following[at])
-    result: Ints = block[np.array(order)]
-    return result
+    return replace(StripForest.joined(parts), root=root)
 
 
 def _tree(edges: EdgeSet, ring: Ints, offset: int) -> StripForest:

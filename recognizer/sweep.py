@@ -1,4 +1,4 @@
-"""What a straight approach must and may meet, over every configuration in a cell.
+"""Free-path evidence: where a straight approach must stop and may stop, over all configurations in a cell.
 
 Used backwards as evidence (the path before a contact was free; a missed approach was free all along) and
 forwards as prediction (where will the finger stop?), so that planner and recogniser cannot disagree. If no
@@ -15,16 +15,16 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.rays import Approach, Rays, in_pieces, rays_of
+from palpate.recognizer.rays import Approach, Rays, rays_of, split_rays
 from palpate.recognizer.region import Cells
 from palpate.recognizer.strips import StripForest
 from palpate.recognizer.swept_edges import capsules_of
 
-__all__ = ["StopInterval", "clear_of_outline", "sweep", "unblocked"]
+__all__ = ["StopIntervals", "free_path_test", "path_outside_outline", "sweep"]
 
 
 @dataclass(frozen=True, eq=False)
-class StopInterval:
+class StopIntervals:
     """For k cells and m approaches: the finger stops after a travel within [`earliest`, `latest`] (k, m) mm.
 
     `earliest` is infinite where nothing can be met; `latest` is infinite where the finger may miss.
@@ -40,7 +40,7 @@ def sweep(
     anchor_mm: Floats,
     approaches: Sequence[Approach],
     skipped: Bools | None = None,
-) -> StopInterval:
+) -> StopIntervals:
     """Enclose the travel at which the object stops the finger, for k cells, all of each, and m approaches.
 
     Those `skipped` (k, m) are not looked at and come back as infinite.
@@ -58,10 +58,10 @@ def sweep(
             rays, row, column = rays.select(wanted), row[wanted], column[wanted]
         if len(row):
             earliest[row, column], latest[row, column] = _stops(edges, catalogue.outline_strips(finger), rays)
-    return StopInterval(earliest, latest)
+    return StopIntervals(earliest, latest)
 
 
-def unblocked(
+def free_path_test(
     catalogue: Catalogue,
     cells: Cells,
     anchor_mm: Floats,
@@ -88,14 +88,14 @@ def unblocked(
     return result
 
 
-def clear_of_outline(
+def path_outside_outline(
     catalogue: Catalogue, cells: Cells, anchor_mm: Floats, paired: Ints, contacts: Sequence[Contact]
 ) -> Bools:
     """Cells in which paths of contacts on their edges, `paired` (k, m), are outside of the outline: (k, m).
 
     A path is, if it comes from within its edge's open cone whatever the orientation, and does not end beyond
     an end of the edge at which the outline may rise again. Then it is never deeper in the outline than its
-    end may be, and `unblocked` would keep the cell.
+    end may be, and `free_path_test` would keep the cell.
     """
     clear = np.zeros(paired.shape, dtype=bool)
     for finger in dict.fromkeys(contact.finger for contact in contacts):
@@ -134,7 +134,7 @@ def _clear(edges: EdgeSet, cells: Cells, anchor_mm: Floats, edge: Ints, contacts
 
 def _stops(edges: EdgeSet, strips: StripForest, rays: Rays) -> tuple[Floats, Floats]:
     """Earliest and latest stop (r,) of rays on the edges of their states."""
-    parts = [capsules_of(edges, strips, some) for some in in_pieces(edges, strips, rays)]
+    parts = [capsules_of(edges, strips, some) for some in split_rays(edges, strips, rays)]
     if len(parts) == 1:
         return parts[0].earliest, parts[0].latest
     return np.concatenate([part.earliest for part in parts]), np.concatenate([part.latest for part in parts])

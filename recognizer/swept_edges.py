@@ -1,7 +1,7 @@
-"""Where straight paths run within ρ of edges: what may stop a finger, when the object is known to within ρ.
+"""Swept edges (capsules): where straight paths run within ρ of edges of an object known to within ρ.
 
-From rays to the earliest and the latest stop, with the edges that it may be on. `sweep` uses it as evidence,
-`prediction` to look ahead, so that recogniser and planner cannot disagree.
+They give the earliest and the latest stop of a finger and the edges it may be on. `sweep` uses them as
+evidence, `prediction` to look ahead, so that recogniser and planner cannot disagree.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import capsule_interval
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.rays import Rays, near_edges, side
+from palpate.recognizer.rays import Rays, near_edges, offset_from_rays
 from palpate.recognizer.strips import StripForest
 
 __all__ = ["Capsules", "capsules_of"]
@@ -34,8 +34,7 @@ class Capsules:
     @cached_property
     def touchable(self) -> Bools:
         """Edges whose capsule the ray is in at some travel ≥ 0, (r, n)."""
-        result: Bools = (self.leave >= 0) & (self.enter <= self.leave)
-        return result
+        return (self.leave >= 0) & (self.enter <= self.leave)
 
     @cached_property
     def earliest(self) -> Floats:
@@ -62,7 +61,7 @@ class Capsules:
 def capsules_of(edges: EdgeSet, strips: StripForest, rays: Rays) -> Capsules:
     """The capsules that rays run through."""
     ray, edge = near_edges(edges, strips, rays)
-    begin, end = side(rays, ray, edges.start[edge]), side(rays, ray, edges.end[edge])
+    begin, end = offset_from_rays(rays, ray, edges.start[edge]), offset_from_rays(rays, ray, edges.end[edge])
     enter, leave = capsule_interval(
         rays.start[ray],
         rays.heading[ray],

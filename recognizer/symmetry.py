@@ -1,4 +1,4 @@
-"""Rotational symmetry of a state, from all of its sections together (used as in memo §2.1 and Fig. 4)."""
+"""Rotational symmetry of a state, from all of its sections together (memo §2.1 and Fig. 4)."""
 
 import math
 from dataclasses import dataclass

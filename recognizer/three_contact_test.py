@@ -1,6 +1,6 @@
 """The model test for three contacts, in closed form: orientations that no two of them rule out, but all do.
 
-Between the interpretation tree and its edges. Each contact holds the position s between two lines along each
+Each contact holds the position s between two lines along each
 of two directions u: its edge's normal and the edge itself (`half_planes`). One direction of each of three
 contacts has, up to scale, one relation Σ w u = 0. By Farkas' lemma the three half-planes on the sides that
 the signs of w say, and the three on the opposite sides, have a common point iff
@@ -20,14 +20,14 @@ from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.sinusoid_bounds import within_waves
+from palpate.recognizer.sinusoid_bounds import clip_to_sinusoids
 
-__all__ = ["triple_hull"]
+__all__ = ["three_contact_hull"]
 
 _ROUNDING_MM = 1e-9
 
 
-def triple_hull(
+def three_contact_hull(
     catalogue: Catalogue, paired: Ints, contacts: list[Contact], anchor_mm: Floats, lo: Floats, hi: Floats
 ) -> tuple[Floats, Floats]:
     """Narrow intervals [lo, hi] (n,) of θ to the hull of those at which three contacts fit their edges.
@@ -37,7 +37,7 @@ def triple_hull(
     """
     # Arrays over the choice of direction of the first, the second and the third contact, and over rows.
     one, two, three = (
-        _sides(catalogue, paired[:, k], contact, anchor_mm, k) for k, contact in enumerate(contacts)
+        _edge_axes(catalogue, paired[:, k], contact, anchor_mm, k) for k, contact in enumerate(contacts)
     )
     weights = (
         cross(two.direction, three.direction),
@@ -53,11 +53,11 @@ def triple_hull(
         most += up * side.lower + down * side.upper
     a, b, lower, upper = (part.reshape(8, -1) for part in (cosine, sine, least, most))
     crest, height = np.arctan2(b, a), np.sqrt(a * a + b * b)
-    return within_waves(lo, hi, crest, lower - _ROUNDING_MM, upper + _ROUNDING_MM, height)
+    return clip_to_sinusoids(lo, hi, crest, lower - _ROUNDING_MM, upper + _ROUNDING_MM, height)
 
 
 @dataclass(frozen=True, eq=False)
-class _Sides:
+class _EdgeAxes:
     """Both directions u of a contact's edge: −lower ≤ u·s − (cosine cos θ + sine sin θ) ≤ upper, mm.
 
     All of shape (…, n) with the choice of direction at the contact's own place, `direction` (…, n, 2).
@@ -70,13 +70,15 @@ class _Sides:
     upper: Floats
 
 
-def _sides(catalogue: Catalogue, edge: Ints, contact: Contact, anchor_mm: Floats, place: int) -> _Sides:
+def _edge_axes(
+    catalogue: Catalogue, edge: Ints, contact: Contact, anchor_mm: Floats, place: int
+) -> _EdgeAxes:
     g, coefficients = half_planes(catalogue.edges(contact.finger), edge, contact, anchor_mm)
     shape = [1, 1, 1]
     shape[place] = 2
     # Half-planes come in opposite pairs, the one along u second.
     g, limit = np.moveaxis(g, 1, 0), np.moveaxis(coefficients, 1, 0)
-    return _Sides(
+    return _EdgeAxes(
         direction=g[1::2].reshape(*shape, -1, 2),
         cosine=limit[1::2, :, 1].reshape(*shape, -1),
         sine=limit[1::2, :, 2].reshape(*shape, -1),

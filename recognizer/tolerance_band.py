@@ -1,6 +1,6 @@
-"""What a finger may touch of an outline whose vertices are off by a tolerance: every feature on its own.
+"""Tolerance bands: edges that contacts with an object of some tolerance may be paired with.
 
-From cross sections to the edges that contacts are paired with, for objects with a tolerance. The outline
+The outline
 grown from the nominal section says too little of them: where a notch is a little wider in truth than in the
 model, a finger may touch its floor or its corners though the nominal grown outline has neither. So every edge
 and every convex vertex is taken by itself.
@@ -20,9 +20,10 @@ import shapely
 
 from palpate.geometry import Bools, Floats, Ints, Section
 from palpate.geometry.plane import wrap_angle
-from palpate.recognizer.minkowski import GrownSection, Ring, grow, oriented_rings
+from palpate.recognizer.minkowski import GrownSection, OrientedRing, grow, oriented_rings
 from palpate.recognizer.outline_arcs import facet_turn
-from palpate.recognizer.simplification import coarsened
+from palpate.recognizer.simplification import simplify_outline
+from palpate.recognizer.tables import Table
 
 __all__ = ["Touchable", "touchable_edges"]
 
@@ -30,7 +31,7 @@ _MOST_SIDES = 1000  # of a ring; finer ones are replaced by chords
 
 
 @dataclass(frozen=True, eq=False)
-class Touchable:
+class Touchable(Table):
     """Edges (n) in the section's frame, for pairing only: they overlap, and do not close to outlines.
 
     `inward`, `outward` and `along` (n,) mm: how far the tip's centre may lie from them.
@@ -41,40 +42,28 @@ class Touchable:
     outward: Floats
     along: Floats
 
-    def select(self, rows: Ints | Bools) -> "Touchable":
-        """Those at `rows` (indices or a mask)."""
-        return Touchable(self.edges.select(rows), self.inward[rows], self.outward[rows], self.along[rows])
-
 
 def touchable_edges(
     section: Section, radius_mm: float, tolerance_mm: float, facet_error_mm: float
 ) -> Touchable:
-    """Places of a tip's centre at every feature, except for those that the object surely covers.
+    """Places of a tip's centre at every feature, except for those that the object is certain to cover.
 
     The centre is never nearer to the nominal section than r − δ.
     """
     parts = []
     for ring in oriented_rings(section):
-        sides = _sides(ring, tolerance_mm)
+        sides = _uncertain_edges(ring, tolerance_mm)
         parts.append(_along_edges(sides, radius_mm))
         if radius_mm > 0:
             parts.append(_about_vertices(sides, radius_mm, facet_turn(radius_mm, facet_error_mm)))
-    found = Touchable(
-        GrownSection(
-            *(
-                np.concatenate([getattr(part.edges, name) for part in parts])
-                for name in ("start", "end", "direction", "length", "bulge", "dent", "span", "feature")
-            )
-        ),
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in ("inward", "outward", "along")),
-    )
+    found = Touchable.joined(parts)
     if radius_mm <= tolerance_mm:
         return found
     return found.select(~_covered(found, section, radius_mm - tolerance_mm, facet_error_mm))
 
 
 @dataclass(frozen=True, eq=False)
-class _Sides:
+class _UncertainEdges:
     """The edges (n) of a ring: edge k runs from `start` along `leg` (n, 2); `number` (n,) is its start's.
 
     A point of the true edge is within `off` (n,) mm of it, and the true normal within `tilt` (n,) rad.
@@ -87,7 +76,7 @@ class _Sides:
     tilt: Floats
 
 
-def _sides(ring: Ring, tolerance_mm: float) -> _Sides:
+def _uncertain_edges(ring: OrientedRing, tolerance_mm: float) -> _UncertainEdges:
     """A ring's edges; of a very fine ring, chords of its runs of edges."""
     leg = np.roll(ring.points, -1, axis=0) - ring.points
     length = np.hypot(*leg.T)
@@ -104,13 +93,13 @@ def _sides(ring: Ring, tolerance_mm: float) -> _Sides:
         span=tilt,
         feature=ring.vertex,
     )
-    traced = coarsened(traced, _MOST_SIDES)
-    return _Sides(
+    traced = simplify_outline(traced, _MOST_SIDES)
+    return _UncertainEdges(
         traced.start, traced.end - traced.start, traced.feature, tolerance_mm + traced.dent, traced.span
     )
 
 
-def _along_edges(sides: _Sides, radius_mm: float) -> Touchable:
+def _along_edges(sides: _UncertainEdges, radius_mm: float) -> Touchable:
     length = np.hypot(*sides.leg.T)
     direction = sides.leg / np.maximum(length, 1e-300)[:, None]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
@@ -130,7 +119,7 @@ def _along_edges(sides: _Sides, radius_mm: float) -> Touchable:
     return Touchable(edges, sides.off + sunk, sides.off, sides.off + aside)
 
 
-def _about_vertices(sides: _Sides, radius_mm: float, turn_rad: float) -> Touchable:
+def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -> Touchable:
     """Facets of the arcs about vertices that may be convex.
 
     An edge that may point anywhere holds whatever touches its ends as well.

@@ -1,11 +1,11 @@
 """The interpretation tree (memo §2): pairings of contacts with edges, grown level by level and pruned.
 
-From contacts to surviving interpretations, each with an interval of orientations. Breadth first, as
-whole-array operations over the whole catalogue. Each level is pruned by angle (a range look-up in the sorted
+Every interpretation has an interval of orientations. Breadth first, as whole-array operations over the whole
+catalogue. Each level is pruned by angle (a range look-up in the sorted
 normals), by distance, and by the closed-form model test on two and on three contacts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -13,25 +13,25 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import distance_range
-from palpate.recognizer.candidates import paired_edges
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, NormalRange
+from palpate.recognizer.edge_lookup import matching_edges
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.ranges import expand_ranges
-from palpate.recognizer.three_contact_test import triple_hull
-from palpate.recognizer.two_contact_test import chord_hull
+from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.three_contact_test import three_contact_hull
+from palpate.recognizer.two_contact_test import two_contact_hull
 
 __all__ = [
     "Interpretations",
     "LevelCount",
-    "by_angle",
-    "by_chord",
-    "by_distance",
-    "by_triple",
+    "filter_by_distance",
     "first_level",
     "intersect",
+    "narrow_by_three",
+    "narrow_by_two",
     "next_level",
     "orientation_range",
+    "pair_by_angle",
     "second_level",
 ]
 
@@ -52,20 +52,13 @@ class LevelCount:
 
 
 @dataclass(frozen=True, eq=False)
-class Interpretations:
+class Interpretations(Table):
     """n k-interpretations: `state` (n,), `edges` (n, k) in contact order, θ within [`lo`, `hi`] (n,) rad."""
 
     state: Ints
     edges: Ints
     lo: Floats
     hi: Floats
-
-    def __len__(self) -> int:
-        return len(self.state)
-
-    def select(self, index: Ints) -> "Interpretations":
-        """Those at `index` (integers or a mask)."""
-        return Interpretations(self.state[index], self.edges[index], self.lo[index], self.hi[index])
 
     def paired(self, owner: Ints, edge: Ints) -> "Interpretations":
         """(k + 1)-interpretations: those at `owner` (m,), each with one more pairing, `edge` (m,)."""
@@ -74,8 +67,7 @@ class Interpretations:
 
     def narrowed(self, lo: Floats, hi: Floats) -> "Interpretations":
         """The same with other orientation intervals; those with none left are dropped."""
-        narrowed = Interpretations(self.state, self.edges, lo, hi)
-        return narrowed.select(np.flatnonzero(lo <= hi))
+        return replace(self, lo=lo, hi=hi).select(np.flatnonzero(lo <= hi))
 
 
 def orientation_range(normals: NormalRange, edges: EdgeSet, edge: Ints) -> tuple[Floats, Floats]:
@@ -93,7 +85,9 @@ def first_level(catalogue: Catalogue, contact: Contact) -> tuple[Interpretations
     normals = contact.outward_normals()
     kept = edge if normals is not None else edge[:0]
     lo, hi = orientation_range(normals or NormalRange(0.0, 0.0), edges, kept)
-    nodes = _by_pocket(catalogue, Interpretations(edges.state[kept], kept[:, None], lo, hi), 0, contact)
+    nodes = _narrow_by_pocket(
+        catalogue, Interpretations(edges.state[kept], kept[:, None], lo, hi), 0, contact
+    )
     return nodes, LevelCount(1, len(edge), len(nodes), len(nodes), len(nodes))
 
 
@@ -119,11 +113,9 @@ def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpr
     after_distance = len(paired)
     paired = paired.narrowed(lo, hi)
     for level, contact in enumerate(contacts):
-        paired = _by_pocket(catalogue, paired, level, contact)
+        paired = _narrow_by_pocket(catalogue, paired, level, contact)
     after_angle = len(paired)
-    paired = paired.narrowed(
-        *chord_hull(first, paired.edges[:, 0], one, second, paired.edges[:, 1], two, paired.lo, paired.hi)
-    )
+    paired = narrow_by_two(catalogue, paired, 0, contacts)
     return paired, LevelCount(2, candidates, after_distance, after_angle, len(paired))
 
 
@@ -141,11 +133,11 @@ def next_level(
         grown = _looked_up(catalogue, nodes.select(rows), contacts[:-1], contact)
         after_angle += len(grown)
         for level, earlier in enumerate(contacts[:-1]):
-            grown = by_distance(catalogue, grown, level, earlier, contact)
+            grown = filter_by_distance(catalogue, grown, level, earlier, contact)
         grown = _turned_to_fit(catalogue, grown, contact)
         after_distance += len(grown)
-        parts.append(_by_model(catalogue, grown, contacts, anchor_mm))
-    grown = parts[0] if len(parts) == 1 else _joined(parts)
+        parts.append(_narrow_by_model(catalogue, grown, contacts, anchor_mm))
+    grown = Interpretations.joined(parts)
     if len(grown) > _MOST:
         raise InputError(
             f"the contacts say too little: there are {len(grown)} ways to pair {len(contacts)} of them "
@@ -154,7 +146,7 @@ def next_level(
     return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
 
 
-def by_angle(
+def pair_by_angle(
     catalogue: Catalogue, nodes: Interpretations, earlier: list[Contact], contact: Contact
 ) -> Interpretations:
     """Pair `contact` with every edge whose normal it allows, under `nodes`, which pair the `earlier` ones."""
@@ -174,7 +166,7 @@ def _looked_up(
             fits &= (measured >= shortest - slack) & (measured <= longest + slack)
         return fits
 
-    owner, edge = paired_edges(catalogue, nodes.state, nodes.lo, nodes.hi, contact, near)
+    owner, edge = matching_edges(catalogue, nodes.state, nodes.lo, nodes.hi, contact, near)
     return nodes.paired(owner, edge)
 
 
@@ -185,10 +177,12 @@ def _turned_to_fit(catalogue: Catalogue, paired: Interpretations, contact: Conta
         return paired
     edges, edge = catalogue.edges(contact.finger), paired.edges[:, -1]
     paired = paired.narrowed(*intersect(paired.lo, paired.hi, *orientation_range(normals, edges, edge)))
-    return _by_pocket(catalogue, paired, paired.edges.shape[1] - 1, contact)
+    return _narrow_by_pocket(catalogue, paired, paired.edges.shape[1] - 1, contact)
 
 
-def _by_pocket(catalogue: Catalogue, nodes: Interpretations, level: int, contact: Contact) -> Interpretations:
+def _narrow_by_pocket(
+    catalogue: Catalogue, nodes: Interpretations, level: int, contact: Contact
+) -> Interpretations:
     """Orientations at which the finger could reach its edge from where it came (memo §2.2.2).
 
     A pocket of several arcs makes several interpretations of one. Pockets are looked at only where no normal
@@ -220,7 +214,7 @@ def intersect(lo: Floats, hi: Floats, other_lo: Floats, other_hi: Floats) -> tup
     return lo + first, lo + last
 
 
-def by_distance(
+def filter_by_distance(
     catalogue: Catalogue, nodes: Interpretations, level: int, earlier: Contact, contact: Contact
 ) -> Interpretations:
     """Those whose last edge may be as far from the one at `level` as `contact` is from the `earlier` one."""
@@ -232,35 +226,26 @@ def by_distance(
     return nodes.select(np.flatnonzero((measured >= shortest - bound) & (measured <= longest + bound)))
 
 
-def _by_model(
+def _narrow_by_model(
     catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
 ) -> Interpretations:
     """Narrow by the closed-form test of the new contact with each earlier one and with each earlier pair."""
     for old in range(len(contacts) - 1):
-        nodes = by_chord(catalogue, nodes, old, contacts)
+        nodes = narrow_by_two(catalogue, nodes, old, contacts)
     for pair in combinations(range(len(contacts) - 1), 2):
-        nodes = by_triple(catalogue, nodes, pair, contacts, anchor_mm)
+        nodes = narrow_by_three(catalogue, nodes, pair, contacts, anchor_mm)
     return nodes
 
 
-def by_chord(
+def narrow_by_two(
     catalogue: Catalogue, nodes: Interpretations, old: int, contacts: list[Contact]
 ) -> Interpretations:
     """Narrow by the model test of two contacts, the last of `contacts` and the one at `old`."""
-    lo, hi = chord_hull(
-        catalogue.edges(contacts[old].finger),
-        nodes.edges[:, old],
-        contacts[old],
-        catalogue.edges(contacts[-1].finger),
-        nodes.edges[:, -1],
-        contacts[-1],
-        nodes.lo,
-        nodes.hi,
-    )
-    return nodes.narrowed(lo, hi)
+    paired, some = nodes.edges[:, [old, -1]], [contacts[old], contacts[-1]]
+    return nodes.narrowed(*two_contact_hull(catalogue, paired, some, nodes.lo, nodes.hi))
 
 
-def by_triple(
+def narrow_by_three(
     catalogue: Catalogue,
     nodes: Interpretations,
     pair: tuple[int, ...],
@@ -270,23 +255,9 @@ def by_triple(
     """Narrow by the model test of three contacts, the last of `contacts` and the `pair`."""
     group = [*pair, len(contacts) - 1]
     some = [contacts[k] for k in group]
-    parts = [
-        _by_triple(catalogue, nodes.select(rows), group, some, anchor_mm)
-        for rows in np.array_split(np.arange(len(nodes)), len(nodes) // _CHUNK + 1)
-    ]
-    return parts[0] if len(parts) == 1 else _joined(parts)
-
-
-def _by_triple(
-    catalogue: Catalogue, nodes: Interpretations, group: list[int], some: list[Contact], anchor_mm: Floats
-) -> Interpretations:
-    return nodes.narrowed(*triple_hull(catalogue, nodes.edges[:, group], some, anchor_mm, nodes.lo, nodes.hi))
-
-
-def _joined(parts: list[Interpretations]) -> Interpretations:
-    return Interpretations(
-        np.concatenate([part.state for part in parts]),
-        np.concatenate([part.edges for part in parts]),
-        np.concatenate([part.lo for part in parts]),
-        np.concatenate([part.hi for part in parts]),
-    )
+    parts = []
+    for rows in np.array_split(np.arange(len(nodes)), len(nodes) // _CHUNK + 1):
+        part = nodes.select(rows)
+        hull = three_contact_hull(catalogue, part.edges[:, group], some, anchor_mm, part.lo, part.hi)
+        parts.append(part.narrowed(*hull))
+    return Interpretations.joined(parts)

@@ -1,40 +1,45 @@
 """The model test for two contacts, in closed form: which orientations let a chord join two edges.
 
-Between the interpretation tree and its edges. With both contacts in the object's frame, their difference
+With both contacts in the object's frame, their difference
 q_b − q_a = R(−θ) D must lie in the Minkowski difference of the two edges' error rectangles, an octagon whose
 sides are parallel to the edges and to their normals. D only turns with θ, so each pair of opposite sides says
 lo ≤ d cos(θ − φ) ≤ hi. This is the set that 32 triples of half-planes allow, for an eighth of
 the work.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from palpate.geometry import Floats, Ints
 from palpate.geometry.segments import cross
+from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.sinusoid_bounds import within_waves
+from palpate.recognizer.sinusoid_bounds import clip_to_sinusoids
 
-__all__ = ["chord_hull"]
+__all__ = ["two_contact_hull"]
 
 _ROUNDING_MM = 1e-9
 
 
-def chord_hull(
-    first: EdgeSet,
-    edge_a: Ints,
-    contact_a: Contact,
-    second: EdgeSet,
-    edge_b: Ints,
-    contact_b: Contact,
-    lo: Floats,
-    hi: Floats,
+def two_contact_hull(
+    catalogue: Catalogue, paired: Ints, contacts: Sequence[Contact], lo: Floats, hi: Floats
 ) -> tuple[Floats, Floats]:
-    """Narrow intervals [lo, hi] (n,) of θ to the hull of those at which both contacts fit their edges.
+    """Narrow intervals [lo, hi] (n,) of θ to the hull of those at which two contacts fit their edges.
 
-    `edge_a` (n,) of `first` is paired with `contact_a`, `edge_b` (n,) of `second` with `contact_b`. Where
-    nothing is left, lo > hi. The hull may hold orientations that are ruled out, never the other way about.
+    `paired` (n, 2): the edge of each contact; where one of them is the null edge, the interval is left as it
+    is. Where nothing is left, lo > hi. The hull may hold orientations that are ruled out, never the other way
+    about.
     """
+    null = (paired < 0).any(axis=1)
+    if null.any():
+        lo, hi = lo.copy(), hi.copy()
+        if not null.all():
+            lo[~null], hi[~null] = two_contact_hull(catalogue, paired[~null], contacts, lo[~null], hi[~null])
+        return lo, hi
+    contact_a, contact_b = contacts
+    first, second = catalogue.edges(contact_a.finger), catalogue.edges(contact_b.finger)
+    edge_a, edge_b = paired.T
     x, y = contact_b.end_mm[0] - contact_a.end_mm[0], contact_b.end_mm[1] - contact_a.end_mm[1]
     chord = float(np.hypot(x, y))
     normal_a, normal_b = first.normal[edge_a], second.normal[edge_b]
@@ -65,4 +70,6 @@ def chord_hull(
     turned = np.arctan2(y, x) - np.stack([first.normal_rad[edge_a], second.normal_rad[edge_b]])
     crest = np.repeat(turned, 2, axis=0)
     crest[1::2] -= np.pi / 2
-    return within_waves(lo, hi, crest, (middle - half - _ROUNDING_MM), middle + half + _ROUNDING_MM, chord)
+    return clip_to_sinusoids(
+        lo, hi, crest, (middle - half - _ROUNDING_MM), middle + half + _ROUNDING_MM, chord
+    )

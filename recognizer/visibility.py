@@ -1,7 +1,6 @@
-"""Directions that an outline blocks, as seen from pieces of its own edges. Used by `pockets` alone.
+"""Visibility: directions that an outline blocks, as seen from pieces of its own edges.
 
-From the grown edges of one state, as rings, to flat arcs of directions. What counts as blocked, and why that
-holds under bounded errors, stands in `pockets`; here it is computed, for many pieces at a time.
+What counts as blocked, and why that holds under bounded errors, is proved in `pockets`.
 """
 
 from dataclasses import dataclass
@@ -11,15 +10,16 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.geometry.segments import point_segment_distance
-from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.edges import EdgeSet, ring_order
+from palpate.recognizer.tables import Table
 
-__all__ = ["Outline", "Pieces", "blocked", "walked"]
+__all__ = ["EdgePieces", "OutlineRings", "blocked_directions", "outline_rings"]
 
 _ROUNDING_RAD = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class EdgePieces(Table):
     """m pieces of edges of one state: the result's `row`, `edge` (m,), both ends (m, 2) along the edge."""
 
     row: Ints
@@ -27,13 +27,9 @@ class Pieces:
     begin: Floats
     end: Floats
 
-    def select(self, index: slice | Bools) -> "Pieces":
-        """Those at `index`."""
-        return Pieces(self.row[index], self.edge[index], self.begin[index], self.end[index])
-
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class OutlineRings:
     """The N edges of a state, ring after ring in walking order.
 
     `edge` (N,): index of the edge at each position; `first` and `size` (N,): the ring of each position;
@@ -48,31 +44,18 @@ class Outline:
     at: Ints
 
 
-def walked(edges: EdgeSet, block: slice) -> Outline | None:
+def outline_rings(edges: EdgeSet, block: slice) -> OutlineRings | None:
     """The rings of a state, from neighbours that meet in the same numbers; None if that is ambiguous."""
     start, end = edges.start[block], edges.end[block]
     by_start, by_end = np.lexsort(start.T), np.lexsort(end.T)
     meeting = start[by_start]
     if not np.array_equal(meeting, end[by_end]) or bool(np.any(np.all(meeting[1:] == meeting[:-1], axis=1))):
         return None
-    successor = np.empty(len(start), np.int64)
-    successor[by_end] = by_start
-    rings, left = [], np.ones(len(start), dtype=bool)
-    follow = successor.tolist()
-    for first in range(len(start)):
-        if not left[first]:
-            continue
-        ring, at = [first], follow[first]
-        while at != first:
-            ring.append(at)
-            at = follow[at]
-        left[ring] = False
-        rings.append(ring)
-    order = np.array([k for ring in rings for k in ring], dtype=np.int64)
-    size = np.repeat([len(ring) for ring in rings], [len(ring) for ring in rings])
-    first_of = np.repeat(np.cumsum([0] + [len(ring) for ring in rings[:-1]]), [len(ring) for ring in rings])
+    order, sizes = ring_order(start, end)
+    size = np.repeat(sizes, sizes)
+    first_of = np.repeat(np.cumsum([0, *sizes[:-1]]), sizes)
     position = np.arange(len(order))
-    return Outline(
+    return OutlineRings(
         edge=order + block.start,
         first=first_of,
         size=size,
@@ -81,8 +64,8 @@ def walked(edges: EdgeSet, block: slice) -> Outline | None:
     )
 
 
-def blocked(
-    edges: EdgeSet, outline: Outline, offset: int, pieces: Pieces, rho: float, reach_mm: float
+def blocked_directions(
+    edges: EdgeSet, outline: OutlineRings, offset: int, pieces: EdgePieces, rho: float, reach_mm: float
 ) -> tuple[Ints, Floats, Floats]:
     """Arcs (piece, lo, hi) from the window's begin on, in each of which no point of the piece is free.
 
@@ -93,7 +76,7 @@ def blocked(
     position = _positions(outline, outline.at[pieces.edge - offset])
     far = ~_near(edges, outline.edge[position], pieces, rho)
     starts = edges.start[outline.edge[position]]
-    views = [_seen(point, starts, rho) for point in (pieces.begin, pieces.end)]
+    views = [_directions_to(point, starts, rho) for point in (pieces.begin, pieces.end)]
     within = np.maximum(views[0][2], views[1][2]) <= reach_mm
     far &= within & within[:, outline.following]
     # The first edge of each stretch: the one before does not count, or it begins another ring.
@@ -131,16 +114,15 @@ def blocked(
     return _from_window(edges, pieces.edge[owner], owner, lo + _ROUNDING_RAD, hi - _ROUNDING_RAD, whole)
 
 
-def _positions(outline: Outline, own: Ints) -> Ints:
+def _positions(outline: OutlineRings, own: Ints) -> Ints:
     """All positions (m, N), those of each piece's own ring from the edge after its own (m,) on."""
     every = np.arange(len(outline.edge))
     first, size = outline.first[own][:, None], outline.size[own][:, None]
     rolled = first + (every - first + own[:, None] - first + 1) % size
-    result: Ints = np.where(outline.first == first, rolled, every)
-    return result
+    return np.where(outline.first == first, rolled, every)
 
 
-def _near(edges: EdgeSet, edge: Ints, pieces: Pieces, rho: float) -> Bools:
+def _near(edges: EdgeSet, edge: Ints, pieces: EdgePieces, rho: float) -> Bools:
     """Whether each edge (m, N) comes within ρ of its piece (m,); always so for the piece's own edge."""
     middle, half = (pieces.begin + pieces.end) / 2, np.hypot(*(pieces.end - pieces.begin).T) / 2
     away = (edges.start[edge] + edges.end[edge]) / 2 - middle[:, None]
@@ -166,7 +148,7 @@ def _near(edges: EdgeSet, edge: Ints, pieces: Pieces, rho: float) -> Bools:
     return near
 
 
-def _seen(point: Floats, vertex: Floats, rho: float) -> tuple[Floats, Floats, Floats]:
+def _directions_to(point: Floats, vertex: Floats, rho: float) -> tuple[Floats, Floats, Floats]:
     """Directions (m, N) from points (m, 2) to vertices (m, N, 2), half angles of discs ρ there, distances."""
     away = vertex - point[:, None]
     distance = np.hypot(away[..., 0], away[..., 1])

@@ -1,6 +1,6 @@
-"""From cells to settled regions: connected, on one branch of the symmetry, with a witness if there is one.
+"""Witness search: connected regions of cells, each with a configuration that satisfies everything exactly.
 
-Between cells and hypotheses. Everything is done for all regions at once. Cells are a little larger than
+Everything is done for all regions at once. Cells are a little larger than
 what they enclose. Where no configuration in a region is found to hold, its cells are cut finer: one comes to
 light, or nothing is left, or the doubt stays and the region remains unverified.
 """
@@ -15,14 +15,14 @@ from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.null_branch import ignored
-from palpate.recognizer.ranges import expand_ranges
-from palpate.recognizer.region import Cells, Intervals, joined_cells, probed, refined
-from palpate.recognizer.sinusoid_bounds import largest
-from palpate.recognizer.sweep import clear_of_outline, unblocked
+from palpate.recognizer.null_branch import null_mask
+from palpate.recognizer.region import Cells, Intervals, probe_cells, refine_intervals
+from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
+from palpate.recognizer.sweep import free_path_test, path_outside_outline
+from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.tree import Interpretations
 
-__all__ = ["Question", "Regions", "position_boxes", "settled", "witnessed_cells"]
+__all__ = ["Constraints", "Regions", "connected_regions", "find_witnesses", "position_boxes"]
 
 _REFINEMENTS, _PARTS, _MOST_REFINED = 2, 4, 2048
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
@@ -30,8 +30,8 @@ _OUT = 0.9  # of the way from the middle of the positions to their corners
 
 
 @dataclass(frozen=True, eq=False)
-class Question:
-    """What every region has to satisfy: pairings of `touched`, and all contacts and misses as evidence.
+class Constraints:
+    """Constraints on every region: pairings of `touched`, and free paths of all contacts and misses.
 
     A contact that an interpretation takes as spurious is no evidence for its cells.
     """
@@ -48,16 +48,16 @@ class Question:
         count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
         return count
 
-    def unblocked(self, cells: Cells) -> Bools:
+    def allow(self, cells: Cells) -> Bools:
         """Cells (k,) that the free paths do not rule out."""
-        skipped = ignored(self.nodes, cells.node, self.evidence)
+        skipped = null_mask(self.nodes, cells.node, self.evidence)
         if skipped is None:
             skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
         columns = [column for column, contact in enumerate(self.evidence) if contact.touched]
-        skipped[:, columns] |= clear_of_outline(
+        skipped[:, columns] |= path_outside_outline(
             self.catalogue, cells, self.anchor_mm, self.nodes.edges[cells.node], self.touched
         )
-        return unblocked(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
+        return free_path_test(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,66 +93,72 @@ class Regions:
 
 
 @dataclass(frozen=True, eq=False)
-class Witnessed:
+class WitnessedCells(Table):
     """k cells; where `holds` (k,), everything does at position `spot` s (k, 2) and the middle orientation."""
 
     cells: Cells
     spot: Floats
     holds: Bools
 
-    def select(self, index: Ints | Bools) -> "Witnessed":
-        """Those at `index` (integers or a mask)."""
-        return Witnessed(self.cells.select(index), self.spot[index], self.holds[index])
 
-
-def witnessed_cells(question: Question, intervals: Intervals, *, corners: bool = False) -> Witnessed:
+def find_witnesses(
+    constraints: Constraints, intervals: Intervals, *, corners: bool = False
+) -> WitnessedCells:
     """Cells of the intervals that the free paths leave, some of them with a position that holds.
 
     What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
     `corners`, places towards their corners as well.
     """
-    found = probed(question.catalogue, question.nodes, question.touched, question.anchor_mm, intervals)
+    found = probe_cells(
+        constraints.catalogue, constraints.nodes, constraints.touched, constraints.anchor_mm, intervals
+    )
     cells = found.cells
     middle = found.section.mean(axis=1, keepdims=True)
     places = np.concatenate([middle, middle + _OUT * (found.section - middle)], axis=1) if corners else middle
-    spots = _at(cells, np.repeat(found.tried, places.shape[1]), places.reshape(-1, 2))
-    free = question.unblocked(joined_cells([cells, spots]))
+    spots = _cells_at(cells, np.repeat(found.tried, places.shape[1]), places.reshape(-1, 2))
+    free = constraints.allow(Cells.joined([cells, spots]))
     count = len(cells)
     open_to = free[count:].reshape(places.shape[:2])
     holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
     holds[found.tried] = open_to.any(axis=1)
     spot[found.tried] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
-    return Witnessed(cells, spot, holds).select(np.flatnonzero(free[:count]))
+    return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
-def _at(cells: Cells, row: Ints, position: Floats) -> Cells:
+def _cells_at(cells: Cells, row: Ints, position: Floats) -> Cells:
     """Cells without extent at positions (n, 2) in the middle orientations of the cells `row` (n,)."""
     middle = cells.middle[row]
     return Cells(cells.node[row], cells.state[row], middle, middle, position[:, None])
 
 
-def settled(question: Question, found: Witnessed, refinements: int = _REFINEMENTS) -> Regions:
+def connected_regions(
+    constraints: Constraints, found: WitnessedCells, refinements: int = _REFINEMENTS
+) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
-    label = connected(_boxes(question, found.cells))
+    label = connected(_boxes(constraints, found.cells))
     order = np.argsort(label, kind="stable")
     found, label = found.select(order), label[order]
     cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
-    branch = _branch(question.catalogue, cells, first, label)
+    branch = _symmetry_shift(constraints.catalogue, cells, first, label)
     refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
-    regions = _witnessed(found, first, label, branch, _eligible(question, found, first, label, refinable))
+    regions = _with_witnesses(
+        found, first, label, branch, _witness_priority(constraints, found, first, label, refinable)
+    )
     doubtful = ~regions.verified & refinable
     if not doubtful.any():
         return regions
     again = cells.select(doubtful[label])
-    finer = refined(question.catalogue, question.nodes, again, question.touched, question.anchor_mm, _PARTS)
-    rest = settled(question, witnessed_cells(question, finer, corners=True), refinements - 1)
-    return _both(regions.select(np.flatnonzero(~doubtful)), rest)
+    finer = refine_intervals(
+        constraints.catalogue, constraints.nodes, again, constraints.touched, constraints.anchor_mm, _PARTS
+    )
+    rest = connected_regions(constraints, find_witnesses(constraints, finer, corners=True), refinements - 1)
+    return _joined_regions(regions.select(np.flatnonzero(~doubtful)), rest)
 
 
-def _both(one: Regions, two: Regions) -> Regions:
+def _joined_regions(one: Regions, two: Regions) -> Regions:
     return Regions(
-        joined_cells([one.cells, two.cells]),
+        Cells.joined([one.cells, two.cells]),
         np.concatenate([one.first, one.first[-1] + two.first[1:]]),
         np.concatenate([one.theta, two.theta]),
         np.concatenate([one.position, two.position]),
@@ -161,20 +167,21 @@ def _both(one: Regions, two: Regions) -> Regions:
     )
 
 
-def _boxes(question: Question, cells: Cells) -> Boxes:
-    lo, hi = position_boxes(cells, np.zeros((len(cells), 2)), question.anchor_mm)
-    return Boxes(cells.state, cells.middle, cells.half_width, _turn(question.catalogue, cells), lo, hi)
+def _boxes(constraints: Constraints, cells: Cells) -> Boxes:
+    lo, hi = position_boxes(cells, np.zeros((len(cells), 2)), constraints.anchor_mm)
+    return Boxes(
+        cells.state, cells.middle, cells.half_width, _symmetry_turn(constraints.catalogue, cells), lo, hi
+    )
 
 
-def _turn(catalogue: Catalogue, cells: Cells) -> Floats:
+def _symmetry_turn(catalogue: Catalogue, cells: Cells) -> Floats:
     """Smallest turn (k,) rad that leaves each cell's state as it was."""
-    result: Floats = 2 * np.pi / catalogue.symmetry_orders[cells.state]
-    return result
+    return 2 * np.pi / catalogue.symmetry_orders[cells.state]
 
 
 @dataclass(frozen=True, eq=False)
-class _Branch:
-    """How each cell is brought to its region's branch: θ less `shift` (k,), s turned by `angle` (k,).
+class _SymmetryShift:
+    """Shift of each cell to its region's symmetry branch: θ less `shift` (k,), s turned by `angle` (k,).
 
     p = R(θ) s is the same for θ − kτ and R(kτ) s.
     """
@@ -183,50 +190,54 @@ class _Branch:
     angle: Floats
 
 
-def _branch(catalogue: Catalogue, cells: Cells, first: Ints, label: Ints) -> _Branch:
+def _symmetry_shift(catalogue: Catalogue, cells: Cells, first: Ints, label: Ints) -> _SymmetryShift:
     """The reference of a region is its largest cell, brought into [−π, π)."""
-    turn = _turn(catalogue, cells)
+    turn = _symmetry_turn(catalogue, cells)
     middle = cells.middle
-    reference = middle[_best(cells.volume, first, label)][label]
+    reference = middle[_best_by_region(cells.volume, first, label)][label]
     angle = np.rint((middle - reference) / turn) * turn
     whole = 2 * np.pi * np.floor((reference + np.pi) / (2 * np.pi))
-    return _Branch(angle + whole, angle)
+    return _SymmetryShift(angle + whole, angle)
 
 
-def _best(value: Floats, first: Ints, label: Ints) -> Ints:
+def _best_by_region(value: Floats, first: Ints, label: Ints) -> Ints:
     """Row (h,) with the largest value (k,) in each run of labels; of equals the first."""
     most = np.maximum.reduceat(value, first[:-1]) if len(first) > 1 else np.empty(0)
     rows = np.flatnonzero(value >= most[label]) if len(most) else np.empty(0, np.int64)
-    result: Ints = rows[np.searchsorted(label[rows], np.arange(len(first) - 1))]
-    return result
+    return rows[np.searchsorted(label[rows], np.arange(len(first) - 1))]
 
 
-def _turned_cells(cells: Cells, branch: _Branch) -> Cells:
+def _shifted_cells(cells: Cells, branch: _SymmetryShift) -> Cells:
     polygon = cells.polygon
     if np.any(branch.angle != 0):
         polygon = rotate(polygon, branch.angle[:, None])
     return Cells(cells.node, cells.state, cells.lo - branch.shift, cells.hi - branch.shift, polygon)
 
 
-def _eligible(question: Question, found: Witnessed, first: Ints, label: Ints, refinable: Bools) -> Ints:
-    """How gladly each cell (k,) is taken for its region's witness: 2, 1 or, if it is not, 0.
+def _witness_priority(
+    constraints: Constraints, found: WitnessedCells, first: Ints, label: Ints, refinable: Bools
+) -> Ints:
+    """Priority of each cell (k,) as its region's witness (2 preferred, 0 not eligible).
 
     First come interpretations with the fewest null contacts. Others follow if they hold, and only where the
     region (h,) is not `refinable`: finer cells may show a witness of the first, or that they are empty.
     """
-    nulls = question.nulls[found.cells.node]
+    nulls = constraints.nulls[found.cells.node]
     if not nulls.any():
         return np.full(len(label), 2)
     fewest = np.minimum.reduceat(nulls, first[:-1])[label]
     return np.where(nulls == fewest, 2, np.where(found.holds & ~refinable[label], 1, 0))
 
 
-def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, eligible: Ints) -> Regions:
+def _with_witnesses(
+    found: WitnessedCells, first: Ints, label: Ints, branch: _SymmetryShift, eligible: Ints
+) -> Regions:
     """Regions with a configuration that satisfies everything exactly, as near their middle as there is one.
 
-    If none was found, the middle of the largest cell is given, unverified. `eligible` (k,): see `_eligible`.
+    If none was found, the middle of the largest cell is given, unverified. `eligible` (k,): priorities of
+    `_witness_priority`.
     """
-    turned = _turned_cells(found.cells, branch)
+    turned = _shifted_cells(found.cells, branch)
     begin = first[:-1]
     share = turned.volume + 1e-300
     if not len(begin):
@@ -240,7 +251,7 @@ def _witnessed(found: Witnessed, first: Ints, label: Ints, branch: _Branch, elig
     off = np.linalg.norm(tried - mean[label], axis=1)
     # Any cell that holds comes before all that do not; of those the largest comes first.
     rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
-    chosen = _best(np.where(eligible > 0, rank, -1.0), first, label)
+    chosen = _best_by_region(np.where(eligible > 0, rank, -1.0), first, label)
     verified = found.holds[chosen]
     return Regions(turned, first, middle[chosen], spot[chosen], verified, found.cells.node[chosen])
 
@@ -255,5 +266,5 @@ def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[
     lo, hi = cells.lo[:, None], cells.hi[:, None]
     # x of R(θ) s is x cos θ − y sin θ, and y is y cos θ + x sin θ.
     across, upward = np.stack([x, y, -x, -y]), np.stack([-y, x, y, -x])
-    furthest = largest(across, upward, lo, hi).max(axis=2, initial=-np.inf).T
+    furthest = sinusoid_maximum(across, upward, lo, hi).max(axis=2, initial=-np.inf).T
     return anchor_mm - furthest[:, 2:] - 1e-9, anchor_mm + furthest[:, :2] + 1e-9

@@ -7,7 +7,12 @@ from palpate.config.problems import nearest, shown
 from palpate.config.recognition_result import ExplanationOut, FeltOut, StepOut, WhyOut
 from palpate.errors import InputError
 from palpate.recognizer import Catalogue, Contact
-from palpate.recognizer.explanation import Reason, Why, moved, suspects
+from palpate.recognizer.explanation import (
+    ObjectExplanation,
+    SearchTest,
+    grips_before_move,
+    suspected_contacts,
+)
 from palpate.views.recognition import hypothesis_out
 
 __all__ = [
@@ -21,25 +26,25 @@ __all__ = [
     "why_out",
 ]
 
-_TESTS: Mapping[Reason, str] = {
-    Reason.EDGES: "{new}: edges it may lie on",
-    Reason.NORMAL: "{new}: its normal",
-    Reason.DISTANCE: "{new}: its distance to {others}",
-    Reason.TWO: "{new}: its position, given {others}",
-    Reason.THREE: "{new}: its position, given {others}",
-    Reason.REGION: "the positions of all contacts together",
-    Reason.PATH: "{new}: its free path",
-    Reason.FINER: "everything together, more finely",
+_TESTS: Mapping[SearchTest, str] = {
+    SearchTest.EDGES: "{new}: edges it may lie on",
+    SearchTest.NORMAL: "{new}: its normal",
+    SearchTest.DISTANCE: "{new}: its distance to {others}",
+    SearchTest.TWO: "{new}: its position, given {others}",
+    SearchTest.THREE: "{new}: its position, given {others}",
+    SearchTest.REGION: "the positions of all contacts together",
+    SearchTest.PATH: "{new}: its free path",
+    SearchTest.FINER: "everything together, more finely",
 }
-_CAUSES: Mapping[Reason, str] = {
-    Reason.EDGES: "by the height and the normal of {all}",
-    Reason.NORMAL: "by the normal of {all}",
-    Reason.DISTANCE: "by the distance between {all}",
-    Reason.TWO: "by the positions of {all} together",
-    Reason.THREE: "by the positions of {all} together",
-    Reason.REGION: "by the positions of {all} together",
-    Reason.PATH: "by the free path of {all}",
-    Reason.FINER: "by {all} together",
+_CAUSES: Mapping[SearchTest, str] = {
+    SearchTest.EDGES: "by the height and the normal of {all}",
+    SearchTest.NORMAL: "by the normal of {all}",
+    SearchTest.DISTANCE: "by the distance between {all}",
+    SearchTest.TWO: "by the positions of {all} together",
+    SearchTest.THREE: "by the positions of {all} together",
+    SearchTest.REGION: "by the positions of {all} together",
+    SearchTest.PATH: "by the free path of {all}",
+    SearchTest.FINER: "by {all} together",
 }
 
 
@@ -74,7 +79,7 @@ class ContactRecord:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What may be the matter when nothing fits: see `recognizer.explain.moved` and `suspects`."""
+    """What may be the matter when nothing fits: see `grips_before_move` and `suspected_contacts`."""
 
     moved_after_grip: int | None
     spurious: tuple[Contact, ...]
@@ -84,8 +89,8 @@ class Explanation:
 def explain(catalogue: Catalogue, record: ContactRecord, max_spurious: int) -> Explanation:
     """Look for an explanation of the verdict none, given with `max_spurious` contacts left out."""
     return Explanation(
-        moved(catalogue, record.grips, max_spurious),
-        suspects(catalogue, record.contacts, max_spurious),
+        grips_before_move(catalogue, record.grips, max_spurious),
+        suspected_contacts(catalogue, record.contacts, max_spurious),
         max_spurious,
     )
 
@@ -130,7 +135,7 @@ def state_named(catalogue: Catalogue, text: str) -> tuple[str, str | None]:
     raise InputError(f"--why: no object {shown(text)} in the catalogue{hint}")
 
 
-def why_lines(why: Why, record: ContactRecord) -> list[str]:
+def why_lines(why: ObjectExplanation, record: ContactRecord) -> list[str]:
     """Why the object was ruled out, or that it was not, as a table of the tests that left fewer or more."""
     name = why.object_name if why.state_name is None else f"{why.object_name}, {why.state_name}"
     rows = [("after a look at", "interpretations left")]
@@ -149,11 +154,11 @@ def why_lines(why: Why, record: ContactRecord) -> list[str]:
     return lines
 
 
-def _cause(why: Why, record: ContactRecord) -> str:
+def _cause(why: ObjectExplanation, record: ContactRecord) -> str:
     step = why.ruled_out
     if step is None:
         return "not ruled out"
-    missed = step.reason is Reason.PATH and not step.contacts[0].touched
+    missed = step.reason is SearchTest.PATH and not step.contacts[0].touched
     cause = "by {all}" if missed else _CAUSES[step.reason]
     return f"ruled out {cause.format(all=record.listed(step.contacts))}"
 
@@ -164,7 +169,7 @@ def _conflict(record: ContactRecord, contacts: Sequence[Contact]) -> str:
     return f"{record.listed(contacts)} cannot {'both' if len(contacts) == 2 else 'all'} be true of it"
 
 
-def why_out(why: Why, record: ContactRecord) -> WhyOut:
+def why_out(why: ObjectExplanation, record: ContactRecord) -> WhyOut:
     """Why the object was ruled out, as a JSON value."""
     return WhyOut(
         object=why.object_name,

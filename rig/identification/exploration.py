@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.geometry import Floats
-from palpate.recognizer import Contact, FingerApproach, used_by
-from palpate.recognizer.rays import aside, lines_of
+from palpate.recognizer import Contact, FingerApproach, already_used
+from palpate.recognizer.rays import approach_lines, offset_from_lines
 from palpate.rig.reach.approaches import Reach
 
 __all__ = ["exploring_grip"]
@@ -22,12 +22,12 @@ def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerAppr
     None that passes too near to an earlier one of that finger is taken.
     """
     target = _target(contacts)
-    used = used_by(contacts, reach.approaches)
+    used = already_used(contacts, reach.approaches)
     grip = []
     for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
-        start, angle = lines_of([reach.approaches[k] for k in own])
-        offset = dict(zip(own, aside(start, angle, target).tolist(), strict=True))
+        start, angle = approach_lines([reach.approaches[k] for k in own])
+        offset = dict(zip(own, offset_from_lines(start, angle, target).tolist(), strict=True))
         taken = [offset[k] for k in own if used[k]]
         free = [k for k in own if all(abs(offset[k] - other) >= _APART_MM for other in taken)]
         if free:

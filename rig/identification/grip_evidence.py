@@ -16,8 +16,8 @@ from palpate.recognizer import (
     Predictions,
     Recognition,
     Resolution,
-    chance_of_agreeing,
     detectable_shift_mm,
+    false_match_probability,
     predict,
     recognise,
 )
@@ -72,7 +72,7 @@ class GripEvidence:
         self.idle = 0 if fewer or narrower else self.idle + len(contacts)
         self.predicted += sum(contact.touched for contact in contacts)
         predictions = _predictions(before, contacts)
-        self.chance *= chance_of_agreeing(predictions, contacts, self.resolution.normal_half_rad)
+        self.chance *= false_match_probability(predictions, contacts, self.resolution.normal_half_rad)
         self.detectable_shift_mm = math.inf if eliminated else _detectable_shift_mm(predictions, contacts)
         self.checks = 0 if eliminated else self.checks
         return eliminated

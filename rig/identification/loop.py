@@ -21,7 +21,7 @@ from palpate.recognizer import (
     FingerApproach,
     Hypothesis,
     Recognition,
-    fits_something,
+    is_explained,
 )
 from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.exploration import exploring_grip
@@ -163,7 +163,7 @@ class _Search:
         last = self._contacts()
         if len(self._moved_before) >= _MOST_MOVES or len(self._evidence.contacts) == len(last):
             return False
-        return fits_something(self._catalogue, last)
+        return is_explained(self._catalogue, last)
 
     def _begin_again(self) -> None:
         """Keep the last grip only."""

@@ -14,11 +14,11 @@ from palpate.recognizer import (
     Grip,
     Recognition,
     Resolution,
+    already_used,
     checking_grip,
     next_grip,
     recognise,
     twins,
-    used_by,
 )
 from palpate.rig.conversion import finger_of, goals_of, resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
@@ -72,7 +72,7 @@ class GripChooser:
 
     def twins(self, recognition: Recognition) -> Bools:
         """Which hypotheses no approach that is left tells apart: (h, h)."""
-        used = used_by(recognition.contacts, self.reach.approaches)
+        used = already_used(recognition.contacts, self.reach.approaches)
         return twins(recognition, self.reach, resolution_of(self.rig), used)
 
     def is_fine(self, recognition: Recognition) -> bool:

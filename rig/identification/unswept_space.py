@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 
 from palpate.geometry import State
-from palpate.recognizer import Approach, Catalogue, Contact, FingerApproach, used_by
+from palpate.recognizer import Approach, Catalogue, Contact, FingerApproach, already_used
 from palpate.rig.reach.approaches import Reach
 
 __all__ = ["Disc", "discs_at", "is_swept", "places_left", "sweeping_grip"]
@@ -76,7 +76,7 @@ def sweeping_grip(
     Fingers that would free nothing stay where they wait.
     """
     remaining, grip = dict(left), []
-    used = used_by(contacts, reach.approaches)
+    used = already_used(contacts, reach.approaches)
     for finger_index in sorted({item.finger_index for item in reach.approaches}):
         own = reach.of_finger(finger_index, reach.middle_rad)
         approaches = [reach.approaches[index] for index in own if not used[index]]

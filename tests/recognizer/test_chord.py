@@ -12,7 +12,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.two_contact_test import chord_hull
+from palpate.recognizer.two_contact_test import two_contact_hull
 
 WIDTHS = (0.0, 1e-6, 0.01, 0.3, 1.5, math.pi, 5.0, 2 * math.pi)
 SETTINGS = [(bound, radius) for bound in (0.0, 0.3, 2.0) for radius in (0.0, 5.0)]
@@ -66,26 +66,26 @@ def by_triples(
 
 
 def by_chord(
-    edges: EdgeSet, a: int, one: Contact, b: int, two: Contact, lo: float, hi: float
+    catalogue: Catalogue, a: int, one: Contact, b: int, two: Contact, lo: float, hi: float
 ) -> tuple[float, float]:
-    begin, end = chord_hull(
-        edges, np.array([a]), one, edges, np.array([b]), two, np.array([lo]), np.array([hi])
-    )
+    begin, end = two_contact_hull(catalogue, np.array([[a, b]]), [one, two], np.array([lo]), np.array([hi]))
     return float(begin[0]), float(end[0])
 
 
 @pytest.mark.parametrize(("bound", "radius"), SETTINGS)
 def test_same_hull_as_the_triples(bound: float, radius: float) -> None:
     rng = np.random.default_rng(int(10 * bound + radius))
-    edges = Catalogue(outlines(SHIPPED_OBJECTS)).edges(Finger(radius, 10.0))
+    catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
+    edges = catalogue.edges(Finger(radius, 10.0))
     edge_a, edge_b, chord, theta = pairs_that_may_fit(edges, rng, 1500)
     lo, hi = intervals(rng, theta)
     left = 0
     for k in range(len(edge_a)):
         at = rng.uniform(-50, 50, 2)
-        pair = (int(edge_a[k]), contact_at(at, bound), int(edge_b[k]), contact_at(at + chord[k], bound))
+        one, two = (contact_at(point, bound, radius) for point in (at, at + chord[k]))
+        pair = (int(edge_a[k]), one, int(edge_b[k]), two)
         interval = float(lo[k]), float(hi[k])
-        mine, other = by_chord(edges, *pair, *interval), by_triples(edges, *pair, *interval)
+        mine, other = by_chord(catalogue, *pair, *interval), by_triples(edges, *pair, *interval)
         left += mine[0] <= mine[1]
         both_empty = mine[0] > mine[1] and other[0] > other[1]
         assert both_empty or np.allclose(mine, other, rtol=0, atol=1e-9), (k, pair, interval, mine, other)
@@ -120,13 +120,15 @@ def rectangles_meet(one: Floats, two: Floats) -> np.ndarray:
 def test_nothing_that_fits_is_outside_of_the_hull(bound: float, radius: float) -> None:
     """On a fine grid of θ, both error rectangles as the object's position sees them, laid over each other."""
     rng = np.random.default_rng(100 + int(10 * bound + radius))
-    edges = Catalogue(outlines(SHIPPED_OBJECTS)).edges(Finger(radius, 10.0))
+    catalogue = Catalogue(outlines(SHIPPED_OBJECTS))
+    edges = catalogue.edges(Finger(radius, 10.0))
     edge_a, edge_b, chord, theta = pairs_that_may_fit(edges, rng, 400)
     lo, hi = intervals(rng, theta)
     fitted = 0
     for k in range(len(edge_a)):
-        pair = (int(edge_a[k]), contact_at(np.zeros(2), bound), int(edge_b[k]), contact_at(chord[k], bound))
-        begin, end = by_chord(edges, *pair, float(lo[k]), float(hi[k]))
+        one, two = (contact_at(point, bound, radius) for point in (np.zeros(2), chord[k]))
+        pair = (int(edge_a[k]), one, int(edge_b[k]), two)
+        begin, end = by_chord(catalogue, *pair, float(lo[k]), float(hi[k]))
         grid = np.linspace(lo[k], hi[k], 1500)
         inside = (theta[k] - lo[k]) % (2 * np.pi)
         if inside <= hi[k] - lo[k]:
@@ -151,20 +153,19 @@ def test_edges_of_two_fingers() -> None:
     q_a = thin.start[2] + 0.4 * (thin.end[2] - thin.start[2])
     q_b = thick.start[7] + 0.6 * (thick.end[7] - thick.start[7])
     one, two = contact_at(q_a, 0.01, 0.0), contact_at(q_b, 0.01)
-    lo, hi = chord_hull(
-        thin, np.array([2]), one, thick, np.array([7]), two, np.array([-0.5]), np.array([0.5])
-    )
+    lo, hi = two_contact_hull(catalogue, np.array([[2, 7]]), [one, two], np.array([-0.5]), np.array([0.5]))
     assert lo[0] <= 0.0 <= hi[0]
     assert hi[0] - lo[0] < 1.0
 
 
 def test_points_that_coincide_leave_every_orientation_or_none() -> None:
     """A chord without length: edges that meet at a corner fit at any θ, edges far apart at none."""
-    edges = Catalogue(outlines(SHIPPED_OBJECTS)[2:3]).edges(Finger(0.0, 10.0))
+    catalogue = Catalogue(outlines(SHIPPED_OBJECTS)[2:3])
+    edges = catalogue.edges(Finger(0.0, 10.0))
     follower = int(np.flatnonzero(np.all(edges.start == edges.end[0], axis=1))[0])
     far = int(np.argmax(np.hypot(*(edges.middle - edges.middle[0]).T)))
-    point = contact_at(np.array([3.0, 4.0]), 0.1)
+    point = contact_at(np.array([3.0, 4.0]), 0.1, 0.0)
     for other, allowed in ((follower, True), (far, False)):
-        begin, end = by_chord(edges, 0, point, other, point, -1.0, 4.0)
+        begin, end = by_chord(catalogue, 0, point, other, point, -1.0, 4.0)
         assert (begin <= end) == allowed
         assert not allowed or (begin, end) == pytest.approx((-1.0, 4.0))

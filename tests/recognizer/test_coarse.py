@@ -13,7 +13,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger, NormalRange
 from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.recognition import recognise
-from palpate.recognizer.simplification import coarsened
+from palpate.recognizer.simplification import simplify_outline
 
 KINDS = ("smooth", "wavy", "noisy")
 
@@ -72,7 +72,7 @@ def stated(original: GrownSection, coarse: GrownSection) -> np.ndarray:
 @pytest.mark.parametrize("most", [400, 60])
 def test_every_original_edge_is_stated_by_a_coarse_one(kind: str, radius: float, most: int) -> None:
     original = grown(kind, 900, radius)
-    coarse = coarsened(original, most)
+    coarse = simplify_outline(original, most)
     assert len(coarse.length) < len(original.length)
     found = stated(original, coarse)
     assert found.all(), (int(np.sum(~found)), len(found))
@@ -83,7 +83,7 @@ def test_every_original_edge_is_stated_by_a_coarse_one(kind: str, radius: float,
 @pytest.mark.parametrize(("vertices", "most"), [(900, 400), (900, 60), (6000, 2000)])
 def test_edges_are_few_and_rings_closed(kind: str, radius: float, vertices: int, most: int) -> None:
     original = grown(kind, vertices, radius)
-    coarse = coarsened(original, most)
+    coarse = simplify_outline(original, most)
     assert len(coarse.length) <= most
     # Every end is the start of exactly one edge, in the same numbers, and every start some old vertex.
     starts = coarse.start[np.lexsort(coarse.start.T)]
@@ -116,7 +116,7 @@ def ring_count(section: GrownSection) -> int:
 @pytest.mark.parametrize("radius", [0.0, 5.0])
 def test_outlines_of_few_edges_stay_as_they_are(radius: float) -> None:
     original = grown("wavy", 300, radius)
-    assert coarsened(original, len(original.length)) is original
+    assert simplify_outline(original, len(original.length)) is original
 
 
 def test_small_rings_keep_their_corners() -> None:
@@ -124,7 +124,7 @@ def test_small_rings_keep_their_corners() -> None:
     hole = np.array([(-9, -9), (9, -9), (9, 9), (-9, 9)], dtype=float)
     section = Section((0.0, 20.0), (Polygon(ring("noisy", 800), (hole,)),))
     original = grow(section, 0.0, 0.1)
-    coarse = coarsened(original, 100)
+    coarse = simplify_outline(original, 100)
     inside = np.hypot(*coarse.start.T) < 15
     assert np.sum(inside) == 4
     assert np.all(coarse.dent[inside] == 0)
@@ -133,7 +133,7 @@ def test_small_rings_keep_their_corners() -> None:
 
 def test_an_outline_that_cannot_be_that_coarse_is_still_closed() -> None:
     """Asked for fewer edges than rings can have, it is as coarse as it gets, and no hang."""
-    coarse = coarsened(grown("noisy", 300, 0.0), 3)
+    coarse = simplify_outline(grown("noisy", 300, 0.0), 3)
     assert len(coarse.length) <= 3 * 5
     np.testing.assert_array_equal(
         coarse.start[np.lexsort(coarse.start.T)], coarse.end[np.lexsort(coarse.end.T)]

@@ -13,7 +13,13 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel, State
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
-from palpate.recognizer.explanation import Reason, Why, moved, suspects, why
+from palpate.recognizer.explanation import (
+    ObjectExplanation,
+    SearchTest,
+    explain_object,
+    grips_before_move,
+    suspected_contacts,
+)
 
 RECTANGLE = flat("rectangle", [(-30, -12), (30, -12), (30, 12), (-30, 12)])
 POINT = Finger(0.0, 10.0)
@@ -37,7 +43,7 @@ def touching(placed: Placed, rng: np.random.Generator, fingers: int, **how: floa
             return contacts
 
 
-def check_conflict(one: Catalogue, found: Why) -> None:
+def check_conflict(one: Catalogue, found: ObjectExplanation) -> None:
     """The conflict rules the object out, and no proper part of it does."""
     assert found.conflict
     assert not recognise(one, found.conflict).hypotheses
@@ -47,7 +53,7 @@ def check_conflict(one: Catalogue, found: Why) -> None:
                 assert recognise(one, part).hypotheses, [contact.name for contact in part]
 
 
-def check(one: Catalogue, found: Why, reason: Reason, contacts: Sequence[Contact]) -> None:
+def check(one: Catalogue, found: ObjectExplanation, reason: SearchTest, contacts: Sequence[Contact]) -> None:
     """The object is ruled out, for `reason` and by a conflict; `one` is a catalogue of it alone."""
     last = found.ruled_out
     assert last is not None
@@ -63,8 +69,8 @@ def test_too_high_for_the_object() -> None:
     contacts = [
         replace(contact, finger=Finger(5.0, 50.0)) for contact in touching(place(RECTANGLE, rng), rng, 3)
     ]
-    found = why(catalogue(), contacts, "rectangle")
-    check(alone("rectangle"), found, Reason.EDGES, contacts)
+    found = explain_object(catalogue(), contacts, "rectangle")
+    check(alone("rectangle"), found, SearchTest.EDGES, contacts)
     assert len(found.steps) == 1
     assert len(found.conflict) == 1
 
@@ -75,9 +81,9 @@ def test_normals_that_the_object_does_not_have() -> None:
         Contact("a", POINT, True, (100.0, 0.0), (30.0, 0.0), 0.3, NormalRange(-0.1, 0.1)),
         Contact("b", POINT, True, (80.0, 80.0), (20.0, 20.0), 0.3, NormalRange(0.68, 0.88)),
     ]
-    found = why(catalogue(), contacts, "rectangle")
-    check(alone("rectangle"), found, Reason.NORMAL, contacts)
-    assert [step.reason for step in found.steps] == [Reason.EDGES, Reason.NORMAL]
+    found = explain_object(catalogue(), contacts, "rectangle")
+    check(alone("rectangle"), found, SearchTest.NORMAL, contacts)
+    assert [step.reason for step in found.steps] == [SearchTest.EDGES, SearchTest.NORMAL]
     assert found.conflict == tuple(contacts)
 
 
@@ -93,9 +99,9 @@ def test_a_region_that_is_empty_though_all_threes_fit() -> None:
         Contact("b", POINT, True, (90.0, 0.0), (30.75, 0.0), 0.1),
         Contact("c", POINT, True, (0.0, -90.0), (0.0, -20.0), 40.0, down),
     ]
-    found = why(tapered, contacts, "taper")
-    check(tapered, found, Reason.REGION, contacts)
-    assert why(tapered, contacts[:2], "taper").ruled_out is None
+    found = explain_object(tapered, contacts, "taper")
+    check(tapered, found, SearchTest.REGION, contacts)
+    assert explain_object(tapered, contacts[:2], "taper").ruled_out is None
 
 
 @pytest.mark.parametrize("seed", [30, 38, 62])
@@ -109,27 +115,27 @@ def test_a_miss_that_grazes_the_object(seed: int) -> None:
     top = float(np.max(np.array(placed.shape.exterior.coords) @ aside)) + 5.0 - rng.uniform(0.0, 2.5)
     start, end = ((way * ahead + top * aside).tolist() for way in (-200.0, 200.0))
     contacts.append(Contact("m", contacts[0].finger, False, tuple(start), tuple(end), 0.3))
-    found = why(catalogue(), contacts, placed.model.name)
-    check(alone(placed.model.name), found, Reason.FINER, contacts)
+    found = explain_object(catalogue(), contacts, placed.model.name)
+    check(alone(placed.model.name), found, SearchTest.FINER, contacts)
     assert found.conflict[-1].name == "m"
 
 
 @pytest.mark.parametrize(
     ("reason", "seed", "name"),
     [
-        (Reason.DISTANCE, 2, "grip"),
-        (Reason.DISTANCE, 3, "gator"),
-        (Reason.DISTANCE, 9, "hand"),
-        (Reason.TWO, 1, "tr-1"),
-        (Reason.TWO, 2, "tr-2"),
-        (Reason.TWO, 3, "hand"),
-        (Reason.PATH, 6, "grip"),
-        (Reason.PATH, 26, "hand"),
-        (Reason.DISTANCE, 10, "hand"),
-        (Reason.THREE, 13, "hand"),
+        (SearchTest.DISTANCE, 2, "grip"),
+        (SearchTest.DISTANCE, 3, "gator"),
+        (SearchTest.DISTANCE, 9, "hand"),
+        (SearchTest.TWO, 1, "tr-1"),
+        (SearchTest.TWO, 2, "tr-2"),
+        (SearchTest.TWO, 3, "hand"),
+        (SearchTest.PATH, 6, "grip"),
+        (SearchTest.PATH, 26, "hand"),
+        (SearchTest.DISTANCE, 10, "hand"),
+        (SearchTest.THREE, 13, "hand"),
     ],
 )
-def test_another_object_was_touched(reason: Reason, seed: int, name: str) -> None:
+def test_another_object_was_touched(reason: SearchTest, seed: int, name: str) -> None:
     models = outlines(SHIPPED_OBJECTS)
     rng = np.random.default_rng(seed)
     placed = place(models[seed % 6], rng)
@@ -141,8 +147,8 @@ def test_another_object_was_touched(reason: Reason, seed: int, name: str) -> Non
         bound=(0.3, 0.05, 1.0)[seed % 3],
         aim=0.15 if seed % 2 else 0.4,
     )
-    check(alone(name), why(catalogue(), contacts, name), reason, contacts)
-    true = why(catalogue(), contacts, placed.model.name)
+    check(alone(name), explain_object(catalogue(), contacts, name), reason, contacts)
+    true = explain_object(catalogue(), contacts, placed.model.name)
     assert true.ruled_out is None
     assert true.conflict == ()
     assert {item.state.object_name for item in true.hypotheses} == {placed.model.name}
@@ -155,9 +161,9 @@ def test_only_the_state_that_is_asked_for() -> None:
     rng = np.random.default_rng(3)
     contacts = touching(place(RECTANGLE, rng), rng, 4)
     known = Catalogue([two])
-    assert why(known, contacts, "two", "slim").ruled_out is not None
+    assert explain_object(known, contacts, "two", "slim").ruled_out is not None
     for state in ("wide", None):
-        found = why(known, contacts, "two", state)
+        found = explain_object(known, contacts, "two", state)
         assert found.ruled_out is None
         assert {item.state.state.name for item in found.hypotheses} == {"wide"}
 
@@ -166,12 +172,12 @@ def test_names_that_are_not_in_the_catalogue() -> None:
     rng = np.random.default_rng(4)
     contacts = touching(place(RECTANGLE, rng), rng, 3)
     with pytest.raises(InputError, match='no object "rect" in the catalogue; there are: tr-1, '):
-        why(catalogue(), contacts, "rect")
+        explain_object(catalogue(), contacts, "rect")
     with pytest.raises(InputError, match='"rectangle" has no state "steep"; it has: flat'):
-        why(catalogue(), contacts, "rectangle", "steep")
+        explain_object(catalogue(), contacts, "rectangle", "steep")
     missed = [replace(contact, touched=False, normal=None) for contact in contacts]
     with pytest.raises(InputError, match="touched"):
-        why(catalogue(), missed, "rectangle")
+        explain_object(catalogue(), missed, "rectangle")
 
 
 def grips_before_and_after(seed: int, before: int, after: int) -> list[list[Contact]]:
@@ -186,21 +192,23 @@ def grips_before_and_after(seed: int, before: int, after: int) -> list[list[Cont
 def test_an_object_that_moved(seed: int) -> None:
     for before, after in ((1, 1), (2, 1), (1, 2)):
         grips = grips_before_and_after(seed, before, after)
-        assert moved(catalogue(), grips) == before
+        assert grips_before_move(catalogue(), grips) == before
         beside = [
             replace(contact, touched=False, normal=None, end_mm=contact.start_mm) for contact in grips[0]
         ]
-        assert moved(catalogue(), [beside, *grips]) == before + 1, "a grip without a touch says little"
+        assert grips_before_move(catalogue(), [beside, *grips]) == before + 1, (
+            "a grip without a touch says little"
+        )
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_an_object_that_did_not_move(seed: int) -> None:
-    assert moved(catalogue(), grips_before_and_after(seed, 3, 0)) is None
-    assert moved(catalogue(), grips_before_and_after(seed, 1, 0)) is None
+    assert grips_before_move(catalogue(), grips_before_and_after(seed, 3, 0)) is None
+    assert grips_before_move(catalogue(), grips_before_and_after(seed, 1, 0)) is None
     high = Finger(5.0, 90.0)
     grips = grips_before_and_after(seed, 1, 1)
     grips[1] = [replace(contact, finger=high) for contact in grips[1]]
-    assert moved(catalogue(), grips) is None, "the second grip fits nothing by itself"
+    assert grips_before_move(catalogue(), grips) is None, "the second grip fits nothing by itself"
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -212,7 +220,7 @@ def test_suspects(seed: int) -> None:
     x, y = contacts[bad].start_mm
     contacts[bad] = replace(contacts[bad], end_mm=(0.8 * x, 0.8 * y))
     assert not recognise(catalogue(), contacts).hypotheses
-    named = suspects(catalogue(), contacts)
+    named = suspected_contacts(catalogue(), contacts)
     assert any(contact is contacts[bad] for contact in named)
     for k, contact in enumerate(contacts):
         without = recognise(catalogue(), contacts[:k] + contacts[k + 1 :])
@@ -224,7 +232,7 @@ def test_no_suspect_if_one_contact_would_be_left() -> None:
     rng = np.random.default_rng(60)
     one, two, three = touching(place(RECTANGLE, rng), rng, 3)
     high = replace(two, finger=Finger(5.0, 90.0))
-    assert suspects(catalogue(), [high]) == ()
-    assert suspects(catalogue(), [one, high]) == ()
-    assert suspects(catalogue(), [one, high, three]) == (high,)
-    assert suspects(catalogue(), [one, high, three], 1) == ()
+    assert suspected_contacts(catalogue(), [high]) == ()
+    assert suspected_contacts(catalogue(), [one, high]) == ()
+    assert suspected_contacts(catalogue(), [one, high, three]) == (high,)
+    assert suspected_contacts(catalogue(), [one, high, three], 1) == ()

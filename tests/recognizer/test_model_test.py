@@ -13,9 +13,9 @@ from triples import PAIR_TRIPLES, TRIPLE_TRIPLES, arc_hull, triple_arcs
 
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.half_planes import half_planes
-from palpate.recognizer.sinusoid_bounds import largest
-from palpate.recognizer.three_contact_test import triple_hull
-from palpate.recognizer.two_contact_test import chord_hull
+from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
+from palpate.recognizer.three_contact_test import three_contact_hull
+from palpate.recognizer.two_contact_test import two_contact_hull
 
 ANGLE = st.floats(-math.pi, math.pi)
 COEFFICIENT = st.floats(-5, 5).map(lambda value: round(value, 3))
@@ -72,9 +72,9 @@ def test_triples_agree_with_linear_programming(fingers: int) -> None:
                     paired = [pick[k : k + 1] for k in group]
                     some = [contacts[k] for k in group]
                     if size == 2:
-                        lo, hi = chord_hull(edges, paired[0], some[0], edges, paired[1], some[1], at, at)
+                        lo, hi = two_contact_hull(catalogue, np.column_stack(paired), some, at, at)
                     else:
-                        lo, hi = triple_hull(catalogue, np.column_stack(paired), some, anchor, at, at)
+                        lo, hi = three_contact_hull(catalogue, np.column_stack(paired), some, anchor, at, at)
                     assert bool(lo[0] <= hi[0]) == bool(np.all(arcs >= 0))
         if abs(short) > 1e-6:
             assert allowed == (short < 0)
@@ -109,7 +109,7 @@ def test_hull_of_one_condition_is_tight(lo: float, width: float, condition: tupl
 @given(ANGLE, st.floats(0, 2 * math.pi), st.tuples(*[COEFFICIENT] * 2))
 def test_largest_is_the_maximum(lo: float, width: float, wave: tuple) -> None:
     a, b = wave
-    found = float(largest(np.array(a), np.array(b), np.array(lo), np.array(lo + width)))
+    found = float(sinusoid_maximum(np.array(a), np.array(b), np.array(lo), np.array(lo + width)))
     theta = np.linspace(lo, lo + width, 4001)
     sampled = float(np.max(a * np.cos(theta) + b * np.sin(theta)))
     assert found >= sampled - 1e-9
@@ -131,7 +131,7 @@ def test_eight_waves_are_the_triples_of_three_contacts(seed: int) -> None:
     paired = rng.integers(edges.first[seed], edges.first[seed + 1], (3000, 3))
     lo = rng.uniform(-7, 7, 3000)
     hi = lo + 2 * math.pi * rng.uniform(size=3000) ** 3
-    first, last = triple_hull(catalogue, paired, contacts, anchor, lo, hi)
+    first, last = three_contact_hull(catalogue, paired, contacts, anchor, lo, hi)
     planes = [half_planes(edges, paired[:, k], contact, anchor) for k, contact in enumerate(contacts)]
     g = np.concatenate([plane[0] for plane in planes], axis=1)
     coefficients = np.concatenate([plane[1] for plane in planes], axis=1)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from decisive_grips import poses_in
+from exact_pockets import exact_pockets, hold
 from reach_ring import FINGER, GOALS, RESOLUTION, Ring, model_of, normal_at, ring, some_recognition, travel_of
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
@@ -20,8 +21,7 @@ from palpate.recognizer import (
     recognise,
     twins,
 )
-from palpate.recognizer.measurement_model import felt, likeness
-from palpate.recognizer.pockets import exact_pockets
+from palpate.recognizer.measurement_model import similarity, touch_outcomes
 from palpate.recognizer.poses import witness_poses
 from palpate.vocabulary import Strategy
 
@@ -86,7 +86,7 @@ def test_a_prediction_that_ends_is_in_the_exact_pockets_of_its_edge() -> None:
                     continue
                 pockets = exact_pockets(edges, on, seen[None], 0.0)
                 heading = approach.direction_rad - own.theta_rad
-                assert pockets.hold(np.array([0]), np.array([heading])).all()
+                assert hold(pockets, np.array([0]), np.array([heading])).all()
                 checked += 1
     assert checked > 50
 
@@ -95,7 +95,9 @@ def test_felt_agrees_with_simulated_stops() -> None:
     rng = np.random.default_rng(3)
     models, found = some_recognition(2, half_deg=40.0)
     approaches = ring().approaches
-    outcome = felt(found.catalogue, witness_poses(found.hypotheses).cells, found.anchor_mm, approaches)
+    outcome = touch_outcomes(
+        found.catalogue, witness_poses(found.hypotheses).cells, found.anchor_mm, approaches
+    )
     hits = 0
     for number, item in list(enumerate(found.hypotheses))[:5]:
         own = item.configuration
@@ -116,12 +118,12 @@ def test_likeness_is_one_for_equal_poses_and_small_for_perceptible_ones() -> Non
     _, found = some_recognition(1, half_deg=40.0)
     poses = witness_poses(found.hypotheses)
     approaches = ring().approaches
-    outcome = felt(found.catalogue, poses.cells, found.anchor_mm, approaches)
+    outcome = touch_outcomes(found.catalogue, poses.cells, found.anchor_mm, approaches)
     rows = np.arange(len(approaches))
     same = np.arange(len(found.hypotheses))
-    assert np.all(likeness(outcome, same, same, RESOLUTION, rows) == 1.0)
+    assert np.all(similarity(outcome, same, same, RESOLUTION, rows) == 1.0)
     first, second = np.triu_indices(len(same), 1)
-    alike = likeness(outcome, first, second, RESOLUTION, rows)
+    alike = similarity(outcome, first, second, RESOLUTION, rows)
     both = outcome.hit[:, first] & outcome.hit[:, second]
     clear = np.minimum(outcome.facing[:, first], outcome.facing[:, second]) * np.abs(
         outcome.travel[:, first] - outcome.travel[:, second]

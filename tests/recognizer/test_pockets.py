@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import shapely
+from exact_pockets import exact_pockets, hold, widths_rad
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely_bench import SHIPPED_OBJECTS, flat, outlines, stop
@@ -15,11 +16,7 @@ from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.pockets import (
-    conservative_pockets,
-    exact_pockets,
-    hull_radius,
-)
+from palpate.recognizer.pockets import conservative_pockets
 
 POINT = Finger(0.0, 10.0)
 TIP = Finger(5.0, 10.0)
@@ -64,10 +61,10 @@ def check_against_rays(edges: EdgeSet, shape: shapely.Geometry, rng: np.random.G
         points = points_on(edges, edge, np.append(rng.uniform(0, 1, 5), [1e-3, 1 - 1e-3]))
         out = edges.normal_rad[edge] + rng.uniform(-math.pi / 2, math.pi / 2, 40)
         free = cast(shape, points, out)
-        assert np.all(pockets.hold(np.full(len(out), edge), out + math.pi) | ~free.any(axis=0))
+        assert np.all(hold(pockets, np.full(len(out), edge), out + math.pi) | ~free.any(axis=0))
         exact = exact_pockets(edges, np.full(len(points), edge), points, 0.0)
         row = np.repeat(np.arange(len(points)), len(out))
-        held = exact.hold(row, np.tile(out + math.pi, len(points))).reshape(free.shape)
+        held = hold(exact, row, np.tile(out + math.pi, len(points))).reshape(free.shape)
         assert np.all(held | ~free)
         # Rays that pass a corner within the rounding allowance may go either way.
         doubtful = held & ~free
@@ -147,13 +144,13 @@ def test_the_bottom_of_a_slot() -> None:
     edges = edges_of(ring(U))
     bottom = np.flatnonzero((edges.feature == 4) & (edges.length > 9))
     whole = conservative_pockets(edges, 0.0)
-    assert whole.width_rad[bottom] == pytest.approx(2 * math.atan2(10, 25), abs=1e-5)
+    assert widths_rad(whole)[bottom] == pytest.approx(2 * math.atan2(10, 25), abs=1e-5)
     middle = exact_pockets(edges, bottom, (edges.start + edges.end)[bottom] / 2, 0.0)
-    assert middle.width_rad == pytest.approx(2 * math.atan2(5, 25), abs=1e-5)
-    assert middle.hold(np.zeros(1, np.int64), np.array([-math.pi / 2]))[0]
+    assert widths_rad(middle) == pytest.approx(2 * math.atan2(5, 25), abs=1e-5)
+    assert hold(middle, np.zeros(1, np.int64), np.array([-math.pi / 2]))[0]
     loose = exact_pockets(edges, bottom, (edges.start + edges.end)[bottom] / 2, 0.5)
     corner = math.hypot(5, 25)
-    assert loose.width_rad == pytest.approx(2 * (math.atan2(5, 25) + math.asin(1 / corner)), abs=1e-5)
+    assert widths_rad(loose) == pytest.approx(2 * (math.atan2(5, 25) + math.asin(1 / corner)), abs=1e-5)
 
 
 def test_another_part_in_the_way_divides_the_pocket() -> None:
@@ -164,9 +161,9 @@ def test_another_part_in_the_way_divides_the_pocket() -> None:
     pockets = exact_pockets(edges, top, (edges.start + edges.end)[top] / 2, 0.0)
     assert np.diff(pockets.first).tolist() == [2]
     gap = 2 * math.atan2(3, 20)
-    assert pockets.width_rad == pytest.approx(math.pi - gap, abs=1e-5)
+    assert widths_rad(pockets) == pytest.approx(math.pi - gap, abs=1e-5)
     # From somewhere on the edge every direction is free.
-    assert conservative_pockets(edges, 0.0).width_rad[top] == pytest.approx(math.pi, abs=1e-5)
+    assert widths_rad(conservative_pockets(edges, 0.0))[top] == pytest.approx(math.pi, abs=1e-5)
 
 
 def test_a_wide_part_close_above_divides_even_the_conservative_pocket() -> None:
@@ -176,7 +173,7 @@ def test_a_wide_part_close_above_divides_even_the_conservative_pocket() -> None:
     pockets = conservative_pockets(edges, 0.0)
     top = int(np.flatnonzero(edges.feature == 2)[0])
     assert np.diff(pockets.first)[top] == 2
-    assert pockets.width_rad[top] == pytest.approx(2 * math.atan2(5, 40), abs=1e-5)
+    assert widths_rad(pockets)[top] == pytest.approx(2 * math.atan2(5, 40), abs=1e-5)
 
 
 @pytest.mark.parametrize("travel", [5.0, 12.0, 20.0, 26.0, 40.0])
@@ -192,18 +189,20 @@ def test_only_what_the_path_went_by_is_in_the_way(travel: float) -> None:
             out = edges.normal_rad[edge] + rng.uniform(-math.pi / 2, math.pi / 2, 60)
             free = cast(solid(edges), at, out, travel)
             every = np.full(len(out), edge)
-            held = pockets.hold(every, out + math.pi)
+            held = hold(pockets, every, out + math.pi)
             assert np.all(held | ~free.any(axis=0))
-            assert np.all(held | ~fewest.hold(every, out + math.pi))
+            assert np.all(held | ~hold(fewest, every, out + math.pi))
             exact = exact_pockets(edges, np.full(8, edge), at, 0.0, travel)
             row = np.repeat(np.arange(8), len(out))
-            assert np.all(exact.hold(row, np.tile(out + math.pi, 8)) | ~free.ravel())
+            assert np.all(hold(exact, row, np.tile(out + math.pi, 8)) | ~free.ravel())
 
 
 def test_a_short_travel_from_within_a_slot_says_less() -> None:
     edges = edges_of(ring(U))
     bottom = int(np.flatnonzero((edges.feature == 4) & (edges.length > 9))[0])
-    widths = [conservative_pockets(edges, 0.0, travel).width_rad[bottom] for travel in (5.0, 60.0, math.inf)]
+    widths = [
+        widths_rad(conservative_pockets(edges, 0.0, travel))[bottom] for travel in (5.0, 60.0, math.inf)
+    ]
     assert widths[0] == pytest.approx(math.pi, abs=1e-6)
     assert widths[1] == pytest.approx(widths[2])
     assert widths[2] < 1.0
@@ -213,7 +212,7 @@ def test_edges_of_holes_cannot_be_reached() -> None:
     outer, hole = [(0, 0), (60, 0), (60, 40), (0, 40)], [(10, 10), (50, 10), (50, 30), (10, 30)]
     island = ring([(25, 15), (35, 15), (35, 25), (25, 25)])
     edges = edges_of(ring(outer, hole), island)
-    width = conservative_pockets(edges, 0.5).width_rad
+    width = widths_rad(conservative_pockets(edges, 0.5))
     assert width[edges.feature < 4] == pytest.approx(np.full(4, math.pi), abs=1e-6)
     assert width[edges.feature >= 4] == pytest.approx(np.zeros(8), abs=1e-12)
 
@@ -252,9 +251,9 @@ def test_paths_and_outlines_that_are_off_by_their_bounds(seed: int, bound: float
             if past > math.pi / 2:
                 continue
             one, travel = np.array([row]), np.array([stated + math.pi])
-            assert pockets.hold(one, travel)[0]
+            assert hold(pockets, one, travel)[0]
             exact = exact_pockets(edges, one, stated_end[None], bound)
-            assert exact.hold(np.zeros(1, np.int64), travel)[0]
+            assert hold(exact, np.zeros(1, np.int64), travel)[0]
 
 
 @pytest.mark.parametrize("model", range(6))
@@ -279,9 +278,9 @@ def test_tips_that_touch_are_in_the_pocket_of_an_edge_where_they_rest(model: int
             shapely.linestrings(np.stack([edges.start, edges.end], axis=1)), shapely.Point(rest)
         )
         row = np.flatnonzero(away <= edges.slack_out + 1e-6)
-        assert np.any(pockets.hold(row, np.full(len(row), direction)))
+        assert np.any(hold(pockets, row, np.full(len(row), direction)))
         exact = exact_pockets(edges, row, np.broadcast_to(rest, (len(row), 2)), 0.0)
-        assert np.any(exact.hold(np.arange(len(row)), np.full(len(row), direction)))
+        assert np.any(hold(exact, np.arange(len(row)), np.full(len(row), direction)))
         touched += 1
     assert touched > 30
 
@@ -292,7 +291,9 @@ def test_more_allowance_never_takes_a_direction_away(finger: Finger) -> None:
     edges = Catalogue(MODELS).edges(finger)
     row = rng.integers(0, len(edges.state), 4000)
     direction = edges.normal_rad[row] + math.pi + rng.uniform(-1.6, 1.6, len(row))
-    held = [conservative_pockets(edges, allowance).hold(row, direction) for allowance in (0.0, 0.2, 0.6, 2.0)]
+    held = [
+        hold(conservative_pockets(edges, allowance), row, direction) for allowance in (0.0, 0.2, 0.6, 2.0)
+    ]
     for tight, loose in pairwise(held):
         assert np.all(loose | ~tight)
     assert held[-1].sum() > held[0].sum()
@@ -307,7 +308,7 @@ def test_conservative_pockets_hold_the_exact_ones() -> None:
     whole = conservative_pockets(edges, 0.3)
     ends = np.concatenate([exact.lo_rad + 1e-7, exact.hi_rad - 1e-7])
     wide = np.tile(exact.hi_rad - exact.lo_rad > 1e-6, 2)
-    assert np.all(whole.hold(np.tile(row[exact.row], 2)[wide], ends[wide]))
+    assert np.all(hold(whole, np.tile(row[exact.row], 2)[wide], ends[wide]))
 
 
 def test_a_state_of_many_edges_is_done_in_parts() -> None:
@@ -319,34 +320,24 @@ def test_a_state_of_many_edges_is_done_in_parts() -> None:
     assert len(pockets) == 1000
     some = np.arange(0, 1000, 97)
     alone = exact_pockets(edges, some, (edges.start + edges.end)[some] / 2, 0.0)
-    assert np.all(pockets.width_rad[some] >= alone.width_rad - 1e-9)
-    assert np.all((alone.width_rad > 1.0) & (pockets.width_rad[some] < 3.1))
+    assert np.all(widths_rad(pockets)[some] >= widths_rad(alone) - 1e-9)
+    assert np.all((widths_rad(alone) > 1.0) & (widths_rad(pockets)[some] < 3.1))
 
 
 def test_outlines_that_meet_in_a_point_have_half_turns() -> None:
     edges = edges_of(
         ring([(0, 0), (30, 0), (30, 30), (0, 30)]), ring([(30, 30), (50, 30), (50, 50), (30, 50)])
     )
-    assert conservative_pockets(edges, 0.1).width_rad == pytest.approx(np.full(8, math.pi), abs=1e-8)
+    assert widths_rad(conservative_pockets(edges, 0.1)) == pytest.approx(np.full(8, math.pi), abs=1e-8)
 
 
 def test_edges_that_do_not_meet_have_half_turns() -> None:
     edges = edges_of(ring(U))
     apart = dataclasses.replace(edges, start=edges.start + 1e-13 * np.arange(16).reshape(8, 2))
-    assert conservative_pockets(apart, 0.1).width_rad == pytest.approx(np.full(8, math.pi), abs=1e-8)
+    assert widths_rad(conservative_pockets(apart, 0.1)) == pytest.approx(np.full(8, math.pi), abs=1e-8)
 
 
 def test_a_state_below_the_finger_has_no_pockets() -> None:
     low = flat("low", [(0, 0), (9, 0), (9, 9), (0, 9)], height_mm=5.0)
     edges = Catalogue([low, MODELS[0], low]).edges(POINT)
     assert len(conservative_pockets(edges, 0.0)) == len(edges.state) == 22
-    assert hull_radius(edges)[[0, 2]].tolist() == [0.0, 0.0]
-
-
-def test_hull_radius_reaches_every_grown_corner() -> None:
-    edges = Catalogue(MODELS).edges(TIP)
-    radius = hull_radius(edges)
-    for state, model in enumerate(MODELS):
-        shape = shapely.Polygon(model.states[0].sections[0].polygons[0].outer)
-        reach = shapely.hausdorff_distance(shape.convex_hull.buffer(5.0, quad_segs=200), shape.centroid)
-        assert reach - 1e-3 <= radius[state] <= reach + 0.2

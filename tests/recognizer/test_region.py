@@ -9,7 +9,14 @@ from shapely_bench import SHIPPED_OBJECTS, grip, outlines, place
 from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.region import Cells, Intervals, build_cells, probed, refined, stepped
+from palpate.recognizer.region import (
+    Cells,
+    Intervals,
+    build_cells,
+    divide_orientations,
+    probe_cells,
+    refine_intervals,
+)
 from palpate.recognizer.tree import Interpretations, first_level, next_level
 
 MODELS = outlines(SHIPPED_OBJECTS)
@@ -66,8 +73,10 @@ def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int
         placed = place(MODELS[seed % 6], rng)
         contacts = [c for c in grip(placed, rng, fingers=fingers, bound=1.0, half_range=0.4) if c.touched]
     nodes, anchor = interpreted(catalogue, contacts)
-    cells = build_cells(catalogue, nodes, contacts, anchor, stepped(nodes, step_rad=0.015, least=3))
-    parts = refined(catalogue, nodes, cells, contacts, anchor, 3)
+    cells = build_cells(
+        catalogue, nodes, contacts, anchor, divide_orientations(nodes, step_rad=0.015, least=3)
+    )
+    parts = refine_intervals(catalogue, nodes, cells, contacts, anchor, 3)
     finer = build_cells(catalogue, nodes, contacts, anchor, parts)
     hits = 0
     for node in rng.permutation(len(nodes))[:12]:
@@ -96,7 +105,9 @@ def test_sections_of_the_middle_are_feasible() -> None:
     contacts = grip(placed, rng, bound=0.5)
     nodes, anchor = interpreted(catalogue, contacts)
     theta = (nodes.lo + nodes.hi) / 2
-    found = probed(catalogue, nodes, contacts, anchor, Intervals(np.arange(len(nodes)), nodes.lo, nodes.hi))
+    found = probe_cells(
+        catalogue, nodes, contacts, anchor, Intervals(np.arange(len(nodes)), nodes.lo, nodes.hi)
+    )
     assert len(found.tried)
     places = [
         (found.cells.node[row], s)

@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import shapely
+from exact_pockets import hold
 from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
@@ -68,7 +69,7 @@ def test_distance_and_angle_columns_by_trying_every_pairing(seed: int) -> None:
     theta = np.linspace(-math.pi, math.pi, 40_000)
     every = np.arange(len(legs))
     allowed = [
-        np.array([pockets.hold(np.full(len(theta), k), contact.direction_rad - theta) for k in every])
+        np.array([hold(pockets, np.full(len(theta), k), contact.direction_rad - theta) for k in every])
         for contact in contacts
     ]
     pairs = list(product(every, every))

@@ -11,26 +11,26 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 from palpate.recognizer import (
     Catalogue,
     Finger,
-    chance_of_agreeing,
+    already_used,
     checking_grip,
     detectable_shift_mm,
+    false_match_probability,
     next_grip,
     predict,
     recognise,
-    used_by,
 )
-from palpate.recognizer.grips import fits, foreseen
+from palpate.recognizer.grips import fits_together, predict_approach
 from palpate.vocabulary import Strategy
 
 
 def test_used_candidates_are_those_along_a_path_and_no_others() -> None:
     candidates = ring().approaches
     for k in (0, 7, 40):
-        used = used_by([contact_along(candidates[k], 90.0)], candidates)
+        used = already_used([contact_along(candidates[k], 90.0)], candidates)
         assert np.flatnonzero(used).tolist() == [k]
     other = replace(contact_along(candidates[7], 90.0), finger=Finger(4.0, 10.0))
-    assert not used_by([other], candidates).any()
-    assert not used_by([], candidates).any()
+    assert not already_used([other], candidates).any()
+    assert not already_used([], candidates).any()
 
 
 def test_the_strategies_choose_what_their_names_say() -> None:
@@ -140,17 +140,17 @@ def test_strangers_agree_by_chance_the_less_the_more_is_foretold() -> None:
     assert len(sure) >= 2
     touched = [contact_along(candidates[k], 90.0) for k in sure]
     chances = [
-        chance_of_agreeing(predictions.select(sure[:n]), touched[:n], RESOLUTION.normal_half_rad)
+        false_match_probability(predictions.select(sure[:n]), touched[:n], RESOLUTION.normal_half_rad)
         for n in range(1, len(sure) + 1)
     ]
     assert all(0 < after < before <= 1 for before, after in pairwise(chances))
     missed = [replace(contact, touched=False) for contact in touched]
-    assert chance_of_agreeing(predictions.select(sure), missed, RESOLUTION.normal_half_rad) == 1.0
+    assert false_match_probability(predictions.select(sure), missed, RESOLUTION.normal_half_rad) == 1.0
 
 
 def test_a_candidate_fits_only_beside_other_fingers() -> None:
     _, found = some_recognition(0)
-    one, same, other = (foreseen(found, ring(), k) for k in (0, 1, 3))
-    assert fits(ring(), one, [])
-    assert not fits(ring(), one, [same])
-    assert fits(ring(), one, [other])
+    one, same, other = (predict_approach(found, ring(), k) for k in (0, 1, 3))
+    assert fits_together(ring(), one, [])
+    assert not fits_together(ring(), one, [same])
+    assert fits_together(ring(), one, [other])

@@ -16,7 +16,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.region import Cells
-from palpate.recognizer.sweep import sweep, unblocked
+from palpate.recognizer.sweep import free_path_test, sweep
 
 MODELS = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(MODELS)
@@ -125,9 +125,9 @@ def test_blocked_only_if_blocked_everywhere() -> None:
     beside = Contact("f", Finger(5.0, 10.0), False, (-100.0, 26.0), (100.0, 26.0), 0.3)
     sharp = cell(0, 0.0, 0.0, (0.0, 0.0), 0.1)
     wide = cell(0, 0.0, 0.0, (0.0, 0.0), 30.0)
-    assert not unblocked(catalogue, sharp, ORIGIN, [through])[0]
-    assert unblocked(catalogue, wide, ORIGIN, [through])[0]
-    assert unblocked(catalogue, sharp, ORIGIN, [beside])[0]
+    assert not free_path_test(catalogue, sharp, ORIGIN, [through])[0]
+    assert free_path_test(catalogue, wide, ORIGIN, [through])[0]
+    assert free_path_test(catalogue, sharp, ORIGIN, [beside])[0]
 
 
 @given(
@@ -183,7 +183,9 @@ def test_skipping_clear_paths_changes_nothing(seed: int, monkeypatch: pytest.Mon
     bound, half_range = (0.0, 0.3, 1.0)[seed % 3], (None, 0.2)[seed % 2]
     contacts = until_touched(grip, placed, rng, fingers=2 + seed % 3, bound=bound, half_range=half_range)
     skipping = recognise(CATALOGUE, contacts).hypotheses
-    monkeypatch.setattr(witness_search, "clear_of_outline", lambda *args: np.zeros(args[3].shape, dtype=bool))
+    monkeypatch.setattr(
+        witness_search, "path_outside_outline", lambda *args: np.zeros(args[3].shape, dtype=bool)
+    )
     looking = recognise(CATALOGUE, contacts).hypotheses
     assert len(skipping) == len(looking)
     np.testing.assert_array_equal(skipping.lo, looking.lo)

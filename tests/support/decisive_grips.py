@@ -22,10 +22,10 @@ from palpate.recognizer import (
     Grip,
     Hypothesis,
     Recognition,
+    already_used,
     plan_grip,
     recognise,
     twins,
-    used_by,
 )
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.identification.exploration import exploring_grip
@@ -97,7 +97,9 @@ def drawn(path: Path, seed: int, index: int) -> Trial | None:
     found = recognise(catalogue_of(path), contacts)
     if not 2 <= len(found.hypotheses) <= _MOST_HYPOTHESES:
         return None
-    grip = plan_grip(found, reach(), resolution_of(rig), goals_of(rig), used_by(contacts, reach().approaches))
+    grip = plan_grip(
+        found, reach(), resolution_of(rig), goals_of(rig), already_used(contacts, reach().approaches)
+    )
     return Trial(index, placed, found, grip) if grip is not None and grip.decisive else None
 
 

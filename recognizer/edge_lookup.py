@@ -1,7 +1,7 @@
-"""Edges that a further contact may be paired with, given orientations and a rough idea of where it lies.
+"""Edge look-up: edges that a further contact may be paired with, by orientation and rough position.
 
-Between the catalogue and the levels of the interpretation tree: a range look-up in the sorted normals for
-most states, a descent of the strip tree (memo §3.3) for those with very many edges.
+A range look-up in the sorted normals for most states, a descent of the strip tree (memo §3.3) for those with
+very many edges.
 """
 
 from collections.abc import Callable
@@ -13,16 +13,16 @@ from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 
-__all__ = ["Near", "paired_edges"]
+__all__ = ["NearTest", "matching_edges"]
 
-Near = Callable[[Ints, Floats, Floats, Floats], Bools]
+NearTest = Callable[[Ints, Floats, Floats, Floats], Bools]
 """Whether, for query (n,), the contact may lie within stray (n,) mm of segments from start to end (n, 2)."""
 
 _ROUNDING_RAD = 1e-9
 
 
-def paired_edges(
-    catalogue: Catalogue, state: Ints, lo: Floats, hi: Floats, contact: Contact, near: Near
+def matching_edges(
+    catalogue: Catalogue, state: Ints, lo: Floats, hi: Floats, contact: Contact, near: NearTest
 ) -> tuple[Ints, Ints]:
     """Edges of `state` (m,) whose normals fit `contact` at some θ in [lo, hi] (m,), for m queries.
 

@@ -1,0 +1,51 @@
+"""Tables of parallel arrays, and runs of their rows: what whole-array stages of the search pass on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+
+from palpate.geometry import Bools, Ints
+
+__all__ = ["Table", "expand_ranges"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Base of dataclasses whose fields are arrays, or tables, with one row for each of n items."""
+
+    def __len__(self) -> int:
+        return len(getattr(self, fields(self)[0].name))
+
+    def select(self, rows: Ints | Bools | slice | Sequence[int]) -> Self:
+        """Those at `rows` (indices, in that order, a mask or a slice)."""
+        return type(self)(*(_rows(getattr(self, item.name), rows) for item in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """The rows of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(*(_joined([getattr(part, item.name) for part in parts]) for item in fields(cls)))
+
+
+def _rows(value: Any, rows: Any) -> Any:
+    return value.select(rows) if isinstance(value, Table) else value[rows]
+
+
+def _joined(values: list[Any]) -> Any:
+    return type(values[0]).joined(values) if isinstance(values[0], Table) else np.concatenate(values)
+
+
+def expand_ranges(first: Ints, count: Ints) -> tuple[Ints, Ints]:
+    """Unroll n half-open ranges [first, first + count) into one flat array.
+
+    Returns (owner, index), each of shape (sum(count),): `index` runs through every range in turn and
+    `owner` says which range it came from.
+    """
+    owner = np.repeat(np.arange(len(count)), count)
+    ends = np.cumsum(count)
+    total = int(ends[-1]) if len(ends) else 0
+    index = np.arange(total) + np.repeat(first - (ends - count), count)
+    return owner, index
