@@ -96,7 +96,7 @@ class SimulatedProber:
     def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         return [self._touched(probe, placing) for probe in grip]
 
-    def tip_load(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
+    def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         return [self._press(probe, placing) for probe in contacts]
 
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
