@@ -44,7 +44,8 @@ def open_rig(path: PathLike | None = None, *, seed: int = 0, calibration: bool =
     `seed` draws an emulated rig's hidden errors and what lies on its table. `calibration`: False to leave the
     one beside the rig file alone. No port is opened yet. Raises InputError if a file is wrong.
     """
-    return Rig(load_calibrated(None if path is None else Path(path), calibration=calibration), seed)
+    file = None if path is None else Path(path)
+    return Rig(load_calibrated(file, calibration=calibration), file, seed)
 
 
 class Rig:
@@ -53,9 +54,10 @@ class Rig:
     Nothing is connected between two calls: torque is off then, and hands may reach in.
     """
 
-    def __init__(self, on_bench: RigOnBench, seed: int = 0) -> None:
+    def __init__(self, on_bench: RigOnBench, path: Path | None, seed: int) -> None:
         """`open_rig` makes one."""
         self._on_bench = on_bench
+        self._path = path
         self._seed = seed
         self._runs = 0
         self._open = ExitStack()
@@ -73,7 +75,7 @@ class Rig:
     @property
     def path(self) -> Path | None:
         """Where the rig file is; None for the shipped one."""
-        return self._on_bench.path if isinstance(self._on_bench.path, Path) else None
+        return self._path
 
     @property
     def emulated(self) -> bool:

@@ -33,12 +33,19 @@ __all__ = [
 FLAT = "flat"
 """Name of the only state of an object given in the short form."""
 
+_SHOWN = 8  # names in a repr
+
 
 @dataclass(frozen=True, slots=True)
 class ObjectsFile:
     """A catalogue of objects with different names, in the file's order."""
 
     objects: tuple[ObjectModel, ...]
+
+    def __repr__(self) -> str:
+        names = ", ".join(model.name for model in self.objects[:_SHOWN])
+        more = f" and {len(self.objects) - _SHOWN} more" if len(self.objects) > _SHOWN else ""
+        return f"<ObjectsFile {names}{more}>"
 
 
 def load_objects(source: Source) -> ObjectsFile:

@@ -27,6 +27,9 @@ class Polygon:
         """The outer ring and those of the holes."""
         return (self.outer, *self.holes)
 
+    def __repr__(self) -> str:
+        return f"<Polygon of {len(self.outer)} vertices, {len(self.holes)} holes>"
+
 
 @dataclass(frozen=True, slots=True)
 class Section:
@@ -79,3 +82,8 @@ class ObjectModel:
     name: str
     states: tuple[State, ...]
     tolerance_mm: float = 0.0
+
+    def __repr__(self) -> str:
+        names = ", ".join(state.name for state in self.states[:4])
+        more = f" and {len(self.states) - 4} more" if len(self.states) > 4 else ""
+        return f"<ObjectModel {self.name}: {names}{more}; tolerance {self.tolerance_mm:g} mm>"

@@ -1,0 +1,194 @@
+"""The front door: what `import palpate` offers does what the commands do, and leaves torque off."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from command import run, torque_writes
+
+import palpate
+from palpate.config.writers import file_text
+from palpate.rig.identification.observers import Event, TouchEvent
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+NOT_COMPARED = ("wall_seconds", "session")
+
+
+def program(*words: str | Path, cwd: Path, expect: int = 0) -> str:
+    """Run Python with these arguments, as a user would; returns its standard output."""
+    done = subprocess.run([sys.executable, *words], cwd=cwd, capture_output=True, text=True, check=False)
+    assert done.returncode == expect, done.stderr
+    return done.stdout
+
+
+def bytes_sent(session: Path, port: str) -> bytes:
+    """What a session's log says was sent to a port."""
+    import base64
+
+    lines = [json.loads(line) for line in (session / "session.jsonl").read_text().splitlines()]
+    sent = [item for item in lines if item["event"] == "bytes" and item["direction"] == "sent"]
+    return b"".join(base64.b64decode(item["base64"]) for item in sent if item["port"] == port)
+
+
+def test_importing_is_quick_and_every_name_is_there(tmp_path: Path) -> None:
+    code = (
+        "import sys, palpate; print('numpy' in sys.modules, all(getattr(palpate, n) for n in dir(palpate)))"
+    )
+    assert program("-W", "error", "-c", code, cwd=tmp_path).split() == ["False", "True"]
+    with pytest.raises(AttributeError, match="no_such_name"):
+        palpate.no_such_name  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_the_module_is_the_command(tmp_path: Path) -> None:
+    assert program("-m", "palpate", "--version", cwd=tmp_path) == f"palpate {palpate.__version__}\n"
+
+
+def test_five_lines_give_the_answer_of_the_command(tmp_path: Path) -> None:
+    with palpate.open_rig(seed=7) as rig:
+        answer = rig.identify()
+    told = json.loads(run("identify", "--seed", 7, "--json", cwd=tmp_path).out)
+    here = json.loads(answer.to_json())
+    assert {k: v for k, v in here.items() if k not in NOT_COMPARED} == {
+        k: v for k, v in told.items() if k not in NOT_COMPARED
+    }
+    assert answer.session is None
+    assert (answer.object, answer.verdict) == (told["object"], told["verdict"])
+    assert answer.bounds is not None
+    assert list(answer.bounds.x) == told["bounds"]["x"]
+    assert "<svg" in answer._repr_svg_()
+
+
+def test_each_run_on_one_rig_draws_the_next_part_and_replays(tmp_path: Path) -> None:
+    events: list[Event] = []
+    with palpate.open_rig(seed=3) as rig:
+        first, second = (rig.identify(sessions=tmp_path, on_event=events.append) for _ in range(2))
+        again = palpate.open_rig(seed=3)
+        assert again.identify().to_json() != second.to_json()
+    assert sum(isinstance(event, TouchEvent) for event in events) == first.result.grips + second.result.grips
+    assert first.session != second.session
+    for answer in (first, second):
+        assert answer.result.truth is not None
+        assert answer.result.truth.inside_bounds
+        assert answer.session is not None
+        replayed = palpate.open_session(answer.session).replay()
+        assert (replayed.difference, replayed.complete) == (None, True)
+
+
+def test_reprs_are_one_short_line(tmp_path: Path) -> None:
+    rig, objects = palpate.open_rig(seed=7), palpate.load_objects()
+    answer = rig.identify(objects, sessions=tmp_path)
+    with rig.watch(["f1"]) as monitor:
+        values = [
+            rig,
+            objects,
+            objects.objects[0],
+            answer,
+            palpate.recognise(objects, EXAMPLES / "contacts.json"),
+            rig.plan(objects, EXAMPLES / "contacts.json"),
+            rig.check(),
+            palpate.open_session(answer.session or ""),
+            palpate.list_objects(rig.file, objects),
+            monitor,
+        ]
+    for value in values:
+        assert "\n" not in repr(value)
+        assert len(repr(value)) < 250
+
+
+@pytest.mark.parametrize(
+    ("load", "source"),
+    [
+        (palpate.load_objects, None),
+        (palpate.load_rig, None),
+        (palpate.load_rig, EXAMPLES / "two-link-rig.toml"),
+        (palpate.load_rig, EXAMPLES / "real-rig.toml"),
+        (palpate.load_contacts, EXAMPLES / "contacts.json"),
+        (palpate.load_scene, EXAMPLES / "scene.json"),
+        (palpate.load_references, None),
+    ],
+)
+def test_what_is_saved_loads_as_the_same_value(load: object, source: Path | None, tmp_path: Path) -> None:
+    value = load(source)  # type: ignore[operator]
+    palpate.save(value, tmp_path / "file")
+    assert file_text(load(tmp_path / "file")) == file_text(value)  # type: ignore[operator]
+    with pytest.raises(TypeError, match="int"):
+        palpate.save(3, tmp_path / "other")  # type: ignore[arg-type]
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_signal_that_would_end_a_script_switches_torque_off_first(tmp_path: Path) -> None:
+    code = f"""
+import os, palpate
+from palpate.rig.identification.observers import TouchEvent
+
+def stop(event):
+    if isinstance(event, TouchEvent):
+        os.kill(os.getpid(), {int(signal.SIGTERM)})
+
+palpate.open_rig(seed=7).identify(sessions=".", on_event=stop)
+"""
+    program("-W", "error", "-c", code, cwd=tmp_path, expect=128 + signal.SIGTERM)
+    (session,) = tmp_path.glob("identify-*")
+    switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
+    assert switched
+    assert set(switched.values()) == {0}, "the last write to each servo"
+
+
+def test_handlers_of_signals_are_as_before() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
+    with palpate.open_rig() as rig:
+        rig.check()
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)] == before
+
+
+def test_an_observer_that_raises_ends_the_run_in_order(tmp_path: Path) -> None:
+    def fail(event: Event) -> None:
+        raise RuntimeError("out of paper")
+
+    with pytest.raises(palpate.OutputError, match="out of paper"):
+        palpate.open_rig(seed=7).identify(sessions=tmp_path, on_event=fail)
+    (session,) = tmp_path.iterdir()
+    switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
+    assert set(switched.values()) == {0}
+
+
+def test_the_shipped_rig_is_not_calibrated_and_says_what_to_do() -> None:
+    with pytest.raises(palpate.InputError, match="copy its rig file"):
+        palpate.open_rig().calibrate()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_ten_parts_in_a_row(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / "identify_ten.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "10 of 10 identified" in done.stdout
+    assert len(os.listdir(tmp_path / "palpate-sessions")) == 10
+
+
+def test_contacts_only(tmp_path: Path) -> None:
+    script, contacts = EXAMPLES / "recognise_contacts.py", EXAMPLES / "contacts.json"
+    assert "unique: 1 hypotheses" in program(script, contacts, cwd=tmp_path)
+
+
+@pytest.mark.slow
+def test_the_notebook_runs_from_the_first_cell_to_the_last(tmp_path: Path) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(EXAMPLES / "identify.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", [])]
+    assert any("image/svg+xml" in output.get("data", {}) for output in outputs)
+    assert not any(output["output_type"] == "error" for output in outputs)
