@@ -1,5 +1,6 @@
 """What holds for every test: reproducible properties, and nothing left running behind a test."""
 
+import signal
 import threading
 from collections.abc import Iterator
 
@@ -8,6 +9,18 @@ from hypothesis import settings
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def children_heed_signals() -> Iterator[None]:
+    """Signals that nohup or a shell's `&` set to be ignored would stay so in every command under test."""
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    ignored = [number for number in numbers if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, lambda *_: None)  # handlers, unlike SIG_IGN, do not outlive exec
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(autouse=True)
