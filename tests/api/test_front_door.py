@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pytest
 from command import run, torque_writes
+from repository import EXAMPLES
 
 import palpate
 from palpate.config.writers import file_text
 from palpate.rig.identification.observers import Event, TouchEvent
 
-ROOT = Path(__file__).resolve().parents[2]
-EXAMPLES = ROOT / "examples"
 NOT_COMPARED = ("wall_seconds", "session")
 
 

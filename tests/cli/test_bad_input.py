@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from command import Ended, run, run_here
+from repository import EXAMPLES
 
 from palpate.config import shipped_objects, shipped_rig
 
@@ -151,7 +152,7 @@ def test_contacts_that_cannot_be_used(here: Here, tmp_path: Path) -> None:
 
 
 def test_a_scene_on_a_real_rig(here: Here, tmp_path: Path) -> None:
-    real = Path(__file__).parents[2] / "examples" / "real-rig.toml"
+    real = EXAMPLES / "real-rig.toml"
     (tmp_path / "scene.json").write_text(scene_text())
     refused(here("identify", "--rig", real, "--scene", "scene.json"), "--scene", "real devices")
     refused(here("emulate", "--rig", real), "nothing to emulate")
@@ -181,7 +182,7 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
     refused(ended, "no/such/folder/made.svg", "cannot be written")
     refused(run("emulate", "--rig-out", "no/such/rig.toml", "--for", 1, cwd=tmp_path), "no/such/rig.toml")
     recognised = ("recognize", "--objects", shipped_objects(), "--contacts")
-    felt = Path(__file__).parents[2] / "examples" / "contacts.json"
+    felt = EXAMPLES / "contacts.json"
     refused(run(*recognised, felt, "--picture", "file/x.svg", cwd=tmp_path), "file/x.svg")
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 from command import run_here
+from repository import EXAMPLES
 from rich.console import Console
 
 from palpate.calibration.reference import ReferenceDisc, ReferencePlate
 from palpate.cli.commissioning.reference_placement import ConsoleTable
 from palpate.errors import InputError
 
-ROOT = Path(__file__).parents[2]
-FRESH = ROOT / "examples" / "fresh-rig.toml"
+FRESH = EXAMPLES / "fresh-rig.toml"
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_what_cannot_be_calibrated_is_refused_before_anything_moves(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    text = (ROOT / "examples" / rig_file).read_text(encoding="utf-8")
+    text = (EXAMPLES / rig_file).read_text(encoding="utf-8")
     path = tmp_path / "rig.toml"
     path.write_text(text if change is None else text.replace(*change), encoding="utf-8")
     ended = run_here(["calibrate", "--rig", path, "--yes"], monkeypatch, capsys)

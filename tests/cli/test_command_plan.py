@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from command import Ended, run_here
 from json_schema import violations
+from repository import EXAMPLES
 from shapely_bench import (
     SHIPPED_OBJECTS,
     Placed,
@@ -367,7 +368,7 @@ def test_a_picture_that_cannot_be_written_is_one_line(ask: Ask, tmp_path: Path) 
 
 
 def test_the_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    example = Path(__file__).parents[2] / "examples" / "first-grip.json"
+    example = EXAMPLES / "first-grip.json"
     found = told(run_here(["plan", "--contacts", example, "--json"], monkeypatch, capsys))
     assert [item["object"] for item in found["hypotheses"]] == ["hand", "hand"]
     assert found["approaches"]

@@ -10,6 +10,7 @@ import pytest
 from command import run_here
 from json_schema import violations
 from motor_wire import MotorWire, Person
+from repository import EXAMPLES
 
 from palpate.cli.commissioning.setup_motors import set_up_motors
 from palpate.config import load_rig, shipped_rig
@@ -18,7 +19,6 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.errors import DeviceError, InputError
 
 RIG = load_rig(shipped_rig())
-ROOT = Path(__file__).parents[2]
 FACTORY_CODE = 1  # 57,600
 IDS = (11, 12, 21, 22, 31, 32)
 
@@ -250,7 +250,7 @@ def test_a_port_that_is_not_there(bench: Callable[[list[EmulatedServo]], Bench])
 def test_a_force_that_the_servo_does_not_have(
     bench: Callable[[list[EmulatedServo]], Bench], tmp_path: Path
 ) -> None:
-    text = (ROOT / "examples" / "real-rig.toml").read_text(encoding="utf-8")
+    text = (EXAMPLES / "real-rig.toml").read_text(encoding="utf-8")
     (tmp_path / "rig.toml").write_text(text.replace("max_force_n = 6.0", "max_force_n = 190.0"))
     rig = load_rig(tmp_path / "rig.toml")
     with pytest.raises(InputError, match=r"^right slide: a current of .* max_force_n"):

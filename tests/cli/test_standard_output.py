@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, log_events
+from repository import EXAMPLES
 
 from palpate.config import shipped_rig
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
 def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:

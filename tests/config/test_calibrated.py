@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 from calibrations import empty_calibration, full_calibration
+from repository import EXAMPLES
 
 from palpate.config import (
     RigFile,
@@ -14,7 +15,6 @@ from palpate.config import (
 )
 from palpate.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[2]
 BENCH = shipped_rig().read_text(encoding="utf-8")
 RIG = load_rig(shipped_rig())
 
@@ -29,7 +29,7 @@ def rig_with(folder: Path, *changes: tuple[str, str]) -> RigFile:
     return load_rig(file)
 
 
-@pytest.mark.parametrize("source", [shipped_rig(), *sorted((ROOT / "examples").glob("*rig.toml"))])
+@pytest.mark.parametrize("source", [shipped_rig(), *sorted((EXAMPLES).glob("*rig.toml"))])
 def test_an_empty_calibration_changes_nothing(source: Path) -> None:
     rig = load_rig(source)
     file = empty_calibration(rig)
@@ -146,7 +146,7 @@ def test_a_calibration_of_another_rig_is_refused(
 
 
 def test_arms_have_no_slides_to_calibrate() -> None:
-    arms = load_rig(ROOT / "examples" / "two-link-rig.toml")
+    arms = load_rig(EXAMPLES / "two-link-rig.toml")
     slides = full_calibration(RIG).fingers
     names = [finger.name for finger in arms.fingers]
     renamed = [item.model_copy(update={"name": name}) for item, name in zip(slides, names, strict=True)]

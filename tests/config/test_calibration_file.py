@@ -10,13 +10,13 @@ from calibrations import empty_calibration, full_calibration
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
+from repository import ROOT
 
 from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig, shipped_rig
 from palpate.config.calibration_numbers import Measured, UpLength
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[2]
 RIG = load_rig(shipped_rig())
 TEXT = calibration_toml(full_calibration(RIG))
 

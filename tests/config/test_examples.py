@@ -1,15 +1,14 @@
 """The examples tell one story: `contacts.json` was felt on the part that `scene.json` puts on the bench."""
 
 import math
-from pathlib import Path
 
 import pytest
 import shapely
+from repository import EXAMPLES
 from shapely import affinity
 
 from palpate.config import ContactEntry, load_contacts, load_objects, load_scene, shipped_objects
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CONTACTS = [contact for grip in load_contacts(EXAMPLES / "contacts.json").grips for contact in grip.contacts]
 
 

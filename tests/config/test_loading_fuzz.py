@@ -11,11 +11,11 @@ import pytest
 import tomlkit
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from repository import EXAMPLES
 
 from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
 from palpate.errors import InputError
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 QUICK = settings(max_examples=120, deadline=None, derandomize=True)
 
 scalars = st.one_of(

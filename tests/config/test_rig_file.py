@@ -4,16 +4,16 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from repository import EXAMPLES, ROOT
 
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import FORMATS, schema_text
 from palpate.errors import InputError
 
-ROOT = Path(__file__).resolve().parents[2]
 BENCH = shipped_rig().read_text(encoding="utf-8")
-ARMS = (ROOT / "examples" / "two-link-rig.toml").read_text(encoding="utf-8")
-FRESH = (ROOT / "examples" / "fresh-rig.toml").read_text(encoding="utf-8")
-REAL = (ROOT / "examples" / "real-rig.toml").read_text(encoding="utf-8")
+ARMS = (EXAMPLES / "two-link-rig.toml").read_text(encoding="utf-8")
+FRESH = (EXAMPLES / "fresh-rig.toml").read_text(encoding="utf-8")
+REAL = (EXAMPLES / "real-rig.toml").read_text(encoding="utf-8")
 
 
 def refusal(folder: Path, text: str) -> str:
@@ -66,7 +66,7 @@ def test_a_search_key_by_both_names_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_example_with_arms_is_emulated_and_has_three() -> None:
-    rig = load_rig(ROOT / "examples" / "two-link-rig.toml")
+    rig = load_rig(EXAMPLES / "two-link-rig.toml")
     assert rig.emulated
     assert [finger.type for finger in rig.fingers] == ["two-link"] * 3
     ids = [[servo.dxl_id for servo in finger.servos.values()] for finger in rig.fingers]
@@ -74,13 +74,13 @@ def test_the_example_with_arms_is_emulated_and_has_three() -> None:
 
 
 def test_the_example_of_a_fresh_rig_is_emulated_and_knows_its_stops() -> None:
-    rig = load_rig(ROOT / "examples" / "fresh-rig.toml")
+    rig = load_rig(EXAMPLES / "fresh-rig.toml")
     assert rig.emulated
     assert [finger.slide.stops_mm for finger in rig.fingers] == [(43.0, 255.0)] * 3
 
 
 def test_the_example_of_a_real_rig_is_accepted() -> None:
-    rig = load_rig(ROOT / "examples" / "real-rig.toml")
+    rig = load_rig(EXAMPLES / "real-rig.toml")
     assert not rig.emulated
     assert rig.fingers[1].slide.mm_per_turn == -100.53
 

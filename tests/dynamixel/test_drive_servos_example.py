@@ -8,13 +8,13 @@ import time
 from pathlib import Path
 
 import pytest
+from repository import EXAMPLES, ROOT
 
 from palpate.drivers import Bus, MonotonicClock, open_port
 from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
 from palpate.testing import served
 
-ROOT = Path(__file__).resolve().parents[2]
-EXAMPLE = ROOT / "examples" / "drive_servos.py"
+EXAMPLE = EXAMPLES / "drive_servos.py"
 PAGE = ROOT / "docs" / "servo-bus.md"
 IDS = (11, 12, 21, 22, 31, 32)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from repository import ROOT
 from served_servos import BAUD, Served, served_servos
 
 from palpate.drivers.dynamixel import Bus, PortFailed, Servo, disable_torque
@@ -22,7 +23,7 @@ from palpate.drivers.transport.port import open_port
 
 pytestmark = pytest.mark.realtime
 
-CLIENTS = Path(__file__).parents[1] / "clients"
+CLIENTS = ROOT / "tests" / "clients"
 OTHER = Path(sys.prefix) / "other"  # where `make` puts versions that cannot live beside the one we use
 IDS = ("5", "6", "7")
 GOALS = {5: 2600, 6: 1500, 7: 2300}

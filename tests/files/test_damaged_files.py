@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import trimesh
 from hostile_files import FIRST, SQUARE, SVG, dxf
+from repository import EXAMPLES
 from solids import ELL, prism
 
 from palpate.cad.readers import read_drawings, read_solids
@@ -17,7 +18,6 @@ from palpate.config.calibration_file import load_calibration
 from palpate.errors import InputError
 from palpate.rig.session.log_reader import read_session
 
-ROOT = Path(__file__).parents[2]
 LINE = '{"t_s":0.1,"event":"bytes","port":"a","direction":"sent","base64":"AA==","calls":"t1~2.z"}\n'
 CIRCLE = "0\nCIRCLE\n8\n0\n10\n50\n20\n50\n40\n9\n"
 PATH = '<path d="M1 1 H9 V9 A3 4 5 0 1 2 7 Z" transform="scale(2)"/>'
@@ -49,8 +49,8 @@ def mesh(kind: str) -> Callable[[], bytes]:
 READERS: dict[str, tuple[Callable[[Path], object], Callable[[], bytes]]] = {
     "a.toml": (load_rig, shipped_rig().read_bytes),
     "b.json": (load_objects, shipped_objects().read_bytes),
-    "c.json": (load_contacts, (ROOT / "examples" / "contacts.json").read_bytes),
-    "d.json": (load_scene, (ROOT / "examples" / "scene.json").read_bytes),
+    "c.json": (load_contacts, (EXAMPLES / "contacts.json").read_bytes),
+    "d.json": (load_scene, (EXAMPLES / "scene.json").read_bytes),
     "e.log": (session, (FIRST + LINE * 20).encode),
     "f.stl": (solid, mesh("stl")),
     "g.stl": (solid, mesh("stl_ascii")),

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 import pytest
+from repository import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = tuple(sorted(path.name for path in (ROOT / "src" / "palpate").iterdir() if path.is_symlink()))
 MODULES = sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py"))
 MODULES += sorted((ROOT / "src" / "palpate").glob("*.py"))

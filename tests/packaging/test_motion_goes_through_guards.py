@@ -1,9 +1,8 @@
 """Nothing moves, and no time passes while something may move, but through the guarded loop."""
 
 import ast
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from repository import ROOT
 
 
 def calls(folder: str) -> list[tuple[str, str]]:

@@ -16,10 +16,10 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from repository import EXAMPLES, ROOT
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = tuple(sorted(path.name for path in (ROOT / "src" / "palpate").iterdir() if path.is_symlink()))
 LEFT_OUT = {"build", "dist", "__pycache__"}
 
@@ -170,7 +170,7 @@ def test_console_script_is_installed_and_helps(clean: Path) -> None:
 def with_plugin(clean: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the example plug-in, installed beside palpate; returns the copy."""
     copy = tmp_path_factory.mktemp("plugin") / "array_plugin"
-    shutil.copytree(ROOT / "examples" / "array_plugin", copy)
+    shutil.copytree(EXAMPLES / "array_plugin", copy)
     pip = (sys.executable, "-m", "pip", "--python", clean / "bin" / "python", "--disable-pip-version-check")
     run(*pip, "install", "--no-deps", "--no-index", "--no-build-isolation", copy, cwd=clean)
     return copy

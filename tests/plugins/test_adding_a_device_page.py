@@ -1,9 +1,9 @@
 """docs/adding-a-device.md: its links lead somewhere, and its programs are those of the example."""
 
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from repository import EXAMPLES, ROOT
+
 PAGE = ROOT / "docs" / "adding-a-device.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 
@@ -14,7 +14,7 @@ def lines_of(text: str) -> str:
 
 
 def test_programs_on_the_page_are_those_of_the_example() -> None:
-    example = ROOT / "examples" / "array_plugin"
+    example = EXAMPLES / "array_plugin"
     files = [path.read_text(encoding="utf-8") for path in (*example.rglob("*.py"), *example.glob("*.toml"))]
     blocks = re.findall(r"```(?:python|toml)\n(.*?)```", TEXT, re.DOTALL)
     assert len(blocks) >= 4

@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 from command import run_here
 from plugin_folder import install
+from repository import EXAMPLES
 
 from palpate.extensions import TACTILE_ARRAYS
 from palpate.testing import ArrayConformance, rig_with_arrays
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "array_plugin"
+EXAMPLE = EXAMPLES / "array_plugin"
 BROKEN = {
     "absent": ("no_such_module:ARRAY", "no_such_module"),
     "nameless": ("line_array:NOTHING", "NOTHING"),

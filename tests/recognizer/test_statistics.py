@@ -3,13 +3,13 @@
 import importlib.util
 import math
 from itertools import product
-from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 import shapely
 from exact_pockets import hold
+from repository import ROOT
 from shapely import affinity
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
@@ -25,7 +25,7 @@ BENT = [(-31, -22), (3, -28), (34, -17), (29, 6), (12, 2), (16, 27), (-5, 31), (
 
 def memo_tables() -> ModuleType:
     """The benchmark, which no package holds."""
-    path = Path(__file__).parents[2] / "benchmarks" / "memo_tables.py"
+    path = ROOT / "benchmarks" / "memo_tables.py"
     spec = importlib.util.spec_from_file_location("memo_tables", path)
     assert spec is not None
     assert spec.loader is not None

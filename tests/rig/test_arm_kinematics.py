@@ -1,12 +1,12 @@
 """Two-link arms: what the host computes, against mechanics that are written apart from it."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from repository import EXAMPLES
 
 from palpate.config import ArmFingerConfig, load_rig
 from palpate.drivers.emulators.mechanics import ArmMechanics, ArmTruth, JointTruth
@@ -15,7 +15,7 @@ from palpate.drivers.finger import TICK_RAD, Line
 from palpate.drivers.two_link import ArmKinematics
 from palpate.rig.conversion import arm_kinematics
 
-ARMS = load_rig(Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml")
+ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 
 
 def arm() -> tuple[ArmFingerConfig, ArmKinematics]:

@@ -1,11 +1,11 @@
 """What is not measured yet widens the bounds of what is felt: enough for the truth, and hardly more."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from emulated_session import emulated_session
+from repository import EXAMPLES
 from touched import run_checked
 
 from palpate.config import (
@@ -29,7 +29,6 @@ from palpate.rig.conversion import (
 )
 from palpate.rig.reach.approaches import reach_of
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 BENCH = load_rig(shipped_rig())
 

@@ -1,8 +1,9 @@
 """Seeded grips of every kind, simulated with shapely alone.
 
-Shared by tests/recognizer/test_campaign.py and benchmarks/campaign.py. A trial (object, configuration, grip)
-depends on nothing but (seed, index), so that each can be repeated alone. Nothing here is shared with the
-recogniser but the types in which it is asked and answers. What it answers is judged in campaign_checks.
+Shared by tests/recognizer/test_recognition_campaign.py and benchmarks/campaign.py. A trial (object,
+configuration, grip) depends on nothing but (seed, index), so that each can be repeated alone. Nothing here is
+shared with the recogniser but the types in which it is asked and answers. What it answers is judged in
+campaign_checks.
 """
 
 import math

@@ -1,10 +1,9 @@
 """The table of docs/safety.md, written from the fault matrix."""
 
-from pathlib import Path
-
 from fault_rows import FAULTS
+from repository import ROOT
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "safety.md"
+PAGE = ROOT / "docs" / "safety.md"
 _BEGIN, _END = "<!-- fault matrix: begin -->\n", "<!-- fault matrix: end -->"
 
 

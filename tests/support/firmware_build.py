@@ -4,9 +4,11 @@ import fcntl
 import subprocess
 from pathlib import Path
 
+from repository import ROOT
+
 __all__ = ["FIRMWARE", "build_firmware"]
 
-FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
+FIRMWARE = ROOT / "firmware"
 
 
 def build_firmware(target: str = "all") -> Path:

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from repository import EXAMPLES
+
 from palpate.config import shipped_objects, shipped_rig
 
 __all__ = ["CASES", "FIRST", "SQUARE", "SVG", "Case", "dxf"]
 
-ROOT = Path(__file__).parents[2]
-CONTACTS = ROOT / "examples" / "contacts.json"
+CONTACTS = EXAMPLES / "contacts.json"
 OBJECTS = shipped_objects().read_text(encoding="utf-8")
 RIG = shipped_rig().read_text(encoding="utf-8")
 

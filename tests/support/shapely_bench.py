@@ -9,6 +9,7 @@ from typing import ParamSpec
 
 import numpy as np
 import shapely
+from repository import ROOT
 from shapely import affinity, ops
 
 from palpate.geometry import ObjectModel, Polygon, Section, State
@@ -16,7 +17,7 @@ from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.hypotheses import Hypothesis
 from palpate.recognizer.recognition import Recognition
 
-SHIPPED_OBJECTS = Path(__file__).parents[2] / "config" / "objects" / "memo.json"
+SHIPPED_OBJECTS = ROOT / "config" / "objects" / "memo.json"
 
 MOST_DRAWS = 50
 

@@ -8,11 +8,12 @@ import os
 from pathlib import Path
 
 import pytest
+from repository import ROOT
 
 __all__ = ["SHARED_OUTLINES", "cad_file", "needs_shared_outlines"]
 
 _VARIABLE = "PALPATE_SHARED_DATA"
-_FOLDER = Path(os.environ.get(_VARIABLE) or Path(__file__).parents[3] / "shared" / "data")
+_FOLDER = Path(os.environ.get(_VARIABLE) or ROOT.parent / "shared" / "data")
 
 SHARED_OUTLINES = _FOLDER / "outlines" / "classic.json"
 """Outlines of cut parts as an objects file."""

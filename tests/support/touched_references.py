@@ -7,16 +7,16 @@ faces joined by circles round the corners. Shares with the code under test only 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
+from repository import EXAMPLES
 
 from palpate.calibration.finger_fit import FingerModel, ReferencePlacement, Touches
 from palpate.calibration.reference import Reference, ReferenceDisc, ReferencePlate
 from palpate.config import SlideFingerConfig, load_rig
 from palpate.geometry import Floats
 
-FRESH = load_rig(Path(__file__).resolve().parents[2] / "examples" / "fresh-rig.toml")
+FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 SPECS = [finger for finger in FRESH.fingers if isinstance(finger, SlideFingerConfig)]
 
 DISC = ReferenceDisc("disc", 25.0)

@@ -8,9 +8,9 @@ import struct
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 
 from cobs import cobs
+from repository import ROOT
 
 __all__ = [
     "ACK",
@@ -35,7 +35,7 @@ __all__ = [
     "split",
 ]
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "tactile-protocol.md"
+PAGE = ROOT / "docs" / "tactile-protocol.md"
 HELLO, START, STOP, RATE, TARE, SELF_TEST, GEOMETRY = range(1, 8)
 DESCRIBE, ACK, NACK, REPORT, TAXELS, FRAME = 0x81, 0x82, 0x83, 0x84, 0x85, 0x90
 _HEADER = struct.Struct("<BBHIQH")

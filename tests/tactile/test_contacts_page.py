@@ -1,14 +1,14 @@
 """The program in docs/contacts.md runs as it stands, and says what the page says."""
 
 import re
-from pathlib import Path
 
 import pytest
+from repository import ROOT
 
 from palpate.drivers.tactile.contact import PatchFlag
 from palpate.drivers.tactile.patches import ContactPatch
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "contacts.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "contacts.md").read_text(encoding="utf-8")
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 
 

@@ -3,12 +3,12 @@
 import re
 import zlib
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 from cobs import cobs
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from repository import ROOT
 from tactile_bodies import bodies, frames, u16, u32, u64
 from tactile_vectors import (
     BAD,
@@ -37,7 +37,7 @@ from palpate.drivers.tactile.messages import (
 )
 from palpate.drivers.tactile.protocol import MAX_ENCODED, DecodeFault, Decoder, FaultKind, encode
 
-DOC = Path(__file__).parents[2] / "docs" / "tactile-protocol.md"
+DOC = ROOT / "docs" / "tactile-protocol.md"
 
 
 def test_crc_check_value() -> None:

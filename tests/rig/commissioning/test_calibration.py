@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 
 from palpate.calibration.gauge import BasePose, align_to_nominal
@@ -26,7 +27,7 @@ from palpate.config.shipped import shipped_references
 from palpate.errors import InputError, OutputError
 from palpate.rig.commissioning.calibration import STEPS, CalibrationJob, ConnectedRig, calibrate
 
-FRESH = Path(__file__).parents[2] / "examples" / "fresh-rig.toml"
+FRESH = EXAMPLES / "fresh-rig.toml"
 MADE = datetime(2026, 11, 22, tzinfo=UTC)
 
 

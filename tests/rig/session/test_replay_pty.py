@@ -11,12 +11,11 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, log_events, run
+from repository import EXAMPLES
 
 from palpate.config import shipped_rig
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
 @contextmanager

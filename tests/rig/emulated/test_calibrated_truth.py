@@ -2,10 +2,10 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import EXAMPLES
 
 from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.drivers.emulators.mechanics import FingerTruth
@@ -13,7 +13,7 @@ from palpate.rig.emulated.calibrated_truth import in_hand_frame
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
 
-FRESH = load_rig(Path(__file__).resolve().parents[2] / "examples" / "fresh-rig.toml")
+FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 PLACEMENT = draw_placement(load_objects(shipped_objects()), 20.0, np.random.default_rng(4))
 
 

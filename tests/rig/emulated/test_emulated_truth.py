@@ -1,10 +1,10 @@
 """What emulated rigs draw: within what is declared, up to it, and apart from what seeds drew before."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import EXAMPLES
 
 from palpate.config import ArmFingerConfig, SlideFingerConfig, load_rig, shipped_rig
 from palpate.drivers.emulators.mechanics import FingerTruth
@@ -12,7 +12,6 @@ from palpate.errors import InputError
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.emulated_truth import dead_taxels, start_angles_rad
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
 BENCH = load_rig(shipped_rig())
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from odd_parts import OUTLINE, objects_file, part
+from repository import EXAMPLES
 from shapely_bench import Placed
 from simulated_touches import SimulatedTouches
 
@@ -24,7 +25,6 @@ from palpate.rig.identification.loop import search
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 BENCH = load_rig(shipped_rig())
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 RIGS = {"shipped": BENCH, "arms": ARMS}

@@ -2,13 +2,13 @@
 
 import math
 import tomllib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
+from repository import EXAMPLES
 from touch_check import check_touch
 
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
@@ -22,7 +22,7 @@ from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "two-link-rig.toml"
+EXAMPLE = EXAMPLES / "two-link-rig.toml"
 ARMS = load_rig(EXAMPLE)
 REACH = reach_of(ARMS)
 

@@ -11,13 +11,13 @@ import pytest
 from command import Ended, run_here
 from json_schema import violations
 from odd_parts import objects_file, part, scene_file
+from repository import EXAMPLES
 
 from palpate.config import load_objects, load_rig, load_scene, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.rig.emulated.scene import Placement, placement_of
 from palpate.rig.emulated.scene_reachability import scene_lines
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RIGS = {"shipped": shipped_rig(), "arms": EXAMPLES / "two-link-rig.toml"}
 COMMANDS = ("objects check", "identify", "plan")
 REFUSED = {

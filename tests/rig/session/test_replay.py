@@ -14,6 +14,7 @@ import pytest
 from command import PALPATE, Ended, log_events, run, run_here
 from emulated_session import emulated_session
 from json_schema import violations
+from repository import EXAMPLES
 
 from palpate.config import shipped_rig
 from palpate.config.schema import schema_text
@@ -26,8 +27,6 @@ from palpate.rig.session.events import SessionEvents
 from palpate.rig.session.log import check_sum
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.replay import first_difference, replay_with
-
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 Here = Callable[..., Ended]
 

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from hypothesis import given
 from hypothesis import strategies as st
+from repository import EXAMPLES
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines
 from simulated_touches import SimulatedTouches
 
@@ -20,7 +20,6 @@ from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, p
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 RIG = load_rig(shipped_rig())
 REACH = reach_of(RIG)
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")

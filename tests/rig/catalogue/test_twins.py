@@ -10,6 +10,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from repository import EXAMPLES
 from scipy import ndimage
 from shapely import affinity
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
@@ -331,7 +332,7 @@ def test_the_shipped_rig_has_one_height_and_a_bound_for_its_contacts() -> None:
 
 
 def test_a_rig_whose_fingers_do_not_get_to_the_middle_has_no_bound() -> None:
-    rig = load_rig(Path(__file__).parents[2] / "examples" / "two-link-rig.toml")
+    rig = load_rig(EXAMPLES / "two-link-rig.toml")
     assert rig_fingers(rig).bound_mm > 0
     far = [finger.model_copy(update={"base_mm": (2000.0, 0.0)}) for finger in rig.fingers]
     with pytest.raises(InputError, match="no finger gets to the middle"):
