@@ -10,7 +10,7 @@ from palpate.config.results import BoundsOut, ConfigurationOut, to_json
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue, Hypothesis, Recognition
 from palpate.recognizer.explanation import ObjectExplanation, explain_object
-from palpate.recognizer.statistics import MemoCounts
+from palpate.recognizer.memo_statistics import MemoCounts
 from palpate.rig.catalogue.reachability_text import untouched_lines
 from palpate.rig.identification.next_grip import Planned
 from palpate.rig.session.run import IdentificationRun

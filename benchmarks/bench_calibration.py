@@ -30,7 +30,7 @@ import numpy as np
 from scipy.stats import chi2, kstest
 
 from palpate.calibration.agreement import contact_uncertainties
-from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.calibration.run_record import RunRecord
 from palpate.config import CalibrationFile, apply_calibration, load_objects, load_rig, shipped_objects
 from palpate.config.references_file import load_references

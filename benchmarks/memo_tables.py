@@ -22,7 +22,7 @@ from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place
 
 from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue, Contact
-from palpate.recognizer.statistics import MemoCounts, memo_counts
+from palpate.recognizer.memo_statistics import MemoCounts, memo_counts
 
 GRIPS = 25
 SEARCHED = 300

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.cad.dxf_walk import Walk
-from palpate.cad.extras import needed, readable
 from palpate.cad.loop_assembly import JOIN_MM, Sheet, Stroke, closed_loops
+from palpate.cad.optional_imports import needed, readable
+from palpate.cad.part_size import UNIT_MM
 from palpate.cad.ring_nesting import parts
-from palpate.cad.size import UNIT_MM
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
 from palpate.files import check_file

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from palpate.cad.connectivity import component_of
 from palpate.cad.curves import Curve, hull, joined_chords
-from palpate.cad.size import MAX_SIZE_MM
+from palpate.cad.part_size import MAX_SIZE_MM
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints
 

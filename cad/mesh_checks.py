@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 
 from palpate.cad.bodies import bodies
 from palpate.cad.connectivity import component_of
+from palpate.cad.part_size import MIN_SIZE_MM, size_problem
 from palpate.cad.self_crossing import ENOUGH, crossings
-from palpate.cad.size import MIN_SIZE_MM, size_problem
 from palpate.cad.surface import TriangleSurface, edge_keys, rounding, surface_of
 from palpate.cad.values import Solid
 from palpate.errors import InputError

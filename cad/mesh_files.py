@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from palpate.cad.extras import needed
 from palpate.cad.mesh_checks import check_solids
+from palpate.cad.optional_imports import needed
+from palpate.cad.part_size import UNIT_MM
 from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
-from palpate.cad.size import UNIT_MM
 from palpate.cad.values import Solid
 from palpate.errors import InputError
 from palpate.files import read_bytes

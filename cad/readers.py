@@ -7,7 +7,7 @@ The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_
 from pathlib import Path
 
 from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
-from palpate.cad.size import UNIT_MM
+from palpate.cad.part_size import UNIT_MM
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
 from palpate.cad.values import Drawing, Solid
 from palpate.errors import InputError

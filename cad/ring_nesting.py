@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 
 from palpate.cad.loop_assembly import Loop, Sheet
-from palpate.cad.size import size_problem
+from palpate.cad.part_size import size_problem
 from palpate.cad.values import Drawing, Region
 from palpate.errors import InputError
 from palpate.geometry import Floats, Ints

@@ -10,10 +10,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from palpate.cad.extras import needed
 from palpate.cad.mesh_checks import check_solids
+from palpate.cad.optional_imports import needed
+from palpate.cad.part_size import UNIT_MM
 from palpate.cad.scenes import distinct_shapes
-from palpate.cad.size import UNIT_MM
 from palpate.cad.surface import rounding
 from palpate.cad.values import Solid
 from palpate.errors import InputError

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from palpate.cad.curves import Arc, Curve, line, mapped
-from palpate.cad.extras import needed, readable
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
+from palpate.cad.optional_imports import needed, readable
 from palpate.cad.ring_nesting import parts
 from palpate.cad.svg_page import Page, bare_svg, page, parse_svg
 from palpate.cad.values import Drawing

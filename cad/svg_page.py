@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from palpate.cad.size import UNIT_MM
+from palpate.cad.part_size import UNIT_MM
 from palpate.cad.svg_unfolded import check_unfolded
 from palpate.errors import InputError
 from palpate.files import read_bytes

@@ -19,7 +19,7 @@ from palpate.calibration.finger_fit import (
     Touches,
     predict_residuals,
 )
-from palpate.calibration.gauge import align_to_nominal, fitted_poses, nominal_poses
+from palpate.calibration.gauge_freedom import align_to_nominal, fitted_poses, nominal_poses
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD

@@ -24,7 +24,13 @@ from palpate.calibration.finger_fit import (
     Touches,
 )
 from palpate.calibration.finger_model import zero_in_file_mm
-from palpate.calibration.gauge import BasePose, RigidMotion, align_to_nominal, fitted_poses, nominal_poses
+from palpate.calibration.gauge_freedom import (
+    BasePose,
+    RigidMotion,
+    align_to_nominal,
+    fitted_poses,
+    nominal_poses,
+)
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import SlideApproach
 from palpate.config import SlideFingerConfig

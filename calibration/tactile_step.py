@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 
 from palpate.calibration.finger_fit import FingerModel, ReferencePlacement
 from palpate.calibration.finger_model import finger_model, slide_in_contact
-from palpate.calibration.gains import fit_gains
 from palpate.calibration.idle import analyse_idle
 from palpate.calibration.press_levels import PressAtBearing
 from palpate.calibration.prober import Prober
 from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import locate_reference, probes_at_bearing
+from palpate.calibration.taxel_gains import fit_gains
 from palpate.config import SlideFingerConfig, TactileCalibration
 from palpate.drivers.dynamixel.models import model_named
 from palpate.drivers.tactile.messages import Description

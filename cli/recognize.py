@@ -11,7 +11,7 @@ from palpate.errors import counted
 from palpate.files.writing import write_text
 from palpate.recognizer import Hypothesis
 from palpate.recognizer.explanation import ObjectExplanation
-from palpate.recognizer.statistics import MemoCounts, memo_counts
+from palpate.recognizer.memo_statistics import MemoCounts, memo_counts
 from palpate.views.explanation import ContactRecord, explanation_lines, why_lines
 from palpate.vocabulary import RecognitionVerdict
 

@@ -5,7 +5,7 @@
 """
 
 from palpate.config import ArrayConfig, MountedArrayConfig
-from palpate.drivers.dynamixel.manual import COMMON_ITEMS, Access, Area, TableItem, table_of
+from palpate.drivers.dynamixel.emanual_tables import COMMON_ITEMS, Access, Area, TableItem, table_of
 from palpate.drivers.dynamixel.specifications import MotorConstants, ServoSpecification
 from palpate.drivers.emulators.bench import SampledArray
 from palpate.drivers.emulators.taxels import Taxels

@@ -17,7 +17,7 @@ from palpate.recognizer.edge_sets import outline_set, pairing_set
 from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
-from palpate.recognizer.strips import StripForest, strip_forest
+from palpate.recognizer.strip_trees import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, symmetry_order
 
 __all__ = ["Catalogue"]

@@ -14,7 +14,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays, in_object_frame, near_edges, offset_from_rays
 from palpate.recognizer.region import Cells
-from palpate.recognizer.strips import StripForest
+from palpate.recognizer.strip_trees import StripForest
 
 __all__ = ["Resolution", "TouchOutcomes", "similarity", "touch_outcomes"]
 

@@ -15,7 +15,7 @@ from palpate.geometry import Bools, Floats, Ints, Singles
 from palpate.geometry.segments import cross, distance_range
 from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet
-from palpate.recognizer.strips import strip_forest
+from palpate.recognizer.strip_trees import strip_forest
 from palpate.recognizer.tables import expand_ranges
 
 __all__ = ["PairTable"]

@@ -10,7 +10,7 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.region import Cells
-from palpate.recognizer.strips import StripForest
+from palpate.recognizer.strip_trees import StripForest
 from palpate.recognizer.tables import Table
 
 __all__ = [

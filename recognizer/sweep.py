@@ -17,7 +17,7 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays, rays_of, split_rays
 from palpate.recognizer.region import Cells
-from palpate.recognizer.strips import StripForest
+from palpate.recognizer.strip_trees import StripForest
 from palpate.recognizer.swept_edges import capsules_of
 
 __all__ = ["StopIntervals", "free_path_test", "path_outside_outline", "sweep"]

@@ -13,7 +13,7 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import capsule_interval
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Rays, near_edges, offset_from_rays
-from palpate.recognizer.strips import StripForest
+from palpate.recognizer.strip_trees import StripForest
 
 __all__ = ["Capsules", "capsules_of"]
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.guarded import ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
-from palpate.drivers.two_link import ArmKinematics
 from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Limits
 from palpate.rig.standby_geometry import on_circle
 

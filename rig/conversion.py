@@ -15,11 +15,11 @@ from palpate.config import (
     RigFile,
     SlideFingerConfig,
 )
+from palpate.drivers.arm_finger import ArmKinematics, Joint
 from palpate.drivers.finger import FingerKinematics, Line
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
-from palpate.drivers.two_link import ArmKinematics, Joint
 from palpate.errors import InputError
 from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Resolution
 

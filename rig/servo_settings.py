@@ -10,7 +10,7 @@ from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.errors import InputError
 from palpate.rig.drives import Limits
-from palpate.rig.stage import HostStage
+from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of
 
 __all__ = ["FingerSettings", "ServoSettings", "finger_settings", "servo_settings", "stage_settings"]

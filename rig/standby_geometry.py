@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from palpate.config import ARM_MARGIN_MM, ArmFingerConfig, SlideFingerConfig
-from palpate.drivers.two_link import ArmKinematics
+from palpate.drivers.arm_finger import ArmKinematics
 from palpate.rig.conversion import slide_kinematics
 
 __all__ = ["is_steady", "on_circle", "wait_distance_mm", "wait_radius_mm"]

@@ -13,7 +13,7 @@ import pytest
 
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import ITEMS, OperatingMode
-from palpate.drivers.dynamixel.manual import Access
+from palpate.drivers.dynamixel.emanual_tables import Access
 from palpate.drivers.dynamixel.models import model_named, model_numbered
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.specifications import specification

@@ -8,7 +8,7 @@ from palpate.rig.emulated.scene import Placement, rings_of
 from palpate.rig.identification.loop import Identification
 from palpate.rig.identification.result import hypotheses_of
 from palpate.views.recognition import bounded_pose, other_hypothesis, rings_at, touch_mark
-from palpate.views.scene import picture
+from palpate.views.table_picture import picture
 
 __all__ = ["identification_picture"]
 

@@ -14,7 +14,7 @@ from palpate.views.plan_text import (
     stop_words,
 )
 from palpate.views.recognition import rings_at, touch_mark
-from palpate.views.scene import picture
+from palpate.views.table_picture import picture
 
 __all__ = ["plan_picture"]
 

@@ -11,9 +11,9 @@ from palpate.config.recognition_result import (
 from palpate.geometry import Floats
 from palpate.geometry.plane import rotation_matrix
 from palpate.recognizer import Contact, Hypothesis, Recognition
-from palpate.recognizer.statistics import MemoCounts
+from palpate.recognizer.memo_statistics import MemoCounts
 from palpate.rig.identification.result import state_names
-from palpate.views.scene import picture
+from palpate.views.table_picture import picture
 
 __all__ = [
     "bounded_pose",

@@ -16,7 +16,7 @@ from palpate.config.setup_result import SetupOut, SetupOutcome
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo
 from palpate.drivers.dynamixel.control_table import BAUD_RATE
-from palpate.drivers.dynamixel.manual import BAUD_RATES
+from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.dynamixel.servo_setup import ItemChange, ServoPort
 from palpate.rig.commissioning.motor_setup import MotorSetup, OperatorReply, list_motors, set_up_all
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
-from palpate.drivers.dynamixel.manual import COMMON_ITEMS, Area
+from palpate.drivers.dynamixel.emanual_tables import COMMON_ITEMS, Area
 
 __all__ = [
     "ACCELERATION_UNIT_RAD_S2",

@@ -13,7 +13,7 @@ from importlib.resources.abc import Traversable
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.control_table import Item
-from palpate.drivers.dynamixel.manual import Access, Area, TableItem
+from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, ServoSpecification, specification
 from palpate.errors import InputError
 from palpate.extensions import SERVO_MODELS, available

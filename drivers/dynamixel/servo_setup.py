@@ -14,9 +14,9 @@ from serial.serialutil import SerialBase
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.bus_scan import FoundServo, Scan, model_name
+from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, NotConfirmed
 from palpate.drivers.dynamixel.health import read_items
-from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.dynamixel.models import Model
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.transport.clock import Clock

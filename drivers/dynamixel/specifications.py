@@ -12,7 +12,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from palpate.drivers.dynamixel.manual import EXTENDED_FIRMWARE, MODEL_NAMES, TableItem, table_of
+from palpate.drivers.dynamixel.emanual_tables import EXTENDED_FIRMWARE, MODEL_NAMES, TableItem, table_of
 from palpate.extensions import SERVO_MODELS, broken, load
 
 __all__ = ["SPECIFICATIONS", "MotorConstants", "ServoSpecification", "specification"]

@@ -11,7 +11,7 @@ angle within one turn only (0…4095); the turns counted before are lost.
 
 from dataclasses import replace
 
-from palpate.drivers.dynamixel.manual import BAUD_RATES
+from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.dynamixel.packet import (
     ALERT_BIT,
     BROADCAST_ID,

@@ -3,7 +3,7 @@
 It survives power and, though the manual does not say so, Factory Reset.
 """
 
-from palpate.drivers.dynamixel.manual import Access, Area
+from palpate.drivers.dynamixel.emanual_tables import Access, Area
 from palpate.drivers.emulators.servo_table import ControlTable
 
 __all__ = ["Backup"]

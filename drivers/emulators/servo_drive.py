@@ -7,10 +7,10 @@ the e-Manual. Reverse Mode turns everything round that has a direction: ticks co
 import math
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.emulators.servo_laws import (
+from palpate.drivers.emulators.control_laws import (
     LOOP_S,
     Law,
-    PositionExtras,
+    PositionTerms,
     VelocityLaw,
     current_law,
     duty_law,
@@ -70,7 +70,7 @@ class ServoDrive:
         self._sign = 1
         self._profile = ProfileType.NONE
         self._velocity = VelocityLaw(0.0, 0.0)
-        self._extras = PositionExtras(0.0, 0.0)
+        self._extras = PositionTerms(0.0, 0.0)
 
     def power_up(self) -> None:
         """Begin with the table as it is after a start: turns are lost, nothing moves."""
@@ -234,14 +234,14 @@ class ServoDrive:
             return self._velocity
         return None
 
-    def _position_extras(self) -> PositionExtras | None:
+    def _position_extras(self) -> PositionTerms | None:
         table, per_rad = self._table, 1.0 / _FULL_DUTY / _RAD_PER_TICK
         i, d = table.get("Position I Gain"), table.get("Position D Gain")
         if i == 0 and d == 0:
             return None
         wanted = i / 65536 / LOOP_S * per_rad, d / 16 * LOOP_S * per_rad
         if (self._extras.i, self._extras.d) != wanted:
-            self._extras = PositionExtras(*wanted)
+            self._extras = PositionTerms(*wanted)
         return self._extras
 
     def _move_to(self, tick: int) -> None:

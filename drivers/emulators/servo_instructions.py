@@ -4,7 +4,7 @@ Between `servo`, which decides whether an answer goes out, and `servo_unit`, whi
 the manual leaves open is decided here and said where it is decided.
 """
 
-from palpate.drivers.dynamixel.manual import BROADCAST_RESET_FIRMWARE
+from palpate.drivers.dynamixel.emanual_tables import BROADCAST_RESET_FIRMWARE
 from palpate.drivers.dynamixel.packet import (
     BROADCAST_ID,
     Instruction,

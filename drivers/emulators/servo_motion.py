@@ -1,7 +1,7 @@
 """What turns an emulated servo's shaft: profile, position loop, motor and gear, one step at a time.
 
 A DC motor behind its gear, seen at the output shaft, with the firmware's position loop on the motor's voltage
-(PWM); `servo_laws` has the loops of the other modes. The velocity-based profile is the e-Manual's: no Profile
+(PWM); `control_laws` has the loops of the other modes. The velocity-based profile is the e-Manual's: no Profile
 Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
 
 Plain floats and slots: an emulated session takes tens of thousands of steps.
@@ -10,7 +10,7 @@ Plain floats and slots: an emulated session takes tens of thousands of steps.
 import math
 
 from palpate.drivers.dynamixel.specifications import MotorConstants
-from palpate.drivers.emulators.servo_laws import Law, PositionExtras
+from palpate.drivers.emulators.control_laws import Law, PositionTerms
 
 __all__ = ["ShaftMotion"]
 
@@ -56,7 +56,7 @@ class ShaftMotion:
         self._inertia = constants.inertia_kg_m2
         self._friction_nm = constants.friction_nm
         self._gain_per_rad = 0.0
-        self._extras: PositionExtras | None = None
+        self._extras: PositionTerms | None = None
         self.law: Law | None = None
         self._u_max = 1.0
         self._max_current_a = constants.stall_current_a
@@ -78,7 +78,7 @@ class ShaftMotion:
         gain_per_rad: float,
         duty_limit: float,
         current_limit_a: float,
-        extras: PositionExtras | None = None,
+        extras: PositionTerms | None = None,
     ) -> None:
         """Set the position loop: duty per rad of error, largest duty (0…1), largest current in A.
 

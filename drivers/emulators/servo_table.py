@@ -1,6 +1,6 @@
 """An emulated servo's memory: its control table byte by byte, with the checks that its firmware makes.
 
-Which items there are comes from `dynamixel.manual`. `servo_unit` asks this memory whether an access is
+Which items there are comes from `dynamixel.emanual_tables`. `servo_unit` asks this memory whether an access is
 allowed by the table itself; what depends on the servo's state it judges on its own.
 
 Indirect Data stands for the address that its Indirect Address names, for reading and writing, one step deep:
@@ -9,7 +9,7 @@ an Indirect Address that names other Indirect Data gets that byte as it is store
 
 from collections.abc import Iterator, Sequence
 
-from palpate.drivers.dynamixel.manual import Access, Area, TableItem
+from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 
 __all__ = ["ControlTable", "Refused"]

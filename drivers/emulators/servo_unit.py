@@ -5,7 +5,7 @@ which addresses and values are possible; here stands what depends on the servo's
 """
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.dynamixel.manual import Access, Area, TableItem
+from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 from palpate.drivers.dynamixel.specifications import ServoSpecification
 from palpate.drivers.emulators.servo_backup import Backup

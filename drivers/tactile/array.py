@@ -8,7 +8,7 @@ from typing import TypeVar
 from serial.serialutil import SerialBase
 
 from palpate.drivers.tactile.exchange import ArrayExchange
-from palpate.drivers.tactile.frame_check import FrameCheck
+from palpate.drivers.tactile.frame_plausibility import FramePlausibility
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import (
     MAX_TARE_SAMPLES,
@@ -71,7 +71,7 @@ class TactileArray(StreamedArray):
     def __init__(self, port: SerialBase | Port, clock: Clock, name: str) -> None:
         self._exchange = ArrayExchange(port, clock, name, self._take)
         super().__init__(self._exchange.stream, clock)
-        self._check: FrameCheck | None = None
+        self._check: FramePlausibility | None = None
         self._just_opened = True
 
     @property
@@ -117,7 +117,7 @@ class TactileArray(StreamedArray):
 
     def _expect(self, rate_hz: float) -> None:
         """A stream at this rate begins: its frames are compared with each other."""
-        self._check = FrameCheck(self.description)
+        self._check = FramePlausibility(self.description)
         self._stream.expect(rate_hz, frame_bytes(self.description.taxels))
 
     def start(self, rate_hz: float) -> None:

@@ -8,7 +8,7 @@ from palpate.config import FingerConfig, RigFile
 from palpate.drivers.finger import Line
 from palpate.errors import InputError
 from palpate.rig.conversion import dent_allowance_mm, kinematics_of, tip_bound_mm
-from palpate.rig.stage import planned_turn
+from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["AtHeight", "RigFingers", "at_heights", "contact_bound_mm", "heights_in_words", "rig_fingers"]
 

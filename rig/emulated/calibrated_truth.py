@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.config import RigFile
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.rig.calibrated_rig import RigOnBench

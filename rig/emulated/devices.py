@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.config import EmulationConfig, FingerConfig, MountedArrayConfig, RigFile
-from palpate.drivers.dynamixel.manual import BAUD_RATES
+from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.emulators.bench import Bench, EmulatedFinger, SampledArray
 from palpate.drivers.emulators.booting import BootingBoard
 from palpate.drivers.emulators.chain import ServoChain

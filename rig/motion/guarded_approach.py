@@ -21,7 +21,7 @@ from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_from_touch import Touch, conclude
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
-from palpate.rig.stage import planned_turn
+from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
 __all__ += ["measure_at_rest", "move_tips", "retract_all"]

@@ -30,7 +30,7 @@ from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.reach.standby_poses import home_line
-from palpate.rig.stage import HostStage
+from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem
 
 __all__ = ["SPEAK_S", "Hand", "OpenPort"]

@@ -19,7 +19,7 @@ from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import aim, go_to, look, move_tips, retract_all
 from palpate.rig.motion.hand import Hand
-from palpate.rig.stage import planned_turn
+from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["press", "stop_at_speed"]
 

@@ -20,7 +20,7 @@ from palpate.rig.drives import AIM_TOLERANCE_RAD, STREAM_TOLERANCE_RAD
 from palpate.rig.reach.approach_paths import ApproachPath, joint_sweep
 from palpate.rig.reach.free_space import free_paths
 from palpate.rig.reach.swept_volume import Swept, gap_mm
-from palpate.rig.stage import STAGE_SPEED_RAD_S, planned_turn
+from palpate.rig.turning_stage import STAGE_SPEED_RAD_S, planned_turn
 
 __all__ = ["Reach", "reach_of"]
 

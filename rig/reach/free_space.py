@@ -17,7 +17,7 @@ from palpate.geometry import Bools, Floats
 from palpate.rig.reach.approach_paths import ApproachPath, joint_sweep, paths_of
 from palpate.rig.reach.standby_poses import StandbyPoses, clear_aims, free_ranges, standby_poses_of
 from palpate.rig.reach.swept_volume import Capsules, gap_mm, longest_way_mm, polygon_gap_mm
-from palpate.rig.stage import planned_turn
+from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["free_paths"]
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from palpate.cad.curves import Arc, bulge, line
 from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
+from palpate.cad.part_size import size_problem
 from palpate.cad.ring_nesting import parts
-from palpate.cad.size import size_problem
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
 

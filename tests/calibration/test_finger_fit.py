@@ -23,7 +23,7 @@ from touched_references import (
 
 from palpate.calibration.finger_fit import COLUMNS, Fit, Touches, fit_fingers, predict_residuals
 from palpate.calibration.frame_alignment import align_fit
-from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 
 GAUGE = 3  # a shift and a turn of everything: what touches cannot show
 

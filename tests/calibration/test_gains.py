@@ -17,9 +17,9 @@ from simulated_presses import (
 )
 from touched_references import SPECS
 
-from palpate.calibration.gains import fit_gains
 from palpate.calibration.idle import IdleFit, analyse_idle
 from palpate.calibration.press_levels import PressAtBearing
+from palpate.calibration.taxel_gains import fit_gains
 from palpate.config import SlideFingerConfig, TactileCalibration
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.messages import Description, Shape

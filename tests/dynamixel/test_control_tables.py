@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-from palpate.drivers.dynamixel.manual import (
+from palpate.drivers.dynamixel.emanual_tables import (
     EXTENDED_FIRMWARE,
     MODEL_NAMES,
     Access,

@@ -5,7 +5,7 @@ import math
 import pytest
 from servo_console import Console
 
-from palpate.drivers.dynamixel.manual import MODEL_NAMES, Access, table_of
+from palpate.drivers.dynamixel.emanual_tables import MODEL_NAMES, Access, table_of
 from palpate.drivers.dynamixel.packet import Instruction, StatusErrorCode
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.errors import InputError

@@ -7,8 +7,8 @@ import pytest
 
 from palpate.drivers.dynamixel import Bus, NotAnswering
 from palpate.drivers.dynamixel import control_table as ct
+from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.dynamixel.errors import StatusError
-from palpate.drivers.dynamixel.manual import BAUD_RATES
 from palpate.drivers.dynamixel.packet import Instruction, InstructionPacket, encode_instruction
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.serve import serve_pty

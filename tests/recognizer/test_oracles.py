@@ -23,7 +23,7 @@ from shapely_bench import flat
 
 from palpate.geometry import Bools, Floats
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, Recognition, recognise
-from palpate.recognizer.statistics import memo_counts
+from palpate.recognizer.memo_statistics import memo_counts
 
 LIBM = ctypes.CDLL(ctypes.util.find_library("m"))
 NEAREST = LIBM.fegetround()

@@ -15,7 +15,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.recognition import Recognition, recognise
-from palpate.recognizer.strips import StripForest
+from palpate.recognizer.strip_trees import StripForest
 
 FLAT = 10**9
 NARROW, WIDE = math.radians(5), math.radians(20)

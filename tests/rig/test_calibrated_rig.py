@@ -14,7 +14,7 @@ from command import Ended, log_events, run_here
 from json_schema import violations
 from rich.console import Console
 
-from palpate.calibration.gauge import BasePose
+from palpate.calibration.gauge_freedom import BasePose
 from palpate.config import (
     CalibrationFile,
     RigFile,

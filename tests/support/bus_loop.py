@@ -11,7 +11,7 @@ from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PortHandl
 from serial.serialutil import SerialBase
 
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.manual import BAUD_RATES
+from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
 from palpate.drivers.dynamixel.servo import Servo, write_goals
 from palpate.drivers.dynamixel.state import StateReader
 from palpate.drivers.dynamixel.timing import sync_write_time_s

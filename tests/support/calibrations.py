@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.config import (
     ActuatorsCalibration,
     AimCalibration,

@@ -19,8 +19,8 @@ from palpate.views.catalogue.layout import MOST_CARDS, MOST_CONTOURS, cards_of
 from palpate.views.catalogue.picture import draw_objects
 from palpate.views.catalogue.style import CONCAVE, HEIGHT, UNREACHED, WIDTH
 from palpate.views.label_placement import Box
-from palpate.views.scene.style import CARD, FOUND, TIP
 from palpate.views.svg import shorten_middle, text_width
+from palpate.views.table_picture.style import CARD, FOUND, TIP
 
 NS = "{http://www.w3.org/2000/svg}"
 FINGERS = fingers_at(5, 6, 60)

@@ -12,9 +12,10 @@ from palpate.config import load_objects, shipped_objects
 from palpate.geometry import Floats
 from palpate.geometry.plane import points_in_polygon
 from palpate.views.label_placement import Box, LabelPlacer
-from palpate.views.scene.approaches import lanes
-from palpate.views.scene.frame import View, nice_step, view_of
-from palpate.views.scene.picture import (
+from palpate.views.svg import number, shorten, text_width, wrap
+from palpate.views.table_picture.approaches import lanes
+from palpate.views.table_picture.frame import View, nice_step, view_of
+from palpate.views.table_picture.picture import (
     ApproachArrow,
     BoundedPose,
     FingerBase,
@@ -24,7 +25,6 @@ from palpate.views.scene.picture import (
     TouchMark,
     draw,
 )
-from palpate.views.svg import number, shorten, text_width, wrap
 
 NS = "{http://www.w3.org/2000/svg}"
 SQUARE = np.array([[-20.0, -10.0], [20.0, -10.0], [20.0, 10.0], [-20.0, 10.0]])

@@ -21,8 +21,19 @@ from palpate.config.calibration_file import CalibrationFile, TouchResidual
 from palpate.config.calibration_finger import TactileCalibration
 from palpate.geometry import Floats
 from palpate.views.calibration.numbers import never_pressed, residuals_mm
-from palpate.views.scene.frame import nice_step
-from palpate.views.scene.style import AXIS, CARD, FAINT, FOUND, FOUND_FILL, HUES, INK, MUTED, RULE, TRUTH
+from palpate.views.table_picture.frame import nice_step
+from palpate.views.table_picture.style import (
+    AXIS,
+    CARD,
+    FAINT,
+    FOUND,
+    FOUND_FILL,
+    HUES,
+    INK,
+    MUTED,
+    RULE,
+    TRUTH,
+)
 
 __all__ = ["residual_histograms", "residual_map", "svg", "taxel_gains"]
 

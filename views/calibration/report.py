@@ -11,8 +11,8 @@ from types import ModuleType
 from palpate.config.calibration_file import CalibrationFile
 from palpate.files.writing import write_text
 from palpate.views.calibration.numbers import RowGroup, finger_tables, summary
-from palpate.views.scene.style import CARD, INK, MUTED, PAPER, RULE
 from palpate.views.svg import escape
+from palpate.views.table_picture.style import CARD, INK, MUTED, PAPER, RULE
 
 __all__ = ["report_html", "write_report"]
 

@@ -29,9 +29,9 @@ from palpate.views.catalogue.style import (
     UNREACHED_LINE,
     WIDTH,
 )
-from palpate.views.scene.frame import nice_step
-from palpate.views.scene.style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
 from palpate.views.svg import element, path_data, shorten, shorten_middle, text, text_width
+from palpate.views.table_picture.frame import nice_step
+from palpate.views.table_picture.style import CARD, FOUND, FOUND_FILL, INK, MUTED, RULE, THIN, TIP, TRUTH
 
 __all__ = ["CardFacts", "TwinNote", "draw_card", "ranges_words"]
 

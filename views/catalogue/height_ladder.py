@@ -10,8 +10,8 @@ from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range
 from palpate.views.catalogue.layout import Card
 from palpate.views.catalogue.style import ROOM, SHADES
-from palpate.views.scene.style import AXIS, FAINT, FOUND, INK, MUTED, PAPER, RULE, THIN, TIP
 from palpate.views.svg import element, path_data, text
+from palpate.views.table_picture.style import AXIS, FAINT, FOUND, INK, MUTED, PAPER, RULE, THIN, TIP
 
 __all__ = ["draw_ladder", "shade"]
 

@@ -22,8 +22,8 @@ from palpate.views.catalogue.style import (
     UNREACHED_LINE,
     WIDTH,
 )
-from palpate.views.scene.style import INK, MUTED, PAPER, TIP
 from palpate.views.svg import element, escape, number, text, text_width, wrap
+from palpate.views.table_picture.style import INK, MUTED, PAPER, TIP
 
 __all__ = ["draw_objects"]
 

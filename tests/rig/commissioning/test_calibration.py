@@ -14,7 +14,7 @@ import pytest
 from repository import EXAMPLES
 from simulated_prober import SimulatedProber, SimulatedRig
 
-from palpate.calibration.gauge import BasePose, align_to_nominal
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Reference, ReferenceDisc

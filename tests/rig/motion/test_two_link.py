@@ -12,7 +12,7 @@ from repository import EXAMPLES
 from touch_check import check_touch
 
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
-from palpate.drivers.two_link import ArmKinematics
+from palpate.drivers.arm_finger import ArmKinematics
 from palpate.errors import DeviceError, InputError
 from palpate.geometry.segments import distance_range
 from palpate.recognizer import Catalogue, FingerApproach

@@ -5,14 +5,14 @@ All words that need room are here, so that the drawing stays a drawing.
 
 import math
 
-from palpate.views.scene.frame import View
-from palpate.views.scene.legend import legend
-from palpate.views.scene.marks import badge, heading
-from palpate.views.scene.overview import whole_table
-from palpate.views.scene.predictions import prediction_table, prediction_width
-from palpate.views.scene.style import FOUND, MOST_OTHERS, MUTED, Column
-from palpate.views.scene.values import BoundedPose, Picture
 from palpate.views.svg import shorten, text, text_width
+from palpate.views.table_picture.frame import View
+from palpate.views.table_picture.legend import legend
+from palpate.views.table_picture.marks import badge, heading
+from palpate.views.table_picture.overview import whole_table
+from palpate.views.table_picture.predictions import prediction_table, prediction_width
+from palpate.views.table_picture.style import FOUND, MOST_OTHERS, MUTED, Column
+from palpate.views.table_picture.values import BoundedPose, Picture
 
 __all__ = ["draw_panel", "panel_width"]
 

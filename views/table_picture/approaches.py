@@ -11,11 +11,11 @@ import numpy as np
 
 from palpate.geometry import Floats
 from palpate.views.label_placement import LabelPlacer
-from palpate.views.scene.frame import View
-from palpate.views.scene.marks import arrow_head, end_cross, last_shown, leader
-from palpate.views.scene.style import INK, LABEL, LINE, MOST_OTHERS, THIN
-from palpate.views.scene.values import ApproachArrow, Picture
 from palpate.views.svg import element, shorten, text, text_width
+from palpate.views.table_picture.frame import View
+from palpate.views.table_picture.marks import arrow_head, end_cross, last_shown, leader
+from palpate.views.table_picture.style import INK, LABEL, LINE, MOST_OTHERS, THIN
+from palpate.views.table_picture.values import ApproachArrow, Picture
 
 __all__ = ["approach_labels", "draw_approach", "lanes"]
 

@@ -6,10 +6,10 @@ import numpy as np
 
 from palpate.geometry import Floats
 from palpate.views.label_placement import Box, LabelPlacer
-from palpate.views.scene.frame import View
-from palpate.views.scene.style import INK, LABEL, LINE, MUTED, PAPER, RULE, THIN, Column
-from palpate.views.scene.values import FingerBase
 from palpate.views.svg import element, number, path_data, shorten, text, text_width
+from palpate.views.table_picture.frame import View
+from palpate.views.table_picture.style import INK, LABEL, LINE, MUTED, PAPER, RULE, THIN, Column
+from palpate.views.table_picture.values import FingerBase
 
 __all__ = [
     "arrow_head",

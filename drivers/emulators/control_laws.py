@@ -9,7 +9,7 @@ run it does not say: a period of 1 ms is a guess. The feedforward gains have no 
 import math
 from collections.abc import Callable
 
-__all__ = ["LOOP_S", "Law", "PositionExtras", "VelocityLaw", "current_law", "duty_law"]
+__all__ = ["LOOP_S", "Law", "PositionTerms", "VelocityLaw", "current_law", "duty_law"]
 
 LOOP_S = 1e-3
 """Period of the firmware's control loops in s; a guess."""
@@ -71,7 +71,7 @@ class VelocityLaw:
         return held
 
 
-class PositionExtras:
+class PositionTerms:
     """What I and D gains add to the position loop: duty per rad and s, and duty per rad/s."""
 
     def __init__(self, i: float, d: float) -> None:

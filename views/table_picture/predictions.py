@@ -1,10 +1,10 @@
 """Table of predictions: the outcome of each approach under each hypothesis."""
 
-from palpate.views.scene.frame import View
-from palpate.views.scene.marks import badge, heading
-from palpate.views.scene.style import INK, MOST_OTHERS, MUTED, RULE, THIN, Column
-from palpate.views.scene.values import ApproachArrow, OtherHypothesis, Picture
 from palpate.views.svg import element, shorten, text
+from palpate.views.table_picture.frame import View
+from palpate.views.table_picture.marks import badge, heading
+from palpate.views.table_picture.style import INK, MOST_OTHERS, MUTED, RULE, THIN, Column
+from palpate.views.table_picture.values import ApproachArrow, OtherHypothesis, Picture
 
 __all__ = ["prediction_table", "prediction_width"]
 

@@ -5,9 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.views.scene.frame import View
-from palpate.views.scene.marks import arrow_head, end_cross, heading, sector, shows_base
-from palpate.views.scene.style import (
+from palpate.views.svg import element, number, path_data, shorten, text, text_width
+from palpate.views.table_picture.frame import View
+from palpate.views.table_picture.marks import arrow_head, end_cross, heading, sector, shows_base
+from palpate.views.table_picture.style import (
     AXIS,
     FOUND,
     FOUND_FILL,
@@ -24,8 +25,7 @@ from palpate.views.scene.style import (
     TRUTH,
     Column,
 )
-from palpate.views.scene.values import Picture
-from palpate.views.svg import element, number, path_data, shorten, text, text_width
+from palpate.views.table_picture.values import Picture
 
 __all__ = ["legend"]
 

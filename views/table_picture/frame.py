@@ -11,9 +11,9 @@ import numpy as np
 
 from palpate.geometry import Floats
 from palpate.views.label_placement import Box
-from palpate.views.scene.style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
-from palpate.views.scene.values import ApproachArrow, Picture, TouchMark
 from palpate.views.svg import element, number, text
+from palpate.views.table_picture.style import FAINT, INK, LINE, MOST_OTHERS, MUTED, THIN
+from palpate.views.table_picture.values import ApproachArrow, Picture, TouchMark
 
 __all__ = ["View", "grid", "nice_step", "scale_bar", "ticks", "view_of"]
 

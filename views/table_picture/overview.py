@@ -3,9 +3,10 @@
 import numpy as np
 
 from palpate.geometry import Floats
-from palpate.views.scene.frame import View
-from palpate.views.scene.marks import arrow_head, heading
-from palpate.views.scene.style import (
+from palpate.views.svg import element, path_data, shorten, text
+from palpate.views.table_picture.frame import View
+from palpate.views.table_picture.marks import arrow_head, heading
+from palpate.views.table_picture.style import (
     AXIS,
     CARD,
     FOUND,
@@ -17,8 +18,7 @@ from palpate.views.scene.style import (
     THIN,
     Column,
 )
-from palpate.views.scene.values import Picture
-from palpate.views.svg import element, path_data, shorten, text
+from palpate.views.table_picture.values import Picture
 
 __all__ = ["whole_table"]
 

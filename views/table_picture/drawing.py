@@ -10,10 +10,11 @@ import numpy as np
 from palpate.geometry import Floats
 from palpate.geometry.plane import points_in_polygon
 from palpate.views.label_placement import LabelPlacer
-from palpate.views.scene.approaches import approach_labels, draw_approach
-from palpate.views.scene.frame import View, grid, scale_bar, ticks
-from palpate.views.scene.marks import badge, draw_base, last_shown, leader, sector
-from palpate.views.scene.style import (
+from palpate.views.svg import element, escape, number, path_data, shorten, text, text_width
+from palpate.views.table_picture.approaches import approach_labels, draw_approach
+from palpate.views.table_picture.frame import View, grid, scale_bar, ticks
+from palpate.views.table_picture.marks import badge, draw_base, last_shown, leader, sector
+from palpate.views.table_picture.style import (
     AXIS,
     CARD,
     DASHES,
@@ -31,8 +32,7 @@ from palpate.views.scene.style import (
     TIP_FILL,
     TRUTH,
 )
-from palpate.views.scene.values import BoundedPose, Picture, TouchMark
-from palpate.views.svg import element, escape, number, path_data, shorten, text, text_width
+from palpate.views.table_picture.values import BoundedPose, Picture, TouchMark
 
 __all__ = ["draw_view"]
 

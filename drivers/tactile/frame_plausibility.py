@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.drivers.tactile.messages import Description, Frame, Message
 
-__all__ = ["FrameCheck"]
+__all__ = ["FramePlausibility"]
 
 _LATEST_US = 1 << 53  # 285 years: no array has run for so long
 _LEAP_S = 2.0
@@ -16,7 +16,7 @@ _DRIFT = 0.05  # of clocks against each other: RC oscillators are a few per cent
 _RESTART_SPARE_S = 1.0
 
 
-class FrameCheck:
+class FramePlausibility:
     """Looks at every frame of one array."""
 
     def __init__(self, description: Description) -> None:

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 from palpate.geometry import Floats
-from palpate.views.scene.style import BADGES, HUES
+from palpate.views.table_picture.style import BADGES, HUES
 
 __all__ = [
     "ApproachArrow",

@@ -6,11 +6,12 @@ equal values give equal text.
 
 import zlib
 
-from palpate.views.scene.drawing import draw_view
-from palpate.views.scene.frame import view_of
-from palpate.views.scene.panel import draw_panel, panel_width
-from palpate.views.scene.style import INK, MUTED, PAPER, Column
-from palpate.views.scene.values import (
+from palpate.views.svg import element, escape, number, text, wrap
+from palpate.views.table_picture.drawing import draw_view
+from palpate.views.table_picture.frame import view_of
+from palpate.views.table_picture.panel import draw_panel, panel_width
+from palpate.views.table_picture.style import INK, MUTED, PAPER, Column
+from palpate.views.table_picture.values import (
     ApproachArrow,
     BoundedPose,
     FingerBase,
@@ -19,7 +20,6 @@ from palpate.views.scene.values import (
     PredictedStop,
     TouchMark,
 )
-from palpate.views.svg import element, escape, number, text, wrap
 
 __all__ = [
     "ApproachArrow",
