@@ -1,8 +1,8 @@
 """What every kind of finger can be asked: servo angles for a place on a line, and where the tip is for them.
 
 Stands between the servos and the contacts, and between the plan and the servos. `slide_finger` and
-`arm_finger` are the kinds there are; both have two servos. Everything is in the frame that carries the finger's
-base: W, or the turning stage's ring at angle 0 (`Turn` leads from there to W).
+`arm_finger` are the kinds there are; both have two servos. Everything is in the frame that carries the
+finger's base: W, or the turning stage's ring at angle 0 (`Turn` leads from there to W).
 """
 
 import math

@@ -1,8 +1,8 @@
 """What turns an emulated servo's shaft: profile, position loop, motor and gear, one step at a time.
 
 A DC motor behind its gear, seen at the output shaft, with the firmware's position loop on the motor's voltage
-(PWM); `control_laws` has the loops of the other modes. The velocity-based profile is the e-Manual's: no Profile
-Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
+(PWM); `control_laws` has the loops of the other modes. The velocity-based profile is the e-Manual's: no
+Profile Velocity is a step, no Profile Acceleration a rectangle, both a trapezoid.
 
 Plain floats and slots: an emulated session takes tens of thousands of steps.
 """

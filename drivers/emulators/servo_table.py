@@ -1,7 +1,7 @@
 """An emulated servo's memory: its control table byte by byte, with the checks that its firmware makes.
 
-Which items there are comes from `dynamixel.emanual_tables`. `servo_unit` asks this memory whether an access is
-allowed by the table itself; what depends on the servo's state it judges on its own.
+Which items there are comes from `dynamixel.emanual_tables`. `servo_unit` asks this memory whether an access
+is allowed by the table itself; what depends on the servo's state it judges on its own.
 
 Indirect Data stands for the address that its Indirect Address names, for reading and writing, one step deep:
 an Indirect Address that names other Indirect Data gets that byte as it is stored.
