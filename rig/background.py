@@ -27,8 +27,7 @@ _ENDED, _COMPLETE = "the run was ended, torque off", "the run was complete, its 
 class Background(Generic[_T]):
     """Hands what `put` is given to `consume`, in order and in batches, on a thread of its own.
 
-    What reaches `consume` is a whole beginning: after its first failure, or once `capacity` items waited,
-    all further items are dropped and counted.
+    After its first failure, and while `capacity` items wait, items are dropped and counted.
     """
 
     def __init__(
@@ -48,7 +47,7 @@ class Background(Generic[_T]):
 
     def put(self, item: _T) -> None:
         """Give it something to do; neither waits nor raises."""
-        if self.failure is not None or self.dropped or self._queue.qsize() >= self._capacity:
+        if self.failure is not None or self._queue.qsize() >= self._capacity:
             self.dropped += 1
             return
         try:

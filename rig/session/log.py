@@ -134,7 +134,8 @@ class SessionLog(SessionEvents):
 
     def _put(self, line: Callable[[], str]) -> None:
         """Have a line written, with the calls before it."""
-        self._lines.put((line, "".join(self._calls)))
+        if not self._lines.dropped:  # what is written is a whole beginning
+            self._lines.put((line, "".join(self._calls)))
         self._calls.clear()
 
     def _write(self, lines: Sequence["_Line"]) -> None:

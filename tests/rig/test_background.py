@@ -45,29 +45,6 @@ def test_a_consumer_that_hangs_delays_nobody_and_what_is_too_much_is_counted() -
     assert not background.close(10.0)
 
 
-def test_nothing_is_consumed_after_the_first_item_that_was_dropped() -> None:
-    goes_on = threading.Event()
-    found: list[int] = []
-
-    def consume(batch: Sequence[int]) -> None:
-        goes_on.wait(30.0)
-        found.extend(batch)
-
-    background: Background[int] = Background(consume, 10)
-    background.put(0)
-    while background.busy_s == 0.0:
-        time.sleep(0.001)
-    for item in range(1, 13):
-        background.put(item)
-    goes_on.set()
-    while len(found) < 11:
-        time.sleep(0.001)
-    background.put(13)
-    assert not background.close(10.0)
-    assert found == list(range(11))
-    assert background.dropped == 3
-
-
 def test_the_first_failure_is_kept_and_nothing_is_told_after_it() -> None:
     called: list[str] = []
 
