@@ -1,5 +1,4 @@
-"""The command line: `palpate identify`, `replay`, `recognize`, `plan`, `emulate`; the rest in `cli_devices`
-and `cli_objects`.
+"""The command line: `identify`, `replay`, `recognize`, `plan`, `emulate`; more in `devices` and `objects`.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
@@ -29,7 +28,7 @@ __all__ = ["ExitCode", "app", "main"]
 
 app = typer.Typer(
     name="palpate",
-    help="Tells which known object lies on the table, how it rests and exactly where, from a few touches.",
+    help="Identifies the known object on a table, its stable state and its exact place, from a few touches.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=True,
@@ -66,12 +65,12 @@ SceneOption = Annotated[
 SeedOption = Annotated[
     int, typer.Option("--seed", min=0, help="Draws the scene and the emulated devices' errors.")
 ]
-ContactsOption = Annotated[Path, typer.Option("--contacts", help="What fingers felt (JSON).")]
+ContactsOption = Annotated[Path, typer.Option("--contacts", help="Contacts so far (JSON).")]
 StrategyOption = Annotated[
     Strategy,
     typer.Option(
         "--strategy",
-        help="How grips are chosen: what tells most apart, at random, or beside the last touches.",
+        help="How grips are chosen: to distinguish most, at random, or beside the last touches.",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
@@ -187,7 +186,7 @@ def plan(
     picture: PictureOption = None,
     no_calibration: NoCalibrationOption = False,
 ) -> None:
-    """Choose the grip to carry out next, and say what each hypothesis foretells of it.
+    """Plan the next grip, and say what each hypothesis predicts of it.
 
     Exit code 1: nothing fits, or nothing within reach tells apart what does.
     """

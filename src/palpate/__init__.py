@@ -1,4 +1,4 @@
-"""palpate: tells which known object lies on the table, how it rests and where, from a few touches.
+"""palpate: identifies the known object on a table, its stable state and its place, from a few touches.
 
     import palpate
     with palpate.open_rig("my-rig.toml") as rig:        # or open_rig(seed=7): the emulated bench
