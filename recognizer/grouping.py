@@ -15,7 +15,7 @@ from palpate.recognizer.tables import expand_ranges
 __all__ = ["Boxes", "connected"]
 
 _FEW = 160  # boxes compared each with each
-_PAIRS_AT_ONCE, _MOST_PAIRS = 2_000_000, 40_000_000
+_PAIRS_AT_ONCE = 2_000_000
 _FIRST_NEIGHBOURS = 32
 _STRETCH_RAD = 32.0  # of keys for each state: more than three turns
 _TOUCHING_RAD = 1e-9
@@ -46,11 +46,14 @@ class Boxes:
         return result
 
 
-def connected(boxes: Boxes) -> Ints:
-    """Component (k,) of each box, numbered from 0."""
+def connected(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
+    """Component (k,) of each box, numbered from 0.
+
+    Where more than `most_pairs` would have to be compared, boxes that are a little apart may be joined, too.
+    """
     count = len(boxes.state)
     if count > _FEW:
-        return _connected_by_order(boxes)
+        return _connected_by_order(boxes, most_pairs)
     one, two = np.arange(count)[:, None], np.arange(count)[None]
     return _by_spreading((boxes.state[:, None] == boxes.state) & boxes.meet(one, two))
 
@@ -72,7 +75,7 @@ def _components(one: Ints, two: Ints, count: int) -> Ints:
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def _connected_by_order(boxes: Boxes) -> Ints:
+def _connected_by_order(boxes: Boxes, most_pairs: int) -> Ints:
     """Boxes in the order of state and θ; links among near neighbours join nearly all that belong together.
 
     The rest is done for boxes outside of their state's largest component only, so that wide regions do not
@@ -102,7 +105,7 @@ def _connected_by_order(boxes: Boxes) -> Ints:
     if not len(outside) or int(after.max()) <= _FIRST_NEIGHBOURS:
         return label
     around = before + after + 1
-    if int(around[outside].sum()) > _MOST_PAIRS:
+    if int(around[outside].sum()) > most_pairs:
         return _connected_by_bins(boxes)
     links.append(_links(boxes, outside, (at - before)[outside], around[outside], box, label))
     return _components(

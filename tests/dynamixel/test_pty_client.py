@@ -160,7 +160,7 @@ def test_fast_read_of_unmodified_rustypot() -> None:
 def test_a_port_that_goes_away_is_reported_by_name() -> None:
     with served_servos([5]) as served:
         path = served.path
-        bus = Bus(open_port(path, BAUD), MonotonicClock(), BAUD)
+        bus = Bus(open_port(path, BAUD), MonotonicClock(), BAUD, latency_s=0.1)
         assert bus.ping(5).model_number == 1020
         served.service.stop()
         for _ in range(2):

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from palpate.recognizer import grouping
 from palpate.recognizer.grouping import Boxes, connected
 
 FEW = 160  # up to here boxes are compared each with each
@@ -137,13 +136,12 @@ def test_groups_of_one_size_that_one_distant_box_joins() -> None:
     assert check(two_groups(100, 100, 10)) == 1
 
 
-def test_bins_join_all_that_meet(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bins_join_all_that_meet() -> None:
     """The way for very many boxes may join more than meets, never less."""
-    monkeypatch.setattr(grouping, "_MOST_PAIRS", 0)
     rng = np.random.default_rng(9)
     for width in (0.2, 1.5):
         boxes = boxes_of(rng, 400, states=3, width=width, size=6.0, spread=200.0)
-        label = connected(boxes)
+        label = connected(boxes, most_pairs=0)
         for group in by_pairs(boxes):
             assert len({int(label[k]) for k in group}) == 1
         for value in np.unique(label):

@@ -26,11 +26,13 @@ from dynamixel_sdk import COMM_SUCCESS, PacketHandler, PortHandler
 port, packets = PortHandler(sys.argv[1]), PacketHandler(2.0)
 assert port.openPort() and port.setBaudRate(1_000_000)
 
-def patiently(call, *args):  # the SDK waits 34 ms for an answer, which a busy machine may take
-    for _ in range(5):
+def patiently(call, *args):  # the SDK waits 34 ms for an answer; a busy computer may take longer
+    for _ in range(10):
         answer = call(*args)
         if answer[-2] == COMM_SUCCESS:
             break
+        time.sleep(0.2)
+        port.readPort(4096)  # the answer that came late
     assert answer[-2:] == (COMM_SUCCESS, 0), answer
     return answer[0]
 
