@@ -39,11 +39,10 @@ __all__ = ["identify_on"]
 
 @dataclass(frozen=True)
 class _Inputs:
-    """What an identification starts from. `name`: of the objects file, in messages."""
+    """What an identification starts from."""
 
     on_bench: RigOnBench
     objects: ObjectsFile
-    name: str
     scene: Scene | None
     seed: int
     strategy: Strategy
@@ -77,7 +76,8 @@ def identify_on(
 ) -> Answer:
     """Identify, with a session log below `sessions`; arguments and errors as `Rig.identify`.
 
-    `run`: number of the run on this rig, from 0; later ones draw other parts for an emulated table.
+    `name`: of the objects, in messages. `run`: number of the run on this rig, from 0; later ones draw other
+    parts for an emulated table.
     """
     begin = time.perf_counter()
     check_known_well(on_bench.rig, str(on_bench.path))
@@ -89,7 +89,7 @@ def identify_on(
         warn(line)
     for line in scene_lines(on_bench.described, lies) if scene is not None and lies is not None else ():
         warn(line)
-    inputs = _Inputs(on_bench, objects, name, scene, seed, strategy)
+    inputs = _Inputs(on_bench, objects, scene, seed, strategy)
     bench = set_up(on_bench.described, lies, seed)
     seen = placement_in_hand_frame(on_bench, lies, seed, bench.emulated)
     started = datetime.now(UTC).replace(microsecond=0)

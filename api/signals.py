@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from palpate.rig.session.signals import Interrupted
+
 __all__ = ["unwinding_signals"]
 
 _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
@@ -13,18 +15,20 @@ _SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def unwinding_signals() -> Iterator[None]:
-    """Raise SystemExit for SIGTERM and SIGHUP, which would else end the process at once, torque on.
+    """Unwind for SIGTERM and SIGHUP, which would else end the process at once, torque on; SystemExit then.
 
     Handlers that a program has set stay. Outside of the main thread, which alone gets signals, this is idle.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    ours = [number for number in _SIGNALS if signal.getsignal(number) is signal.SIG_DFL]
+    main = threading.current_thread() is threading.main_thread()
+    ours = [number for number in _SIGNALS if main and signal.getsignal(number) is signal.SIG_DFL]
     for number in ours:
         signal.signal(number, _unwind)
     try:
         yield
+    except Interrupted as interruption:  # by this name a session log can replay it
+        if interruption.signal not in ours:
+            raise
+        raise SystemExit(128 + interruption.signal) from None
     finally:
         for number in ours:
             signal.signal(number, signal.SIG_DFL)
@@ -33,5 +37,6 @@ def unwinding_signals() -> Iterator[None]:
 def _unwind(number: int, frame: FrameType | None) -> None:
     del frame
     for each in _SIGNALS:  # once: torque is being switched off
-        signal.signal(each, signal.SIG_IGN)
-    raise SystemExit(128 + number)
+        if signal.getsignal(each) is _unwind:
+            signal.signal(each, signal.SIG_IGN)
+    raise Interrupted(signal.Signals(number))

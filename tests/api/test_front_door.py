@@ -136,6 +136,8 @@ palpate.open_rig(seed=7).identify(sessions=".", on_event=stop)
     switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
     assert switched
     assert set(switched.values()) == {0}, "the last write to each servo"
+    replayed = palpate.open_session(session).replay()
+    assert (replayed.difference, replayed.complete) == (None, True)
 
 
 def test_handlers_of_signals_are_as_before() -> None:
