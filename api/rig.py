@@ -220,7 +220,7 @@ class Rig:
     ) -> Iterator[Monitor]:
         """Watch tactile arrays; they stream until the block is left, and nothing moves.
 
-        `fingers`: names of some; all without any. `rate_hz`: frames a second, the rig file's `sample_rate_hz` without it.
+        `fingers`: names of some; all without any. `rate_hz`: frames a second; None: the rig file's rate.
         `pace` may hold an emulated rig's clock back. Raises InputError for a finger that is not there,
         DeviceError if an array is missing, taken or goes away.
         """
