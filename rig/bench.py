@@ -111,7 +111,7 @@ def environment(
     def open_recorded(port: str, baudrate: int) -> SerialBase:
         return recorder.open(port, lambda: open_raw(port, baudrate))
 
-    return Environment(recorder.clock, open_recorded, latency_s, recorder.sink.check)
+    return Environment(recorder.clock, open_recorded, latency_s, recorder.check)
 
 
 def connect(

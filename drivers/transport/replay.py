@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.port_calls import CalledPort
 from palpate.drivers.transport.recording import (
     Call,
     Direction,
@@ -85,6 +86,10 @@ class Replayer:
         key = letters[0] if letters[0] in "tz" else port_call(letters[0], port)
         doing = in_words(key, self._names.get(port, ""))
         self._raise_if_due(key)
+        return self._take(key, doing)
+
+    def _take(self, key: str, doing: str) -> Call:
+        """The recorded call under way, which must be the one with this key."""
         what = self._next(doing)
         if not isinstance(what, Call) or what.key != key:
             self._differ(doing)
@@ -102,9 +107,7 @@ class Replayer:
             self._advance()
             self.received_bytes += len(what.data)
             return what.data
-        if not isinstance(what, Call) or what.key != key:
-            self._differ(doing)
-        self._calls.popleft()
+        self._take(key, doing)
         return b""
 
     def write(self, port: PortOpened, data: bytes) -> int:
@@ -126,17 +129,17 @@ class Replayer:
     def session_event(self, kind: str) -> Mapping[str, Any]:
         """What the session said of this kind and says again now; raises an interrupt before it."""
         self._raise_if_due(None)
-        what = self._next(f'comes to "{kind}"')
-        if not isinstance(what, SessionEvent) or what.kind != kind:
-            self._differ(f'comes to "{kind}"')
-        self._advance()
-        return what.values
+        return self._values(kind, f'comes to "{kind}"')
 
     def ends(self) -> Mapping[str, Any]:
         """What the recording's last line says; a difference if the host ends before it."""
-        what = self._next("ends")
-        if not isinstance(what, SessionEvent) or what.kind != "end":
-            self._differ("ends")
+        return self._values("end", "ends")
+
+    def _values(self, kind: str, doing: str) -> Mapping[str, Any]:
+        """The values of the recorded event under way, which must be of this kind."""
+        what = self._next(doing)
+        if not isinstance(what, SessionEvent) or what.kind != kind:
+            self._differ(doing)
         self._advance()
         return what.values
 
@@ -253,39 +256,12 @@ class ReplayClock:
         self._replayer.call("z")
 
 
-class ReplayPort(SerialBase):
+class ReplayPort(CalledPort):
     """A pyserial port with the recording behind it. Comes open from `Replayer.open`."""
 
     def __init__(self, replayer: Replayer, opened: PortOpened, baudrate: int) -> None:
-        super().__init__()
+        super().__init__(opened, baudrate)
         self._replayer = replayer
-        self._opened = opened
-        self._port = opened.url
-        self.name = self.portstr = opened.url
-        self._baudrate = baudrate
-        self._timeout = 0.0
-        self.is_open = True
-
-    def open(self) -> None:
-        """Open again after it was closed."""
-        self._replayer.call("p", self._opened.number)
-        self.is_open = True
-
-    def close(self) -> None:
-        """Close; closing twice is harmless."""
-        if self.is_open:
-            self.is_open = False
-            self._replayer.close(self._opened)
-
-    @property
-    def in_waiting(self) -> int:
-        """Number of bytes that were ready."""
-        return self._replayer.call("w", self._opened.number).value
-
-    @property
-    def out_waiting(self) -> int:
-        """Number of bytes that were still to be sent."""
-        return self._replayer.call("q", self._opened.number).value
 
     def read(self, size: int = 1, /) -> bytes:
         """What a read gave."""
@@ -296,26 +272,9 @@ class ReplayPort(SerialBase):
         data = bytes(b)
         return self._replayer.write(self._opened, data) if data else 0
 
-    def flush(self) -> None:
-        """As recorded."""
-        self._replayer.call("f", self._opened.number)
-
-    def reset_input_buffer(self) -> None:
-        """As recorded."""
-        self._replayer.call("d", self._opened.number)
-
-    def reset_output_buffer(self) -> None:
-        """As recorded."""
-        self._replayer.call("o", self._opened.number)
-
-    def _reconfigure_port(self) -> None:
-        self._replayer.call("s", self._opened.number)
-
-    def _update_break_state(self) -> None:
-        self._replayer.call("m", self._opened.number)
-
-    def _update_rts_state(self) -> None:
-        self._replayer.call("m", self._opened.number)
-
-    def _update_dtr_state(self) -> None:
-        self._replayer.call("m", self._opened.number)
+    def _call(self, letter: str, action: Callable[[Any], Any]) -> int:
+        del action
+        if letter == "c":
+            self._replayer.close(self._opened)
+            return 0
+        return self._replayer.call(letter, self._opened.number).value

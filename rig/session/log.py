@@ -17,7 +17,8 @@ from types import TracebackType
 from typing import Self
 
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.recording import Direction
+from palpate.drivers.transport.record import Noted
+from palpate.drivers.transport.recording import ErrorRaised, PortBytes, PortOpened
 from palpate.errors import InputError, OutputError
 from palpate.rig.background import CAPACITY, Background
 from palpate.rig.session.error_values import values_of
@@ -116,21 +117,18 @@ class SessionLog(SessionEvents):
         t_s = self._clock.now()
         self._put(lambda: _event(t_s, kind, values))
 
-    def call(self, text: str) -> None:
-        """Keep a call of the host for the next line: by itself it is not worth one."""
-        self._calls.append(text)
-
-    def opened(self, number: int, port: str, url: str | None) -> None:
-        """Log that a port was opened."""
-        self.event("opened", port=port, number=number, url=url)
-
-    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
-        """Log bytes."""
-        self._put(lambda: _bytes(direction, instant, port, data))
-
-    def raised(self, during: str | None, error: BaseException) -> None:
-        """Log that a call failed or the run was interrupted."""
-        self.event("raised", during=during, **values_of(error))
+    def note(self, what: Noted) -> None:
+        """Log what a `Recorder` notes; a call of the host waits for the next line, as it is not worth one."""
+        match what:
+            case str():
+                self._calls.append(what)
+            case PortOpened():
+                self.event("opened", port=what.port, number=what.number, url=what.url)
+            case PortBytes():
+                instant = self._clock.now()
+                self._put(lambda: _bytes(instant, what))
+            case ErrorRaised():
+                self.event("raised", during=what.during, **values_of(what.error))
 
     def _put(self, line: Callable[[], str]) -> None:
         """Have a line written, with the calls before it."""
@@ -172,9 +170,9 @@ def _event(t_s: float, kind: str, values: Mapping[str, object]) -> str:
     return json.dumps(line, separators=(",", ":"), allow_nan=False)
 
 
-def _bytes(direction: Direction, instant: float, port: str, data: bytes) -> str:
-    text = base64.b64encode(data).decode()
+def _bytes(instant: float, what: PortBytes) -> str:
+    text = base64.b64encode(what.data).decode()
     return (
-        f'{{"t_s":{instant:.9f},"event":"bytes","port":{json.dumps(port)},'
-        f'"direction":"{direction.value}","base64":"{text}"}}'
+        f'{{"t_s":{instant:.9f},"event":"bytes","port":{json.dumps(what.port)},'
+        f'"direction":"{what.direction.value}","base64":"{text}"}}'
     )

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 from serial.serialutil import SerialBase
 
 from palpate.drivers.transport.clock import Clock
-from palpate.drivers.transport.record import Recorder, RecordingPort
-from palpate.drivers.transport.recording import Direction
+from palpate.drivers.transport.record import Noted, Recorder, RecordingPort
+from palpate.drivers.transport.recording import Direction, PortBytes, PortOpened
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
@@ -23,7 +23,7 @@ class Listener:
     def __init__(self, clock: Clock, on_bytes: Callable[[], None] = lambda: None) -> None:
         """`on_bytes` is called before any are read or written, and may raise in the port's place."""
         self.heard: list[Heard] = []
-        self._on_bytes = on_bytes
+        self._clock, self._on_bytes = clock, on_bytes
         self._recorder = Recorder(clock, self)
 
     @property
@@ -35,29 +35,20 @@ class Listener:
         """An open port with this listener on it."""
         return _Listened(port, self._recorder, self._on_bytes)
 
-    def call(self, text: str) -> None:
-        """Calls other than reads and writes are of no interest here."""
-
-    def opened(self, number: int, port: str, url: str | None) -> None:
-        """Nor is which port it is."""
+    def note(self, what: Noted) -> None:
+        """Keep what passes a port; calls and failures are of no interest here."""
+        if isinstance(what, PortBytes):
+            self.heard.append((what.direction, self._clock.now(), what.data))
 
     def check(self) -> None:
         """Nothing fails here."""
-
-    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
-        """Keep what passes a port."""
-        del port
-        self.heard.append((direction, instant, data))
-
-    def raised(self, during: str | None, error: BaseException) -> None:
-        """Nor what failed: the test sees that itself."""
 
 
 class _Listened(RecordingPort):
     """A recorded port that does something of a test's before it reads or writes."""
 
     def __init__(self, port: SerialBase, recorder: Recorder, before: Callable[[], None]) -> None:
-        super().__init__(port, recorder, port.port or "", 0)
+        super().__init__(port, recorder, PortOpened(0, port.port or "", port.port))
         self._before = before
 
     def read(self, size: int = 1, /) -> bytes:

@@ -13,15 +13,12 @@ from serial.serialutil import SerialBase
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.port import open_port
-from palpate.drivers.transport.record import Recorder
+from palpate.drivers.transport.record import Noted, Recorder
 from palpate.drivers.transport.recording import (
     CALLS,
-    Direction,
     Entry,
     ErrorRaised,
     Instants,
-    PortBytes,
-    PortOpened,
     RecordedEvent,
     SessionEvent,
     calls_in,
@@ -58,21 +55,14 @@ class Tape:
         self.entries: list[Entry] = []
         self._calls: list[str] = []
 
-    def call(self, text: str) -> None:
-        self._calls.append(text)
-
-    def opened(self, number: int, port: str, url: str | None) -> None:
-        self.add(PortOpened(number, port, url))
+    def note(self, what: Noted) -> None:
+        if isinstance(what, str):
+            self._calls.append(what)
+        else:
+            self.add(what)
 
     def check(self) -> None:
         """Nothing fails here."""
-
-    def passed(self, direction: Direction, instant: float, port: str, data: bytes) -> None:
-        del instant
-        self.add(PortBytes(direction, port, data))
-
-    def raised(self, during: str | None, error: BaseException) -> None:
-        self.add(ErrorRaised(during, error))
 
     def add(self, what: RecordedEvent) -> None:
         self.entries.append(Entry(len(self.entries) + 1, 0.0, "".join(self._calls), what))

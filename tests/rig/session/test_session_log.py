@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from serial import SerialException
 
 from palpate.drivers.transport.clock import VirtualClock
-from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, SessionEvent
+from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, PortOpened, SessionEvent
 from palpate.errors import InputError
 from palpate.rig.session.error_values import KINDS, error_of, values_of
 from palpate.rig.session.log import SessionLog
@@ -21,15 +21,18 @@ from palpate.rig.session.signals import Interrupted
 
 def written(folder: Path) -> Path:
     """A short log with every kind of line in it."""
-    with SessionLog(folder, VirtualClock(), {"palpate": "0", "seed": 7, "strategy": "planned"}) as log:
-        log.call("t0~1.z")
-        log.opened(0, "mock://bus", "mock://rig/bus")
-        log.call("s0w0:40r0")
-        log.passed(Direction.SENT, 0.25, "mock://bus", b"\xff\xff\xfd\x00")
-        log.passed(Direction.RECEIVED, 0.5, "mock://bus", b"answer")
-        log.raised("r0", SerialException(5, "gone"))
+    clock = VirtualClock()
+    with SessionLog(folder, clock, {"palpate": "0", "seed": 7, "strategy": "planned"}) as log:
+        log.note("t0~1.z")
+        log.note(PortOpened(0, "mock://bus", "mock://rig/bus"))
+        log.note("s0w0:40r0")
+        clock.advance_to(0.25)
+        log.note(PortBytes(Direction.SENT, "mock://bus", b"\xff\xff\xfd\x00"))
+        clock.advance_to(0.5)
+        log.note(PortBytes(Direction.RECEIVED, "mock://bus", b"answer"))
+        log.note(ErrorRaised("r0", SerialException(5, "gone")))
         log.event("stage", grip=1, stage="aiming")
-        log.raised(None, Interrupted(signal.SIGTERM))
+        log.note(ErrorRaised(None, Interrupted(signal.SIGTERM)))
         log.event("result", result={"x": [1.5, None, "ø"]})
     return log.path
 
