@@ -172,7 +172,7 @@ def _check(
 ) -> None:
     """Find states that a rig's fingers can never tell apart, and heights at which a finger would.
 
-    Exit code 1: some pair can never be told apart. Pairs that may or may not be: 0.
+    Exit code 1: some pair can never be distinguished. Pairs for which that is open: 0.
     """
     from palpate.cli.objects_check import run_objects_check
 

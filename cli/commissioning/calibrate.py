@@ -181,7 +181,7 @@ def _show(out: CalibrateOut, console: Console) -> None:
     if out.rms_mm is not None:
         console.print(
             f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "
-            f"{out.held_out_rms_mm:.3f} mm where they were only foretold; {out.outliers} left out. "
+            f"{out.held_out_rms_mm:.3f} mm where they were predicted, not fitted; {out.outliers} left out. "
             f"Bounds are for {out.coverage:.1%} of contacts."
         )
     minutes = out.rig_seconds / 60
