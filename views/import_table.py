@@ -14,7 +14,6 @@ from palpate.views.tables import folded, table
 __all__ = ["show"]
 
 _UNKNOWN = "–"
-_MOST_STATES = 24
 _MOST_KNOWN = 6
 
 

@@ -112,7 +112,7 @@ class Bus:
     def reconnect(self) -> None:
         """Close the port and open it again, as after an unplug.
 
-        Raises PortFailed or DeviceError if it is not there, PortFailed if nobody said how to open it.
+        Raises PortFailed or DeviceError if it is not there, PortFailed without a way to open it.
         """
         if self._reopen is None:
             raise PortFailed(self.port_name, "it cannot be opened again")
@@ -127,7 +127,7 @@ class Bus:
         with self._exchanging():
             answer = self._asked(dxl_id, self._transceiver.ping, retries)
             self._check(answer, "a ping", alert=False)
-        return _told(answer)
+        return _ping_of(answer)
 
     def broadcast_ping(self, wanted: Sequence[int] = range(MAX_ID + 1)) -> dict[int, Ping]:
         """Ping everybody at once. Ends when all `wanted` have answered, or the highest of them is overdue.
@@ -136,7 +136,7 @@ class Bus:
         """
         with self._exchanging():
             found = self._transceiver.broadcast_ping(wanted)
-        return {answer.dxl_id: _told(answer) for answer in found if len(answer.params) == 3}
+        return {answer.dxl_id: _ping_of(answer) for answer in found if len(answer.params) == 3}
 
     def read(self, dxl_id: int, item: Item, *, alert: bool = True) -> int:
         """Read one item. `alert`: raise HardwareAlert if the servo reports a hardware error."""
@@ -221,7 +221,7 @@ class Bus:
     ) -> dict[int, StatusPacket | DeviceError]:
         """Read a block of bytes of each servo in one instruction; an answer or an error for each id.
 
-        One silent servo costs its own time-out, and hides nobody: where others wait for it, they are asked
+        One silent servo costs its own time-out, and hides no other: where others wait for it, they are asked
         again without it. One that stayed silent however often it was asked is asked once, and last, from
         then on.
         """
@@ -369,7 +369,7 @@ def _write_of(item: Item, value: int) -> str:
     return f"{value if item.size <= _LONGEST_NUMBER else 'a value'} for {item.name}"
 
 
-def _told(answer: StatusPacket) -> Ping:
+def _ping_of(answer: StatusPacket) -> Ping:
     return Ping(int.from_bytes(answer.params[:2], "little"), answer.params[2])
 
 

@@ -101,24 +101,24 @@ def scan_rate(
     bus = Bus(port, clock, baudrate, latency_s=latency_s)
     clock.sleep(_REST_S)
     answers = bus.broadcast_ping(dxl_ids)
-    told: dict[int, Ping | None] = {i: ping for i, ping in answers.items() if i in dxl_ids}
+    pings: dict[int, Ping | None] = {i: ping for i, ping in answers.items() if i in dxl_ids}
     if bus.counts.damaged:
         for dxl_id in dxl_ids:
-            if dxl_id in told:
+            if dxl_id in pings:
                 continue
             tell(baudrate, dxl_id)
             try:
-                told[dxl_id] = _by_itself(bus, dxl_id)
+                pings[dxl_id] = _by_itself(bus, dxl_id)
             except NotAnswering:
                 continue
     return [
         FoundServo(baudrate, dxl_id, ping, crowded=ping is None or _is_crowded(bus, port, clock, dxl_id))
-        for dxl_id, ping in sorted(told.items())
+        for dxl_id, ping in sorted(pings.items())
     ]
 
 
 def model_name(ping: Ping | None) -> str | None:
-    """The name of the model that answered a ping; None if nobody knows it."""
+    """The name of the model that answered a ping; None if it is unknown."""
     try:
         return None if ping is None else model_numbered(ping.model_number, ping.firmware).name
     except InputError:

@@ -14,7 +14,6 @@ __all__ = [
     "ACCELERATION_UNIT_RAD_S2",
     "ANSWERS_ALL",
     "BAUD_RATE",
-    "FULL_PWM",
     "HARDWARE_ERROR_STATUS",
     "ID",
     "ITEMS",
@@ -32,7 +31,6 @@ __all__ = [
 
 RAD_PER_TICK = 2 * math.pi / 4096
 ZERO_TICK = 2048
-FULL_PWM = 885
 ANSWERS_ALL = 2
 """Status Return Level at which a servo answers every instruction."""
 VELOCITY_UNIT_RAD_S = 0.229 * 2 * math.pi / 60

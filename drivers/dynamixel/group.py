@@ -1,7 +1,7 @@
-"""Reading from several servos at once so that one silent servo hides nobody. Between `bus` and `transceiver`.
+"""Reading from several servos at once so that one silent servo hides no other.
 
 In a sync or bulk read servos answer one after another. Where one is missing, those behind it may wait for
-it for ever (the e-Manual leaves it open), so they are asked again without it: nobody counts as silent who
+it for ever (the e-Manual leaves it open), so they are asked again without it: none counts as silent that
 was only hidden.
 """
 

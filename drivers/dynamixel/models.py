@@ -23,7 +23,7 @@ __all__ = ["Indirect", "Model", "model_named", "model_numbered", "models_known"]
 _NEWEST = 255
 _NEW_LAYOUT = 52  # firmware from which the X330s have the vendor's "_fw52" table
 _SIGNED = {name for name, item in ct.ITEMS.items() if item.signed}
-_EEPROM_END = 64  # of the X series; elsewhere nobody asks
+_EEPROM_END = 64  # of the X series; elsewhere it is not used
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ _FAST_FROM = {"430": 45, "540": 45, "330": 46}
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A model with a firmware; None while nobody has asked the servo for it.
+    """A model with a firmware; None until the servo was asked for it.
 
     `zero_tick`: Present Position at 0 rad. `fast_from`: first firmware that answers fast reads, None if
     none does. `items`: the vendor's, by name. `indirect`: the first row of

@@ -6,7 +6,7 @@ plain SDK 4.1:
 - it opens only `serial.Serial` by device name, and knows no baud rate above 4 Mbps: ours takes any open
   pyserial port and any rate;
 - it times out after a fixed 34 ms and busy-waits on the wall clock: ours takes the clock, lets the port wait,
-  is told how long an answer may take, and looks once more when the time is up, because the computer may
+  is given how long an answer may take, and looks once more when the time is up, because the computer may
   have slept;
 - an exception from the port leaves the handler marked busy for ever: ours releases it;
 - `rxPacket` throws away all that was received behind a false header: ours searches it again;

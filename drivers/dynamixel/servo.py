@@ -173,23 +173,6 @@ class Servo:
         units = self.current_units(abs(current_a))
         self.write("Goal Current", int(math.copysign(units, current_a)))
 
-    def set_goal_velocity_rad_s(self, velocity_rad_s: float) -> None:
-        """Set the speed of Velocity Control Mode, rounded towards 0; Velocity Limit is its bound."""
-        self.write("Goal Velocity", int(velocity_rad_s / self.model.velocity_unit_rad_s))
-
-    def set_goal_pwm(self, share: float) -> None:
-        """Set the voltage of PWM Control Mode, or the largest of the others: −1 … 1 of the full one.
-
-        Rounded towards 0. Raises ValueError beyond; the servo refuses more than PWM Limit.
-        """
-        if not -1 <= share <= 1:
-            raise ValueError(f"a PWM of {share} is outside -1 … 1 (servo {self.dxl_id})")
-        self.write("Goal PWM", int(share * ct.FULL_PWM))
-
-    def set_goal_rad(self, goal_rad: float) -> None:
-        """Move to an angle. Raises SafetyStop outside `range_rad`, and sends nothing then."""
-        self.write("Goal Position", self.goal_ticks(goal_rad))
-
     def nearest_rad(self, angle_rad: float) -> float:
         """The angle in `range_rad` that is nearest: where to hold a servo that stands a little beyond."""
         low, high = self.range_rad

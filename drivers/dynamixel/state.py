@@ -1,7 +1,7 @@
 """How a group of servos is, in one read: position, velocity, current, and everything that may be wrong.
 
 Above `bus`, beside `servo`; the rig's loops read through it. What belongs together lies apart in the
-control table, so each servo is told once, through its indirect addresses, to show it in one block
+control table, so each servo is set up once, by its indirect addresses, to show it in one block
 (e-Manual, Indirect Address). These live in RAM. A servo that has restarted meanwhile shows an empty block,
 which must not be taken for an angle: the block ends with Status Return Level, which is never 0 here.
 """

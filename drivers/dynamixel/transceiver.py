@@ -170,9 +170,9 @@ class Transceiver:
     ) -> dict[int, StatusPacket | Loss]:
         """Read a block of each servo with one sync read, or one bulk read if the blocks differ.
 
-        The result is in the order in which they were asked. After the first that stays silent nobody is
+        The result is in the order in which they were asked. After the first that stays silent none is
         waited for: where the servos wait for each other, all behind it are silent, too. `patient`: as long as
-        nobody has answered. If somebody has, it is not the computer that is late.
+        none has answered. If one has, it is not the computer that is late.
         """
         self._note(queries(blocks))
         self._send_group(blocks, Instruction.SYNC_READ, Instruction.BULK_READ)
@@ -183,8 +183,8 @@ class Transceiver:
             nearest = next(iter(waiting))
             if len(waiting) < awaited:  # only an answer that was asked for gives the next one its time
                 awaited = len(waiting)
-                nobody_yet = len(waiting) == len(blocks)
-                delay = self._delay_s([nearest]) + self._patience_s(patient and nobody_yet)
+                none_answered = len(waiting) == len(blocks)
+                delay = self._delay_s([nearest]) + self._patience_s(patient and none_answered)
                 self._expect(_STATUS_SIZE + blocks[nearest][1], delay)
             elif self._handler.isPacketTimeout():
                 break

@@ -213,8 +213,8 @@ class EmulatedArray:
     def _tell_places(self, body: Geometry, now: float) -> None:
         places = self._places[body.first : body.first + _TAXELS_A_MESSAGE]
         if places.size:
-            told = tuple(map(float, places.ravel()))
-            self._send(TaxelPlaces(body.request_id, body.first, told), now)
+            values = tuple(map(float, places.ravel()))
+            self._send(TaxelPlaces(body.request_id, body.first, values), now)
         else:
             self._send(Nack(body.request_id, NackReason.BAD_PAYLOAD), now)
 

@@ -1,6 +1,6 @@
 """Seeded faults of a wire: noise, loss, repetition, delay, broken packets, an unplugged adapter.
 
-A `FaultyWire` stands between any skin (in process, pty) and any emulated device, and is a `Device` itself.
+A `FaultyWire` stands between any transport and any emulated device, and is a `Device` itself.
 A packet here is what is handed over at once: the bytes of one write of the host, or of one emission of the
 device.
 
@@ -175,7 +175,7 @@ class FaultyWire:
 
 
 class RatedFaultyWire(FaultyWire):
-    """For a device that is told the rate of bytes; it answers late ones at the wire's usual rate."""
+    """For a device that takes the rate of bytes with them; it answers late ones at the wire's usual rate."""
 
     def __init__(self, device: RatedDevice, seed: int, rates: WireRates | None = None) -> None:
         super().__init__(device, seed, rates)

@@ -77,15 +77,15 @@ def write_requests(packet: InstructionPacket) -> Iterator[WriteRequest]:
     if packet.instruction == Instruction.SYNC_WRITE:
         yield from _sync_writes(packet.params)
         return
-    told: set[int] = set()
+    seen: set[int] = set()
     params, at = packet.params, 0
     while at + 5 <= len(params):
         length = _word(params, at + 3)
         if at + 5 + length > len(params):
             return
-        if params[at] not in told:
+        if params[at] not in seen:
             yield WriteRequest(params[at], _word(params, at + 1), params[at + 5 : at + 5 + length])
-        told.add(params[at])
+        seen.add(params[at])
         at += 5 + length
 
 

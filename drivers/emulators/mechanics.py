@@ -2,7 +2,7 @@
 
 Between the emulated servos and the tips of the bench. Each kind of mechanics says where the tip really is. It
 is written from drawings of the mechanics, not from the host's kinematics, so that the two check each other.
-What the host is not told (the `…Truth` values) is drawn by whoever builds the bench and never leaves it.
+What the host does not know (the `…Truth` values) is drawn by whoever builds the bench and never leaves it.
 """
 
 import cmath

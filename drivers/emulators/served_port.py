@@ -43,7 +43,7 @@ class ServedPort(ABC):
         """Hand bytes to the client. One that does not read loses them, as at a full receive buffer."""
 
     def _client_rate(self) -> int:
-        """The client's baud rate, or the device's where nobody can tell."""
+        """The client's baud rate, or the device's where that is unknown."""
         return self.baudrate
 
     def take(self, now: float) -> None:

@@ -5,6 +5,7 @@ the e-Manual. Reverse Mode turns everything round that has a direction: ticks co
 """
 
 import math
+from enum import IntEnum
 
 from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.emulators.control_laws import (
@@ -16,10 +17,9 @@ from palpate.drivers.emulators.control_laws import (
     duty_law,
 )
 from palpate.drivers.emulators.servo_motion import ShaftMotion
-from palpate.drivers.emulators.servo_profile import ProfileType, profile_shape, timed_profile
 from palpate.drivers.emulators.servo_table import ControlTable
 
-__all__ = ["GOAL_OF_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
+__all__ = ["GAINS", "GOAL_OF_MODE", "POSITION_MODES", "REVERSE", "TORQUE_ON_BY_GOAL", "ServoDrive"]
 
 POSITION_MODES = (
     OperatingMode.POSITION,
@@ -48,7 +48,7 @@ _FULL_DUTY = 885
 _IN_POSITION_TICKS = 5  # the manual says "a predefined value"
 _SINGLE_TURN_OFFSET = 1024  # largest Homing Offset that counts in Position Control Mode
 
-_GAINS = (
+GAINS = (
     "Velocity I Gain",
     "Velocity P Gain",
     "Position D Gain",
@@ -57,6 +57,15 @@ _GAINS = (
     "Feedforward 2nd Gain",
     "Feedforward 1st Gain",
 )
+
+
+class _ProfileType(IntEnum):
+    """Profile Type, bits 4 and 5 of Moving Status."""
+
+    NONE = 0
+    RECTANGULAR = 1
+    TRIANGULAR = 2
+    TRAPEZOIDAL = 3
 
 
 class ServoDrive:
@@ -68,7 +77,7 @@ class ServoDrive:
         self._current_unit_a = current_unit_a
         self._turn_ticks = 0
         self._sign = 1
-        self._profile = ProfileType.NONE
+        self._profile = _ProfileType.NONE
         self._velocity = VelocityLaw(0.0, 0.0)
         self._extras = PositionTerms(0.0, 0.0)
 
@@ -131,7 +140,7 @@ class ServoDrive:
         self._velocity = VelocityLaw(0.0, 0.0)
         self.configure()
         self._motion.engage()
-        self._profile = ProfileType.NONE
+        self._profile = _ProfileType.NONE
         self._table.set("Goal Position", self.present_tick())
 
     def stop(self) -> None:
@@ -207,7 +216,7 @@ class ServoDrive:
     def _reset(self) -> None:
         """The part of a change of mode that a start has too."""
         table = self._table
-        for name in _GAINS:
+        for name in GAINS:
             table.reset(name)
         table.set("Profile Velocity", 0)
         table.set("Profile Acceleration", 0)
@@ -218,7 +227,7 @@ class ServoDrive:
 
     def _hold_here(self) -> None:
         self._table.set("Goal Position", self.present_tick())
-        self._profile = ProfileType.NONE
+        self._profile = _ProfileType.NONE
         self.configure()
 
     def _law(self, mode: int) -> Law | None:
@@ -251,9 +260,9 @@ class ServoDrive:
         velocity, acceleration = self._rates()
         if self._drive_mode() & TIME_BASED:
             span, rise = self._table.get("Profile Velocity"), self._table.get("Profile Acceleration")
-            velocity, acceleration = timed_profile(span * 1e-3, rise * 1e-3, distance)
+            velocity, acceleration = _timed_profile(span * 1e-3, rise * 1e-3, distance)
             self._motion.set_profile(velocity, acceleration)
-        self._profile = profile_shape(velocity, acceleration, distance)
+        self._profile = _profile_shape(velocity, acceleration, distance)
         self._motion.move_to(goal)
 
     def _rates(self) -> tuple[float, float]:
@@ -282,3 +291,33 @@ class ServoDrive:
 
     def _encoder(self) -> int:
         return round(self._sign * self._motion.shaft_rad / _RAD_PER_TICK) + _ZERO_TICK
+
+
+def _profile_shape(velocity: float, acceleration: float, distance: float) -> _ProfileType:
+    """Shape of a profile over `distance` from standstill: e-Manual, "What is the Profile".
+
+    0 velocity means none, 0 acceleration infinite. All three in units that belong together.
+    """
+    if velocity == 0.0:
+        return _ProfileType.NONE
+    if acceleration == 0.0:
+        return _ProfileType.RECTANGULAR
+    return (
+        _ProfileType.TRIANGULAR if distance * acceleration < velocity * velocity else _ProfileType.TRAPEZOIDAL
+    )
+
+
+def _timed_profile(span_s: float, rise_s: float, distance: float) -> tuple[float, float]:
+    """Velocity and acceleration that cover `distance` in `span_s`, speeding up for `rise_s`.
+
+    The rise is at most half the span. (0, 0), a step, for a span of 0; acceleration 0 is an infinite one.
+    A profile that begins in motion takes longer or shorter: the manual reckons from standstill.
+    """
+    if span_s <= 0.0 or distance <= 0.0:
+        return 0.0, 0.0
+    rise_s = min(rise_s, span_s / 2)
+    velocity = distance / (span_s - rise_s)
+    if rise_s <= 0.0:
+        return velocity, 0.0
+    # a trace above what is exact, so that rounding does not turn half the span into a triangle cut short
+    return velocity, math.nextafter(velocity / rise_s, math.inf)

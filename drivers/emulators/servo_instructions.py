@@ -105,13 +105,11 @@ def _back_up(unit: ServoUnit, params: bytes) -> None:
     if unit.motion.driven:
         raise Refused(StatusErrorCode.RESULT_FAIL)
     if params == _STORE:
-        unit.backup.store(unit.table)
-        unit.table.set("Backup Ready", 1)
+        unit.back_up()
         return
-    if not unit.backup.ready:
+    if not unit.has_backup:
         raise Refused(StatusErrorCode.RESULT_FAIL)
-    unit.backup.restore_eeprom(unit.table)
-    unit.start(BOOT_S)
+    unit.restore()
 
 
 def _expect(params: bytes, *allowed: bytes) -> None:

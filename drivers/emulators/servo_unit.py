@@ -8,8 +8,8 @@ from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.packet import StatusErrorCode
 from palpate.drivers.dynamixel.specifications import ServoSpecification
-from palpate.drivers.emulators.servo_backup import Backup
 from palpate.drivers.emulators.servo_drive import (
+    GAINS,
     GOAL_OF_MODE,
     REVERSE,
     TORQUE_ON_BY_GOAL,
@@ -34,6 +34,7 @@ _LIMIT_OF_GOAL = {
     "Goal Current": "Current Limit",
     "Goal Velocity": "Velocity Limit",
 }
+_BACKED_UP_RAM = {*GAINS, "Profile Acceleration", "Profile Velocity"}
 _GOALS = {*_LIMIT_OF_GOAL, "Goal Position"}
 _DRIVE_SETTINGS = _GOALS | {
     "Drive Mode",
@@ -60,7 +61,7 @@ class ServoUnit:
         self.table = ControlTable(model.items(firmware))
         self.drive = ServoDrive(self.table, motion, model.current_unit_a)
         self.protection = Protection(model, self.table)
-        self.backup = Backup()
+        self._backup: dict[TableItem, int] = {}
         self.extended = firmware >= model.extended_firmware
         self.firmware = firmware
         self.registered: tuple[int, bytes] | None = None
@@ -79,9 +80,9 @@ class ServoUnit:
         self.registered = None
         self.drive.power_up()
         if "Backup Ready" in self.table:
-            self.table.set("Backup Ready", int(self.backup.ready))
+            self.table.set("Backup Ready", int(self.has_backup))
         if self._startup() & _STARTUP_RAM_RESTORE:
-            self.backup.restore_ram(self.table)
+            self._restore(Area.RAM)
             self.drive.configure()
         if boot_s <= 0.0:
             self._booted()
@@ -143,6 +144,37 @@ class ServoUnit:
         self._watchdog_s = 0.0
         self.table.set("Bus Watchdog", _BUS_WATCHDOG_ERROR)
         self.drive.stop()
+
+    # -- Control Table Backup, page "DYNAMIXEL Protocol 2.0" ------------------------------------------------
+
+    @property
+    def has_backup(self) -> bool:
+        """True once something is stored: item Backup Ready."""
+        return bool(self._backup)
+
+    def back_up(self) -> None:
+        """Store all of EEPROM that can be written, and the RAM items that the manual lists.
+
+        It survives power and, though the manual does not say so, Factory Reset.
+        """
+        self._backup = {
+            item: self.table.get(item.name)
+            for item in self.table
+            if (item.area is Area.EEPROM and item.access is Access.RW)
+            or item.name in _BACKED_UP_RAM
+            or item.name.startswith("Indirect Address")
+        }
+        self.table.set("Backup Ready", 1)
+
+    def restore(self) -> None:
+        """Put EEPROM back as it was stored, and reboot."""
+        self._restore(Area.EEPROM)
+        self.start(BOOT_S)
+
+    def _restore(self, area: Area) -> None:
+        for item, value in self._backup.items():
+            if item.area is area:
+                self.table.set(item.name, value)
 
     # -- memory -------------------------------------------------------------------------------------------
 

@@ -72,7 +72,7 @@ class TcpPort(ServedPort):
     def _welcome(self) -> None:
         try:
             come, _ = self._listener.accept()
-        except OSError:  # nobody, or gone again
+        except OSError:  # no client, or gone again
             return
         if self._client is not None:
             come.close()

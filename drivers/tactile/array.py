@@ -202,7 +202,7 @@ class TactileArray(StreamedArray):
         if isinstance(answer, Nack):
             raise DeviceError(f"{where} refuses to {verb} ({answer.reason.name}); {_ADVICE[answer.reason]}")
         if answer is None:
-            raise DeviceError(f"{where} did not answer when told to {verb}; check its power and its cable")
+            raise DeviceError(f"{where} did not answer a request to {verb}; check its power and its cable")
         return answer
 
     def _take(self, message: Message, body: Frame) -> None:

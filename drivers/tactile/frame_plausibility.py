@@ -13,7 +13,6 @@ __all__ = ["FramePlausibility"]
 _LATEST_US = 1 << 53  # 285 years: no array has run for so long
 _LEAP_S = 2.0
 _DRIFT = 0.05  # of clocks against each other: RC oscillators are a few per cent off
-_RESTART_SPARE_S = 1.0
 
 
 class FramePlausibility:

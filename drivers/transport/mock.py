@@ -4,8 +4,8 @@ A `MockHub` owns the wires of one emulated rig and shares one `VirtualClock` amo
 byte after another: a byte is there once its last bit has arrived, so every byte costs its wire time.
 
 pyserial makes ports from strings alone, through classes that it finds by module name. The table of hubs
-below is therefore the one piece of module-level state in the drivers. It holds its hubs weakly: a hub that
-nobody owns any more takes its URLs with it.
+below is therefore the one piece of module-level state in the drivers. It holds its hubs weakly: a hub
+that is collected takes its URLs with it.
 """
 
 import weakref

@@ -1,6 +1,6 @@
 """pyserial's handler of `socket://HOST:PORT`, corrected where a serial port is expected to be otherwise.
 
-pyserial imports this module by its name, before its own, once `port.open_port` has told it of this package.
+pyserial imports this module by its name, before its own, once `port.open_port` has added this package.
 Corrected:
 
 - `in_waiting` says how many bytes there are, not whether there are any, and notices that the other end is

@@ -1,9 +1,9 @@
-"""The seam between a wire and what hangs on it. Every skin (in process, pty) drives devices through it.
+"""The seam between a wire and what hangs on it. Every transport (in process, pty) drives devices through it.
 
 A device is a transport-free core: it is fed the bytes that reached it and the time at which they did, and
 answers with bytes and the times at which it starts to send them. It never blocks, sleeps or reads a clock.
 
-A plain device has one baud rate, and only the skin knows it: bytes at another rate never reach it. A bus
+A plain device has one baud rate, and only the transport knows it: bytes at another rate never reach it. A bus
 whose members have rates of their own is a `RatedDevice`.
 """
 
@@ -27,7 +27,7 @@ class Device(Protocol):
     def poll(self, now: float) -> list[Emission]:
         """Return what the device has sent of its own accord up to `now`.
 
-        A skin polls when it has seen that no bytes came until `now`.
+        A transport polls when it has seen that no bytes came until `now`.
         """
         ...
 
@@ -38,7 +38,7 @@ class Device(Protocol):
 
 @runtime_checkable
 class RatedDevice(Device, Protocol):
-    """A device that is told the rate of the bytes that reach it, and answers at that rate."""
+    """A device that takes the rate of the bytes that reach it, and answers at that rate."""
 
     def feed_at(self, data: bytes, now: float, baudrate: int) -> list[Emission]:
         """Take bytes sent at `baudrate` whose last bit arrived at `now`; return what they provoke."""

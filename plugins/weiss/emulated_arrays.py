@@ -185,7 +185,7 @@ class EmulatedWts(EmulatedWeiss):
 class EmulatedDsa(EmulatedWeiss):
     """A DSACON32 controller with several matrices; number `touched` has the taxels, others rest at 0.
 
-    Quirks of the firmware, as SDHLibrary knows them: it streams at its own rate whatever rate it is told; a
+    Quirks of the firmware, as SDHLibrary knows them: it streams at its own rate whatever rate is asked for; a
     single frame turns into a stream up to release 288 (269 excepted); a threshold that is to be kept is not
     answered; before release 268 there are no thresholds.
     """

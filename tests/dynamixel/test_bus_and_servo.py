@@ -180,7 +180,7 @@ def test_goals_are_reached_in_radians(bench: Bench) -> None:
 def test_current_tells_the_load(bench: Bench) -> None:
     bench.torque_on(OperatingMode.CURRENT_BASED_POSITION)
     bench.servos[0].set_goal_current_a(0.5)
-    bench.servos[0].set_goal_rad(3.0)
+    write_goals(bench.bus, {bench.servos[0]: 3.0})
     bench.load_nm = -3.0  # more than 0.5 A can hold
     bench.wait(0.5)
     state = bench.states()[11]
@@ -194,7 +194,7 @@ def test_out_of_range_goals_send_nothing(bench: Bench) -> None:
     with pytest.raises(SafetyStop, match=r"servo 12 .* 4\.0000 rad, outside its range"):
         write_goals(bench.bus, low_first)
     with pytest.raises(SafetyStop, match="nan"):
-        bench.servos[0].set_goal_rad(math.nan)
+        write_goals(bench.bus, {bench.servos[0]: math.nan})
     bench.wait(1.0)
     assert all(abs(s.shaft_rad) < 1e-3 for s in bench.emulated.values())
 
@@ -303,7 +303,7 @@ def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
     bench.torque_on(OperatingMode.EXTENDED_POSITION)
     servo = bench.servos[0]
     servo.arm_watchdog(0.1)
-    servo.set_goal_rad(3.0)
+    write_goals(bench.bus, {servo: 3.0})
     for _ in range(5):
         bench.wait(0.05)
         assert not bench.states()[11].watchdog_tripped
@@ -311,9 +311,9 @@ def test_watchdog_stops_a_servo_that_hears_nothing(bench: Bench) -> None:
     assert bench.states()[11].watchdog_tripped
     assert bench.emulated[11].shaft_rad < 2.0
     with pytest.raises(StatusError):
-        servo.set_goal_rad(0.0)
+        servo.write("Goal Position", servo.goal_ticks(0.0))
     servo.disarm_watchdog()
-    servo.set_goal_rad(0.0)
+    write_goals(bench.bus, {servo: 0.0})
 
 
 def test_a_sync_read_takes_the_time_that_the_wire_needs(bench: Bench) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.control_table import OperatingMode
-from palpate.drivers.dynamixel.errors import HardwareAlert, StatusError
+from palpate.drivers.dynamixel.errors import HardwareAlert
 from palpate.drivers.dynamixel.guarded import End, Guard, guarded_move
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import StateReader
@@ -108,15 +108,8 @@ def test_a_goal_out_of_range_moves_nobody(shafts: Shafts) -> None:
     assert shafts.reader.read(shafts.servos).all()[1].position_rad == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_other_operating_modes(shafts: Shafts) -> None:
+def test_current_control_mode(shafts: Shafts) -> None:
     servo, shaft = shafts.servos[0], shafts.emulated[1]
-    servo.prepare(OperatingMode.VELOCITY, 0.5, velocity_limit_rad_s=3.0)
-    servo.enable_torque()
-    servo.set_goal_velocity_rad_s(-1.5)
-    shafts.clock.sleep(1.0)
-    assert shafts.reader.read([servo]).all()[1].velocity_rad_s == pytest.approx(-1.5, abs=0.1)
-    with pytest.raises(StatusError, match="Data Limit Error"):
-        servo.set_goal_velocity_rad_s(4.0)
     servo.prepare(OperatingMode.CURRENT, 0.5)
     servo.enable_torque()
     begin = shaft.shaft_rad
@@ -126,10 +119,3 @@ def test_the_other_operating_modes(shafts: Shafts) -> None:
     assert shaft.shaft_rad > begin + 0.05
     with pytest.raises(ValueError, match="servo 1"):
         servo.set_goal_current_a(-9.0)
-    servo.prepare(OperatingMode.PWM, 0.5)
-    servo.enable_torque()
-    servo.set_goal_pwm(-0.5)
-    shafts.clock.sleep(1.0)
-    assert shafts.reader.read([servo]).all()[1].velocity_rad_s < -1.0
-    with pytest.raises(ValueError, match=r"a PWM of 1\.5"):
-        servo.set_goal_pwm(1.5)

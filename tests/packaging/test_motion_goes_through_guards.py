@@ -19,7 +19,7 @@ def calls(folder: str) -> list[tuple[str, str]]:
 
 
 def test_goals_are_written_by_the_guarded_loop_alone() -> None:
-    writers = {"write_goals", "stop_at", "set_goal_rad"}
+    writers = {"write_goals", "stop_at"}
     everywhere = [*calls("cli"), *calls("api"), *calls("rig"), *calls("calibration"), *calls("drivers")]
     assert {file for file, name in everywhere if name in writers} == {"drivers/dynamixel/guarded.py"}
 

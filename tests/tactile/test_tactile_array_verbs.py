@@ -175,7 +175,7 @@ def test_a_self_test_may_take_two_seconds_and_is_asked_for_once_more() -> None:
     assert len(port.written) == 3
     assert clock.now() < 5.0
     port.deaf = {3, 4}
-    with pytest.raises(DeviceError, match="did not answer when told to test itself; check its power"):
+    with pytest.raises(DeviceError, match="did not answer a request to test itself; check its power"):
         array.self_test()
 
 
@@ -241,5 +241,5 @@ def test_an_echo_of_one_s_own_request_is_no_answer() -> None:
     array, port, _, _ = bench()
     array.connect()
     port.device = Told(lambda data, _: data)
-    with pytest.raises(DeviceError, match="did not answer when told to stop"):
+    with pytest.raises(DeviceError, match="did not answer a request to stop"):
         array.stop()
