@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from wording import missing
 
 from palpate.config import load_objects
 from palpate.errors import InputError
@@ -174,7 +175,7 @@ def test_what_is_refused_is_named(file: Path, content: object, message: str) -> 
 def test_heights_that_overlap_or_lie_under_the_table_are_refused(file: Path) -> None:
     sections = [{"z": [0, 8], "polygons": [{"outer": SQUARE}]}, {"z": [7, 9], "polygons": [{"outer": INNER}]}]
     message = refusal(file, in_states(sections=sections))
-    assert message == 'object "plate", state "up", section 1, z: overlaps the heights of section 0'
+    assert missing(message, '"plate"', '"up"', "section 1, z", "overlaps", "section 0") == []
     sections[0]["z"] = [-1, 8]
     assert "section 0, z: starts at -1 mm, below the support plane (and 1 more)" in refusal(
         file, in_states(sections=sections)
