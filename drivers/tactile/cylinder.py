@@ -14,7 +14,7 @@ from palpate.drivers.tactile.columns import Columns, Runs, columns_of, runs_of
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.tactile.patches import Patches, PatchFlag, TipCalibration, nan_where_untouched
 from palpate.drivers.tactile.slabs import WINDOW_SIGMAS, Profiles, Slabs
-from palpate.drivers.tactile.templates import ColumnProfile, Match, TemplateSet, template_set
+from palpate.drivers.tactile.templates import ColumnProfile, TemplateSet, template_set
 from palpate.drivers.tactile.unobserved_load import load_beyond_edge, log_concave_limit_n
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
@@ -189,7 +189,9 @@ class CylinderTip:
         variance = self._variance(columns, runs, span)
         if exact:
             for i in np.flatnonzero(touched):
-                match = self._match(columns, runs, variance, float(missing[i]), int(i))
+                first, last = int(runs.first[i]), int(runs.last[i])
+                profile = ColumnProfile(columns.force_n[i], variance[i], first, last, float(missing[i]))
+                match = self._templates.match(profile, MISFIT_SLACK)
                 if match is not None and match.misfit <= MISFIT_LIMIT and match.one_edge:
                     low[i], high[i] = match.low_rad / self._pitch, match.high_rad / self._pitch
                     narrow[i] = True
@@ -222,12 +224,6 @@ class CylinderTip:
         """Variance (n, c) of what belongs to the patch; infinite where another one is."""
         result: Floats = np.where(_widened(runs.other, 1) & ~span, np.inf, columns.variance)
         return result
-
-    def _match(self, columns: Columns, runs: Runs, variance: Floats, missing: float, i: int) -> Match | None:
-        """Directions whose templates fit frame i, looked for one by one."""
-        first, last = int(runs.first[i]), int(runs.last[i])
-        profile = ColumnProfile(columns.force_n[i], variance[i], first, last, missing)
-        return self._templates.match(profile, MISFIT_SLACK)
 
     def _centroid(self, columns: Columns, span: Bools, beside: Bools, flags: Ints) -> tuple[Floats, Floats]:
         """Direction of the load's centroid and its bound, both (n,) rad."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from palpate.drivers.tactile.templates import TemplateSet
+from palpate.drivers.tactile.templates import MARGIN_COLUMNS, TemplateSet
 from palpate.geometry import Bools, Floats, Ints, Singles
 
 __all__ = ["WINDOW_SIGMAS", "Matches", "Profiles", "Slabs"]
@@ -84,7 +84,6 @@ class Slabs:
     """The templates of a set in the order in which profiles ask for them."""
 
     def __init__(self, templates: TemplateSet) -> None:
-        self._margin = templates.margin_columns
         cells = templates.cells
         reach = cells.shape[1] // 2
         centroid = cells @ np.arange(-reach, reach + 1) / cells.sum(axis=1)
@@ -96,7 +95,7 @@ class Slabs:
         self._half = int(np.abs(loaded - middle).max()) + _SIDEWAYS  # to move by
         centred = centred[:, middle - self._half : middle + self._half + 1]
         one, count = _alike(centred)
-        least, largest = templates.force_range_n
+        least, largest = templates.least_n, templates.most_n
         angle = templates.angle_columns - whole
         self._all = _Slab(
             phase=np.bincount(one, centroid - whole) / count,
@@ -197,8 +196,8 @@ class Slabs:
         # Products and largest values are several times as fast as choosing among infinities.
         low = _FAR - (fits * (_FAR - stretch.low)).max(axis=1, initial=0)
         high = (fits * (_FAR + stretch.high)).max(axis=1, initial=0) - _FAR
-        matches.low[at] = (low + base - self._margin)[found]
-        matches.high[at] = (high + base + self._margin)[found]
+        matches.low[at] = (low + base - MARGIN_COLUMNS)[found]
+        matches.high[at] = (high + base + MARGIN_COLUMNS)[found]
         matches.misfit[at] = (power - best)[found]
         matches.one_edge[at] = (fits & stretch.one_edge).any(axis=1)[found]
 

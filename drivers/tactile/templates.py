@@ -21,11 +21,13 @@ from numpy.typing import NDArray
 
 from palpate.geometry import Bools, Floats, Singles
 
-__all__ = ["ColumnProfile", "Match", "TemplateSet", "template_set"]
+__all__ = ["MARGIN_COLUMNS", "ColumnProfile", "Match", "TemplateSet", "template_set"]
 
 _REACH_RAD = math.radians(75.0)  # of a template on either side of its middle; no contact reaches as far
 _LEAST_REACH, _MOST_REACH = 3, 20  # columns
 _STEPS_PER_COLUMN = 11
+MARGIN_COLUMNS = 0.75 / _STEPS_PER_COLUMN
+"""What lies between one template and the next: to be added to a range on either side."""
 _GRID_STEP = math.radians(0.2)
 _PIECE = 768
 _GRID_COUNT = 750  # samples on either side: 150°
@@ -73,6 +75,10 @@ class TemplateSet:
     `stiffness_bound` is the relative error of the stiffness, gains included. The force is allowed to grow
     with the penetration linearly or as the foundation's, whichever is wider. `least_depth` is the smallest
     penetration, in tip radii.
+
+    Of m templates: `cells` (m, 2 · reach + 1) is the share of the force on each column of the window,
+    `angle_columns` (m,) the direction from the window's middle, within half a column, `least_n` and `most_n`
+    (m,) the forces that it can have; `one_edge` (m,): it has a single edge.
     """
 
     def __init__(
@@ -102,10 +108,11 @@ class TemplateSet:
         cells = np.diff(cumulative[:, left] * (1 - share) + cumulative[:, left + 1] * share, axis=2)
         total = cells.sum(axis=2, keepdims=True)
         cells = _smear(cells / total, crosstalk)
-        self._cells = np.ascontiguousarray(cells.reshape(-1, 2 * reach + 1).astype(np.float32))
-        self._squares = self._cells**2
+        self.cells: Singles = np.ascontiguousarray(cells.reshape(-1, 2 * reach + 1).astype(np.float32))
+        self._squares = self.cells**2
         self._angles = np.tile(self._offsets, len(shapes))
-        self._one_edge = np.repeat(others == 0, _STEPS_PER_COLUMN)
+        self.angle_columns: Floats = self._angles / pitch_rad
+        self.one_edge: Bools = np.repeat(others == 0, _STEPS_PER_COLUMN)
         linear = stiffness_n_per_mm * radius_mm * depths
         flat = _flat(grid, _REFERENCE_DEPTH).sum() * _GRID_STEP
         founded = cumulative[:, -1] / flat * stiffness_n_per_mm * radius_mm * _REFERENCE_DEPTH
@@ -113,33 +120,8 @@ class TemplateSet:
         highest = np.maximum(linear + stiffness_n_per_mm * radius_mm * others, founded) * (
             1 + stiffness_bound
         )
-        self._lowest = np.repeat(lowest, _STEPS_PER_COLUMN)
-        self._highest = np.repeat(highest, _STEPS_PER_COLUMN)
-
-    @property
-    def cells(self) -> Singles:
-        """Share of the force on each column of the window, (templates, 2 · reach + 1)."""
-        return self._cells
-
-    @property
-    def angle_columns(self) -> Floats:
-        """Direction of each template from its window's middle, (templates,) in columns, within half a one."""
-        return self._angles / self._pitch
-
-    @property
-    def force_range_n(self) -> tuple[Floats, Floats]:
-        """Least and largest force that each template can have, both (templates,) N."""
-        return self._lowest, self._highest
-
-    @property
-    def one_edge(self) -> Bools:
-        """Templates with a single edge, (templates,)."""
-        return self._one_edge
-
-    @property
-    def margin_columns(self) -> float:
-        """What lies between one template and the next: to be added to a range on either side."""
-        return 0.75 / _STEPS_PER_COLUMN
+        self.least_n: Floats = np.repeat(lowest, _STEPS_PER_COLUMN)
+        self.most_n: Floats = np.repeat(highest, _STEPS_PER_COLUMN)
 
     def match(self, profile: ColumnProfile, slack: float) -> Match | None:
         """Return the hull of directions whose misfit is within `slack` of the best, if any is possible.
@@ -147,47 +129,30 @@ class TemplateSet:
         Misfit is the sum of squared errors over their variances, the amplitude being free.
         """
         total = float(profile.force_n[profile.first : profile.last + 1].sum())
-        allowed = np.ones(len(self._cells), dtype=bool)
+        allowed = np.ones(len(self.cells), dtype=bool)
         if math.isfinite(profile.missing_n):
-            allowed = (self._lowest <= total + profile.missing_n) & (total <= self._highest)
+            allowed = (self.least_n <= total + profile.missing_n) & (total <= self.most_n)
         keep = np.flatnonzero(allowed)
         if not len(keep):
             return None
-        cells, squares = self._cells[keep], self._squares[keep]
+        cells, squares = self.cells[keep], self._squares[keep]
         beyond = 1 if math.isfinite(profile.missing_n) else 3
         centres = np.arange(profile.first - beyond, profile.last + beyond + 1)
         misfits = _misfits(profile, centres, cells, squares)
         best = float(misfits.min())
         where, which = np.nonzero(misfits <= best + slack)
         angles = centres[where] * self._pitch + self._angles[keep[which]]
-        margin = self.margin_columns * self._pitch  # half a step, and what lies between the shapes
+        margin = MARGIN_COLUMNS * self._pitch  # half a step, and what lies between the shapes
         return Match(
             low_rad=float(angles.min()) - margin,
             high_rad=float(angles.max()) + margin,
             misfit=best,
-            one_edge=bool(self._one_edge[keep[which]].any()),
+            one_edge=bool(self.one_edge[keep[which]].any()),
         )
 
 
-@lru_cache(maxsize=8)
-def template_set(
-    *,
-    pitch_rad: float,
-    radius_mm: float,
-    stiffness_n_per_mm: float,
-    stiffness_bound: float,
-    crosstalk: float,
-    least_depth: float,
-) -> TemplateSet:
-    """The templates for one geometry; made once for the tips of a rig, which are mostly alike."""
-    return TemplateSet(
-        pitch_rad=pitch_rad,
-        radius_mm=radius_mm,
-        stiffness_n_per_mm=stiffness_n_per_mm,
-        stiffness_bound=stiffness_bound,
-        crosstalk=crosstalk,
-        least_depth=least_depth,
-    )
+template_set = lru_cache(maxsize=8)(TemplateSet)
+"""The templates for one geometry; made once for the tips of a rig, which are mostly alike."""
 
 
 def _misfits(profile: ColumnProfile, centres: NDArray[np.int_], cells: Singles, squares: Singles) -> Floats:

@@ -36,7 +36,7 @@ def drawn(templates: TemplateSet, count: int, seed: int, noise: float = 0.01) ->
     """Profiles of templates with one edge, anywhere on the array, with noise."""
     rng = np.random.default_rng(seed)
     kinds = np.flatnonzero(templates.one_edge)
-    least, most = templates.force_range_n
+    least, most = templates.least_n, templates.most_n
     force = np.zeros((count, COLS))
     reach = templates.cells.shape[1] // 2
     for i in range(count):
@@ -178,7 +178,7 @@ def test_columns_of_any_width_keep_their_templates_whole(pitch_deg: float) -> No
     reach = made.cells.shape[1] // 2
     k = int(np.flatnonzero(made.one_edge)[0])
     wide = np.zeros(COLS + 2 * reach)
-    wide[7 : 7 + 2 * reach + 1] = made.cells[k] * made.force_range_n[0][k] * 1.1
+    wide[7 : 7 + 2 * reach + 1] = made.cells[k] * made.least_n[k] * 1.1
     force[0] = wide[reach:-reach]
     found = some_slabs.match(profiles(force, np.full_like(force, 1e-4 * force.max() ** 2)), SLACK)
     assert found.misfit[0] <= LIMIT
