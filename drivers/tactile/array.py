@@ -64,6 +64,9 @@ _Granted = TypeVar("_Granted", Ack, SelfTestReport, TaxelPlaces)
 class TactileArray(StreamedArray):
     """A tactile array on a port, as an `ArrayDriver`. Call `connect` first.
 
+    Has a verb for every request of the protocol, also for those that palpate itself does not make:
+    `set_rate`, `untare` and `self_test` are library API, with which firmware is checked.
+
     Every verb raises DeviceError, which names the array and says what to do, if the array refuses, does not
     answer, speaks another version of the protocol, or is gone.
     """
