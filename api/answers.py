@@ -7,7 +7,7 @@ from palpate.config import ObjectsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import AlternativeOut, IdentificationOut
 from palpate.config.results import BoundsOut, ConfigurationOut, to_json
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, counted
 from palpate.recognizer import Catalogue, Hypothesis, Recognition
 from palpate.recognizer.explanation import ObjectExplanation, explain_object
 from palpate.recognizer.memo_statistics import MemoCounts
@@ -99,7 +99,9 @@ class Answer:
         return self.picture()
 
     def __repr__(self) -> str:
-        return f"<Answer {'; '.join(' '.join(line.split()) for line in answer_lines(self.result)[:4])}>"
+        failed = [] if self.failure is None else [str(self.failure)]
+        lines = [" ".join(line.split()) for line in answer_lines(self.result)[:4]]
+        return f"<Answer {'; '.join([*lines, *failed])}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,10 +136,8 @@ class Plan:
 
     def __repr__(self) -> str:
         grip, count = self.planned.grip, len(self.planned.recognition.hypotheses)
-        what = "no grip" if grip is None else f"{len(grip.approaches)} approaches"
-        return (
-            f"<Plan {what}{', decisive' if grip is not None and grip.decisive else ''}; {count} hypotheses>"
-        )
+        what = "no grip" if grip is None else counted(len(grip.approaches), "approach", "approaches")
+        return f"<Plan {what}{', decisive' if grip is not None and grip.decisive else ''}; {counted(count, 'hypothesis', 'hypotheses')}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

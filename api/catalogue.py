@@ -112,9 +112,9 @@ def list_objects(
     progress(f"comparing {len(states)} states")
     pairs = find_twins(states, fingers)
     progress("drawing")
-    told = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
-    drawing, left_out = draw_objects(name, states, told, fingers)
-    listed = tuple(_listed(state, told[state]) for state in states)
+    facts = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
+    drawing, left_out = draw_objects(name, states, facts, fingers)
+    listed = tuple(_listed(state, facts[state]) for state in states)
     return ObjectsListing(listed, tuple(pairs), tuple(left_out), drawing)
 
 

@@ -1,24 +1,30 @@
 """Recognition and planning from contacts alone: nothing moves, no device is needed."""
 
+import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from palpate import recognizer
 from palpate.api.answers import Plan, RecognitionAnswer
 from palpate.api.files import PathLike, load_contacts, objects_from
 from palpate.config import ContactsFile, ObjectsFile, RigFile
-from palpate.recognizer import Catalogue
+from palpate.errors import InputError
+from palpate.recognizer import Catalogue, Contact
 from palpate.rig.catalogue.heights import check_known, fingers_of
 from palpate.rig.conversion import grips_of
 from palpate.rig.identification.next_grip import plan_for
 from palpate.views.explanation import ContactRecord
 from palpate.vocabulary import Strategy
 
-__all__ = ["plan", "recognise"]
+__all__ = ["Contacts", "plan", "recognise", "strategy_named"]
+
+Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
+"""Contacts of each grip, misses included: from a file or made in Python."""
 
 
 def recognise(
-    objects: ObjectsFile | PathLike | None, contacts: ContactsFile | PathLike, *, max_spurious: int = 0
+    objects: ObjectsFile | PathLike | None, contacts: Contacts, *, max_spurious: int = 0
 ) -> RecognitionAnswer:
     """Recognise: which objects, states and configurations agree with contacts.
 
@@ -38,7 +44,7 @@ def recognise(
 def plan(
     rig: RigFile,
     objects: ObjectsFile | PathLike | None,
-    contacts: ContactsFile | PathLike,
+    contacts: Contacts,
     *,
     strategy: Strategy | str = Strategy.PLANNED,
     seed: int = 0,
@@ -51,14 +57,21 @@ def plan(
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
     catalogue = Catalogue(models.objects)
-    planned = plan_for(rig, catalogue, given.grips, Strategy(strategy), seed)
+    planned = plan_for(rig, catalogue, given.grips, strategy_named(strategy), seed)
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
 
 
-def _contacts(contacts: ContactsFile | PathLike) -> ContactRecord:
-    return ContactRecord(
-        grips_of(contacts if isinstance(contacts, ContactsFile) else load_contacts(contacts))
-    )
+def strategy_named(name: Strategy | str) -> Strategy:
+    """The strategy of this name; InputError for an unknown one."""
+    if name not in list(Strategy):
+        raise InputError(f'there is no strategy "{name}"; allowed: {", ".join(Strategy)}')
+    return Strategy(name)
+
+
+def _contacts(contacts: Contacts) -> ContactRecord:
+    if isinstance(contacts, str | os.PathLike):
+        contacts = load_contacts(contacts)
+    return ContactRecord(grips_of(contacts) if isinstance(contacts, ContactsFile) else contacts)
 
 
 def _name(given: object, otherwise: str) -> str:

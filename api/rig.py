@@ -19,7 +19,7 @@ from palpate.api.identification import identify_on
 from palpate.api.monitor import Monitor, check_streaming
 from palpate.api.signals import unwinding_signals
 from palpate.api.warning import warning
-from palpate.config import ContactsFile, ObjectsFile, RigFile, Scene
+from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.config.references_file import ReferencesFile
 from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
 from palpate.drivers.transport.clock import Clock, MonotonicClock
@@ -44,6 +44,8 @@ def open_rig(path: PathLike | None = None, *, seed: int = 0, calibration: bool =
     `seed` draws an emulated rig's hidden errors and what lies on its table. `calibration`: False to leave the
     one beside the rig file alone. No port is opened yet. Raises InputError if a file is wrong.
     """
+    if not isinstance(seed, int) or seed < 0:
+        raise InputError(f"seed is {seed!r}; it must be a whole number from 0")
     file = None if path is None else Path(path)
     return Rig(load_calibrated(file, calibration=calibration), file, seed)
 
@@ -125,6 +127,8 @@ class Rig:
             OutputError: session log or observer failed during the run; torque is off.
 
         """
+        if on_event is not None and not callable(on_event):
+            raise TypeError("on_event is called with each event: give a function")
         models, given = objects_from(objects), scene_from(scene)
         run, self._runs = self._runs, self._runs + 1
         with unwinding_signals():
@@ -135,7 +139,7 @@ class Rig:
                 scene=given,
                 seed=self._seed,
                 run=run,
-                strategy=Strategy(strategy),
+                strategy=recognition.strategy_named(strategy),
                 sessions=None if sessions is None else Path(sessions),
                 on_event=on_event,
                 notice=notice,
@@ -145,7 +149,7 @@ class Rig:
     def plan(
         self,
         objects: ObjectsFile | PathLike | None,
-        contacts: ContactsFile | PathLike,
+        contacts: recognition.Contacts,
         *,
         strategy: Strategy | str = Strategy.PLANNED,
     ) -> Plan:
@@ -224,7 +228,8 @@ class Rig:
         `pace` may hold an emulated rig's clock back. Raises InputError for a finger that is not there,
         DeviceError if an array is missing, taken or goes away.
         """
-        file, specs = self.file, select_fingers(self.file, fingers)
+        names = [fingers] if isinstance(fingers, str) else fingers
+        file, specs = self.file, select_fingers(self.file, names)
         rate = rate_hz or file.closing.sample_rate_hz
         where = find_array_ports(self._on_bench.described)
         clock = pace(where.clock)

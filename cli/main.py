@@ -278,12 +278,12 @@ def _guarded() -> int:
         problem = error.format_message()  # empty where no command was given, and the help has been shown
         return _say(f"error: {problem}", ExitCode.INPUT) if problem else _flushed(ExitCode.INPUT)
     except (Interrupted, PalpateError, MemoryError) as error:
-        return _told(error)
+        return _report(error)
     except OSError as error:
         return _unprinted(error)
 
 
-def _told(error: Interrupted | PalpateError | MemoryError) -> int:
+def _report(error: Interrupted | PalpateError | MemoryError) -> int:
     """Say what ended the command."""
     match error:
         case Interrupted():

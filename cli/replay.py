@@ -57,7 +57,7 @@ def _difference(text: str) -> DifferenceOut:
 
 
 def _lines(file: SessionFile, out: ReplayOut) -> list[str]:
-    """What a person is told."""
+    """The report for a person."""
     done = (
         f"replayed {counted(out.events, 'event', 'events')}, {counted(out.sent_bytes, 'byte', 'bytes')} sent"
     )

@@ -1,7 +1,7 @@
 """Background work: callbacks and logs run beside the thread that drives devices and cannot stop or delay it.
 
 What is beside the devices (a log, a disk, a screen, an observer) is given its work through a bounded queue.
-Its first failure is kept until somebody who drives nothing at the moment asks for it.
+Its first failure is kept until it is asked for, at a moment when no device is driven.
 """
 
 import threading

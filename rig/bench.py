@@ -85,7 +85,7 @@ def set_up(rig: RigFile, placement: Placement | None, seed: int) -> BenchRig:
 
 
 def emulated_table(bench: BenchRig, seed: int) -> EmulatedTable | None:
-    """Who puts references on an emulated bench's table; None for a real rig, where somebody must be asked."""
+    """Places references on an emulated bench's table; None for a real rig, where a person does."""
     return None if bench.mock is None else EmulatedTable(bench.mock.rig.bench, seed)
 
 
@@ -119,6 +119,6 @@ def connect(
 ) -> Hand:
     """Open the ports and connect the hand, recorded as `environment` says.
 
-    `notice` is told what the operator should do now.
+    `notice` is called with what the operator should do now.
     """
     return environment(bench, sink).hand(bench.rig, notice)

@@ -10,9 +10,11 @@ __all__ = ["ask_to_move"]
 
 
 def ask_to_move(console: Console) -> None:
-    """Ask whether fingers may move; InputError if nobody answers, or not with yes."""
+    """Ask whether fingers may move; InputError unless the answer is yes."""
     if not sys.stdin.isatty():
-        raise InputError("fingers are going to move and nobody can be asked: say --yes if they may")
+        raise InputError(
+            "fingers are going to move, and there is no terminal to ask on: say --yes if they may"
+        )
     answer = console.input("Fingers are going to move. Is the table clear, and are hands away? \\[y/N] ")
     if answer.strip().lower() not in ("y", "yes"):
         raise InputError("nothing was moved: the question was not answered with yes")

@@ -17,7 +17,7 @@ class ConsoleTable:
         self._empty = False
 
     def put(self, reference: Reference, about_mm: tuple[float, float]) -> None:
-        """Ask for a reference near a place; raises InputError if nobody can answer."""
+        """Ask for a reference near a place; raises InputError if standard input has ended."""
         x, y = about_mm
         where = "in the middle" if x == y == 0 else f"near x {x:.0f}, y {y:.0f} mm"
         turned = ", turned as you like" if reference.turns else ""
@@ -35,5 +35,5 @@ class ConsoleTable:
             self._console.input(f"[bold]{escape(what)}[/bold] Then keep your hands away and press Enter. ")
         except EOFError:
             raise InputError(
-                "nobody is there to put references on the table: standard input has ended; use a terminal"
+                "references cannot be put on the table: standard input has ended; use a terminal"
             ) from None

@@ -38,8 +38,8 @@ def _show(out: StopOut, console: Console) -> None:
             say(f"NOT confirmed: {name}: {servo.problem}", "bold red")
     if out.taken:
         say(
-            f"NOT confirmed: another program is using {out.port}; every servo {where} was told "
-            f"{out.told} times to switch torque off",
+            f"NOT confirmed: another program is using {out.port}; every servo {where} was sent "
+            f"Torque Enable = 0 {out.told} times",
             "bold red",
         )
     elif not out.servos:

@@ -78,6 +78,9 @@ class Service:
         self._thread = threading.Thread(target=self._run, name="served devices", daemon=True)
         self._thread.start()
 
+    def __repr__(self) -> str:
+        return f"<Service {', '.join(f'{name} at {path}' for name, path in self.paths.items())}>"
+
     def wait(self, seconds: float | None = None) -> None:
         """Wait until the service has ended, for `seconds` at most; raises nothing."""
         self._stop.wait(seconds)

@@ -45,7 +45,7 @@ class ArrayGuard:
         self.heard(fingers)
 
     def stop(self, fingers: Sequence[HostFinger]) -> None:
-        """Let arrays rest; what they sent and nobody looked at is dropped."""
+        """Let arrays rest; unread frames are dropped."""
         self._heard_s, self._readings = {}, {}
         for finger in fingers:
             finger.array.stop()
@@ -56,7 +56,7 @@ class ArrayGuard:
         self._heard_s |= dict.fromkeys(fingers, self._clock.now())
 
     def forget(self) -> None:
-        """What was felt so far is not of now any more."""
+        """Discard readings: what was measured so far is out of date."""
         self._readings = {}
 
     def look(self) -> None:

@@ -28,14 +28,15 @@ def devices_of(hand: Hand) -> list[CalibrationDevice]:
     ]
     arrays = []
     for finger in hand.fingers:
-        told = finger.array.description
+        described = finger.array.description
+        size = f"{described.rows} x {described.cols}"
         arrays.append(
             CalibrationDevice(
                 port=finger.spec.array.port,
                 kind="array",
-                id=told.unique_id.hex(),
-                model=f"{finger.spec.array.protocol}, {told.rows} x {told.cols} {told.shape.name.lower()}",
-                firmware=told.firmware or "unknown",
+                id=described.unique_id.hex(),
+                model=f"{finger.spec.array.protocol}, {size} {described.shape.name.lower()}",
+                firmware=described.firmware or "unknown",
             )
         )
     return [*servos, *arrays]

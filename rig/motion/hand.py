@@ -271,7 +271,7 @@ class Hand:
         self._array_guard.start(self.fingers)
 
     def stop_arrays(self) -> None:
-        """Let the arrays rest; what they sent and nobody looked at is dropped."""
+        """Let the arrays rest; unread frames are dropped."""
         self._array_guard.stop(self.fingers)
 
     def collect(self, fingers: Sequence[HostFinger], count: int) -> list[list[TactileFrame]]:

@@ -68,7 +68,7 @@ def stop_at_speed(hand: Hand, contacts: Contacts, speed_mm_s: float) -> list[Sto
     missing = [run for run, end in ends.items() if end is not End.CONTACT]
     if missing:
         raise DeviceError(
-            f"finger {missing[0].finger.name} felt nothing where it had touched the reference before; "
+            f"finger {missing[0].finger.name} detected no contact where it had touched the reference before; "
             "if that was moved, begin again and see that it stands firmly"
         )
     felt_rad = {run: run.servos[1] for run in runs}

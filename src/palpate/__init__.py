@@ -38,6 +38,14 @@ if TYPE_CHECKING:
     from palpate.errors import OutputError as OutputError
     from palpate.errors import PalpateError as PalpateError
     from palpate.errors import SafetyStop as SafetyStop
+    from palpate.recognizer import Contact as Contact
+    from palpate.recognizer import Finger as Finger
+    from palpate.recognizer import NormalRange as NormalRange
+    from palpate.rig.identification.observers import MoveEvent as MoveEvent
+    from palpate.rig.identification.observers import PlanEvent as PlanEvent
+    from palpate.rig.identification.observers import RecognitionEvent as RecognitionEvent
+    from palpate.rig.identification.observers import StageEvent as StageEvent
+    from palpate.rig.identification.observers import TouchEvent as TouchEvent
 
     __version__: str
 
@@ -58,8 +66,18 @@ _HOMES = {
     "api.rig": ("Rig", "open_rig"),
     "api.session": ("Session", "open_session"),
     "api.warning": ("RigWarning",),
+    "recognizer": ("Contact", "Finger", "NormalRange"),
+    "rig.identification.observers": (
+        "MoveEvent",
+        "PlanEvent",
+        "RecognitionEvent",
+        "StageEvent",
+        "TouchEvent",
+    ),
     "errors": ("DeviceError", "InputError", "OutputError", "PalpateError", "SafetyStop"),
 }
+
+__all__ = ["__version__", *(name for names in _HOMES.values() for name in names)]  # noqa: PLE0604
 
 
 def __getattr__(name: str) -> object:
@@ -74,4 +92,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return ["__version__", *(name for names in _HOMES.values() for name in names)]
+    return __all__

@@ -102,5 +102,5 @@ def test_a_person_is_asked_once_to_clear_the_table_and_for_every_placing(
     assert said.count("Clear the table") == 1
     assert "Put the disc in the middle; alone" in said
     assert "Put the plate near x 30, y -12 mm, turned as you like" in said
-    with pytest.raises(InputError, match="nobody is there"):
+    with pytest.raises(InputError, match="standard input has ended"):
         table.clear()
