@@ -137,7 +137,8 @@ class Plan:
     def __repr__(self) -> str:
         grip, count = self.planned.grip, len(self.planned.recognition.hypotheses)
         what = "no grip" if grip is None else counted(len(grip.approaches), "approach", "approaches")
-        return f"<Plan {what}{', decisive' if grip is not None and grip.decisive else ''}; {counted(count, 'hypothesis', 'hypotheses')}>"
+        decisive = ", decisive" if grip is not None and grip.decisive else ""
+        return f"<Plan {what}{decisive}; {counted(count, 'hypothesis', 'hypotheses')}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
