@@ -82,7 +82,7 @@ class PressingFinger:
         time_s = np.arange(1000) / 200.0
         return IdleMeasurement("f1", self.taxels.counts(np.zeros((1000, ROWS, COLS)), time_s), time_s)
 
-    def tip_load(
+    def press(
         self, bearing_rad: float, disc_mm: float | None, force_n: float, bearing_sigma_rad: float
     ) -> PressAtBearing:
         """Press until the skin bears about `force_n`; `disc_mm` None for a flat face.
