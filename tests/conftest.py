@@ -14,7 +14,7 @@ settings.load_profile("reproducible")
 @pytest.fixture(autouse=True, scope="session")
 def children_heed_signals() -> Iterator[None]:
     """Signals that nohup or a shell's `&` set to be ignored would stay so in every command under test."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
     ignored = [number for number in numbers if signal.getsignal(number) is signal.SIG_IGN]
     for number in ignored:
         signal.signal(number, lambda *_: None)  # handlers, unlike SIG_IGN, do not outlive exec
