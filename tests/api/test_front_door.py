@@ -66,8 +66,6 @@ def test_each_run_on_one_rig_draws_the_next_part_and_replays(tmp_path: Path) -> 
     events: list[Event] = []
     with palpate.open_rig(seed=3) as rig:
         first, second = (rig.identify(sessions=tmp_path, on_event=events.append) for _ in range(2))
-        again = palpate.open_rig(seed=3)
-        assert again.identify().to_json() != second.to_json()
     assert sum(isinstance(event, TouchEvent) for event in events) == first.result.grips + second.result.grips
     assert first.session != second.session
     for answer in (first, second):
