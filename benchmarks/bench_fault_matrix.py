@@ -26,7 +26,7 @@ from fault_matrix import Cell, Outcome, cells, problems, run_cell
 from fault_page import write_page
 from fault_rows import FAULTS, LOOKED
 
-from palpate.drivers.dynamixel import bus, control_table, guarded, servo, state
+from palpate.drivers.dynamixel import bus, control_table, servo, state, torque
 from palpate.drivers.transport import record
 from palpate.rig.motion import array_guard, finger_movers, hand
 from palpate.rig.session import log
@@ -34,20 +34,26 @@ from palpate.rig.session import log
 Result = tuple[Cell, Outcome, list[str]]
 
 
+def replace_guard(owner: object, name: str, stand_in: object) -> None:
+    """Put `stand_in` in the place of a guard; AttributeError if there is none of that name to be removed."""
+    getattr(owner, name)
+    setattr(owner, name, stand_in)
+
+
 def without_force() -> None:
     """No force counts as too high."""
-    array_guard.ArrayGuard._check_force = lambda *_: None  # type: ignore[method-assign]
+    replace_guard(array_guard.ArrayGuard, "_check_force", lambda *_: None)
 
 
 def without_silence() -> None:
     """Arrays may be silent for ever."""
-    array_guard.ArrayGuard._check_heard = lambda *_: None  # type: ignore[method-assign]
+    replace_guard(array_guard.ArrayGuard, "_check_heard", lambda *_: None)
 
 
 def without_stall() -> None:
     """Fingers on their way may stand still for ever."""
-    finger_movers._STALL_S = 1e9
-    finger_movers._LONGEST_S = 30.0
+    replace_guard(finger_movers, "_STALL_S", 1e9)
+    replace_guard(finger_movers, "_LONGEST_S", 30.0)
 
 
 def without_torque_check() -> None:
@@ -61,15 +67,18 @@ def without_torque_check() -> None:
         finally:
             self._driven = driven
 
-    hand.Hand.states = trusting  # type: ignore[assignment,method-assign]
+    replace_guard(hand.Hand, "states", trusting)
 
 
 def without_alerts() -> None:
     """Hardware errors in states are not raised."""
     whole = bus.GroupRead.all
-    bus.GroupRead.all = lambda self: whole(  # type: ignore[method-assign]
-        replace(self, errors={i: e for i, e in self.errors.items() if not hasattr(e, "carried_out")})
-    )
+
+    def without_errors(self: bus.GroupRead[object]) -> dict[int, object]:
+        errors = {i: e for i, e in self.errors.items() if not hasattr(e, "carried_out")}
+        return whole(replace(self, errors=errors))
+
+    replace_guard(bus.GroupRead, "all", without_errors)
 
 
 def without_restart_check() -> None:
@@ -83,41 +92,41 @@ def without_restart_check() -> None:
             *measured, _torque, watchdog, _level = layout.unpack(data)
             return (*measured, 1, watchdog, control_table.ANSWERS_ALL)
 
-    state._LAYOUT = Forgiving()  # type: ignore[assignment]
+    replace_guard(state, "_LAYOUT", Forgiving())
 
 
 def without_watchdog() -> None:
     """Bus Watchdog is never armed."""
-    servo.Servo.arm_watchdog = lambda *_: None  # type: ignore[method-assign]
+    replace_guard(servo.Servo, "arm_watchdog", lambda *_: None)
 
 
 def without_output_check() -> None:
     """The log's failure is not looked at."""
-    log.SessionLog.check = lambda _: None  # type: ignore[method-assign]
+    replace_guard(log.SessionLog, "check", lambda _: None)
 
 
 def without_shield() -> None:
     """What a recording raises goes through, and the log is written by the thread that drives devices."""
-    record._Shielded._tell = lambda _, action: action()  # type: ignore[method-assign]
-    log.SessionLog._put = lambda self, line: self._write([(line, "")])  # type: ignore[method-assign]
+    replace_guard(record.Recorder, "note", lambda self, what: self._sink.note(what))
+    replace_guard(log.SessionLog, "_put", lambda self, line: self._write([(line, "")]))
 
 
 def without_sure_off() -> None:
     """Torque is switched off once, whatever interrupts it."""
-    hand.Hand._switch_off_despite_interruptions = hand.Hand._switch_off  # type: ignore[method-assign]
+    replace_guard(hand.Hand, "_switch_off_despite_interruptions", hand.Hand._switch_off)
 
 
 def without_reconnecting() -> None:
     """An adapter that comes back is not waited for."""
-    hand.Hand._switch_off_after_reconnect = lambda _, failed: failed  # type: ignore[method-assign]
+    replace_guard(hand.Hand, "_switch_off_after_reconnect", lambda _, failed: failed)
 
 
 def without_asking_again() -> None:
     """Torque off and goals are told once, and answers asked for once."""
-    servo._OFF_ROUNDS = 1
-    servo._CONFIRMATIONS = 1
-    begin = guarded.Bus.__init__
-    guarded.Bus.__init__ = lambda self, *args, **kw: begin(self, *args, **(kw | {"retries": 0}))  # type: ignore[method-assign]
+    replace_guard(torque, "_ROUNDS", 1)
+    replace_guard(servo, "_CONFIRMATIONS", 1)
+    begin = bus.Bus.__init__
+    replace_guard(bus.Bus, "__init__", lambda self, *args, **kw: begin(self, *args, **kw | {"retries": 0}))
 
 
 GUARDS: dict[str, tuple[Callable[[], None], str]] = {

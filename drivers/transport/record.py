@@ -60,6 +60,7 @@ class Recorder:
         self._raise_interrupt = check
         self._sink = sink
         self._failure: Exception | None = None
+        self._reported = False
         self._noted = _interrupt_under_way()
         self._opened = 0
         self.clock: Clock = RecordingClock(clock, self)
@@ -83,9 +84,10 @@ class Recorder:
 
     def check(self) -> None:
         """Raise OutputError, once, if the recording has failed."""
-        if self._failure is not None:
-            failure, self._failure = self._failure, None
-            raise OutputError(f"the recording of ports failed: {failure!r}; the run was ended") from failure
+        if self._failure is not None and not self._reported:
+            self._reported = True
+            message = f"the recording of ports failed: {self._failure!r}; the run was ended"
+            raise OutputError(message) from self._failure
         self._sink.check()
 
     def ask(self, call: str, action: Callable[[], _T]) -> _T:
