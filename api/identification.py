@@ -15,7 +15,7 @@ from palpate.api.answers import Answer
 from palpate.config import ObjectsFile, Scene
 from palpate.config.results import to_json
 from palpate.config.writers import file_text
-from palpate.errors import OutputError
+from palpate.errors import PalpateError
 from palpate.files.writing import write_text
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, environment, place, set_up
@@ -128,7 +128,7 @@ def _logged(
             log.event("result", result=out.model_dump(mode="json"))
             answer = Answer(out, finished, inputs.objects, finished.late_failure)
         _write_results(answer, finished, folder)
-    except OutputError as error:
+    except PalpateError as error:
         if answer is None:
             raise
         answer = replace(answer, failure=error)

@@ -9,7 +9,7 @@ from rich.status import Status
 from palpate.api.answers import Answer
 from palpate.api.rig import open_rig
 from palpate.cli.terminal import Terminal, print_notices
-from palpate.errors import OutputError, counted
+from palpate.errors import PalpateError, counted
 from palpate.files.writing import check_place, write_text
 from palpate.recognizer import Recognition
 from palpate.rig.identification.observers import (
@@ -61,7 +61,7 @@ def run_identify(
     try:
         if picture is not None:
             write_text(picture, answer.picture())
-    except OutputError as error:  # an answer that could not be written down is still an answer
+    except PalpateError as error:  # an answer that could not be written down is still an answer
         failure = failure or error
     if json:
         typer.echo(answer.to_json())

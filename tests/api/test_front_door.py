@@ -156,6 +156,21 @@ def test_an_observer_that_raises_ends_the_run_in_order(tmp_path: Path) -> None:
     assert set(switched.values()) == {0}
 
 
+def test_an_answer_that_cannot_be_written_down_is_still_an_answer(tmp_path: Path) -> None:
+    rig = palpate.open_rig(seed=7)
+    folder = Path(rig.identify(sessions=tmp_path).session or "")
+    (folder / "picture.svg").unlink()
+    (folder / "picture.svg").mkdir()
+    answer = palpate.open_rig(seed=7).identify(sessions=tmp_path)
+    assert answer.object == "hand"
+    assert "picture.svg" in str(answer.failure)
+    assert "picture.svg" in repr(answer)
+    told = run("identify", "--seed", 7, "--sessions", tmp_path, "--json", cwd=tmp_path)
+    assert json.loads(told.out)["object"] == "hand"
+    assert told.code == 2
+    assert "picture.svg" in told.err
+
+
 def test_the_shipped_rig_is_not_calibrated_and_says_what_to_do() -> None:
     with pytest.raises(palpate.InputError, match="copy its rig file"):
         palpate.open_rig().calibrate()
