@@ -64,10 +64,8 @@ _STYLE: Any = {
 _HUES = tuple(hue for hue in HUES if hue != TRUTH)  # of fingers; outliers have a colour of their own
 _WIDTH = 10.6  # inches
 _HELD_OUT = "#f0b27a"
-_TYPICAL, _LONGEST = (
-    0.07,
-    0.13,
-)  # arrows as shares of the map's side: a large usual residual's, and the longest
+_TYPICAL = 0.07  # length of a large usual residual's arrow, as a share of the map's side
+_LONGEST = 0.13  # of the longest arrow
 _BINS = 48.0
 _DARK, _GREY = "#4a5560", "#c9d1d9"
 
@@ -76,7 +74,9 @@ def svg(draw: Callable[[Shown], Figure], shown: Shown) -> str:
     """The picture of `shown` by one of this module's functions, as an SVG document. Deterministic."""
     text = io.StringIO()
     with mpl.rc_context(_STYLE):
-        draw(shown).savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+        draw(shown).savefig(
+            text, format="svg", metadata={"Date": None, "Creator": None}, bbox_inches="tight", pad_inches=0.08
+        )
     return text.getvalue()
 
 
@@ -102,7 +102,7 @@ def residual_map(file: CalibrationFile) -> Figure:
     _bench(parts["bench"], file, places, axes)
     parts["key"].set_axis_off()
     words = f"Arrows: residuals × {enlarged:g}, outward where\nthe tip stood further out than fitted."
-    title = f"{words}\nNumbers: placings."
+    title = f"{words}\nNumbers: placements of references."
     parts["key"].legend(handles=_key(file, touches), loc="upper left", title=title, alignment="left")
     return figure
 
