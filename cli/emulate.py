@@ -2,35 +2,45 @@
 
 import json
 from pathlib import Path
+from typing import Annotated
 
-import tomlkit
 import typer
 
-from palpate.api.rig import open_rig
-from palpate.config import shipped_rig
+from palpate.cli.options import ObjectsOption, RigOption, SceneOption, SeedOption
 from palpate.errors import InputError
-from palpate.files.writing import write_text
 
-__all__ = ["run_emulate"]
+__all__ = ["emulate"]
 
 _LATENCY_MS = 100  # two processes share the computer: the devices' may have to wait for its turn
 
 
-def run_emulate(
-    *,
-    rig: Path | None,
-    objects: Path | None,
-    scene: Path | None,
-    seed: int,
-    seconds: float | None,
-    rig_out: Path | None,
-    pty: bool = True,
-    tcp_port: int | None = None,
-) -> int:
-    """Serve until interrupted or for `seconds`; returns the exit code.
+def emulate(
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    scene: SceneOption = None,
+    seed: SeedOption = 0,
+    pty: Annotated[
+        bool,
+        typer.Option("--pty/--tcp", help="Serve on pseudo-terminals, or on TCP ports of this computer."),
+    ] = True,
+    tcp_port: Annotated[
+        int | None,
+        typer.Option(
+            "--tcp-port", min=1, max=65535, help="With --tcp: the first port; any free ones without it."
+        ),
+    ] = None,
+    seconds: Annotated[
+        float | None, typer.Option("--for", min=0.0, help="End after this many seconds.")
+    ] = None,
+    rig_out: Annotated[
+        Path | None, typer.Option("--rig-out", help="Write a rig file that uses the served ports.")
+    ] = None,
+) -> None:
+    """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
+    from palpate.api.rig import open_rig
+    from palpate.config import shipped_rig
+    from palpate.files.writing import write_text
 
-    On pseudo-terminals or, without `pty`, on TCP ports from `tcp_port` on; None: on any free ones.
-    """
     if pty and tcp_port is not None:
         raise InputError("--tcp-port is for --tcp; pseudo-terminals have no port numbers")
     opened = open_rig(rig, seed=seed, calibration=False)
@@ -40,11 +50,12 @@ def run_emulate(
             write_text(rig_out, _with_ports(text, service.paths))
         typer.echo(json.dumps({"format": "palpate/ports@1", "ports": service.paths}))
         service.wait(seconds)
-    return 0
 
 
 def _with_ports(text: str, paths: dict[str, str]) -> str:
     """The rig file with its mock ports replaced and without its emulation table; comments are kept."""
+    import tomlkit
+
     document = tomlkit.parse(text)
     document.pop("emulation", None)
     bus = document["bus"]

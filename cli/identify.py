@@ -1,57 +1,53 @@
 """`palpate identify`: the main job, from a rig file to a verdict, a session log and a picture."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.status import Status
 
-from palpate.api.answers import Answer
-from palpate.api.rig import open_rig
-from palpate.cli.terminal import Terminal, print_notices
-from palpate.errors import PalpateError, counted
-from palpate.files.writing import check_place, write_text
-from palpate.recognizer import Recognition
-from palpate.rig.identification.observers import (
-    Event,
-    MoveEvent,
-    PlanEvent,
-    RecognitionEvent,
-    StageEvent,
-    TouchEvent,
+from palpate.cli.options import (
+    JsonOption,
+    NoCalibrationOption,
+    ObjectsOption,
+    PictureOption,
+    RigOption,
+    SceneOption,
+    SeedOption,
+    StrategyOption,
 )
-from palpate.vocabulary import IdentificationVerdict
+from palpate.errors import PalpateError
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
-__all__ = ["run_identify"]
-
-_NAMES_SHOWN = 5
+__all__ = ["identify"]
 
 
-def run_identify(
-    *,
-    rig: Path | None,
-    objects: Path | None,
-    scene: Path | None,
-    seed: int,
-    json: bool,
-    picture: Path | None,
-    sessions: Path,
-    strategy: str = "planned",
-    calibration: bool = True,
+def identify(
+    rig: RigOption = None,
+    objects: ObjectsOption = None,
+    scene: SceneOption = None,
+    seed: SeedOption = 0,
+    json: JsonOption = False,
+    picture: PictureOption = None,
+    strategy: StrategyOption = Strategy.PLANNED,
+    sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = Path(
+        "palpate-sessions"
+    ),
+    no_calibration: NoCalibrationOption = False,
 ) -> int:
-    """Run the bench to a verdict; returns the exit code (1 if it is not an answer).
+    """Touch what lies on the table until it is known which object it is and where."""
+    from palpate.api.rig import open_rig
+    from palpate.cli.identification_progress import Progress, answer_lines
+    from palpate.cli.terminal import Terminal, print_notices
+    from palpate.files.writing import check_place, write_text
 
-    `strategy`: how grips are chosen, as `Strategy` names it. `calibration`: False to do without the one
-    beside the rig file.
-    """
-    opened = open_rig(rig, seed=seed, calibration=calibration)
+    opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     if picture is not None:
         check_place(picture)
     with Progress(Terminal(stderr=True, highlight=False, markup=False)) as progress:
         answer = opened.identify(
             objects,
             scene=scene,
-            strategy=strategy,
+            strategy=strategy.value,
             sessions=sessions,
             on_event=progress,
             notice=progress.notice,
@@ -63,76 +59,9 @@ def run_identify(
             write_text(picture, answer.picture())
     except PalpateError as error:  # an answer that could not be written down is still an answer
         failure = failure or error
-    if json:
-        typer.echo(answer.to_json())
-    else:
-        _print(answer, picture or Path(answer.session or "", "picture.svg"))
+    place = picture or Path(answer.session or "", "picture.svg")
+    typer.echo(answer.to_json() if json else "\n".join(answer_lines(answer, place)))
     if failure is not None:
         raise failure
     answered = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
     return 0 if answer.verdict in answered else 1
-
-
-class Progress:
-    """Shows on stderr what the bench is doing: a line for each grip, and a moving line on a terminal."""
-
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._status: Status | None = None
-
-    def __enter__(self) -> "Progress":
-        if self._console.is_terminal:
-            self._status = self._console.status("connecting")
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-    def notice(self, text: str) -> None:
-        """The operator should know or do something now."""
-        self._console.print(text)
-
-    def __call__(self, event: Event) -> None:
-        """Show an event."""
-        match event:
-            case StageEvent(grip, stage):
-                self._now(f"grip {grip}: {stage.value}")
-            case PlanEvent(grip, plan):
-                self._now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
-            case TouchEvent(grip, touches):
-                contacts = [touch.contact for touch in touches]
-                each = (f"{item.name} {'touched' if item.touched else 'missed'}" for item in contacts)
-                self._console.print(f"grip {grip}: {', '.join(each)}")
-            case RecognitionEvent():
-                self._console.print(f"        {_hypotheses(event.recognition)}")
-            case MoveEvent():
-                self._console.print(
-                    "        contradicts earlier grips: the part may have moved, they are dropped"
-                )
-
-    def _now(self, text: str) -> None:
-        if self._status is not None:
-            self._status.update(text)
-
-
-def _hypotheses(recognition: Recognition) -> str:
-    """How many hypotheses are left, and the first of their objects' names."""
-    names = [item.state.object_name for item in recognition.hypotheses]
-    distinct = list(dict.fromkeys(names))
-    shown = ", ".join(distinct[:_NAMES_SHOWN])
-    more = f" and {len(distinct) - _NAMES_SHOWN} more" if len(distinct) > _NAMES_SHOWN else ""
-    return f"{counted(len(names), 'hypothesis', 'hypotheses')}{': ' if names else ''}{shown}{more}"
-
-
-def _print(answer: Answer, picture: Path) -> None:
-    """The answer for a person."""
-    out = answer.result
-    typer.echo(answer.text())
-    typer.echo(
-        f"{counted(out.grips, 'grip', 'grips')}, {counted(out.touches, 'touch', 'touches')}, "
-        f"{out.rig_seconds:.1f} s on the {'emulated ' if out.emulated else ''}rig, "
-        f"{out.wall_seconds:.1f} s here"
-    )
-    typer.echo(f"picture {picture}, session {out.session}")

@@ -1,4 +1,4 @@
-"""The command line: `identify`, `replay`, `recognize`, `plan`, `emulate`; more in `devices` and `objects`.
+"""The command line: all commands, and how they end.
 
 Errors become one line and an exit code. Results go to stdout (with `--json` one object), everything for
 people while it works to stderr. Exit codes: 0 done, 1 not resolved, 2 usage or configuration, 3 device,
@@ -12,19 +12,33 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from enum import IntEnum
-from pathlib import Path
 from types import FrameType
 from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
 
-from palpate.cli import devices, objects
+from palpate.cli.commissioning.calibrate import calibrate
+from palpate.cli.commissioning.setup_motors import setup_motors
+from palpate.cli.diagnostics.check import check
+from palpate.cli.diagnostics.find_port import find_port
+from palpate.cli.diagnostics.scan import scan
+from palpate.cli.diagnostics.stop import stop
+from palpate.cli.emulate import emulate
+from palpate.cli.identify import identify
+from palpate.cli.monitor.watch import watch
+from palpate.cli.objects_check import check_objects
+from palpate.cli.objects_import import import_objects
+from palpate.cli.objects_show import show_objects
+from palpate.cli.plan import plan
+from palpate.cli.recognize import recognize
+from palpate.cli.replay import replay
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
-from palpate.vocabulary import Strategy
 
 __all__ = ["ExitCode", "app", "main"]
+
+_HELP = {"help_option_names": ["-h", "--help"]}
 
 app = typer.Typer(
     name="palpate",
@@ -32,7 +46,14 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings=_HELP,
+)
+objects = typer.Typer(
+    name="objects",
+    help="Object models: make them from CAD files, see them, and what a rig can tell apart.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings=_HELP,
 )
 
 
@@ -48,33 +69,6 @@ class ExitCode(IntEnum):
     HUNG_UP = 128 + signal.SIGHUP
     INTERRUPTED = 128 + signal.SIGINT
     TERMINATED = 128 + signal.SIGTERM
-
-
-RigOption = Annotated[
-    Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
-]
-NoCalibrationOption = Annotated[
-    bool, typer.Option("--no-calibration", help="As if no calibration lay beside the rig file.")
-]
-ObjectsOption = Annotated[
-    Path | None, typer.Option("--objects", help="Object models (JSON); without it, the six shipped ones.")
-]
-SceneOption = Annotated[
-    Path | None, typer.Option("--scene", help="What lies on the table of an emulated rig (JSON).")
-]
-SeedOption = Annotated[
-    int, typer.Option("--seed", min=0, help="Draws the scene and the emulated devices' errors.")
-]
-ContactsOption = Annotated[Path, typer.Option("--contacts", help="Contacts so far (JSON).")]
-StrategyOption = Annotated[
-    Strategy,
-    typer.Option(
-        "--strategy",
-        help="How grips are chosen: to distinguish most, at random, or beside the last touches.",
-    ),
-]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
-PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also write a picture (SVG) here.")]
 
 
 _KINDS: dict[type[PalpateError], tuple[str, ExitCode]] = {
@@ -96,158 +90,24 @@ def _root(
         raise typer.Exit
 
 
-@app.command()
-def identify(
-    rig: RigOption = None,
-    objects: ObjectsOption = None,
-    scene: SceneOption = None,
-    seed: SeedOption = 0,
-    json: JsonOption = False,
-    picture: PictureOption = None,
-    strategy: StrategyOption = Strategy.PLANNED,
-    sessions: Annotated[Path, typer.Option("--sessions", help="Folder for session logs.")] = Path(
-        "palpate-sessions"
-    ),
-    no_calibration: NoCalibrationOption = False,
-) -> None:
-    """Touch what lies on the table until it is known which object it is and where."""
-    from palpate.cli.identify import run_identify
+_SETTING_UP = "Setting up a rig"
 
-    raise typer.Exit(
-        run_identify(
-            rig=rig,
-            objects=objects,
-            scene=scene,
-            seed=seed,
-            json=json,
-            picture=picture,
-            sessions=sessions,
-            strategy=strategy.value,
-            calibration=not no_calibration,
-        )
-    )
-
-
-@app.command()
-def replay(
-    session: Annotated[Path, typer.Argument(help="A session's folder.", show_default=False)],
-    json: JsonOption = False,
-) -> None:
-    """Run a recorded session again, against what was recorded; no device is needed, nothing moves.
-
-    Exit code 0: every byte sent and the result are as recorded, 1: something differs, 2: not a whole session.
-    """
-    from palpate.cli.replay import run_replay
-
-    raise typer.Exit(run_replay(session, json=json))
-
-
-@app.command()
-def recognize(
-    objects: Annotated[Path, typer.Option("--objects", help="Object models (JSON).")],
-    contacts: ContactsOption,
-    json: JsonOption = False,
-    picture: PictureOption = None,
-    max_spurious: Annotated[
-        int, typer.Option("--max-spurious", min=0, help="As many contacts need not be the object's.")
-    ] = 0,
-    why: Annotated[
-        str | None,
-        typer.Option("--why", metavar="OBJECT[/STATE]", help="Also say why this object was ruled out."),
-    ] = None,
-    statistics: Annotated[
-        bool, typer.Option("--statistics", help="Also count interpretations as the memo's tables do.")
-    ] = False,
-) -> None:
-    """Say which objects, states and configurations agree with a file of contacts."""
-    from palpate.cli.recognize import run_recognize
-
-    raise typer.Exit(
-        run_recognize(
-            objects=objects,
-            contacts=contacts,
-            json=json,
-            picture=picture,
-            max_spurious=max_spurious,
-            asked=why,
-            statistics=statistics,
-        )
-    )
-
-
-@app.command()
-def plan(
-    contacts: ContactsOption,
-    rig: RigOption = None,
-    objects: ObjectsOption = None,
-    strategy: StrategyOption = Strategy.PLANNED,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Draws the grip of --strategy random.")] = 0,
-    json: JsonOption = False,
-    picture: PictureOption = None,
-    no_calibration: NoCalibrationOption = False,
-) -> None:
-    """Plan the next grip, and say what each hypothesis predicts of it.
-
-    Exit code 1: nothing fits, or nothing within reach tells apart what does.
-    """
-    from palpate.cli.plan import run_plan
-
-    raise typer.Exit(
-        run_plan(
-            rig=rig,
-            objects=objects,
-            contacts=contacts,
-            strategy=strategy.value,
-            seed=seed,
-            json=json,
-            picture=picture,
-            calibration=not no_calibration,
-        )
-    )
-
-
-@app.command()
-def emulate(
-    rig: RigOption = None,
-    objects: ObjectsOption = None,
-    scene: SceneOption = None,
-    seed: SeedOption = 0,
-    pty: Annotated[
-        bool,
-        typer.Option("--pty/--tcp", help="Serve on pseudo-terminals, or on TCP ports of this computer."),
-    ] = True,
-    tcp_port: Annotated[
-        int | None,
-        typer.Option(
-            "--tcp-port", min=1, max=65535, help="With --tcp: the first port; any free ones without it."
-        ),
-    ] = None,
-    seconds: Annotated[
-        float | None, typer.Option("--for", min=0.0, help="End after this many seconds.")
-    ] = None,
-    rig_out: Annotated[
-        Path | None, typer.Option("--rig-out", help="Write a rig file that uses the served ports.")
-    ] = None,
-) -> None:
-    """Serve the emulated devices to other programs; print the ports as JSON, then serve until interrupted."""
-    from palpate.cli.emulate import run_emulate
-
-    raise typer.Exit(
-        run_emulate(
-            rig=rig,
-            objects=objects,
-            scene=scene,
-            seed=seed,
-            seconds=seconds,
-            rig_out=rig_out,
-            pty=pty,
-            tcp_port=tcp_port,
-        )
-    )
-
-
-devices.add_to(app)
-objects.add_to(app)
+app.command()(identify)
+app.command()(replay)
+app.command()(recognize)
+app.command()(plan)
+app.command()(emulate)
+app.command(rich_help_panel=_SETTING_UP)(find_port)
+app.command(rich_help_panel=_SETTING_UP)(scan)
+app.command(rich_help_panel=_SETTING_UP)(setup_motors)
+app.command(rich_help_panel=_SETTING_UP)(check)
+app.command(rich_help_panel=_SETTING_UP)(calibrate)
+app.command(rich_help_panel=_SETTING_UP)(watch)
+app.command(rich_help_panel=_SETTING_UP)(stop)
+objects.command("import")(import_objects)
+objects.command("show")(show_objects)
+objects.command("check")(check_objects)
+app.add_typer(objects)
 
 
 def main() -> None:

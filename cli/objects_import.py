@@ -1,116 +1,132 @@
 """`palpate objects import`: from a CAD file to an objects file."""
 
-import math
-import time
-from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal import Doing, Terminal
-from palpate.config.import_result import ImportedObjectOut, ImportOut
-from palpate.config.objects_file import checked_objects, load_objects, load_objects_text
-from palpate.config.objects_tables import ObjectsFileText, ObjectText, objects_json
-from palpate.config.results import to_json
-from palpate.errors import InputError
-from palpate.files.writing import check_place, write_text
-from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
-from palpate.views.import_table import show
+from palpate.cli.interruption import if_interrupted
+from palpate.cli.options import JsonOption
 
-__all__ = ["Into", "heights_of", "run_import"]
-
-_LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM = 0.001, 5.0
-_MOST_THICKNESS_MM = 1000.0
+__all__ = ["import_objects"]
 
 
-@dataclass(frozen=True)
-class Into:
-    """The objects file: None for the source's name. `add`: to what is there already."""
+class _Units(StrEnum):
+    """Of files that say none."""
 
-    path: Path | None
-    add: bool = False
+    MM = "mm"
+    INCH = "inch"
+    M = "m"
 
 
-def run_import(source: Path, options: ImportOptions, into: Into, *, json: bool) -> int:
-    """Read, compute, write, tell; returns the exit code.
+class _States(StrEnum):
+    """Which ways to rest are imported."""
 
-    The objects file is written last, at once, and only if it can be read again.
+    AUTO = "auto"
+    AS_IS = "as-is"
+
+
+@if_interrupted("nothing was written")
+def import_objects(
+    file: Annotated[
+        Path,
+        typer.Argument(help="STL, OBJ, PLY, 3MF or STEP; drawings: DXF or SVG.", show_default=False),
+    ],
+    units: Annotated[
+        _Units | None, typer.Option("--units", help="The file's units; needed where it has none.")
+    ] = None,
+    thickness: Annotated[
+        float | None, typer.Option("--thickness", metavar="MM", help="Of a drawing: height of the part.")
+    ] = None,
+    heights: Annotated[
+        str | None,
+        typer.Option("--heights", metavar="MM,…", help="Sections within 0.5 mm of these only, such as 5,12."),
+    ] = None,
+    states: Annotated[
+        _States,
+        typer.Option(
+            "--states", help="All stable states, or only as it lies in the file, on its lowest point."
+        ),
+    ] = _States.AUTO,
+    least_probability: Annotated[
+        float,
+        typer.Option("--least-probability", metavar="P", help="States that are less probable are left out."),
+    ] = 0.01,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            "--tolerance", metavar="MM", help="What the model may be off the file; all parts added."
+        ),
+    ] = 0.1,
+    deviation: Annotated[
+        float,
+        typer.Option(
+            "--deviation", metavar="MM", help="How far the made part may be off the file; comes on top."
+        ),
+    ] = 0.0,
+    name: Annotated[
+        str | None, typer.Option("--name", help="What to call the object; else as the file does.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="Objects file; else FILE's name with .objects.json, here."
+        ),
+    ] = None,
+    add: Annotated[
+        bool,
+        typer.Option("--add", help="Add to the objects file, if there is one; same names are replaced."),
+    ] = False,
+    json: JsonOption = False,
+) -> None:
+    """Make object models from a CAD file: stable states and their cross sections.
+
+    Refused, with the place: surfaces that are not closed or cross themselves, open outlines, files without
+    units, parts of odd sizes.
     """
+    import time
+
+    from palpate.cli.objects_file import check_options, heights_of, load_target, merge_objects
+    from palpate.cli.terminal import Doing, Terminal
+    from palpate.config.import_result import ImportOut
+    from palpate.config.objects_file import checked_objects
+    from palpate.config.objects_tables import objects_json
+    from palpate.config.results import to_json
+    from palpate.files.writing import write_text
+    from palpate.rig.catalogue.cad_import import ImportOptions, import_file
+    from palpate.views.import_table import show
+
     begin = time.perf_counter()
-    _check_options(options)
-    target = into.path or Path(f"{source.stem}.objects.json")
-    there = _there(target, add=into.add)
+    options = ImportOptions(
+        units=None if units is None else units.value,
+        name=name,
+        tolerance_mm=tolerance,
+        deviation_mm=deviation,
+        heights_mm=None if heights is None else heights_of(heights),
+        thickness_mm=thickness,
+        as_is=states is _States.AS_IS,
+        least_probability=least_probability,
+    )
+    check_options(options)
+    target = out or Path(f"{file.stem}.objects.json")
+    there = load_target(target, add=add)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
-    with Doing(console, f"reading {source.name}") as doing:
-        imported = import_file(source, options, doing.now)
+    with Doing(console, f"reading {file.name}") as doing:
+        imported = import_file(file, options, doing.now)
         doing.now(f"writing {target}")
-        text, result = _joined(there, imported.objects)
-        checked_objects(text, str(source))
+        text, objects = merge_objects(there, imported.objects)
+        checked_objects(text, str(file))  # what is written can be read again
         written = objects_json(text)
         write_text(target, written)
-    out = ImportOut(
-        source=str(source),
+    result = ImportOut(
+        source=str(file),
         objects_file=str(target),
         bytes=len(written.encode()),
-        objects=result,
+        objects=objects,
         warnings=imported.warnings,
         seconds=time.perf_counter() - begin,
     )
     if json:
-        typer.echo(to_json(out))
-    show(out, console if json else Terminal(highlight=False))
-    return 0
-
-
-def heights_of(text: str) -> tuple[float, ...]:
-    """The heights of "5,12", ascending. Raises InputError."""
-    found = set()
-    for part in text.split(","):
-        try:
-            height = float(part)
-        except ValueError:
-            height = math.nan
-        if not 0 <= height < math.inf:
-            raise InputError(f'--heights "{text}": "{part}" is no height in mm; write them as 5,12')
-        found.add(height)
-    return tuple(sorted(found))
-
-
-def _check_options(options: ImportOptions) -> None:
-    limits = (
-        ("--tolerance", options.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
-        ("--deviation", options.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),
-        ("--thickness", options.thickness_mm, _LEAST_TOLERANCE_MM, _MOST_THICKNESS_MM, " mm"),
-        ("--least-probability", options.least_probability, 0.0, 1.0, ""),
-    )
-    for option, value, least, most, unit in limits:
-        if value is not None and not least <= value <= most:
-            raise InputError(f"{option} is {value:g}{unit}; it must be from {least:g} to {most:g}{unit}")
-    if options.name is not None and (not options.name.isprintable() or options.name.strip() != options.name):
-        raise InputError("--name must be printable characters without blanks around them")
-    if options.name is not None and not 0 < len(options.name) <= 90:
-        raise InputError(f"--name has {len(options.name)} characters; it must have from 1 to 90")
-
-
-def _there(target: Path, *, add: bool) -> ObjectsFileText | None:
-    """What the objects file holds already; InputError, before anything is computed, if it stays as it is."""
-    check_place(target)
-    if not target.exists():
-        return None
-    if not add:
-        raise InputError(f"{target} is there already: add to it with --add, or choose another with --out")
-    load_objects(target)
-    return load_objects_text(target)
-
-
-def _joined(
-    there: ObjectsFileText | None, new: tuple[ImportedObject, ...]
-) -> tuple[ObjectsFileText, tuple[ImportedObjectOut, ...]]:
-    """The file's text with the new objects: in the place of those of their names, else at the end."""
-    old = [] if there is None else there.objects
-    fresh: dict[str, ObjectText] = {item.text.name: item.text for item in new}
-    names = {entry.name for entry in old}
-    objects = [fresh.get(entry.name, entry) for entry in old]
-    objects += [text for name, text in fresh.items() if name not in names]
-    result = tuple(item.result.model_copy(update={"replaced": item.result.name in names}) for item in new)
-    return ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects), result
+        typer.echo(to_json(result))
+    show(result, console if json else Terminal(highlight=False))

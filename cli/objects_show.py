@@ -1,48 +1,49 @@
 """`palpate objects show`: what a file of objects holds, as a listing and as a picture."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from palpate.api.catalogue import list_objects
-from palpate.api.files import load_objects
-from palpate.api.rig import open_rig
-from palpate.cli.terminal import Doing, Terminal
-from palpate.config.results import to_json
-from palpate.files.writing import check_place, write_text
-from palpate.views.catalogue.listing import print_listing
+from palpate.cli.interruption import if_interrupted
+from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsArgument, RigOption
 
-__all__ = ["picture_beside", "run_objects_show"]
+__all__ = ["show_objects"]
 
 
-def run_objects_show(
-    *,
-    objects: Path,
-    rig: Path | None,
-    picture: Path | None,
-    every: bool = False,
-    json: bool = False,
-    calibration: bool = True,
-) -> int:
-    """List, draw and print; returns the exit code, 0. An existing picture is written over.
+@if_interrupted("no picture was written")
+def show_objects(
+    file: ObjectsArgument,
+    rig: RigOption = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", help="Where to write the picture (SVG); FILE's stem + .objects.svg, here."),
+    ] = None,
+    no_calibration: NoCalibrationOption = False,
+    every: Annotated[bool, typer.Option("--all", help="List all states, and pairs one by one.")] = False,
+    json: JsonOption = False,
+) -> None:
+    """List every state of every object, and draw its sections into one picture (SVG).
 
-    `every`: a long listing, with each state and pair for itself; JSON has them always.
+    Says which states the rig's fingers would not tell apart; `objects check` says what would.
     """
-    file, models = open_rig(rig, calibration=calibration).file, load_objects(objects)
-    place = picture or picture_beside(objects)
+    from palpate.api.catalogue import list_objects
+    from palpate.api.files import load_objects
+    from palpate.api.rig import open_rig
+    from palpate.cli.terminal import Doing, Terminal
+    from palpate.config.results import to_json
+    from palpate.files.writing import check_place, write_text
+    from palpate.views.catalogue.listing import print_listing
+
+    bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(file)
+    # In the current folder, and named so that no drawing beside the file is written over.
+    place = picture or Path(f"{file.stem.removesuffix('.objects')}.objects.svg")
     check_place(place)
     with Doing(Terminal(stderr=True, soft_wrap=True), "reading") as doing:
-        listing = list_objects(file, models, name=objects.name, progress=doing.now)
+        listing = list_objects(bench, models, name=file.name, progress=doing.now)
     write_text(place, listing.svg)
-    out = listing.out(file, str(objects), str(place), shipped=rig is None)
+    out = listing.out(bench, str(file), str(place), shipped=rig is None)
     if json:
         typer.echo(to_json(out))
     else:
-        console = Terminal(highlight=False, markup=False, emoji=False, soft_wrap=True)
-        print_listing(out, console, every=every)
-    return 0
-
-
-def picture_beside(objects: Path) -> Path:
-    """Where the picture goes unless told: in the current folder, named so that no drawing is written over."""
-    return Path(f"{objects.stem.removesuffix('.objects')}.objects.svg")
+        print_listing(out, Terminal(highlight=False, markup=False, emoji=False, soft_wrap=True), every=every)

@@ -1,27 +1,29 @@
 """`palpate replay`: a recorded session run again, without devices, and compared byte by byte."""
 
-import re
-from importlib.metadata import version
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from palpate.api.session import open_session
-from palpate.config.replay_result import DifferenceOut, EndOut, ReplayOut
-from palpate.config.results import to_json
-from palpate.errors import counted
-from palpate.rig.session.log_reader import SessionFile
-from palpate.rig.session.replay import Replayed
+from palpate.cli.options import JsonOption
 
-__all__ = ["run_replay"]
+__all__ = ["replay"]
 
 
-def run_replay(session: Path, *, json: bool) -> int:
-    """Replay the session in a folder; returns the exit code: 0 as recorded, 1 if something differs.
+def replay(
+    session: Annotated[Path, typer.Argument(help="A session's folder.", show_default=False)],
+    json: JsonOption = False,
+) -> int:
+    """Run a recorded session again, against what was recorded; no device is needed, nothing moves.
 
-    Raises InputError for a folder without a session that can be replayed, and for a log that was changed
-    after it was written although the replay met no difference.
+    Exit code 0: every byte sent and the result are as recorded, 1: something differs, 2: not a whole session.
     """
+    from importlib.metadata import version
+
+    from palpate.api.session import open_session
+    from palpate.config.results import to_json
+    from palpate.views.replay_text import replay_lines, replay_out
+
     recorded = open_session(session)
     replayed = recorded.replay()
     if recorded.changed is not None:
@@ -29,51 +31,6 @@ def run_replay(session: Path, *, json: bool) -> int:
     by, now = recorded.recorded_by, version("palpate")
     if by != now:
         typer.echo(f"recorded by palpate {by}, replayed by {now}", err=True)
-    out = _out(recorded.log, replayed, by, str(recorded.folder))
-    typer.echo(to_json(out) if json else "\n".join(_lines(recorded.log, out)))
+    out = replay_out(recorded.log, replayed, by, str(recorded.folder))
+    typer.echo(to_json(out) if json else "\n".join(replay_lines(recorded.log, out)))
     return 0 if out.same else 1
-
-
-def _out(file: SessionFile, replayed: Replayed, by: str, folder: str) -> ReplayOut:
-    answer = None if replayed.run is None else replayed.run.out(wall_seconds=0.0, session=None)
-    return ReplayOut(
-        same=replayed.difference is None,
-        events=replayed.lines,
-        sent_bytes=replayed.sent_bytes,
-        received_bytes=replayed.received_bytes,
-        end=None if file.end is None else EndOut(how=file.end["how"], message=file.end.get("message")),
-        verdict=answer and answer.verdict.value,
-        object=answer and answer.object,
-        state=answer and answer.state,
-        difference=None if replayed.difference is None else _difference(replayed.difference),
-        recorded_by=by,
-        session=folder,
-    )
-
-
-def _difference(text: str) -> DifferenceOut:
-    match = re.match(r"line ([0-9]+), ", text)
-    return DifferenceOut(line=0 if match is None else int(match[1]), message=text)
-
-
-def _lines(file: SessionFile, out: ReplayOut) -> list[str]:
-    """The report for a person."""
-    done = (
-        f"replayed {counted(out.events, 'event', 'events')}, {counted(out.sent_bytes, 'byte', 'bytes')} sent"
-    )
-    if out.difference is not None:
-        return [f"{done}, then it differs: {file.path}: {out.difference.message}"]
-    lines = [f"{done}, all as recorded; {_ending(out)}"]
-    if out.end is None:
-        last = file.entries[-1].line if file.entries else 1
-        lines.append(f"the log was cut off after line {last}: it has no end")
-    return lines
-
-
-def _ending(out: ReplayOut) -> str:
-    if out.verdict is not None:
-        named = f": {out.object}, {out.state}" if out.object is not None else ""
-        return f"{out.verdict}{named}"
-    if out.end is None:
-        return "no answer so far"
-    return f"ended by {out.end.how}: {out.end.message}" if out.end.message else f"ended by {out.end.how}"

@@ -1,65 +1,71 @@
 """`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report."""
 
-import math
-import time
-from collections.abc import Sequence
+from enum import Enum
 from pathlib import Path
+from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.markup import escape
 
-from palpate.api.calibration import CalibrationAnswer, CalibrationPaths, check_references
-from palpate.api.files import load_references
-from palpate.api.rig import open_rig
-from palpate.calibration.finger_step import plan_placements
-from palpate.cli.commissioning.confirm_motion import ask_to_move
-from palpate.cli.commissioning.reference_placement import ConsoleTable
-from palpate.cli.terminal import Doing, Terminal
-from palpate.config import RigFile
-from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
-from palpate.config.calibration_finger import FingerCalibration
-from palpate.config.references_file import ReferencesFile
-from palpate.config.results import to_json
-from palpate.rig.commissioning.calibration import STEPS, build_references
-from palpate.views.tables import table
+from palpate.cli.interruption import if_interrupted
+from palpate.cli.options import JsonOption
 
-__all__ = ["run_calibrate"]
-
-_TITLES = (
-    "contacts\n± mm",
-    "direction\n± °",
-    "base\nmm off",
-    "heading\n° off",
-    "tip\nmm",
-    "play\n± mm",
-    "skin\nN/mm",
-    "taxels\nout",
-)
+__all__ = ["calibrate"]
 
 
-def run_calibrate(
-    *,
-    rig: Path,
-    steps: Sequence[str],
-    references: Path | None,
-    seed: int,
-    yes: bool,
-    dry_run: bool,
-    restart: bool,
-    json: bool,
+class _What(Enum):
+    """What `calibrate` measures."""
+
+    ALL = "all"
+    TACTILE = "tactile"
+    ACTUATORS = "actuators"
+    FINGERS = "fingers"
+
+
+@if_interrupted("what was done is kept; the same command goes on from there")
+def calibrate(
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file (TOML).", show_default=False)],
+    what: Annotated[
+        _What, typer.Argument(help="What to measure; what is not measured stays as it was.")
+    ] = _What.ALL,
+    references: Annotated[
+        Path | None,
+        typer.Option("--references", help="Disc and plate (TOML); without it, 50 mm and 80 mm square."),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices.")] = 0,
+    yes: Annotated[bool, typer.Option("--yes", help="Fingers may move: do not ask.")] = False,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and end.")] = False,
+    restart: Annotated[
+        bool, typer.Option("--restart", help="Forget a calibration that was begun before.")
+    ] = False,
+    json: JsonOption = False,
 ) -> int:
-    """Calibrate and show; returns the exit code. Raises InputError for whatever is not as it should be."""
+    """Measure a rig and write its calibration beside the rig file. Fingers move.
+
+    One that was interrupted is taken up where it ended.
+    """
+    import time
+
+    from palpate.api.calibration import CalibrationPaths, check_references
+    from palpate.api.files import load_references
+    from palpate.api.rig import open_rig
+    from palpate.cli.commissioning.calibration_text import Progress, announce, calibrate_out, show
+    from palpate.cli.commissioning.confirm_motion import ask_to_move
+    from palpate.cli.commissioning.reference_placement import ConsoleTable
+    from palpate.cli.terminal import Terminal
+    from palpate.config.results import to_json
+    from palpate.rig.commissioning.calibration import STEPS
+
     begin = time.perf_counter()
+    steps = STEPS if what is _What.ALL else (what.value,)
     opened, shapes = open_rig(rig, seed=seed, calibration=False), load_references(references)
     check_references(opened.file, shapes)
-    paths, console = CalibrationPaths.beside(rig), Terminal(stderr=True, highlight=False, soft_wrap=True)
-    _announce(console, opened.file, shapes, steps, paths)
+    console = Terminal(stderr=True, highlight=False, soft_wrap=True)
+    announce(console, opened.file, shapes, steps, CalibrationPaths.beside(rig))
     if dry_run:
         return 0
     if not yes:
         ask_to_move(console)
-    with _Progress(console, asks=not opened.emulated) as progress:
+    with Progress(console, asks=not opened.emulated) as progress:
         answer = opened.calibrate(
             steps,
             references=shapes,
@@ -67,129 +73,10 @@ def run_calibrate(
             restart=restart,
             progress=progress.tell,
         )
-    out = _out(answer, opened.described, steps, time.perf_counter() - begin)
+    out = calibrate_out(answer, opened.described, steps, time.perf_counter() - begin)
     if json:
         typer.echo(to_json(out))
-    _show(out, console if json else Terminal(highlight=False, soft_wrap=True))
+    show(out, console if json else Terminal(highlight=False, soft_wrap=True))
     if answer.failure is not None:
         raise answer.failure
     return 0
-
-
-class _Progress:
-    """Says on stderr what goes on: a line for every step, a moving line for what changes all the time."""
-
-    def __init__(self, console: Console, *, asks: bool) -> None:
-        self._console = console
-        # A moving line and a question would write over each other.
-        self._doing = None if asks else Doing(console, "rig_connector")
-        self._step = ""
-
-    def __enter__(self) -> "_Progress":
-        if self._doing is not None:
-            self._doing.__enter__()
-        return self
-
-    def __exit__(self, *ended: object) -> None:
-        if self._doing is not None:
-            self._doing.__exit__(None, None, None)
-
-    def tell(self, text: str) -> None:
-        """Say it."""
-        if self._doing is not None and text.startswith(("touch ", "press ")):
-            self._doing.now(f"{self._step}, {text}")
-            return
-        self._step = text
-        self._console.print(text if text.endswith(":") else f"  {text}", markup=False)
-
-
-def _announce(
-    console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: CalibrationPaths
-) -> None:
-    """What is going to happen, before anything does."""
-    disc, plate = build_references(shapes)
-    placings = len(plan_placements(disc, plate, rig.workspace.radius_mm))
-    words = {
-        "actuators": "actuators  aims swing, slides go against their stops, fingers press and hit a disc",
-        "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",
-        "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
-    }
-    console.print(f"Calibrating rig {rig.name} ({len(rig.fingers)} fingers):", markup=False)
-    for step in STEPS:
-        if step in steps:
-            console.print(f"  {words[step]}", markup=False)
-    corners = shapes.plate.outline_mm
-    console.print(
-        f"References: a disc of {shapes.disc.diameter_mm:g} mm, a plate with {len(corners)} corners, "
-        f"{plate.radius_mm:.1f} mm from its middle. Result: {places.calibration}",
-        markup=False,
-    )
-    if places.record.exists():
-        console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
-
-
-def _out(answer: CalibrationAnswer, rig: RigFile, steps: Sequence[str], wall_seconds: float) -> CalibrateOut:
-    file, residuals = answer.file, answer.file.residuals
-    return CalibrateOut(
-        rig=file.rig,
-        emulated=file.emulated,
-        steps=tuple(steps),
-        file=str(answer.paths.calibration),
-        report=str(answer.paths.report),
-        coverage=file.coverage,
-        fingers=tuple(_finger(found, rig, k) for k, found in enumerate(file.fingers)),
-        touches=None if residuals is None else residuals.touches,
-        outliers=None if residuals is None else residuals.outliers,
-        rms_mm=None if residuals is None else residuals.rms_mm,
-        held_out_rms_mm=None if residuals is None else residuals.held_out_rms_mm,
-        rig_seconds=answer.rig_seconds,
-        wall_seconds=wall_seconds,
-    )
-
-
-def _finger(found: FingerCalibration, rig: RigFile, index: int) -> CalibratedFingerOut:
-    spec, place, bounds = rig.fingers[index], found.place, found.bounds
-    return CalibratedFingerOut(
-        name=found.name,
-        position_mm=None if bounds is None else bounds.position_mm,
-        direction_deg=None if bounds is None else bounds.direction_deg,
-        moved_mm=None if place is None else math.dist(place.base_mm, spec.base_mm),
-        turned_deg=None if place is None else math.remainder(place.heading_deg - spec.heading_deg, 360),
-        tip_radius_mm=None if place is None else place.tip_radius_mm,
-        backlash_mm=None if found.actuators is None else found.actuators.slide.backlash_mm,
-        stiffness_n_per_mm=None if found.tactile is None else found.tactile.stiffness_n_per_mm,
-        unusable=None if found.tactile is None else len(found.tactile.unusable),
-    )
-
-
-def _show(out: CalibrateOut, console: Console) -> None:
-    """The result for people."""
-    rows = table("finger", *_TITLES, numbers=_TITLES)
-    for item in out.fingers:
-        rows.add_row(
-            escape(item.name),
-            _shown(item.position_mm, 2),
-            _shown(item.direction_deg, 2),
-            _shown(item.moved_mm, 2),
-            _shown(item.turned_deg, 2),
-            _shown(item.tip_radius_mm, 2),
-            _shown(item.backlash_mm, 3),
-            _shown(item.stiffness_n_per_mm, 2),
-            "–" if item.unusable is None else str(item.unusable),
-        )
-    console.print(rows)
-    if out.rms_mm is not None:
-        console.print(
-            f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "
-            f"{out.held_out_rms_mm:.3f} mm where they were predicted, not fitted; {out.outliers} left out. "
-            f"Bounds are for {out.coverage:.1%} of contacts."
-        )
-    minutes = out.rig_seconds / 60
-    console.print(
-        f"{minutes:.0f} min on the {'emulated ' if out.emulated else ''}rig, {out.wall_seconds:.0f} s here"
-    )
-    console.print(f"calibration {out.file}, report {out.report}", markup=False)
-
-
-def _shown(value: float | None, digits: int) -> str:
-    return "–" if value is None else f"{value:.{digits}f}"

@@ -4,58 +4,65 @@ Moves nothing, unless it is asked to touch a disc and see whether the calibratio
 """
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from palpate.api.rig import open_rig
-from palpate.cli.commissioning.confirm_motion import ask_to_move
-from palpate.cli.commissioning.reference_placement import ConsoleTable
-from palpate.cli.terminal import Doing, Terminal
-from palpate.views.check_table import show
+from palpate.cli.interruption import if_interrupted
+from palpate.cli.options import JsonOption, NoCalibrationOption, RigOption
 
-__all__ = ["Touching", "run_check"]
+__all__ = ["check"]
 
 
-@dataclass(frozen=True)
-class Touching:
-    """A disc is to be touched: the file that describes it, None for the standard one; `yes`: do not ask."""
-
-    references: Path | None
-    yes: bool
-
-
-def run_check(
-    *, rig: Path | None, json: bool, calibration: bool = True, touching: Touching | None = None, seed: int = 0
+def check(
+    rig: RigOption = None,
+    json: JsonOption = False,
+    no_calibration: NoCalibrationOption = False,
+    touch: Annotated[
+        bool,
+        typer.Option("--touch", help="Fingers move: touch a disc, and see if the calibration still holds."),
+    ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="With --touch: fingers may move, do not ask.")] = False,
+    references: Annotated[
+        Path | None, typer.Option("--references", help="With --touch: the disc (TOML); without it, 50 mm.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices.")] = 0,
 ) -> int:
-    """Check and show; returns the exit code: 3 if something is wrong, 0 with warnings alone.
+    """Look at every servo, array and the bus of a rig. Moves nothing without --touch.
 
-    `touching`: None to move nothing. `seed`: of an emulated rig's devices.
+    Exit code 3: something is wrong, or touches do not agree with the calibration. Warnings alone: 0.
     """
-    opened = open_rig(rig, seed=seed, calibration=calibration)
-    err = Terminal(stderr=True, soft_wrap=True)
-    moving = False
-    with ExitStack() as looking:
+    from palpate.api.rig import open_rig
+    from palpate.cli.commissioning.confirm_motion import ask_to_move
+    from palpate.cli.commissioning.reference_placement import ConsoleTable
+    from palpate.cli.terminal import Doing, Terminal
+    from palpate.views.check_table import show
+
+    with if_interrupted("torque is off" if touch else "torque was left as it was"), ExitStack() as looking:
+        opened = open_rig(rig, seed=seed, calibration=not no_calibration)
+        err = Terminal(stderr=True, soft_wrap=True)
         doing = looking.enter_context(Doing(err, "checking"))
+        moving = False
 
         def permit() -> None:
             nonlocal moving
             moving = True
             looking.close()  # a moving line and a question would write over each other
-            if touching is not None and not touching.yes:
+            if not yes:
                 ask_to_move(err)
 
         checked = opened.check(
-            touch=touching is not None,
-            references=None if touching is None else touching.references,
+            touch=touch,
+            references=references if touch else None,
             table=None if opened.emulated else ConsoleTable(err),
             permit=permit,
             progress=lambda text: err.print(text) if moving else doing.now(text),
         )
-    if json:
-        typer.echo(checked.to_json())
-    show(checked.result, err if json else Terminal(soft_wrap=True))
+        looking.close()
+        if json:
+            typer.echo(checked.to_json())
+        show(checked.result, err if json else Terminal(soft_wrap=True))
     if checked.failure is not None:
         raise checked.failure
     return 0 if checked.well else 3

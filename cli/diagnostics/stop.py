@@ -1,48 +1,36 @@
 """`palpate stop`: torque off on every servo, now, also beside a palpate that is using the port."""
 
 from pathlib import Path
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from palpate.api.bus import stop
-from palpate.cli.terminal import Terminal
-from palpate.config.results import to_json
-from palpate.config.stop_result import StopOut
-from palpate.errors import counted
+from palpate.cli.interruption import if_interrupted
+from palpate.cli.options import JsonOption, PortOption
 
-__all__ = ["run_stop"]
+__all__ = ["stop"]
 
 
-def run_stop(*, rig: Path | None, port: str | None, baudrate: int | None, json: bool) -> int:
-    """Stop and tell; returns the exit code: 0 only if every servo has confirmed."""
-    out = stop(port=port, rig=rig, baudrate=baudrate)
+@if_interrupted("NOT confirmed that torque is off")
+def stop(
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file (TOML).")] = None,
+    port: PortOption = None,
+    baud: Annotated[
+        int | None, typer.Option("--baud", help="Baud rate, with --port; 1000000 if left out.")
+    ] = None,
+    json: JsonOption = False,
+) -> int:
+    """Switch torque off on every servo, now, beside whatever runs.
+
+    Exit code 0 only if every servo has confirmed it. No substitute for a switch that cuts the power.
+    """
+    from palpate.api import bus
+    from palpate.cli.terminal import Terminal
+    from palpate.config.results import to_json
+    from palpate.views.stop_text import show
+
+    out = bus.stop(port=port, rig=rig, baudrate=baud)
     if json:
         typer.echo(to_json(out))
-    _show(out, Terminal(stderr=json, soft_wrap=True))
+    show(out, Terminal(stderr=json, soft_wrap=True))
     return 0 if out.confirmed else 3
-
-
-def _show(out: StopOut, console: Console) -> None:
-    def say(text: str, style: str) -> None:
-        console.print(text, style=style, highlight=False, markup=False)
-
-    where = f"on {out.port} at {out.baudrate_bps} baud{' (emulated)' if out.emulated else ''}"
-    off = [servo for servo in out.servos if servo.off]
-    ids = ", ".join(str(servo.id) for servo in off)
-    if off:
-        say(f"torque is off, confirmed: {counted(len(off), 'servo', 'servos')} {where} ({ids})", "green")
-    for servo in out.servos:
-        if not servo.off:
-            name = f"servo {servo.id}" + (f" ({servo.owner})" if servo.owner else "")
-            say(f"NOT confirmed: {name}: {servo.problem}", "bold red")
-    if out.taken:
-        say(
-            f"NOT confirmed: another program is using {out.port}; every servo {where} was sent "
-            f"Torque Enable = 0 {out.told} times",
-            "bold red",
-        )
-    elif not out.servos:
-        say(f"NOT confirmed: no servo answers {where}; is it the right port and baud rate?", "bold red")
-    if not out.confirmed:
-        say("if anything may still move, cut the servos' power", "bold red")

@@ -13,11 +13,11 @@ from json_schema import violations
 from rich.console import Console
 from wording import missing
 
-from palpate.cli.diagnostics.find_port import tell_found
 from palpate.config.schema import schema_text
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.serial_ports import SerialPort, serial_ports
 from palpate.rig.diagnostics.port_search import find_unplugged, ports_out
+from palpate.views.ports_table import show_unplugged
 
 
 def port(device: str, by_id: str | None = None, timer_s: float | None = None) -> SerialPort:
@@ -87,7 +87,7 @@ def test_somebody_who_gives_up() -> None:
 
 
 def test_what_is_found_is_said_as_a_line_of_the_rig_file(capsys: pytest.CaptureFixture[str]) -> None:
-    tell_found([MOVED], Console(soft_wrap=True))
+    show_unplugged([MOVED], Console(soft_wrap=True))
     told = capsys.readouterr().out
     assert '    port = "/dev/serial/by-id/adapter"\n' in told
     assert "FTDI FT232H" in told

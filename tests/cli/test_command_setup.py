@@ -12,7 +12,7 @@ from json_schema import violations
 from motor_wire import MotorWire, Person
 from repository import EXAMPLES
 
-from palpate.cli.commissioning.setup_motors import set_up_motors
+from palpate.cli.commissioning.motor_dialogue import set_up_motors
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import EmulatedServo

@@ -21,7 +21,8 @@ from recorded_ports import Listener
 from serial import SerialException
 from serial.serialutil import SerialBase
 
-from palpate.cli.monitor.watch import run_watch
+from palpate.api.session import open_session
+from palpate.cli.monitor.updates import PaceOf
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.messages import Describe, Frame, Message, Stop
@@ -165,7 +166,9 @@ def test_a_session_as_a_picture(here: Here, session: Path, tmp_path: Path) -> No
 
 def test_a_session_keeps_the_walls_time(session: Path) -> None:
     wall = VirtualClock()
-    assert run_watch(session=session, seconds=1.0, speed=4.0, fingers=["f1"], wall=wall) == 0
+    with open_session(session).watch(["f1"], pace=PaceOf(wall, 4.0).on) as monitor:
+        for _ in monitor.updates(0.05, seconds=1.0):
+            pass
     assert wall.now() == pytest.approx(0.25, abs=0.01)
 
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from rich.table import Table
 from rich.text import Text
 
-from palpate.cli.diagnostics.find_port import tell_found
-from palpate.cli.identify import Progress
+from palpate.cli.identification_progress import Progress
 from palpate.cli.terminal import Doing, Terminal
 from palpate.errors import printable
+from palpate.views.ports_table import show_unplugged
 
 EVIL = "v1\x1b[2J\x1b]0;title\x07\u202e\x9b31m\r"
 
@@ -56,4 +56,4 @@ def test_markup_in_names_is_shown_as_it_is() -> None:
     with Doing(Terminal(file=file), "reading [bold]plate[/bold].stl") as doing:
         doing.now("[/]")
     assert "finger [red]f1[/] waits" in file.getvalue()
-    tell_found([], Terminal(file=file))
+    show_unplugged([], Terminal(file=file))

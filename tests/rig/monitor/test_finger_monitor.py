@@ -7,7 +7,7 @@ from watched_tip import WatchedTip
 
 from palpate.api.files import load_rig
 from palpate.api.monitor import Monitor, check_streaming
-from palpate.cli.monitor.watch import obey
+from palpate.cli.monitor.updates import obey
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.errors import DeviceError
 from palpate.rig.monitor.finger_monitor import TareState

@@ -1,0 +1,152 @@
+"""A calibration on the terminal: what is going to happen, its progress, and its result."""
+
+import math
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.api.calibration import CalibrationAnswer, CalibrationPaths
+from palpate.calibration.finger_step import plan_placements
+from palpate.cli.terminal import Doing
+from palpate.config import RigFile
+from palpate.config.calibrate_result import CalibratedFingerOut, CalibrateOut
+from palpate.config.calibration_finger import FingerCalibration
+from palpate.config.references_file import ReferencesFile
+from palpate.rig.commissioning.calibration import STEPS, build_references
+from palpate.views.tables import table
+
+__all__ = ["Progress", "announce", "calibrate_out", "show"]
+
+_TITLES = (
+    "contacts\n± mm",
+    "direction\n± °",
+    "base\nmm off",
+    "heading\n° off",
+    "tip\nmm",
+    "play\n± mm",
+    "skin\nN/mm",
+    "taxels\nout",
+)
+
+
+class Progress:
+    """Says on stderr what goes on: a line for every step, a moving line for what changes all the time."""
+
+    def __init__(self, console: Console, *, asks: bool) -> None:
+        self._console = console
+        # A moving line and a question would write over each other.
+        self._doing = None if asks else Doing(console, "rig_connector")
+        self._step = ""
+
+    def __enter__(self) -> "Progress":
+        if self._doing is not None:
+            self._doing.__enter__()
+        return self
+
+    def __exit__(self, *ended: object) -> None:
+        if self._doing is not None:
+            self._doing.__exit__(None, None, None)
+
+    def tell(self, text: str) -> None:
+        """Say it."""
+        if self._doing is not None and text.startswith(("touch ", "press ")):
+            self._doing.now(f"{self._step}, {text}")
+            return
+        self._step = text
+        self._console.print(text if text.endswith(":") else f"  {text}", markup=False)
+
+
+def announce(
+    console: Console, rig: RigFile, shapes: ReferencesFile, steps: Sequence[str], places: CalibrationPaths
+) -> None:
+    """What is going to happen, before anything does."""
+    disc, plate = build_references(shapes)
+    placings = len(plan_placements(disc, plate, rig.workspace.radius_mm))
+    words = {
+        "actuators": "actuators  aims swing, slides go against their stops, fingers press and hit a disc",
+        "tactile": "tactile    fingers press a disc and a plate at many angles, as hard as 3 N",
+        "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
+    }
+    console.print(f"Calibrating rig {rig.name} ({len(rig.fingers)} fingers):", markup=False)
+    for step in STEPS:
+        if step in steps:
+            console.print(f"  {words[step]}", markup=False)
+    corners = shapes.plate.outline_mm
+    console.print(
+        f"References: a disc of {shapes.disc.diameter_mm:g} mm, a plate with {len(corners)} corners, "
+        f"{plate.radius_mm:.1f} mm from its middle. Result: {places.calibration}",
+        markup=False,
+    )
+    if places.record.exists():
+        console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
+
+
+def calibrate_out(
+    answer: CalibrationAnswer, rig: RigFile, steps: Sequence[str], wall_seconds: float
+) -> CalibrateOut:
+    """The published result; `rig`: as its file describes it, uncalibrated."""
+    file, residuals = answer.file, answer.file.residuals
+    return CalibrateOut(
+        rig=file.rig,
+        emulated=file.emulated,
+        steps=tuple(steps),
+        file=str(answer.paths.calibration),
+        report=str(answer.paths.report),
+        coverage=file.coverage,
+        fingers=tuple(_finger(found, rig, k) for k, found in enumerate(file.fingers)),
+        touches=None if residuals is None else residuals.touches,
+        outliers=None if residuals is None else residuals.outliers,
+        rms_mm=None if residuals is None else residuals.rms_mm,
+        held_out_rms_mm=None if residuals is None else residuals.held_out_rms_mm,
+        rig_seconds=answer.rig_seconds,
+        wall_seconds=wall_seconds,
+    )
+
+
+def _finger(found: FingerCalibration, rig: RigFile, index: int) -> CalibratedFingerOut:
+    spec, place, bounds = rig.fingers[index], found.place, found.bounds
+    return CalibratedFingerOut(
+        name=found.name,
+        position_mm=None if bounds is None else bounds.position_mm,
+        direction_deg=None if bounds is None else bounds.direction_deg,
+        moved_mm=None if place is None else math.dist(place.base_mm, spec.base_mm),
+        turned_deg=None if place is None else math.remainder(place.heading_deg - spec.heading_deg, 360),
+        tip_radius_mm=None if place is None else place.tip_radius_mm,
+        backlash_mm=None if found.actuators is None else found.actuators.slide.backlash_mm,
+        stiffness_n_per_mm=None if found.tactile is None else found.tactile.stiffness_n_per_mm,
+        unusable=None if found.tactile is None else len(found.tactile.unusable),
+    )
+
+
+def show(out: CalibrateOut, console: Console) -> None:
+    """The result for people."""
+    rows = table("finger", *_TITLES, numbers=_TITLES)
+    for item in out.fingers:
+        rows.add_row(
+            escape(item.name),
+            _shown(item.position_mm, 2),
+            _shown(item.direction_deg, 2),
+            _shown(item.moved_mm, 2),
+            _shown(item.turned_deg, 2),
+            _shown(item.tip_radius_mm, 2),
+            _shown(item.backlash_mm, 3),
+            _shown(item.stiffness_n_per_mm, 2),
+            "–" if item.unusable is None else str(item.unusable),
+        )
+    console.print(rows)
+    if out.rms_mm is not None:
+        console.print(
+            f"{out.touches} touches agree within {out.rms_mm:.3f} mm (root mean square), "
+            f"{out.held_out_rms_mm:.3f} mm where they were predicted, not fitted; {out.outliers} left out. "
+            f"Bounds are for {out.coverage:.1%} of contacts."
+        )
+    minutes = out.rig_seconds / 60
+    console.print(
+        f"{minutes:.0f} min on the {'emulated ' if out.emulated else ''}rig, {out.wall_seconds:.0f} s here"
+    )
+    console.print(f"calibration {out.file}, report {out.report}", markup=False)
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,71 @@
+"""The objects file that an import writes: options within their limits, and what the file held before."""
+
+import math
+from pathlib import Path
+
+from palpate.config.import_result import ImportedObjectOut
+from palpate.config.objects_file import load_objects, load_objects_text
+from palpate.config.objects_tables import ObjectsFileText, ObjectText
+from palpate.errors import InputError
+from palpate.files.writing import check_place
+from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions
+
+__all__ = ["check_options", "heights_of", "load_target", "merge_objects"]
+
+_LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM = 0.001, 5.0
+_MOST_THICKNESS_MM = 1000.0
+
+
+def heights_of(text: str) -> tuple[float, ...]:
+    """The heights of "5,12", ascending. Raises InputError."""
+    found = set()
+    for part in text.split(","):
+        try:
+            height = float(part)
+        except ValueError:
+            height = math.nan
+        if not 0 <= height < math.inf:
+            raise InputError(f'--heights "{text}": "{part}" is no height in mm; write them as 5,12')
+        found.add(height)
+    return tuple(sorted(found))
+
+
+def check_options(options: ImportOptions) -> None:
+    """Raises InputError for what is outside its limits."""
+    limits = (
+        ("--tolerance", options.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
+        ("--deviation", options.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),
+        ("--thickness", options.thickness_mm, _LEAST_TOLERANCE_MM, _MOST_THICKNESS_MM, " mm"),
+        ("--least-probability", options.least_probability, 0.0, 1.0, ""),
+    )
+    for option, value, least, most, unit in limits:
+        if value is not None and not least <= value <= most:
+            raise InputError(f"{option} is {value:g}{unit}; it must be from {least:g} to {most:g}{unit}")
+    if options.name is not None and (not options.name.isprintable() or options.name.strip() != options.name):
+        raise InputError("--name must be printable characters without blanks around them")
+    if options.name is not None and not 0 < len(options.name) <= 90:
+        raise InputError(f"--name has {len(options.name)} characters; it must have from 1 to 90")
+
+
+def load_target(target: Path, *, add: bool) -> ObjectsFileText | None:
+    """What the objects file holds already; InputError, before anything is computed, if it stays as it is."""
+    check_place(target)
+    if not target.exists():
+        return None
+    if not add:
+        raise InputError(f"{target} is there already: add to it with --add, or choose another with --out")
+    load_objects(target)
+    return load_objects_text(target)
+
+
+def merge_objects(
+    there: ObjectsFileText | None, new: tuple[ImportedObject, ...]
+) -> tuple[ObjectsFileText, tuple[ImportedObjectOut, ...]]:
+    """The file's text with the new objects: in the place of those of their names, else at the end."""
+    old = [] if there is None else there.objects
+    fresh: dict[str, ObjectText] = {item.text.name: item.text for item in new}
+    names = {entry.name for entry in old}
+    objects = [fresh.get(entry.name, entry) for entry in old]
+    objects += [text for name, text in fresh.items() if name not in names]
+    result = tuple(item.result.model_copy(update={"replaced": item.result.name in names}) for item in new)
+    return ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects), result

@@ -1,0 +1,54 @@
+"""Serial ports for the terminal: which there are, and what to write into the rig file."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.drivers.transport.serial_ports import SerialPort
+from palpate.rig.diagnostics.latency_timer import timer_warnings
+from palpate.rig.diagnostics.port_search import usb_id
+from palpate.views.tables import folded, table
+
+__all__ = ["show", "show_unplugged"]
+
+
+def show_unplugged(found: Sequence[SerialPort], console: Console) -> None:
+    """What to write into the rig file, and what to set."""
+    if not found:
+        console.print("nothing was unplugged")
+    for port in found:
+        console.print(
+            f"\n{port.kind or 'it'} is {port.device}; in the rig file:\n", highlight=False, markup=False
+        )
+        console.print(f'    port = "{port.name}"\n', highlight=False, markup=False)
+        for warning in timer_warnings(port.device, port.latency_timer_s):
+            console.print(warning, highlight=False, markup=False)
+
+
+def show(ports: Sequence[SerialPort], console: Console) -> None:
+    """The table of all ports, and what to write into a rig file for each."""
+    if not ports:
+        console.print("no serial port: plug in the adapter, and check its cable (some carry no data)")
+        return
+    names = "port", "what", "USB id", "serial number", "latency timer", "used by"
+    rows = table(*map(folded, names))
+    for port in ports:
+        timer = "" if port.latency_timer_s is None else f"{port.latency_timer_s * 1e3:g} ms"
+        slow = bool(timer_warnings(port.device, port.latency_timer_s))
+        rows.add_row(
+            escape(port.device) + ("" if port.permitted else " [red](not permitted)[/]"),
+            escape(port.kind or ""),
+            usb_id(port) or "",
+            escape(port.serial_number or ""),
+            f"[yellow]{timer}[/]" if slow else timer,
+            escape(port.used_by or ""),
+        )
+    console.print(rows)
+    for port in ports:
+        if port.by_id is not None:
+            console.print(
+                f'{port.device} in a rig file: port = "{port.by_id}"', highlight=False, markup=False
+            )
+    if not all(port.permitted for port in ports):
+        console.print("for ports that are not permitted: sudo usermod -aG dialout $USER, then log in again")
