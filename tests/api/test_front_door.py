@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from command import run, torque_writes
+from quick_rig import quick_bench
 from repository import EXAMPLES
 
 import palpate
@@ -34,6 +35,20 @@ def bytes_sent(session: Path, port: str) -> bytes:
     return b"".join(base64.b64decode(item["base64"]) for item in sent if item["port"] == port)
 
 
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Rig file and catalogue of a small bench."""
+    return quick_bench(tmp_path_factory.mktemp("bench"))
+
+
+@pytest.fixture(scope="module")
+def answer(bench: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> palpate.Answer:
+    """The answer of a run on it, whose session is kept."""
+    rig_file, parts = bench
+    with palpate.open_rig(rig_file, seed=7) as rig:
+        return rig.identify(parts, sessions=tmp_path_factory.mktemp("answer"))
+
+
 def test_importing_is_quick_and_every_name_is_there(tmp_path: Path) -> None:
     code = (
         "import sys, palpate; print('numpy' in sys.modules, all(getattr(palpate, n) for n in dir(palpate)))"
@@ -47,27 +62,32 @@ def test_the_module_is_the_command(tmp_path: Path) -> None:
     assert program("-m", "palpate", "--version", cwd=tmp_path) == f"palpate {palpate.__version__}\n"
 
 
-def test_five_lines_give_the_answer_of_the_command(tmp_path: Path) -> None:
-    with palpate.open_rig(seed=7) as rig:
-        answer = rig.identify()
-    told = json.loads(run("identify", "--seed", 7, "--json", cwd=tmp_path).out)
+def test_five_lines_give_the_answer_of_the_command(
+    answer: palpate.Answer, bench: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rig_file, parts = bench
+    words = ("--rig", rig_file, "--objects", parts, "--seed", 7, "--json")
+    told = json.loads(run("identify", *words, cwd=tmp_path).out)
     here = json.loads(answer.to_json())
     assert {k: v for k, v in here.items() if k not in NOT_COMPARED} == {
         k: v for k, v in told.items() if k not in NOT_COMPARED
     }
-    assert answer.session is None
     assert (answer.object, answer.verdict) == (told["object"], told["verdict"])
     assert answer.bounds is not None
     assert list(answer.bounds.x) == told["bounds"]["x"]
     assert "<svg" in answer._repr_svg_()
 
 
-def test_each_run_on_one_rig_draws_the_next_part_and_replays(tmp_path: Path) -> None:
+def test_each_run_on_one_rig_draws_the_next_part_and_replays(
+    bench: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rig_file, parts = bench
     events: list[Event] = []
-    with palpate.open_rig(seed=3) as rig:
-        first, second = (rig.identify(sessions=tmp_path, on_event=events.append) for _ in range(2))
+    with palpate.open_rig(rig_file, seed=3) as rig:
+        first, second = (rig.identify(parts, sessions=tmp_path, on_event=events.append) for _ in range(2))
     assert sum(isinstance(event, TouchEvent) for event in events) == first.result.grips + second.result.grips
     assert first.session != second.session
+    assert first.object != second.object
     for answer in (first, second):
         assert answer.result.truth is not None
         assert answer.result.truth.inside_bounds
@@ -76,9 +96,8 @@ def test_each_run_on_one_rig_draws_the_next_part_and_replays(tmp_path: Path) -> 
         assert (replayed.difference, replayed.complete) == (None, True)
 
 
-def test_reprs_are_one_short_line(tmp_path: Path) -> None:
+def test_reprs_are_one_short_line(answer: palpate.Answer) -> None:
     rig, objects = palpate.open_rig(seed=7), palpate.load_objects()
-    answer = rig.identify(objects, sessions=tmp_path)
     with rig.watch(["f1"]) as monitor:
         values = [
             rig,
@@ -118,7 +137,10 @@ def test_what_is_saved_loads_as_the_same_value(load: object, source: Path | None
     assert not (tmp_path / "other").exists()
 
 
-def test_a_signal_that_would_end_a_script_switches_torque_off_first(tmp_path: Path) -> None:
+def test_a_signal_that_would_end_a_script_switches_torque_off_first(
+    bench: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rig_file, parts = map(str, bench)
     code = f"""
 import os, palpate
 from palpate.rig.identification.observers import TouchEvent
@@ -127,7 +149,7 @@ def stop(event):
     if isinstance(event, TouchEvent):
         os.kill(os.getpid(), {int(signal.SIGTERM)})
 
-palpate.open_rig(seed=7).identify(sessions=".", on_event=stop)
+palpate.open_rig({rig_file!r}, seed=7).identify({parts!r}, sessions=".", on_event=stop)
 """
     program("-W", "error", "-c", code, cwd=tmp_path, expect=128 + signal.SIGTERM)
     (session,) = tmp_path.glob("identify-*")
@@ -156,17 +178,18 @@ def test_an_observer_that_raises_ends_the_run_in_order(tmp_path: Path) -> None:
     assert set(switched.values()) == {0}
 
 
-def test_an_answer_that_cannot_be_written_down_is_still_an_answer(tmp_path: Path) -> None:
-    rig = palpate.open_rig(seed=7)
-    folder = Path(rig.identify(sessions=tmp_path).session or "")
-    (folder / "picture.svg").unlink()
-    (folder / "picture.svg").mkdir()
-    answer = palpate.open_rig(seed=7).identify(sessions=tmp_path)
-    assert answer.object == "hand"
-    assert "picture.svg" in str(answer.failure)
-    assert "picture.svg" in repr(answer)
-    told = run("identify", "--seed", 7, "--sessions", tmp_path, "--json", cwd=tmp_path)
-    assert json.loads(told.out)["object"] == "hand"
+def test_an_answer_that_cannot_be_written_down_is_still_an_answer(
+    answer: palpate.Answer, bench: tuple[Path, Path], tmp_path: Path
+) -> None:
+    rig_file, parts = bench
+    (tmp_path / Path(answer.session or "").name / "picture.svg").mkdir(parents=True)
+    again = palpate.open_rig(rig_file, seed=7).identify(parts, sessions=tmp_path)
+    assert again.object == answer.object
+    assert "picture.svg" in str(again.failure)
+    assert "picture.svg" in repr(again)
+    words = ("--rig", rig_file, "--objects", parts, "--seed", 7, "--sessions", tmp_path, "--json")
+    told = run("identify", *words, cwd=tmp_path)
+    assert json.loads(told.out)["object"] == answer.object
     assert told.code == 2
     assert "picture.svg" in told.err
 
@@ -178,9 +201,9 @@ def test_the_shipped_rig_is_not_calibrated_and_says_what_to_do() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_ten_parts_in_a_row(tmp_path: Path) -> None:
+def test_ten_parts_in_a_row(bench: tuple[Path, Path], tmp_path: Path) -> None:
     done = subprocess.run(
-        [sys.executable, EXAMPLES / "identify_ten.py"],
+        [sys.executable, EXAMPLES / "identify_ten.py", *bench],
         cwd=tmp_path,
         capture_output=True,
         text=True,

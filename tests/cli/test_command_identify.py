@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 from command import PALPATE, log_events, run, torque_writes
 from json_schema import violations
+from quick_rig import quick_bench
 
-from palpate.config import load_objects, shipped_objects, shipped_rig
+from palpate.config import load_objects, shipped_rig
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 
@@ -27,6 +28,18 @@ def schema(name: str) -> dict[str, Any]:
     loaded = json.loads(text)
     assert isinstance(loaded, dict)
     return loaded
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Rig file and catalogue of a small bench."""
+    return quick_bench(tmp_path_factory.mktemp("bench"))
+
+
+@pytest.fixture
+def on_bench(bench: tuple[Path, Path]) -> tuple[object, ...]:
+    """The options that name them."""
+    return ("--rig", bench[0], "--objects", bench[1])
 
 
 def scene(folder: Path, name: str, x: float, y: float, theta: float, objects: str | None = None) -> Path:
@@ -56,9 +69,11 @@ def check_truth(told: dict[str, Any]) -> None:
         assert lo <= told["configuration"][key] <= hi
 
 
-def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
+def test_one_json_object_one_log_and_the_same_again(
+    tmp_path: Path, bench: tuple[Path, Path], on_bench: tuple[object, ...]
+) -> None:
     """Same seed in a folder of another name: only the wall time differs."""
-    first = run("identify", "--seed", 7, "--json", cwd=tmp_path)
+    first = run("identify", *on_bench, "--seed", 7, "--json", cwd=tmp_path)
     assert first.code == 0, first.err
     told = first.json
     assert errors(told) == []
@@ -84,16 +99,16 @@ def test_one_json_object_one_log_and_the_same_again(tmp_path: Path) -> None:
 
     fresh = tmp_path / "elsewhere"
     fresh.mkdir()
-    apart = run("identify", "--seed", 7, "--json", cwd=fresh)
+    apart = run("identify", *on_bench, "--seed", 7, "--json", cwd=fresh)
     assert WALL.sub("", apart.out) == WALL.sub("", first.out)
-    assert kept["rig.toml"] == shipped_rig().read_bytes()
-    assert kept["objects.json"].decode() == file_text(load_objects(shipped_objects()))
+    assert kept["rig.toml"] == bench[0].read_bytes()
+    assert kept["objects.json"].decode() == file_text(load_objects(bench[1]))
     for name in ("contacts.json", "picture.svg"):
         assert (fresh / told["session"] / name).read_bytes() == kept[name]
 
     # The contacts that were felt say the same without a rig.
     assert violations(json.loads(kept["contacts.json"]), schema("contacts")) == []
-    args = ("--objects", shipped_objects(), "--contacts", folder / "contacts.json", "--json")
+    args = ("--objects", bench[1], "--contacts", folder / "contacts.json", "--json")
     known = run("recognize", *args, cwd=tmp_path)
     assert known.code == 0, known.err
     assert violations(known.json, schema("recognition")) == []
@@ -128,11 +143,13 @@ def off_at_the_end(events: list[dict[str, Any]]) -> set[int]:
     return {dxl_id for dxl_id, value in last.items() if value == 0} - {BROADCAST_ID}
 
 
-def test_a_scene_places_the_object_and_people_are_told_where(tmp_path: Path) -> None:
-    where = scene(tmp_path, "gator", 5.5, -3.25, -2.0)
-    done = run("identify", "--scene", where, "--picture", "made.svg", cwd=tmp_path)
+def test_a_scene_places_the_object_and_people_are_told_where(
+    tmp_path: Path, on_bench: tuple[object, ...]
+) -> None:
+    where = scene(tmp_path, "tee", 5.5, -3.25, -2.0)
+    done = run("identify", *on_bench, "--scene", where, "--picture", "made.svg", cwd=tmp_path)
     assert done.code == 0, done.err
-    assert done.out.startswith("identified: gator, flat\n")
+    assert done.out.startswith("identified: tee, flat\n")
     assert "inside the bounds" in done.out
     assert "OUTSIDE" not in done.out
     assert (tmp_path / "made.svg").read_text().startswith("<svg")
@@ -146,7 +163,9 @@ def test_a_scene_places_the_object_and_people_are_told_where(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("seed", [2])
-def test_what_is_not_in_the_catalogue_is_not_called_something_in_it(tmp_path: Path, seed: int) -> None:
+def test_what_is_not_in_the_catalogue_is_not_called_something_in_it(
+    tmp_path: Path, on_bench: tuple[object, ...], seed: int
+) -> None:
     (tmp_path / "odd.json").write_text(
         json.dumps(
             {
@@ -156,14 +175,14 @@ def test_what_is_not_in_the_catalogue_is_not_called_something_in_it(tmp_path: Pa
                     {
                         "name": "odd-one",
                         "height": 20.0,
-                        "outline": [[0, 0], [83, 6], [71, 31], [44, 22], [38, 67], [9, 52]],
+                        "outline": [[0, 0], [58, 4], [50, 22], [31, 15], [27, 47], [6, 36]],
                     }
                 ],
             }
         )
     )
-    where = scene(tmp_path, "odd-one", -30.0, -25.0, 0.4 * seed, objects="odd.json")
-    done = run("identify", "--scene", where, "--seed", seed, "--json", cwd=tmp_path)
+    where = scene(tmp_path, "odd-one", -21.0, -17.0, 0.4 * seed, objects="odd.json")
+    done = run("identify", *on_bench, "--scene", where, "--seed", seed, "--json", cwd=tmp_path)
     assert done.code == 1, done.err
     assert errors(done.json) == []
     assert done.json["verdict"] == "unknown"

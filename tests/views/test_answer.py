@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from command import Ended, run_here
 from json_schema import violations
+from quick_rig import quick_bench
 
 from palpate.config.identification_result import AlternativeOut, IdentificationOut, Relation
 from palpate.config.results import BoundsOut, ConfigurationOut
@@ -126,11 +127,11 @@ def identified(
     outlines: dict[str, list[list[float]]],
     *options: object,
 ) -> Ended:
-    """Run the emulated bench with a catalogue of these outlines."""
-    objects = folder / "objects.json"
+    """Run a small emulated bench with a catalogue of these outlines."""
+    rig, objects = quick_bench(folder)
     entries = [{"name": name, "height": 20.0, "outline": ring} for name, ring in outlines.items()]
     objects.write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": entries}))
-    args = ["identify", "--objects", objects, "--sessions", folder / "sessions", *options]
+    args = ["identify", "--rig", rig, "--objects", objects, "--sessions", folder / "sessions", *options]
     return run_here(args, monkeypatch, capsys)
 
 
