@@ -131,16 +131,12 @@ def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
 
 def _listed(state: StateSections, facts: CardFacts) -> StateListedOut:
     edges = [level.edges for level in state.levels]
-    found = state.state
-    return StateListedOut(
+    return StateListedOut.of(
+        state.state,
         object=state.object_name,
-        state=found.name,
+        state=state.state.name,
         sections=len(state.levels),
         edges=(min(edges), max(edges)),
-        top_mm=found.top_mm,
-        heights_mm=found.heights_mm,
         symmetry_order=facts.symmetry_order,
-        probability=found.probability,
-        tipping_angle_rad=found.tipping_angle_rad,
         tolerance_mm=state.tolerance_mm,
     )

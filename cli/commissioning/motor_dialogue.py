@@ -166,10 +166,9 @@ def _summary(console: Console, motors: Sequence[MotorSetup]) -> None:
 
 
 def _out(rig: RigFile, place: BusEndpoint, motors: Sequence[MotorSetup]) -> SetupOut:
-    return SetupOut(
+    return SetupOut.of(
+        place,
         rig=rig.name,
-        port=place.port,
-        emulated=place.emulated,
         baudrate_bps=rig.bus.baudrate_bps,
         servos=tuple(motor.out() for motor in motors),
     )

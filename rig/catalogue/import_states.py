@@ -195,12 +195,8 @@ def _imported_state(
         sections=some,
     )
     off = max(section.off_mm for section in sections)
-    result = ImportedStateOut(
-        name=state.name,
-        probability=probability,
-        tipping_angle=tipping,
-        height=height,
-        heights=None if heights is None else tuple(heights),
+    result = ImportedStateOut.of(
+        text,
         sections=len(some),
         edges=(min(counts), max(counts)),
         merged=1 if found is None else found.count,

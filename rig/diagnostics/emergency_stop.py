@@ -54,9 +54,8 @@ def _out(
         )
         for dxl_id, problem in (problems or {}).items()
     )
-    return StopOut(
-        port=place.port,
-        emulated=place.emulated,
+    return StopOut.of(
+        place,
         baudrate_bps=baudrate,
         told=told,
         taken=problems is None,

@@ -44,16 +44,10 @@ def ports_out(ports: Sequence[SerialPort], found: SerialPort | None) -> SerialPo
     """The ports as a result; `found`: the one that was looked for."""
     return SerialPortsOut(
         ports=tuple(
-            SerialPortOut(
-                name=port.name,
-                device=port.device,
-                by_id=port.by_id,
-                description=port.description,
+            SerialPortOut.of(
+                port,
                 usb_id=usb_id(port),
-                serial_number=port.serial_number,
                 latency_timer_ms=None if port.latency_timer_s is None else port.latency_timer_s * 1e3,
-                used_by=port.used_by,
-                permitted=port.permitted,
             )
             for port in ports
         ),

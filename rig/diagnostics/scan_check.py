@@ -45,9 +45,8 @@ def scan_result(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequ
         *_servo_warnings(servos),
         *_rig_warnings(servos, [owned[i] for i in sorted(owned) if i in ids], place.baudrate),
     ]
-    return ScanOut(
-        port=place.port,
-        emulated=place.emulated,
+    return ScanOut.of(
+        place,
         baudrates_bps=tuple(rate for rate in rates if rate not in found.refused),
         ids=tuple(ids),
         servos=servos,

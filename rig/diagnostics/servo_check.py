@@ -46,19 +46,14 @@ def check_servo(bus: Bus, wanted: ServoSettings) -> ServoCheckOut:
         for name, value in eeprom.items()
         if health.settings[name] != value
     )
-    low, high = health.voltage_limits_v
-    return ServoCheckOut(
+    return ServoCheckOut.of(
+        health,
         id=servo.dxl_id,
         owner=wanted.owner,
         model=servo.model.name,
         answers=True,
         firmware=reply.firmware,
-        voltage_v=health.voltage_v,
-        voltage_limits_v=(low, high),
-        temperature_c=health.temperature_c,
-        temperature_limit_c=health.temperature_limit_c,
         hardware_error=tuple(_words(str(flag.name)) for flag in health.hardware_error),
-        torque_on=health.torque_on,
         return_delay_us=round(health.settings["Return Delay Time"] * RETURN_DELAY_UNIT_S * 1e6),
         settings=settings,
         problems=tuple(_servo_problems(health)),

@@ -20,12 +20,11 @@ __all__ = ["name_out", "not_known_out", "pair_out", "rig_out", "separating_out"]
 
 def rig_out(fingers: RigFingers, *, shipped: bool) -> RigHeightsOut:
     """The rig's heights."""
-    heights = tuple(
-        RigHeightOut(height_mm=at.height_mm, tip_radius_mm=at.tip_radius_mm, fingers=at.fingers)
-        for at in fingers.at
-    )
     return RigHeightsOut(
-        name=fingers.rig_name, shipped=shipped, heights=heights, contact_bound_mm=fingers.bound_mm
+        name=fingers.rig_name,
+        shipped=shipped,
+        heights=tuple(map(RigHeightOut.of, fingers.at)),
+        contact_bound_mm=fingers.bound_mm,
     )
 
 
@@ -36,26 +35,18 @@ def name_out(state: StateSections) -> StateNameOut:
 
 def pair_out(pair: Pair) -> PairOut:
     """A pair without its heights."""
-    return PairOut(
+    return PairOut.of(
+        pair,
         first=name_out(pair.first.state),
         second=name_out(pair.second.state),
         likeness=pair.likeness.value,
-        apart_mm=pair.apart_mm,
-        tolerance_mm=pair.tolerance_mm,
-        within_mm=pair.within_mm,
         compared_mm=tuple(at.height_mm for at in pair.compared),
     )
 
 
 def separating_out(pair: Pair, found: SeparatingHeights) -> SeparatingOut:
     """A pair with the heights that would tell its states apart."""
-    return SeparatingOut(
-        **pair_out(pair).model_dump(),
-        separating_mm=found.heights_mm,
-        tried=found.tried,
-        ranges=found.ranges,
-        known=found.known,
-    )
+    return SeparatingOut.of(found, **pair_out(pair).model_dump(), separating_mm=found.heights_mm)
 
 
 def not_known_out(states: Sequence[StateSections], fingers: RigFingers) -> tuple[UnknownHeightOut, ...]:

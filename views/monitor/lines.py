@@ -89,8 +89,8 @@ def _counter_words(counters: ArrayCounters) -> str:
 
 
 def _finger_out(view: FingerView) -> WatchedFingerOut:
-    counters = view.counters
-    return WatchedFingerOut(
+    return WatchedFingerOut.of(
+        view.counters,
         finger=view.name,
         port=view.port,
         rows=view.description.rows,
@@ -98,11 +98,6 @@ def _finger_out(view: FingerView) -> WatchedFingerOut:
         tared=view.tare is TareState.DONE,
         rate_hz=view.rate_hz,
         age_s=view.age_s,
-        frames=counters.frames,
-        lost=counters.lost,
-        faults=counters.faults,
-        misshapen=counters.misshapen,
-        dropped=counters.dropped,
         force_n=view.force_n,
         contact=None if view.patch is None else _patch_out(view.patch),
         dead=_places(view.dead),
