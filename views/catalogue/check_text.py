@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from palpate.config.objects_result import ObjectsCheckOut, PairOut, RigHeightsOut, SeparatingOut
 from palpate.errors import counted
 
-__all__ = ["check_lines", "fit_words", "rig_words"]
+__all__ = ["check_lines", "fit_words", "pair_lines", "rig_words"]
 
 _SHOWN = 40  # pairs of a kind
 _RANGES_SHOWN = 4
@@ -77,11 +77,12 @@ def _kind(title: str, sign: str, pairs: Sequence[SeparatingOut]) -> list[str]:
         return []
     lines = ["", title]
     for pair in pairs[:_SHOWN]:
-        lines += _pair_lines(pair, sign)
+        lines += _separating_lines(pair, sign)
     return lines + _more(len(pairs))
 
 
-def _pair_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
+def pair_lines(pair: PairOut, sign: str) -> Iterator[str]:
+    """Both states by name, and how near they are."""
     first, second = (f"{item.object}, {item.state}" for item in (pair.first, pair.second))
     if len(first) + len(second) <= 72:
         yield f"  {first}  {sign}  {second}"
@@ -89,6 +90,10 @@ def _pair_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
         yield f"  {first}"
         yield f"  {sign} {second}"
     yield f"      {fit_words(pair)}"
+
+
+def _separating_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
+    yield from pair_lines(pair, sign)
     yield f"      {_help_words(pair)}"
     if pair.tried < pair.ranges:
         yield f"      ({pair.tried} of {pair.ranges} ranges of height were looked at)"

@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
-from palpate.config.objects_result import ObjectsListingOut, PairOut, StateListedOut, StateNameOut
+from palpate.config.objects_result import ObjectsListingOut, StateListedOut, StateNameOut
 from palpate.errors import counted
-from palpate.views.catalogue.check_text import fit_words, rig_words
+from palpate.views.catalogue.check_text import fit_words, pair_lines, rig_words
 from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
 from palpate.views.catalogue.known_heights import known_words
 from palpate.views.tables import table
@@ -109,11 +109,11 @@ def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]
     lines = ["not distinguished by these fingers: = never, ≈ perhaps not, ? as far as known"]
     if every:
         for pair in out.twins:
-            lines += _pair_lines(pair)
+            lines += pair_lines(pair, _SIGNS[pair.likeness])
     else:
         groups = group_pairs(out.twins)
         for group in groups[:_SHOWN]:
-            lines += _pair_lines(*group.pairs) if len(group.pairs) == 1 else _group_lines(group, width)
+            lines += _group_lines(group, width)
         if len(groups) > _SHOWN:
             pairs = sum(len(group.pairs) for group in groups[_SHOWN:])
             lines.append(f"  and {counted(pairs, 'more pair', 'more pairs')}; --all lists them")
@@ -123,6 +123,9 @@ def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]
 def _group_lines(group: TwinGroup, width: int) -> Iterator[str]:
     """States of which each is like each, or each of some like each of others."""
     sign = _SIGNS[group.pairs[0].likeness]
+    if len(group.pairs) == 1:
+        yield from pair_lines(group.pairs[0], sign)
+        return
     if group.second:
         yield from _wrapped(f"each of {_names(group.first)}", f"  {sign} ", width)
         yield from _wrapped(f"and each of {_names(group.second)}", "    ", width)
@@ -143,14 +146,6 @@ def _wrapped(words: str, begin: str, width: int) -> list[str]:
     return textwrap.wrap(
         words, width, initial_indent=begin, subsequent_indent=" " * (len(begin) + 2), break_long_words=False
     )
-
-
-def _pair_lines(pair: PairOut) -> list[str]:
-    first, second = (f"{item.object}, {item.state}" for item in (pair.first, pair.second))
-    sign = _SIGNS[pair.likeness]
-    short = len(first) + len(second) <= 72
-    names = [f"  {first}  {sign}  {second}"] if short else [f"  {first}", f"  {sign} {second}"]
-    return [*names, f"      {fit_words(pair)}"]
 
 
 def _cut(name: str, room: int) -> str:

@@ -13,7 +13,7 @@ from palpate.views.label_placement import LabelPlacer
 from palpate.views.svg import element, escape, number, path_data, shorten, text, text_width
 from palpate.views.table_picture.approaches import approach_labels, draw_approach
 from palpate.views.table_picture.frame import View, grid, scale_bar, ticks
-from palpate.views.table_picture.marks import badge, draw_base, last_shown, leader, sector
+from palpate.views.table_picture.marks import badge, draw_base, end_cross, last_shown, leader, normal_wedge
 from palpate.views.table_picture.style import (
     AXIS,
     CARD,
@@ -214,7 +214,6 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
     x, y = centre.tolist()
     placer.add_disc(centre, max(radius, 4.0) + 2, 2.0)
     if not touch.touched:
-        cross = f"M{number(x - 4)},{number(y - 4)}l8,8m0,-8l-8,8"
         return element(
             "circle",
             cx=x,
@@ -224,17 +223,12 @@ def _tip(touch: TouchMark, view: View, placer: LabelPlacer) -> str:
             stroke=MISS,
             stroke_width=LINE,
             stroke_dasharray="3 3",
-        ) + element("path", d=cross, stroke=MISS, stroke_width=LINE, fill="none")
+        ) + end_cross(centre, MISS)
     shown = [element("circle", cx=x, cy=y, r=radius, fill=TIP_FILL, stroke=TIP, stroke_width=LINE)]
     if touch.normal_rad is not None:
         lo, hi = touch.normal_rad
         reach = max(_WEDGE, radius + 20)
-        wedge = sector(centre, reach, lo, hi)
-        shown.append(
-            element(
-                "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
-            )
-        )
+        shown.append(normal_wedge(centre, reach, lo, hi))
         for angle in np.linspace(lo, hi, 5):
             placer.add_line(
                 np.array([centre, centre + reach * np.array([math.cos(angle), -math.sin(angle)])]), 2.0

@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.views.svg import element, number, path_data, shorten, text, text_width
+from palpate.views.svg import element, path_data, shorten, text, text_width
 from palpate.views.table_picture.frame import View
-from palpate.views.table_picture.marks import arrow_head, end_cross, heading, sector, shows_base
+from palpate.views.table_picture.marks import arrow_head, end_cross, heading, normal_wedge, shows_base
 from palpate.views.table_picture.style import (
     AXIS,
     FOUND,
@@ -72,9 +72,19 @@ def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str,
     return "".join(shown), y + 6
 
 
-def _line_key(x: float, y: float, colour: str, width: float, dash: str | None = None) -> str:
+def _line_key(
+    x: float, y: float, colour: str, width: float, dash: str | None = None, cap: str | None = None
+) -> str:
     return element(
-        "line", x1=x - 16, y1=y, x2=x + 16, y2=y, stroke=colour, stroke_width=width, stroke_dasharray=dash
+        "line",
+        x1=x - 16,
+        y1=y,
+        x2=x + 16,
+        y2=y,
+        stroke=colour,
+        stroke_width=width,
+        stroke_dasharray=dash,
+        stroke_linecap=cap,
     )
 
 
@@ -129,10 +139,7 @@ def _touch_key(x: float, y: float) -> str:
 
 
 def _normal_key(x: float, y: float) -> str:
-    wedge = sector(np.array([x + 14, y]), 28.0, math.pi - 0.25, math.pi + 0.25)
-    return element(
-        "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
-    )
+    return normal_wedge(np.array([x + 14, y]), 28.0, math.pi - 0.25, math.pi + 0.25)
 
 
 def _miss_key(x: float, y: float) -> str:
@@ -147,14 +154,7 @@ def _miss_key(x: float, y: float) -> str:
         stroke_width=13.0,
         stroke_linecap="round",
     )
-    cross = element(
-        "path",
-        d=f"M{number(x + 6)},{number(y - 4)}l8,8m0,-8l-8,8",
-        stroke=MISS,
-        stroke_width=LINE,
-        fill="none",
-    )
-    return swept + _line_key(x, y, MISS, LINE, "6 4") + cross
+    return swept + _line_key(x, y, MISS, LINE, "6 4") + end_cross(np.array([x + 10, y]), MISS)
 
 
 def _beyond_key(x: float, y: float) -> str:
@@ -167,14 +167,4 @@ def _base_key(x: float, y: float) -> str:
 
 
 def _workspace_key(x: float, y: float) -> str:
-    return element(
-        "line",
-        x1=x - 16,
-        y1=y,
-        x2=x + 16,
-        y2=y,
-        stroke=AXIS,
-        stroke_width=LINE,
-        stroke_dasharray="1 4",
-        stroke_linecap="round",
-    )
+    return _line_key(x, y, AXIS, LINE, "1 4", "round")

@@ -8,7 +8,7 @@ from palpate.geometry import Floats
 from palpate.views.label_placement import Box, LabelPlacer
 from palpate.views.svg import element, number, path_data, shorten, text, text_width
 from palpate.views.table_picture.frame import View
-from palpate.views.table_picture.style import INK, LABEL, LINE, MUTED, PAPER, RULE, THIN, Column
+from palpate.views.table_picture.style import INK, LABEL, LINE, MUTED, PAPER, RULE, THIN, TIP, Column
 from palpate.views.table_picture.values import FingerBase
 
 __all__ = [
@@ -19,17 +19,20 @@ __all__ = [
     "heading",
     "last_shown",
     "leader",
-    "sector",
+    "normal_wedge",
     "shows_base",
 ]
 
 
-def sector(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
-    """Path data of a sector of a disc, counter-clockwise from lo to hi as seen on the page; SVG units."""
+def normal_wedge(centre: Floats, radius: float, lo_rad: float, hi_rad: float) -> str:
+    """Range of a normal: sector of a disc, counter-clockwise on the page from lo to hi; SVG units."""
     count = max(2, math.ceil((hi_rad - lo_rad) / 0.12) + 1)
     angle = np.linspace(lo_rad, hi_rad, count)
     rim = centre + radius * np.column_stack([np.cos(angle), -np.sin(angle)])
-    return path_data([np.vstack([centre, rim])])
+    wedge = path_data([np.vstack([centre, rim])])
+    return element(
+        "path", d=wedge, fill=TIP, fill_opacity=0.3, stroke=TIP, stroke_width=THIN, stroke_opacity=0.7
+    )
 
 
 def last_shown(start: Floats, end: Floats, view: View) -> Floats | None:
@@ -78,13 +81,13 @@ def arrow_head(tip: Floats, along: Floats, size: float = 11.0) -> str:
     return element("path", d=path_data([np.array([tip, back + across, back - across])]), fill=INK)
 
 
-def end_cross(at: Floats) -> str:
-    """Where a way ends that nothing stopped."""
+def end_cross(at: Floats, colour: str = INK) -> str:
+    """Where an approach ends that nothing stopped."""
     x, y = at.tolist()
     return element(
         "path",
         d=f"M{number(x - 4)},{number(y - 4)}l8,8m0,-8l-8,8",
-        stroke=INK,
+        stroke=colour,
         stroke_width=LINE,
         fill="none",
     )
