@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palpate.api.arguments import checked
 from palpate.config import ObjectsFile
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import AlternativeOut, IdentificationOut
@@ -119,9 +120,9 @@ class Plan:
         return grip_out(self.planned)
 
     @property
-    def is_help(self) -> bool:
-        """Whether the grip may change the answer, or the answer needs no change."""
-        return self.planned.is_help
+    def is_dead_end(self) -> bool:
+        """Whether no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
+        return self.planned.is_dead_end
 
     def to_json(self) -> str:
         """`palpate/grip@1`."""
@@ -168,6 +169,7 @@ class RecognitionAnswer:
             return None
         return explain(self.catalogue, self.contacts, self.max_spurious)
 
+    @checked
     def why(self, name: str) -> ObjectExplanation:
         """Why an object, "object" or "object/state", is eliminated; InputError if there is none such."""
         return explain_object(self.catalogue, self.contacts.contacts, *state_named(self.catalogue, name))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from palpate.api.arguments import checked
 from palpate.api.files import PathLike
 from palpate.config.scan_result import ScanOut
 from palpate.config.stop_result import StopOut
@@ -17,6 +18,7 @@ __all__ = ["scan", "stop"]
 _USUAL_BAUDRATE = 1_000_000
 
 
+@checked
 def scan(
     *,
     port: str | None = None,
@@ -33,6 +35,7 @@ def scan(
     return scan_bus(find_endpoint(None if rig is None else Path(rig), port), baudrates, ids, progress)
 
 
+@checked
 def stop(*, port: str | None = None, rig: PathLike | None = None, baudrate: int | None = None) -> StopOut:
     """Stop: torque off on every servo of a bus, now, also beside a program that is using the port.
 
@@ -40,8 +43,8 @@ def stop(*, port: str | None = None, rig: PathLike | None = None, baudrate: int 
     `port` and `rig` is given, DeviceError if the port cannot be opened at all.
     """
     if rig is None and port is None:
-        raise InputError("say which servos to stop: --rig FILE, or --port PORT")
+        raise InputError("say which servos to stop: give a rig file, or a port")
     if baudrate is not None and baudrate <= 0:
-        raise InputError(f"--baud {baudrate}: a baud rate is positive, such as {_USUAL_BAUDRATE}")
+        raise InputError(f"baud rate {baudrate}: it must be positive, such as {_USUAL_BAUDRATE}")
     endpoint = find_endpoint(None if rig is None else Path(rig), port)
     return stop_all(endpoint, baudrate or endpoint.baudrate or _USUAL_BAUDRATE)

@@ -27,7 +27,16 @@ from palpate.rig.commissioning.rig_prober import Table
 from palpate.rig.commissioning.run_record_file import RunRecordFile
 from palpate.views.calibration.report import write_report
 
-__all__ = ["CalibrationAnswer", "CalibrationPaths", "calibrate_rig", "check_references", "references_from"]
+__all__ = [
+    "SHIPPED_RIG",
+    "CalibrationAnswer",
+    "CalibrationPaths",
+    "calibrate_rig",
+    "check_references",
+    "references_from",
+]
+
+SHIPPED_RIG = "the shipped rig cannot be calibrated: copy its rig file and open that one"
 
 _COVERAGE = 0.999
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate.api.arguments import checked
 from palpate.api.files import PathLike
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.objects_file import checked_objects
@@ -28,6 +29,7 @@ _LIKE = {
 }
 
 
+@checked
 def import_objects(
     path: PathLike, options: ImportOptions | None = None, *, progress: Callable[[str], None] = lambda _: None
 ) -> ObjectsFile:
@@ -42,6 +44,7 @@ def import_objects(
     return checked_objects(text, str(path))
 
 
+@checked
 def check_objects(
     rig: RigFile,
     objects: ObjectsFile,
@@ -100,6 +103,7 @@ class ObjectsListing:
         return f"<ObjectsListing {len(self.states)} states, {len(self.pairs)} pairs not told apart>"
 
 
+@checked
 def list_objects(
     rig: RigFile,
     objects: ObjectsFile,

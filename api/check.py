@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from palpate.api.calibration import references_from
+from palpate.api.calibration import SHIPPED_RIG, references_from
 from palpate.api.files import PathLike
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.config.check_result import CheckOut
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.config.results import to_json
+from palpate.config.shipped import shipped_rig
 from palpate.errors import InputError, PalpateError
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, environment, set_up
@@ -86,9 +87,11 @@ def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | No
     """What is to be touched; InputError if there is nothing to compare touches with."""
     slide_fingers(on_bench.described)
     if on_bench.calibration is None or contact_uncertainties(on_bench.calibration, at_rest=False) is None:
+        make = f"make it with `palpate calibrate --rig {on_bench.path}`"
+        remedy = SHIPPED_RIG if on_bench.path == shipped_rig() else make
         raise InputError(
-            "--touch compares touches with a calibration, and there is none that says where all fingers "
-            f"stand: make it with `palpate calibrate --rig {on_bench.path}`"
+            "touches are compared with a calibration, and there is none that says where all fingers "
+            f"stand: {remedy}"
         )
     return references_from(references)
 
@@ -121,6 +124,6 @@ def _other_references(on_bench: RigOnBench, shapes: ReferencesFile) -> list[str]
     if not known or references_sha256(shapes) in known:
         return []
     return [
-        "the calibration was made with other references: give theirs with --references, or make sure that "
+        "the calibration was made with other references: give theirs, or make sure that "
         "the disc is as described"
     ]

@@ -4,6 +4,7 @@ import os
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
+from palpate.api.arguments import checked
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config import load_calibration as read_calibration
 from palpate.config import load_contacts as read_contacts
@@ -33,43 +34,50 @@ __all__ = [
 PathLike = str | os.PathLike[str]
 
 
+@checked
 def load_rig(path: PathLike | None = None) -> RigFile:
     """Load a rig file (TOML, `palpate/rig@1`), or the shipped emulated bench; InputError if it is wrong."""
     return read_rig(_path(path, shipped_rig()))
 
 
+@checked
 def load_objects(path: PathLike | None = None) -> ObjectsFile:
     """Load object models (JSON, `palpate/objects@1`), or the six shipped ones; InputError if wrong."""
     return read_objects(_path(path, shipped_objects()))
 
 
+@checked
 def load_contacts(path: PathLike) -> ContactsFile:
     """Load contacts (JSON, `palpate/contacts@1`), grip by grip; InputError if they are wrong."""
     return read_contacts(Path(path))
 
 
+@checked
 def load_scene(path: PathLike) -> Scene:
     """Load what lies on an emulated table (JSON, `palpate/scene@1`); InputError if it is wrong."""
     return read_scene(Path(path))
 
 
+@checked
 def load_calibration(path: PathLike) -> CalibrationFile:
     """Load a calibration (TOML, `palpate/calibration@1`); InputError if it is wrong."""
     return read_calibration(Path(path))
 
 
+@checked
 def load_references(path: PathLike | None = None) -> ReferencesFile:
     """Load calibration's disc and plate (TOML, `palpate/references@1`), or the standard ones; InputError."""
     return read_references(_path(path, shipped_references()))
 
 
+@checked
 def save(
     value: RigFile | ObjectsFile | ContactsFile | Scene | CalibrationFile | ReferencesFile, path: PathLike
 ) -> None:
     """Save a value in its file format, so that loading it gives the same value again.
 
     The file is replaced at once: a reader never meets half of it. Raises InputError where the path cannot be
-    written, OutputError for a full disk, TypeError for a value that no format holds.
+    written and for a value that no format holds, OutputError for a full disk.
     """
     write_text(Path(path), file_text(value))
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from palpate.api.arguments import checked
 from palpate.config import RigFile
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
@@ -27,6 +28,7 @@ class Monitor:
     stage: Callable[[], str]
     notes: tuple[str, ...]
 
+    @checked
     def updates(
         self,
         interval_s: float = 0.05,

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from palpate import recognizer
 from palpate.api.answers import Plan, RecognitionAnswer
+from palpate.api.arguments import checked
 from palpate.api.files import PathLike, load_contacts, objects_from
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.errors import InputError
@@ -23,6 +24,7 @@ Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
 """Contacts of each grip, misses included: from a file or made in Python."""
 
 
+@checked
 def recognise(
     objects: ObjectsFile | PathLike | None, contacts: Contacts, *, max_spurious: int = 0
 ) -> RecognitionAnswer:
@@ -41,6 +43,7 @@ def recognise(
     return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title)
 
 
+@checked
 def plan(
     rig: RigFile,
     objects: ObjectsFile | PathLike | None,

@@ -12,7 +12,8 @@ from typing import Self
 
 from palpate.api import recognition
 from palpate.api.answers import Answer, Plan
-from palpate.api.calibration import CalibrationAnswer, calibrate_rig
+from palpate.api.arguments import checked
+from palpate.api.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_rig
 from palpate.api.check import CheckAnswer, check_rig_and_touch
 from palpate.api.files import PathLike, name_of, objects_from, scene_from
 from palpate.api.identification import identify_on
@@ -31,6 +32,7 @@ from palpate.rig.commissioning.rig_prober import Table
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.observers import Observer
 from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_arrays
+from palpate.rig.monitor.paced_clock import paced
 from palpate.rig.motion.calibrated_devices import check_arrays
 from palpate.rig.motion.hand import Hand
 from palpate.vocabulary import Strategy
@@ -38,13 +40,14 @@ from palpate.vocabulary import Strategy
 __all__ = ["Rig", "open_rig"]
 
 
+@checked
 def open_rig(path: PathLike | None = None, *, seed: int = 0, calibration: bool = True) -> "Rig":
     """Open a rig: from its rig file with the calibration beside it, or None for the shipped emulated bench.
 
     `seed` draws an emulated rig's hidden errors and what lies on its table. `calibration`: False to leave the
     one beside the rig file alone. No port is opened yet. Raises InputError if a file is wrong.
     """
-    if not isinstance(seed, int) or seed < 0:
+    if seed < 0:
         raise InputError(f"seed is {seed!r}; it must be a whole number from 0")
     file = None if path is None else Path(path)
     return Rig(load_calibrated(file, calibration=calibration), file, seed)
@@ -98,6 +101,7 @@ class Rig:
     ) -> None:
         self._open.__exit__(kind, error, trace)
 
+    @checked
     def identify(
         self,
         objects: ObjectsFile | PathLike | None = None,
@@ -146,6 +150,7 @@ class Rig:
                 warn=warn,
             )
 
+    @checked
     def plan(
         self,
         objects: ObjectsFile | PathLike | None,
@@ -156,6 +161,7 @@ class Rig:
         """Plan the next grip for contacts, without touching anything. Raises as `plan`."""
         return recognition.plan(self.file, objects, contacts, strategy=strategy, seed=self._seed)
 
+    @checked
     def check(
         self,
         *,
@@ -182,6 +188,7 @@ class Rig:
                 progress=progress,
             )
 
+    @checked
     def calibrate(
         self,
         steps: Sequence[str] = STEPS,
@@ -198,7 +205,7 @@ class Rig:
         uses the calibration. Raises InputError for the shipped rig, which has no file to lie beside.
         """
         if self.path is None:
-            raise InputError("the shipped rig cannot be calibrated: copy its rig file and open that one")
+            raise InputError(SHIPPED_RIG)
         with unwinding_signals():
             answer = calibrate_rig(
                 self.path,
@@ -213,6 +220,7 @@ class Rig:
         self._on_bench = load_calibrated(self.path)
         return answer
 
+    @checked
     @contextmanager
     def watch(
         self,
@@ -220,19 +228,23 @@ class Rig:
         *,
         rate_hz: float | None = None,
         tare: bool = True,
-        pace: Callable[[Clock], Clock] = lambda clock: clock,
+        speed: float | None = 1.0,
+        wall: Clock | None = None,
     ) -> Iterator[Monitor]:
         """Watch tactile arrays; they stream until the block is left, and nothing moves.
 
         `fingers`: names of some; all without any. `rate_hz`: frames a second; None: the rig file's rate.
-        `pace` may hold an emulated rig's clock back. Raises InputError for a finger that is not there,
-        DeviceError if an array is missing, taken or goes away.
+        `speed`: seconds of an emulated rig's time in one second of the `wall` clock, this computer's without
+        it; None: as fast as it is computed. A real rig has its own time.
+
+        Raises InputError for a finger that is not there, DeviceError if an array is missing, taken or goes
+        away.
         """
         names = [fingers] if isinstance(fingers, str) else fingers
         file, specs = self.file, select_fingers(self.file, names)
         rate = rate_hz or file.closing.sample_rate_hz
         where = find_array_ports(self._on_bench.described)
-        clock = pace(where.clock)
+        clock = paced(where.clock, speed if file.emulated else None, wall)
         with stream_arrays(file, specs, where, clock, rate) as found:
             uids = {finger.name: finger.array.description.unique_id.hex() for finger in found}
             check_arrays(self._on_bench.calibration, uids)
@@ -243,10 +255,13 @@ class Rig:
                 check_streaming(found, rate)
                 return True
 
-            emulated = ("emulated: nothing touches; try --session",) if file.emulated else ()
+            emulated = (
+                ("emulated: nothing touches; a recorded session shows touches",) if file.emulated else ()
+            )
             notes = (_TARED if tare else _NOT_TARED, *emulated)
             yield Monitor(file, None, found, clock, goes_on, lambda: "", notes)
 
+    @checked
     @contextmanager
     def connect(
         self, *, objects: ObjectsFile | PathLike | None = None, notice: Callable[[str], None] = warning
@@ -265,6 +280,7 @@ class Rig:
         with unwinding_signals(), connect(bench, notice=notice) as hand:
             yield hand
 
+    @checked
     @contextmanager
     def serve(
         self,
@@ -298,4 +314,4 @@ class Rig:
 
 
 _TARED = "tared at the start: nothing may touch the tips then"
-_NOT_TARED = "not tared: forces need it; press t with nothing touching the tips"
+_NOT_TARED = "not tared: forces need it; tare with nothing touching the tips"

@@ -1,7 +1,7 @@
 """Sessions: a recorded run, to be replayed without devices or watched again."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -9,6 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from palpate.api.arguments import checked
 from palpate.api.files import PathLike
 from palpate.api.monitor import Monitor
 from palpate.drivers.transport.clock import Clock
@@ -16,6 +17,7 @@ from palpate.errors import InputError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import place
 from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
+from palpate.rig.monitor.paced_clock import paced
 from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
 from palpate.rig.session.log import LOG_NAME
@@ -27,6 +29,7 @@ from palpate.vocabulary import Strategy
 __all__ = ["Session", "open_session"]
 
 
+@checked
 def open_session(path: PathLike) -> "Session":
     """Open a recorded session: its folder, or the log in it. Raises InputError if there is none."""
     folder = Path(path)
@@ -70,13 +73,14 @@ class Session:
         where = f"{self.log.path}: line {self.log.changed_line}"
         return f"{where}: is not as it was written: its check sum is wrong"
 
+    @checked
     @contextmanager
     def watch(
-        self, fingers: Sequence[str] = (), *, pace: Callable[[Clock], Clock] = lambda clock: clock
+        self, fingers: Sequence[str] = (), *, speed: float | None = 1.0, wall: Clock | None = None
     ) -> Iterator[Monitor]:
-        """Watch the tactile arrays of the recorded run; `pace` may hold the recording back to real time.
+        """Watch the tactile arrays of the recorded run; `speed` and `wall` pace it as for `Rig.watch`.
 
-        Raises InputError for a finger that is not there.
+        Raises InputError for a finger that is not there, or a speed that is not above 0.
         """
         found = open_recorded_arrays(self.folder, fingers)
 
@@ -88,7 +92,7 @@ class Session:
         if found.changed_line is not None:
             line = found.changed_line
             notes.append(f"line {line} of the log is not as it was written: its check sum is wrong")
-        clock = pace(found.clock)
+        clock = paced(found.clock, speed, wall)
         yield Monitor(
             found.rig, self.folder, found.fingers, clock, goes_on, lambda: found.doing, tuple(notes)
         )

@@ -78,13 +78,13 @@ def _unit(document: "Document", units: str | None, path: Path) -> tuple[str, flo
     code = int(document.header.get("$INSUNITS", 0))
     if code == 0:
         if units is None:
-            raise InputError(f"{path}: has no units ($INSUNITS is 0): add --units mm, inch or m")
+            raise InputError(f"{path}: has no units ($INSUNITS is 0): give its units: mm, inch or m")
         return units, UNIT_MM[units]
     if code not in _INSUNITS:
         raise InputError(f"{path}: has $INSUNITS {code}, a unit in which no part is drawn; save it in mm")
     unit, unit_mm = _INSUNITS[code]
     if units not in {None, unit}:
-        raise InputError(f"{path}: is in {unit} ($INSUNITS is {code}), not in {units}: leave --units out")
+        raise InputError(f"{path}: is in {unit} ($INSUNITS is {code}), not in {units}: give no units")
     return unit, unit_mm
 
 

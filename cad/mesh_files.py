@@ -56,7 +56,7 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
     if kind == "3mf":
         return _read_3mf(path, units)
     if units is None:
-        raise InputError(f"{path}: {kind.upper()} files have no units: add --units mm, inch or m")
+        raise InputError(f"{path}: {kind.upper()} files have no units: give their units: mm, inch or m")
     data = read_bytes(path, CAD_BYTES, _ADVICE)
     if problem := {"stl": _stl_problem, "obj": _obj_problem, "ply": ply_problem}[kind](data):
         raise InputError(f"{path}: {problem}")
@@ -84,7 +84,7 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
     if unit not in _3MF_MM:
         raise InputError(f"{path}: unknown unit '{unit}'; 3MF allows {', '.join(_3MF_MM)}")
     if units is not None and UNIT_MM[units] != _3MF_MM[unit]:
-        raise InputError(f"{path}: says that it is in {unit}, not in {units}: leave --units out")
+        raise InputError(f"{path}: says that it is in {unit}, not in {units}: give no units")
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):
         where = f"{path}: {shape.name}"

@@ -80,5 +80,5 @@ def _check_count(path: Path, count: int, what: str) -> None:
 
 def _check(path: Path, units: str | None) -> None:
     if units is not None and units not in UNIT_MM:
-        raise InputError(f"--units {units}: allowed are {', '.join(UNIT_MM)}")
+        raise InputError(f"units {units}: allowed are {', '.join(UNIT_MM)}")
     check_file(path, CAD_BYTES, simpler(path))

@@ -71,7 +71,7 @@ def sections_of(
     if not budget > 0:
         raise InputError(
             f"{solid.name}: its surface is off by {solid.off_mm:.3g} mm already; "
-            f"give a --tolerance greater than that"
+            f"give a tolerance greater than that"
         )
     surface = surface_of(solid, state)
     found: list[CrossSection] = []
@@ -82,14 +82,14 @@ def sections_of(
             if len(found) == most:
                 raise InputError(
                     f"{solid.name}, {state.name}: more than {most} cross sections are needed at height "
-                    f"{slab[0]:.4g} mm; give --heights that leave it out, or a greater --tolerance"
+                    f"{slab[0]:.4g} mm; give heights that leave it out, or a greater tolerance"
                 )
             if not trial.problem:
                 found.append(CrossSection(slab, trial.regions, trial.off_mm + solid.off_mm))
     if not any(section.regions for section in found):
         raise InputError(
             f"{solid.name}, {state.name}: no section can be given at any height: {problem}; "
-            "give a greater --tolerance"
+            "give a greater tolerance"
         )
     return tuple(_long_runs(found))
 

@@ -92,7 +92,7 @@ def _check_units(path: Path, data: bytes, units: str | None) -> None:
         raise InputError(f"{path}: states no unit of length; export it again with one")
     if units is not None and any(abs(mm / UNIT_MM[units] - 1) > 1e-9 for mm in stated):
         said = " and ".join(f"{mm:g} mm" for mm in sorted(stated))
-        raise InputError(f"{path}: says that its unit is {said}, not {units}: leave --units out")
+        raise InputError(f"{path}: says that its unit is {said}, not {units}: give no units")
 
 
 def _units_mm(text: str) -> set[float]:

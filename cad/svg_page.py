@@ -98,13 +98,11 @@ def page(root: ElementTree.Element, units: str | None, path: Path) -> Page:
     named = [unit for _, unit in sides if unit]
     if not named:
         if units is None:
-            raise InputError(f"{path}: has no units: add --units mm, inch or m to say what a user unit is")
+            raise InputError(f"{path}: has no units: say what a user unit is, giving units: mm, inch or m")
         width, height = view or [number or 1.0 for number, _ in sides]
         return Page(width, height, UNIT_MM[units])
     if units not in {None, {"in": "inch"}.get(named[0], named[0])}:
-        raise InputError(
-            f"{path}: is in {named[0]} (its width and height), not in {units}: leave --units out"
-        )
+        raise InputError(f"{path}: is in {named[0]} (its width and height), not in {units}: give no units")
     if view is None:
         # A user unit is a pixel then.
         pixel = _UNITS_MM["px"]

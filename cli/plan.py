@@ -57,4 +57,4 @@ def plan(
             typer.echo(f"  {line}")
     else:
         print_plan(answer.planned, Terminal(highlight=False, markup=False, emoji=False))
-    return 0 if answer.is_help else 1
+    return 1 if answer.is_dead_end else 0

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from palpate.config.problems import problem, shown
 from palpate.errors import InputError
 from palpate.extensions import load
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "Bounded",
@@ -97,7 +98,7 @@ def plugin(group: str, name: str, built_in: Iterable[str], *place: str) -> objec
         raise problem(str(error), *place) from error
 
 
-class FileModel(BaseModel):
+class FileModel(ShortRepr, BaseModel):
     """A table of a file: unknown keys are refused, values cannot be changed once read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

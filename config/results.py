@@ -12,6 +12,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from palpate.vocabulary.short_repr import ShortRepr
+
 __all__ = ["DECIMALS", "BoundsOut", "ConfigurationOut", "Interval", "Out", "Rounded", "to_json"]
 
 DECIMALS = 6
@@ -39,7 +41,7 @@ Interval = Annotated[tuple[_Finite, _Finite], AfterValidator(_rounded_outward)]
 _UNITS = ("", "_mm", "_rad")
 
 
-class Out(BaseModel):
+class Out(ShortRepr, BaseModel):
     """A part of a result, given by its fields, or by a value: then each is the attribute of the same name.
 
     In a value the name may end in its unit, which a result's header says.

@@ -17,6 +17,7 @@ from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.config.references_file import ReferencesFile
 from palpate.config.rig_file import RigFile
 from palpate.config.scene_file import Scene
+from palpate.errors import InputError
 from palpate.geometry.object_model import ObjectModel, Polygon, State
 
 __all__ = ["file_text"]
@@ -26,9 +27,9 @@ __all__ = ["file_text"]
 def file_text(value: object) -> str:
     """Text of the file that holds `value`: JSON or TOML, as its format has it.
 
-    Raises TypeError for a value that no file format holds.
+    Raises InputError for a value that no file format holds.
     """
-    raise TypeError(f"a {type(value).__name__} is no file: none of palpate's formats holds it")
+    raise InputError(f"a {type(value).__name__} cannot be saved: none of palpate's file formats holds it")
 
 
 @file_text.register

@@ -7,7 +7,10 @@ by `palpate.config`, or made directly from arrays.
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from palpate.geometry.arrays import Floats
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["ObjectModel", "Polygon", "Section", "State"]
 
@@ -27,12 +30,21 @@ class Polygon:
         """The outer ring and those of the holes."""
         return (self.outer, *self.holes)
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Polygon):
+            return NotImplemented
+        rings, others = self.rings, other.rings
+        return len(rings) == len(others) and all(map(np.array_equal, rings, others))
+
+    def __hash__(self) -> int:
+        return hash(tuple(map(len, self.rings)))
+
     def __repr__(self) -> str:
         return f"<Polygon of {len(self.outer)} vertices, {len(self.holes)} holes>"
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+@dataclass(frozen=True, slots=True, repr=False)
+class Section(ShortRepr):
     """Cross section at heights `z_mm` = (from, to), mm above the support plane, both included."""
 
     z_mm: tuple[float, float]
@@ -44,8 +56,8 @@ class Section:
         return tuple(ring for polygon in self.polygons for ring in polygon.rings)
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+@dataclass(frozen=True, slots=True, repr=False)
+class State(ShortRepr):
     """Stable state: a way to rest on the support plane; `probability` and `tipping_angle_rad` where known.
 
     `heights_mm`: ranges of height (from, to), ascending, at which the sections are known, None: everywhere.

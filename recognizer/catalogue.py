@@ -62,6 +62,10 @@ class Catalogue:
         self._strips: dict[Finger, StripForest] = {}
         self._pockets: dict[tuple[Finger, float, float], Pockets] = {}
 
+    def __repr__(self) -> str:
+        objects = len({state.object_name for state in self.states})
+        return f"<Catalogue {len(self.states)} states of {objects} objects>"
+
     def edges(self, finger: Finger) -> EdgeSet:
         """The edges that a contact of `finger` may be paired with."""
         if finger not in self._edges:

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 from palpate.errors import InputError
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["LARGEST_MM", "Contact", "Finger", "NormalRange"]
 
@@ -53,8 +54,8 @@ class Finger:
             raise InputError("a finger's height must be finite")
 
 
-@dataclass(frozen=True)
-class Contact:
+@dataclass(frozen=True, repr=False)
+class Contact(ShortRepr):
     """One approach that was carried out: the tip's centre went straight from `start` to `end`.
 
     If `touched`, it was stopped at `end` by the object, and by nothing before; otherwise the whole way was

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints, State
 from palpate.recognizer.tables import expand_ranges
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "ring_order"]
 
@@ -27,8 +28,8 @@ _NOTHING_MM = -1e4  # support of what is not there
 _KEY_STRIDE = 16.0  # rad between the sorted normals of one state and the next: more than two turns
 
 
-@dataclass(frozen=True, eq=False)
-class CatalogueState:
+@dataclass(frozen=True, eq=False, repr=False)
+class CatalogueState(ShortRepr):
     """One state of one object, as hypotheses name it.
 
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the

@@ -27,6 +27,7 @@ from palpate.recognizer.tree import (
     narrow_by_two,
     pair_by_angle,
 )
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "ObjectExplanation",
@@ -55,8 +56,8 @@ class SearchTest(Enum):
     FINER = "finer cells"
 
 
-@dataclass(frozen=True, eq=False)
-class SearchStep:
+@dataclass(frozen=True, eq=False, repr=False)
+class SearchStep(ShortRepr):
     """`left` interpretations after a test of `contacts`; the newest of them is the last."""
 
     reason: SearchTest
@@ -64,8 +65,8 @@ class SearchStep:
     left: int
 
 
-@dataclass(frozen=True, eq=False)
-class ObjectExplanation:
+@dataclass(frozen=True, eq=False, repr=False)
+class ObjectExplanation(ShortRepr):
     """What the search makes of one object, or of one of its states.
 
     `conflict`: contacts and misses that cannot all be true of it, none of which can be left out; empty if the

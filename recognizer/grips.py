@@ -12,6 +12,7 @@ from palpate.recognizer.poses import witness_poses
 from palpate.recognizer.prediction import Predictions, predict
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "FingerApproach",
@@ -30,8 +31,8 @@ _FEW = 8
 _PERCEPTIBLE = np.exp(-1.0)  # similarity of what the rig can just distinguish
 
 
-@dataclass(frozen=True, eq=False)
-class FingerApproach(Approach):
+@dataclass(frozen=True, eq=False, repr=False)
+class FingerApproach(ShortRepr, Approach):
     """An approach that one of a rig's fingers can carry out, with its turning stage at `stage_rad`."""
 
     finger_index: int
@@ -59,8 +60,8 @@ class Reachable(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class Grip:
+@dataclass(frozen=True, eq=False, repr=False)
+class Grip(ShortRepr):
     """Approaches to carry out together, and what each of the hypotheses says will happen.
 
     `travels_mm`: how far each finger has to go, if it meets nothing. `predictions` are (approaches,
@@ -83,8 +84,8 @@ class Grip:
         return tuple(item.up_to(far) for item, far in zip(self.approaches, self.travels_mm, strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class PredictedApproach:
+@dataclass(frozen=True, eq=False, repr=False)
+class PredictedApproach(ShortRepr):
     """Approach `index` with its predictions (1, hypotheses) and the travel after which it meets nothing."""
 
     index: int

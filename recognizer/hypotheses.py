@@ -17,6 +17,7 @@ from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.witness_search import Constraints, Regions, position_boxes
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
 
@@ -63,8 +64,8 @@ class Slide:
     extent_mm: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class Hypothesis:
+@dataclass(frozen=True, eq=False, repr=False)
+class Hypothesis(ShortRepr):
     """One way to understand all contacts.
 
     `verified`: `configuration` satisfies every contact and every free path exactly, except for contacts that
@@ -152,8 +153,8 @@ class Hypothesis:
         return tuple(sorted(rows, key=_fewest_nulls_first))
 
 
-@dataclass(frozen=True, eq=False)
-class Hypotheses(Sequence[Hypothesis]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Hypotheses(ShortRepr, Sequence[Hypothesis]):
     """h hypotheses: those with the fewest null contacts first, the heaviest of them before the others.
 
     `regions` (h); `lo` and `hi` (h, 3) bound x and y (mm) and θ (rad); `state` (h,); `position_mm` (h, 2) of

@@ -29,6 +29,7 @@ from palpate.recognizer.region import Cells, Intervals, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount
 from palpate.recognizer.witness_search import Constraints, connected_regions, find_witnesses
 from palpate.vocabulary import RecognitionVerdict
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Recognition", "anchor_of", "intervals_of", "recognise"]
 
@@ -36,8 +37,8 @@ _FINE_CELLS, _MOST_FINE = 24, 8
 _MOST_CELLS = 60_000
 
 
-@dataclass(frozen=True, eq=False)
-class Recognition:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recognition(ShortRepr):
     """All that is known after some contacts. `contacts` includes misses; `levels` counts per contact.
 
     At most `max_spurious` of the touched contacts are taken as spurious in any interpretation.

@@ -4,6 +4,7 @@ What is beside the devices (a log, a disk, a screen, an observer) is given its w
 Its first failure is kept until it is asked for, at a moment when no device is driven.
 """
 
+import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -107,13 +108,15 @@ class Background(Generic[_T]):
 class BackgroundCall:
     """Has a function called beside this thread, with the same arguments; to call it neither waits nor raises.
 
-    Use as a context manager: at the end, calls that wait are given two seconds. The end raises nothing: what
-    failed by then has no part in what the run found.
+    What the function raises is an OutputError at the next `check`; KeyboardInterrupt ends the run as Ctrl-C
+    does, at once, if this is the main thread. Use as a context manager: at the end, calls that wait are given
+    two seconds. The end raises nothing: what failed by then has no part in what the run found.
     """
 
     def __init__(self, what: str, call: Callable[..., object]) -> None:
         """`what` names it in errors."""
         self._what, self._call = what, call
+        self._in_main = threading.current_thread() is threading.main_thread()
         self._background = Background(self._carry_out, _CALLS)
 
     def __call__(self, *args: object) -> None:
@@ -151,4 +154,9 @@ class BackgroundCall:
 
     def _carry_out(self, batch: Sequence[tuple[object, ...]]) -> None:
         for args in batch:
-            self._call(*args)
+            try:
+                self._call(*args)
+            except KeyboardInterrupt:
+                if self._in_main:  # else no signal would reach the run: it ends at its next check
+                    signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+                raise

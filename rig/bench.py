@@ -51,7 +51,7 @@ def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) ->
     _check_heights(rig, objects)
     if rig.emulation is None:
         if scene is not None:
-            raise InputError(f'--scene is for emulated rigs; rig "{rig.name}" has real devices')
+            raise InputError(f'a scene is for emulated rigs; rig "{rig.name}" has real devices')
         return None
     if scene is not None:
         placement = placement_of(scene, objects)

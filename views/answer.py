@@ -23,7 +23,9 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         lines += [f"  {line}" for line in advice]
     lines += [f"  {_alternative_line(other)}" for other in out.alternatives[:_ALTERNATIVES_SHOWN]]
     if len(out.alternatives) > _ALTERNATIVES_SHOWN:
-        lines.append(f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; --json lists them all")
+        lines.append(
+            f"  or one of {len(out.alternatives) - _ALTERNATIVES_SHOWN} more; the JSON lists them all"
+        )
     if out.verdict == IdentificationVerdict.IDENTIFIED and out.predicted:
         lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
         if out.detectable_shift is not None:

@@ -14,6 +14,7 @@ from palpate.recognizer.explanation import (
     suspected_contacts,
 )
 from palpate.views.recognition import hypothesis_out
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "ContactRecord",
@@ -48,8 +49,8 @@ _CAUSES: Mapping[SearchTest, str] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class ContactRecord:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactRecord(ShortRepr):
     """The contacts of a file, grip by grip; says which of them a contact (the same object) is."""
 
     grips: Sequence[Sequence[Contact]]
@@ -77,8 +78,8 @@ class ContactRecord:
         return next(k for k, grip in enumerate(self.grips) if any(other is contact for other in grip))
 
 
-@dataclass(frozen=True)
-class Explanation:
+@dataclass(frozen=True, repr=False)
+class Explanation(ShortRepr):
     """What may be the matter when nothing fits: see `grips_before_move` and `suspected_contacts`."""
 
     moved_after_grip: int | None
@@ -106,7 +107,7 @@ def explanation_lines(explanation: Explanation, record: ContactRecord) -> list[s
         )
     more = explanation.max_spurious + 1
     lines += [
-        f"without contact {record.words(contact)} something fits: it may be spurious (--max-spurious {more})"
+        f"without contact {record.words(contact)} something fits: it may be spurious (allow {more} spurious)"
         for contact in explanation.spurious
     ]
     return lines
@@ -132,7 +133,7 @@ def state_named(catalogue: Catalogue, text: str) -> tuple[str, str | None]:
     near = nearest(text, names)
     objects = ", ".join(dict.fromkeys(item.object_name for item in catalogue.states))
     hint = f"; there are: {objects}" if near is None else f'; did you mean "{near}"?'
-    raise InputError(f"--why: no object {shown(text)} in the catalogue{hint}")
+    raise InputError(f"no object {shown(text)} in the catalogue{hint}")
 
 
 def why_lines(why: ObjectExplanation, record: ContactRecord) -> list[str]:

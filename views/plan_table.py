@@ -51,7 +51,7 @@ def print_plan(planned: Planned, console: Console) -> None:
             console.print()
             console.print(_outcomes(planned, grip, block, console.width))
     if count > SHOWN:
-        console.print(f"and {count - SHOWN} more hypotheses; --json lists them all", style="dim")
+        console.print(f"and {count - SHOWN} more hypotheses; the JSON lists them all", style="dim")
     console.print()
     for line in certainty(planned):
         console.print(line)

@@ -1,28 +1,13 @@
-"""Updates of a watch: how fast they come, what keys do, and when they end."""
+"""Updates of a watch: what keys do, and when they end."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from palpate.api.monitor import Monitor
 from palpate.cli.monitor.display import How, Shown, shown_on
 from palpate.cli.monitor.keys import Keys
-from palpate.drivers.transport.clock import Clock
 from palpate.rig.monitor.finger_monitor import FingerView, MonitoredFinger
-from palpate.rig.monitor.paced_clock import PacedClock
 
-__all__ = ["PaceOf", "obey", "show_updates"]
-
-
-@dataclass(frozen=True)
-class PaceOf:
-    """How fast virtual time may pass: `speed` times the wall's; None: as fast as it is computed."""
-
-    wall: Clock
-    speed: float | None
-
-    def on(self, clock: Clock) -> Clock:
-        """The clock, held back."""
-        return clock if self.speed is None else PacedClock(clock, self.wall, self.speed)
+__all__ = ["obey", "show_updates"]
 
 
 def show_updates(monitor: Monitor, how: How, keys: Keys, seconds: float | None) -> Shown:

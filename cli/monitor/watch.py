@@ -49,8 +49,7 @@ def watch(
     from palpate.api.session import open_session
     from palpate.cli.monitor.display import forget_stdout, how_to_show, write_picture
     from palpate.cli.monitor.keys import Keys
-    from palpate.cli.monitor.updates import PaceOf, show_updates
-    from palpate.drivers.transport.clock import MonotonicClock
+    from palpate.cli.monitor.updates import show_updates
 
     own = rig is None and rate is None and tare and not no_calibration
     if session is None and speed is not None:
@@ -62,16 +61,15 @@ def watch(
     for name, value in (("--rate", rate), ("--for", seconds), ("--speed", speed)):
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"{name} {value:g}: must be above 0 and below a million")
-    how, wall, fingers = how_to_show(json=json), MonotonicClock(), finger or []
+    how, fingers = how_to_show(json=json), finger or []
     with ExitStack() as ways_out:
         if session is not None:
             recorded = open_session(session)
-            monitor = ways_out.enter_context(recorded.watch(fingers, pace=PaceOf(wall, speed or 1.0).on))
+            monitor = ways_out.enter_context(recorded.watch(fingers, speed=speed or 1.0))
         else:
             opened = open_rig(rig, calibration=not no_calibration)
-            paced = opened.emulated and (how.screen or seconds is None)
-            pace = PaceOf(wall, 1.0 if paced else None).on
-            monitor = ways_out.enter_context(opened.watch(fingers, rate_hz=rate, tare=tare, pace=pace))
+            pace = 1.0 if how.screen or seconds is None else None
+            monitor = ways_out.enter_context(opened.watch(fingers, rate_hz=rate, tare=tare, speed=pace))
         keys = ways_out.enter_context(Keys())
         how.say(monitor.notes)
         try:

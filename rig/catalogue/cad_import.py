@@ -76,7 +76,7 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     if is_drawing(path):
         return _drawings(path, options)
     if options.thickness_mm is not None:
-        raise InputError(f"--thickness is for drawings; {path} holds solids, which have heights of their own")
+        raise InputError(f"a thickness is for drawings; {path} holds solids, which have heights of their own")
     curve = _CURVE_SHARE * options.tolerance_mm
     solids = confined(path, simpler(path), read_solids, path, options.units, curve)
     objects, warnings = [], []
@@ -145,7 +145,7 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
     thickness = options.thickness_mm
     if thickness is None:
         raise InputError(
-            f"{path} is a drawing, which says nothing of heights: add --thickness with the part's"
+            f"{path} is a drawing, which says nothing of heights: give the thickness of the part"
         )
     drawings = confined(path, simpler(path), read_drawings, path, options.units, options.tolerance_mm)
     names = _names([drawing.name for drawing in drawings], options)

@@ -54,5 +54,5 @@ def check_known(objects: Iterable[ObjectModel], fingers: Sequence[HasHeight]) ->
             raise InputError(
                 f'object "{model.name}", state "{state.name}" is known at heights '
                 f"{heights_in_words(state.heights_mm or ())} only; finger {finger.name} is at "
-                f"{finger.height_mm:g} mm: import it again with --heights {wanted}"
+                f"{finger.height_mm:g} mm: import it again for heights {wanted}"
             )

@@ -90,7 +90,7 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
     if not kept:
         raise InputError(
             f"{solid.name}: no stable state is as probable as {shares.least_probability:g}: "
-            "give a smaller --least-probability, or --states as-is"
+            "give a smaller least probability, or import it as it is, without stable states"
         )
     report(f"sections of {len(kept)} states")
     states = _all_sectioned(solid, kept, shares, report)

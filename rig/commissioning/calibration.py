@@ -179,8 +179,8 @@ class _Run:
         elif kept is not None:
             raise InputError(
                 f"a calibration was begun before ({', '.join(kept.steps)}; {_done(kept)}) with other "
-                "steps, references or devices, or before the rig file was changed: finish that one, or add "
-                "--restart to forget it"
+                "steps, references or devices, or before the rig file was changed: finish that one, or "
+                "restart, which forgets it"
             )
 
     def carry_out(self, step: str) -> None:

@@ -97,7 +97,7 @@ def list_motors(rig: RigFile, bus: Bus, dxl_ids: Sequence[int] = ()) -> list[Mot
     for dxl_id in dxl_ids:
         if dxl_id not in known:
             raise InputError(
-                f"--id {dxl_id}: the rig file has no such servo; it has {', '.join(map(str, sorted(known)))}"
+                f"the rig file has no servo with id {dxl_id}; it has {', '.join(map(str, sorted(known)))}"
             )
     return [
         MotorSetup(

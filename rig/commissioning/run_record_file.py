@@ -24,7 +24,7 @@ class RunRecordFile:
             return load_json(self._path, RunRecord, {})
         except InputError as error:
             raise InputError(
-                f"{error}: the calibration that was begun cannot be taken up; add --restart to begin anew"
+                f"{error}: the calibration that was begun cannot be taken up; restart to begin anew"
             ) from None
 
     def save(self, record: RunRecord) -> None:

@@ -62,7 +62,7 @@ def find_endpoint(rig: Path | None, port: str | None) -> BusEndpoint:
     if port is None:
         return endpoint_of_rig(load_rig(rig or shipped_rig()))
     if rig is not None:
-        raise InputError("--port and --rig exclude each other: the rig file names its port")
+        raise InputError("a port and a rig exclude each other: the rig file names its port")
     return BusEndpoint(port, MonotonicClock(), port_latency_s(port))
 
 

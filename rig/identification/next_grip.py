@@ -24,6 +24,7 @@ from palpate.rig.conversion import finger_of, goals_of, resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Choice", "GripChooser", "Planned", "plan_for", "sets_alike"]
 
@@ -113,8 +114,8 @@ class GripChooser:
         return self._plan(recognition, one_class=True)
 
 
-@dataclass(frozen=True, eq=False)
-class Planned:
+@dataclass(frozen=True, eq=False, repr=False)
+class Planned(ShortRepr):
     """What is left after some contacts, and the grip that comes next; None if there is none.
 
     `alike`: sets of hypotheses, by ascending index, of which no approach that is left tells any two apart.
@@ -146,11 +147,11 @@ class Planned:
         return count > 1 and any(len(group) == count for group in self.alike)
 
     @property
-    def is_help(self) -> bool:
-        """Whether the grip may change the answer, or the answer needs no change."""
+    def is_dead_end(self) -> bool:
+        """Whether no grip can lead to one answer: nothing fits, or no approach tells apart what is left."""
         if self.recognition.verdict is RecognitionVerdict.NONE or self.hopeless:
-            return False
-        return self.grip is not None or self.verdict is IdentificationVerdict.IDENTIFIED
+            return True
+        return self.grip is None and self.verdict is not IdentificationVerdict.IDENTIFIED
 
 
 def plan_for(

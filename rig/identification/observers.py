@@ -9,6 +9,7 @@ from palpate.errors import PalpateError
 from palpate.recognizer import Grip, Recognition
 from palpate.rig.background import BackgroundCall
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
     "Event",
@@ -22,40 +23,40 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True, eq=False)
-class StageEvent:
+@dataclass(frozen=True, eq=False, repr=False)
+class StageEvent(ShortRepr):
     """Fingers began a stage of a grip. Grips count from 1."""
 
     grip: int
     stage: GripPhase
 
 
-@dataclass(frozen=True, eq=False)
-class TouchEvent:
+@dataclass(frozen=True, eq=False, repr=False)
+class TouchEvent(ShortRepr):
     """A grip was carried out: a touch for each of its fingers, misses included."""
 
     grip: int
     touches: Sequence[Touch]
 
 
-@dataclass(frozen=True, eq=False)
-class RecognitionEvent:
+@dataclass(frozen=True, eq=False, repr=False)
+class RecognitionEvent(ShortRepr):
     """All contacts so far were interpreted."""
 
     grip: int
     recognition: Recognition
 
 
-@dataclass(frozen=True, eq=False)
-class PlanEvent:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlanEvent(ShortRepr):
     """The next grip was chosen by what the hypotheses predict of it."""
 
     grip: int
     plan: Grip
 
 
-@dataclass(frozen=True, eq=False)
-class MoveEvent:
+@dataclass(frozen=True, eq=False, repr=False)
+class MoveEvent(ShortRepr):
     """The part seems to have been moved before this grip: earlier contacts no longer count."""
 
     grip: int

@@ -41,7 +41,7 @@ def select_fingers(rig: RigFile, names: Sequence[str]) -> tuple[FingerConfig, ..
     unknown = next((name for name in names if name not in there), None)
     if unknown is not None:
         names_there = ", ".join(there)
-        raise InputError(f'--finger {unknown}: rig "{rig.name}" has no such finger, but {names_there}')
+        raise InputError(f'rig "{rig.name}" has no finger {unknown}; it has {names_there}')
     return tuple(finger for finger in rig.fingers if not names or finger.name in names)
 
 
@@ -80,8 +80,8 @@ def _open(place: ArrayPorts, spec: FingerConfig) -> SerialBase:
     except PortTaken as error:
         raise PortTaken(
             f"port {spec.array.port} of array {spec.name} is in use: another program has it, perhaps a "
-            "run, and a port serves one at a time; end that program, or watch the run afterwards with "
-            "--session"
+            "run, and a port serves one at a time; end that program, or watch the session that the run "
+            "records, afterwards"
         ) from error
 
 

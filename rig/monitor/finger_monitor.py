@@ -15,6 +15,7 @@ from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFr
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.clock import Clock
 from palpate.geometry import Bools, Counts, Floats
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["SILENT_S", "FingerView", "MonitoredFinger", "TareState"]
 
@@ -34,8 +35,8 @@ class TareState(Enum):
     DONE = "tared"
 
 
-@dataclass(frozen=True, eq=False)
-class FingerView:
+@dataclass(frozen=True, eq=False, repr=False)
+class FingerView(ShortRepr):
     """State of one finger's array at one instant. Arrays: shape (rows, cols), lowest row first.
 
     `counts` are those of the newest frame, None before the first one. `taxel_n`: force on each taxel

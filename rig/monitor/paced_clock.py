@@ -1,8 +1,11 @@
 """Paced clock: holds another clock back to the wall's pace, to display what does not run in real time."""
 
-from palpate.drivers.transport.clock import Clock
+import math
 
-__all__ = ["PacedClock"]
+from palpate.drivers.transport.clock import Clock, MonotonicClock
+from palpate.errors import InputError
+
+__all__ = ["PacedClock", "paced"]
 
 _MOST_LATE_S = 0.25
 
@@ -32,3 +35,12 @@ class PacedClock:
 
     def _begin(self) -> None:
         self._start, self._wall_start = self._clock.now(), self._wall.now()
+
+
+def paced(clock: Clock, speed: float | None, wall: Clock | None = None) -> Clock:
+    """`clock`, held back to `speed` of its seconds in one of the wall's; None: as fast as it is computed."""
+    if speed is None:
+        return clock
+    if not 0 < speed < math.inf:
+        raise InputError(f"speed is {speed:g}; it must be above 0")
+    return PacedClock(clock, wall or MonotonicClock(), speed)

@@ -74,7 +74,7 @@ def open_recorded_arrays(session: Path, names: Sequence[str]) -> RecordedArrays:
         except DeviceError:
             raise InputError(
                 f"{file.path}: array {spec.name} on {spec.array.port} never says what it is; choose "
-                "other fingers with --finger, or another session"
+                "other fingers, or another session"
             ) from None
         port.play()
         ports.append(port)

@@ -9,14 +9,15 @@ from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, undetected_dent_mm
 from palpate.rig.motion.approach_state import ApproachState
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
 
 _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
 
-@dataclass(frozen=True)
-class Touch:
+@dataclass(frozen=True, repr=False)
+class Touch(ShortRepr):
     """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
 
     `servos`: angles (rad) at which the finger's servos stood then.

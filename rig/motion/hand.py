@@ -91,6 +91,9 @@ class Hand:
             _warn(error, self.close())
             raise
 
+    def __repr__(self) -> str:
+        return f"<Hand of rig {self.rig.name}: {', '.join(finger.name for finger in self.rig.fingers)}>"
+
     def __enter__(self) -> Self:
         return self
 

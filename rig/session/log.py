@@ -42,7 +42,7 @@ def session_folder(root: Path, name: str) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(
-            f"session folder {folder} cannot be made: {error.strerror}; choose --sessions"
+            f"session folder {folder} cannot be made: {error.strerror}; choose another folder for sessions"
         ) from error
     return folder
 
@@ -84,9 +84,13 @@ class SessionLog(SessionEvents):
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._file.truncate(0)
         except BlockingIOError as error:
-            raise InputError(f"{self.path} is being written by another palpate; choose --sessions") from error
+            raise InputError(
+                f"{self.path} is being written by another palpate; choose another folder for sessions"
+            ) from error
         except OSError as error:
-            raise InputError(f"{self.path} cannot be written: {error.strerror}; choose --sessions") from error
+            raise InputError(
+                f"{self.path} cannot be written: {error.strerror}; choose another folder for sessions"
+            ) from error
         self._lines: Background[_Line] = Background(self._write, capacity, self._file.close)
         self.event("session", format="palpate/session@1", **header)
 
@@ -157,7 +161,7 @@ class SessionLog(SessionEvents):
             reason = f"the disk has not taken it for {self._stalled_s:g} s"
         return OutputError(
             f"session log {self.path} cannot be written: {reason}; {run}; "
-            "make room, or choose another disk with --sessions"
+            "make room, or choose a sessions folder on another disk"
         )
 
 

@@ -32,6 +32,7 @@ from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES, LOG_LINES, VALUES
 from palpate.files.opening import size_in_words
 from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
 from palpate.rig.session.log import LOG_NAME, check_sum
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["FORMAT", "SessionFile", "read_session"]
 
@@ -41,8 +42,8 @@ _SUM = re.compile(r',"sum":"([0-9a-f]{8})"\}$')
 _COMMON = ("t_s", "event", "calls", "sum")
 
 
-@dataclass(frozen=True)
-class SessionFile:
+@dataclass(frozen=True, repr=False)
+class SessionFile(ShortRepr):
     """A session log: `header` is its first line, `entries` the lines after it, up to `end`.
 
     `end` is the last line's values, None if the log was cut off. `changed_line` is the first line that is not

@@ -16,6 +16,7 @@ from palpate.rig.session.environment import Environment
 from palpate.rig.session.events import SessionEvents, plain
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Replayed", "first_difference", "replay", "replay_with"]
 
@@ -25,8 +26,8 @@ _NOT_COMPARED = ("wall_seconds", "session")
 _RENAMED = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
 
 
-@dataclass(frozen=True, eq=False)
-class Replayed:
+@dataclass(frozen=True, eq=False, repr=False)
+class Replayed(ShortRepr):
     """How a replay went. `difference` is None if all was as recorded; `run` is None if it gave no answer."""
 
     lines: int

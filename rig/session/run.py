@@ -17,12 +17,13 @@ from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.session.calibration_drift import calibration_used
 from palpate.rig.session.environment import Environment
 from palpate.vocabulary import Strategy
+from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["IdentificationJob", "IdentificationRun", "run_identification"]
 
 
-@dataclass(frozen=True, eq=False)
-class IdentificationJob:
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationJob(ShortRepr):
     """What a run starts from; `placement`, in the answer's frame, is only compared with it.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
@@ -39,8 +40,8 @@ class IdentificationJob:
     started: datetime | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class IdentificationRun:
+@dataclass(frozen=True, eq=False, repr=False)
+class IdentificationRun(ShortRepr):
     """What came of a run, and the rig's own time (s) at its end.
 
     `late_failure`: an observer or the display failed at the end; that has no part in the result.

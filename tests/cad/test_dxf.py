@@ -187,13 +187,13 @@ def test_units_of_the_file(file: Path, code: int) -> None:
 def test_units_asked_for(file: Path) -> None:
     document = new(0)
     square(document.modelspace())
-    with pytest.raises(InputError, match=r"no units \(\$INSUNITS is 0\): add --units mm, inch or m"):
+    with pytest.raises(InputError, match=r"no units \(\$INSUNITS is 0\): give its units"):
         read(file, document)
     (found,) = read(file, document, units="inch")
     assert found.regions[0].outer.max() == pytest.approx(30 * 25.4)
     document.header["$INSUNITS"] = 4
     assert read(file, document, units="mm")[0].regions[0].outer.max() == 30
-    with pytest.raises(InputError, match=r"is in mm \(\$INSUNITS is 4\), not in inch: leave --units out"):
+    with pytest.raises(InputError, match=r"is in mm \(\$INSUNITS is 4\), not in inch: give no units"):
         read(file, document, units="inch")
     document.header["$INSUNITS"] = 19
     with pytest.raises(InputError, match=r"\$INSUNITS 19"):

@@ -50,7 +50,7 @@ def test_formats_without_units(tmp_path, kind):
     (solid,) = read_solids(path, "inch", 0.05)
     assert volume(solid) == pytest.approx(shape.volume * 25.4**3, rel=1e-5)
     with pytest.raises(
-        InputError, match=f"{kind[:3].upper()} files have no units: add --units mm, inch or m"
+        InputError, match=f"{kind[:3].upper()} files have no units: give their units: mm, inch or m"
     ):
         read_solids(path, None, 0.05)
     data = path.read_bytes()

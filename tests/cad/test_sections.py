@@ -198,7 +198,7 @@ def test_round_walls_are_simplified_within_the_tolerance() -> None:
 def test_what_the_surface_is_off_counts() -> None:
     (section,) = sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.05)
     assert section.off_mm == pytest.approx(0.02, abs=1e-6)
-    with pytest.raises(InputError, match=r"off by 0.02 mm already; give a --tolerance greater"):
+    with pytest.raises(InputError, match=r"off by 0.02 mm already; give a tolerance greater"):
         sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.02)
 
 
@@ -213,7 +213,7 @@ def test_only_the_heights_asked_for() -> None:
 
 def test_too_many_sections_are_refused_with_the_height() -> None:
     part = part_of(trimesh.creation.cone(10, 20, sections=50))
-    with pytest.raises(InputError, match=r"part, a: more than 10 .* at height \d+\.\d+ mm; give --heights"):
+    with pytest.raises(InputError, match=r"part, a: more than 10 .* at height \d+\.\d+ mm; give heights"):
         sections_of(*part, 0.1, most=10)
 
 

@@ -57,7 +57,7 @@ def test_units_are_those_of_the_file_and_chords_are_in_mm_all_the_same(tmp_path,
     assert np.ptp(solid.vertices_mm, axis=0).max() == pytest.approx(40 * scale, rel=1e-5)
     middles = solid.vertices_mm[solid.faces].mean(axis=1)
     assert 0.02 * scale < np.abs(np.sqrt((middles**2).sum(axis=1)) - 20 * scale).max() <= 0.2 * scale
-    with pytest.raises(InputError, match="leave --units out"):
+    with pytest.raises(InputError, match="give no units"):
         read_solids(path, "inch", 0.2)
 
 

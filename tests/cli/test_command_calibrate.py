@@ -74,7 +74,7 @@ def test_a_record_that_cannot_be_read_is_not_overwritten(
     record.write_text('{"format": "palpate/calibration-run@1"', encoding="utf-8")
     ended = run_here(["calibrate", "--rig", rig, "--yes"], monkeypatch, capsys)
     assert ended.code == 2
-    assert "add --restart to begin anew" in " ".join(ended.err.split())
+    assert "restart to begin anew" in " ".join(ended.err.split())
     assert record.read_text(encoding="utf-8").endswith('run@1"')
 
 

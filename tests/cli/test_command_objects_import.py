@@ -228,7 +228,7 @@ def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Ask) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ([], "--units"),
+        ([], "units: mm, inch or m"),
         (["--units", "mm", "--thickness", "5"], "--thickness is for drawings"),
         (["--units", "mm", "--tolerance", "0"], "--tolerance is 0 mm; it must be from 0.001 to 5 mm"),
         (["--units", "mm", "--tolerance", "nan"], "--tolerance is nan mm"),
@@ -288,7 +288,7 @@ def test_a_drawing(tmp_path: Path, ask: Ask) -> None:
     document.modelspace().add_lwpolyline(corners, close=True)
     document.modelspace().add_circle((11, 10.5), 0.25)
     document.saveas(tmp_path / "plate.dxf")
-    refused(ask(tmp_path / "plate.dxf"), "add --thickness", tmp_path)
+    refused(ask(tmp_path / "plate.dxf"), "give the thickness", tmp_path)
     told = ask(tmp_path / "plate.dxf", "--thickness", 6.35, "--json").json["objects"][0]
     model = only(tmp_path / "plate.objects.json")
     (state,) = model.states

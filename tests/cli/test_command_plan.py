@@ -287,7 +287,7 @@ def test_the_table_fits_and_its_numbers_hold(
                 lo, hi = item["stop"]
                 assert any(lo - 0.11 < a <= lo and hi <= b < hi + 0.11 for a, b in read)
     hidden = len(found["hypotheses"]) - shown
-    assert (f"and {hidden} more hypotheses; --json lists them all" in ended.out) == (hidden > 0)
+    assert (f"and {hidden} more hypotheses; the JSON lists them all" in ended.out) == (hidden > 0)
 
 
 def test_a_decisive_grip_says_what_that_rests_on(ask: Ask) -> None:

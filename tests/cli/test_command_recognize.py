@@ -58,7 +58,7 @@ def test_a_spurious_contact(ask: Ask) -> None:
     assert ended.code == 1
     assert ended.out.startswith("none: 0 hypotheses after 5 contacts")
     assert "nothing in the catalogue fits all contacts\n" in ended.out
-    assert "without contact f2 something fits: it may be spurious (--max-spurious 1)\n" in ended.out
+    assert "without contact f2 something fits: it may be spurious (allow 1 spurious)\n" in ended.out
 
     told = ask(grips, "--json").json
     assert violations(told, schema()) == []

@@ -22,7 +22,6 @@ from serial import SerialException
 from serial.serialutil import SerialBase
 
 from palpate.api.session import open_session
-from palpate.cli.monitor.updates import PaceOf
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.tactile.messages import Describe, Frame, Message, Stop
@@ -81,7 +80,7 @@ def test_the_emulated_rig_as_json(here: Here) -> None:
         assert [len(row) for row in finger["counts"]] == [20] * 8
         assert 18 < sum(map(sum, finger["counts"])) / 160 < 22, "the rig file's offset"
     assert "nothing may touch the tips" in done.err
-    assert "try --session" in done.err
+    assert "a recorded session shows touches" in done.err
 
 
 def test_one_finger_in_lines_at_another_rate_untared(here: Here) -> None:
@@ -166,7 +165,7 @@ def test_a_session_as_a_picture(here: Here, session: Path, tmp_path: Path) -> No
 
 def test_a_session_keeps_the_walls_time(session: Path) -> None:
     wall = VirtualClock()
-    with open_session(session).watch(["f1"], pace=PaceOf(wall, 4.0).on) as monitor:
+    with open_session(session).watch(["f1"], speed=4.0, wall=wall) as monitor:
         for _ in monitor.updates(0.05, seconds=1.0):
             pass
     assert wall.now() == pytest.approx(0.25, abs=0.01)
@@ -267,7 +266,7 @@ def test_the_first_port_is_closed_again_if_the_second_is_taken() -> None:
         return bench.open(port, baudrate)
 
     place = ArrayPorts(bench.place.clock, open_port, bench)
-    words = "port mock://f2 of array f2 is in use: another program has it.*--session"
+    words = "port mock://f2 of array f2 is in use: another program has it.*session"
     with pytest.raises(PortTaken, match=words), stream_arrays(RIG, RIG.fingers, place, place.clock, 250.0):
         pytest.fail("nothing to watch")
     assert bench.stopped("mock://f1")

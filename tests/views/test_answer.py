@@ -86,7 +86,7 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
         (
             ended(IdentificationVerdict.UNRESOLVED, alternatives=(TWIN,) * 20),
             "unresolved: plate, flat",
-            "one of 8 more; --json",
+            "one of 8 more; the JSON",
         ),
         (
             ended(IdentificationVerdict.UNKNOWN, moved_before=(3,), **NOTHING),

@@ -32,7 +32,7 @@ def check_lines(out: ObjectsCheckOut) -> list[str]:
     lines += _kind("may or may not be distinguished", "≈", maybe)
     lines += _kind("not distinguished as far as known", "?", unknown)
     if out.not_known:
-        lines += ["", "not known at the height of a finger; import them again with --heights"]
+        lines += ["", "not known at the height of a finger; import them again for its height"]
         lines += [
             f"  {item.state.object}, {item.state.state}: {_heights(item.heights_mm)}"
             for item in out.not_known[:_SHOWN]
@@ -125,4 +125,4 @@ def _heights(heights_mm: Sequence[float]) -> str:
 
 
 def _more(count: int) -> list[str]:
-    return [f"  and {count - _SHOWN} more; --json lists them all"] if count > _SHOWN else []
+    return [f"  and {count - _SHOWN} more; the JSON lists them all"] if count > _SHOWN else []

@@ -50,7 +50,7 @@ def test_a_finger_must_be_where_the_state_is_known(tmp_path: Path, height: float
     with pytest.raises(InputError) as caught:
         check_known(objects, fingers)
     known_at = "4.5–5.5 and 11.5–12.5 mm"
-    words = ('"bracket"', '"state-2"', known_at, f"f1 is at {height:g} mm", f"--heights {wanted}")
+    words = ('"bracket"', '"state-2"', known_at, f"f1 is at {height:g} mm", f"for heights {wanted}")
     assert missing(str(caught.value), *words) == []
 
 

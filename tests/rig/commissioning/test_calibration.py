@@ -186,7 +186,7 @@ def test_a_record_that_cannot_be_kept_ends_the_calibration(whole: Whole) -> None
 
 def test_a_record_of_other_steps_is_not_taken_up(whole: Whole) -> None:
     kept = Kept(resume=RunRecord.model_validate_json(whole.kept.saved[3]))
-    with pytest.raises(InputError, match=r"finish that one, or add --restart"):
+    with pytest.raises(InputError, match=r"finish that one, or restart"):
         calibrate(job(whole.rig, ("tactile",)), whole.world.connect, kept, quiet)
 
 
