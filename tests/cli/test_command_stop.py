@@ -96,9 +96,9 @@ def test_a_servo_with_a_hardware_error_is_confirmed_too() -> None:
 @pytest.mark.parametrize(
     ("args", "code", "said"),
     [
-        ([], 2, "say which servos to stop: --rig FILE, or --port PORT"),
-        (["--rig", "a.toml", "--port", "/dev/ttyUSB0"], 2, "--port and --rig exclude each other"),
-        (["--port", "/dev/ttyUSB0", "--baud", "0"], 2, "--baud 0: a baud rate is positive"),
+        ([], 2, "say which servos to stop: give a rig file, or a port"),
+        (["--rig", "a.toml", "--port", "/dev/ttyUSB0"], 2, "a port and a rig exclude each other"),
+        (["--port", "/dev/ttyUSB0", "--baud", "0"], 2, "baud rate 0: it must be positive"),
         (["--port", "/dev/no-such-port"], 3, "port /dev/no-such-port does not exist"),
     ],
 )

@@ -194,7 +194,7 @@ def test_a_changed_log_is_told(here: Here, session: Path, tmp_path: Path) -> Non
         (("--session", "s", "--no-calibration"), "--session excludes"),
         (("--session", "nowhere"), "nowhere is not a session"),
         (("--rig", "nowhere.toml"), "nowhere.toml"),
-        (("--finger", "thumb"), '--finger thumb: rig "bench" has no such finger, but f1, f2, f3'),
+        (("--finger", "thumb"), 'rig "bench" has no finger thumb; it has f1, f2, f3'),
         (("--for", 0), "--for 0: must be above 0"),
         (("--rate", "nan"), "--rate nan: must be above 0"),
         (("--session", "s", "--speed", -1), "--speed -1: must be above 0"),
