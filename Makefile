@@ -12,7 +12,7 @@ help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
 	@echo "make test      every check: lint, types, layers, tests"
 	@echo "make firmware  the C firmware for arrays, on this computer, and what its tests need"
-	@echo "make campaign  the long seeded benchmarks, with their tables"
+	@echo "make campaign  the tests with all their cases and the long seeded benchmarks, with their tables"
 	@echo "make clean     remove what the above made"
 
 $(STAMP): pyproject.toml
@@ -48,11 +48,12 @@ firmware:
 
 # a process a core: more threads for small matrices only stand in each other's way
 test: check firmware
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime"
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
 # one after the other: a client and an emulator share the computer in real time
 	$(BIN)/pytest -m realtime
 
 campaign: $(DEV)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m campaign
 	$(BIN)/python benchmarks/bench_recognizer.py
 	$(BIN)/python benchmarks/bench_identify.py
 	$(BIN)/python benchmarks/bench_firmware.py

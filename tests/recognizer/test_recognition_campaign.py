@@ -1,4 +1,4 @@
-"""No truth is lost in 2,000 seeded grips of every kind. More of them: benchmarks/campaign.py."""
+"""No truth is lost in seeded grips of every kind. More of them: `make campaign`, benchmarks/campaign.py."""
 
 import math
 
@@ -8,6 +8,7 @@ import shapely
 from campaign_checks import asked, holding_cell, outcome
 from campaign_objects import FAMILIES, catalogue_of, objects_of
 from campaign_trials import Trial, drawn
+from sampling import sample
 from shapely_bench import Placed
 from shapely_contacts import edges_of
 from shared_files import needs_shared_outlines
@@ -31,13 +32,16 @@ def lost(trials: list[Trial]) -> list[Trial]:
     return found
 
 
-@pytest.mark.parametrize("part", range(PARTS_OF_TEST // 2))
+@pytest.mark.parametrize("part", sample(range(PARTS_OF_TEST // 2), range(2)))
 def test_own_and_shipped_models(part: int) -> None:
     assert lost(campaign_part(part, ("memo", "own", "loose"))) == []
 
 
 @needs_shared_outlines
-@pytest.mark.parametrize("part", range(PARTS_OF_TEST // 2, PARTS_OF_TEST))
+@pytest.mark.parametrize(
+    "part",
+    sample(range(PARTS_OF_TEST // 2, PARTS_OF_TEST), range(PARTS_OF_TEST // 2, PARTS_OF_TEST // 2 + 2)),
+)
 def test_with_cut_parts(part: int) -> None:
     assert lost(campaign_part(part, FAMILIES)) == []
 

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 from command import log_events, run
+from quick_rig import quick_bench
 
-from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import load_objects, load_rig
 from palpate.rig.bench import place
 from palpate.rig.emulated.scene import Placement
 from palpate.testing import served
@@ -52,9 +53,9 @@ json.dump({"models": models, "start": start, "seen": seen, "sdk": dynamixel_sdk.
 """
 
 
-def drawn(seed: int) -> Placement:
+def drawn(rig: Path, objects: Path, seed: int) -> Placement:
     """What the emulator puts on its table for a seed."""
-    placement = place(load_rig(shipped_rig()), load_objects(shipped_objects()), None, seed)
+    placement = place(load_rig(rig), load_objects(objects), None, seed)
     assert placement is not None
     return placement
 
@@ -86,17 +87,24 @@ def test_the_vendors_sdk_moves_a_servo_from_its_own_process(tmp_path: Path) -> N
 @pytest.mark.timeout(200)
 def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
     """The rig file that the emulator writes has no emulation in it: to the host, the rig is a real one."""
-    with served(tmp_path, "--pty", "--seed", 5, "--rig-out", "real.toml") as (process, told):
+    rig, parts = quick_bench(tmp_path)
+    text = rig.read_text(encoding="utf-8")
+    assert "sample_rate_hz = 125.0" in text
+    rig.write_text(text.replace("sample_rate_hz = 125.0", "sample_rate_hz = 250.0"))  # as the shipped bench
+    words = ("--rig", rig, "--objects", parts, "--seed", 5, "--rig-out", "real.toml")
+    with served(tmp_path, "--pty", *words) as (process, told):
         text = (tmp_path / "real.toml").read_text(encoding="utf-8")
         assert "[emulation]" not in text
         assert "mock://" not in text
         assert all(port in text for port in told["ports"].values())
         assert text.startswith("#"), "comments are kept"
-        done = run("identify", "--rig", "real.toml", "--json", cwd=tmp_path, timeout_s=150)
+        done = run(
+            "identify", "--rig", "real.toml", "--objects", parts, "--json", cwd=tmp_path, timeout_s=150
+        )
         assert process.poll() is None
     assert done.code == 0, done.err
     answer = done.json
-    truth = drawn(5)
+    truth = drawn(rig, parts, 5)
     assert (answer["verdict"], answer["object"]) == ("identified", truth.model.name)
     assert answer["emulated"] is True, "the arrays say so"
     assert answer["truth"] is None, "nobody told the host"

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 from emulated_session import EmulatedSession, emulated_session, identify_checked
+from sampling import sample
 
 from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Catalogue
@@ -70,7 +71,7 @@ def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tr-2", "grip"])
+@pytest.mark.parametrize("name", sample(["tr-2", "grip"], ["tr-2"]))
 def test_a_part_outside_the_catalogue_is_unknown(name: str) -> None:
     others = ObjectsFile(tuple(item for item in OBJECTS.objects if item.name != name))
     result = ended(emulated_session(seed=22, placement=placement_of(name)), others)

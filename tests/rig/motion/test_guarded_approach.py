@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from emulated_session import EmulatedSession, emulated_session
+from sampling import sample
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from touched import run_checked
 
@@ -24,7 +25,7 @@ def gaps_mm(session: EmulatedSession) -> list[float]:
     return gaps
 
 
-@pytest.mark.parametrize("number", [2, 3])
+@pytest.mark.parametrize("number", sample([2, 3], [2]))
 def test_every_touch_is_within_its_bounds(number: int) -> None:
     """Each shipped object at a drawn place, gripped at random."""
     objects = load_objects(shipped_objects())
@@ -35,7 +36,7 @@ def test_every_touch_is_within_its_bounds(number: int) -> None:
 
 @pytest.mark.slow
 @needs_shared_outlines
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", sample(range(2), [0]))
 def test_every_touch_on_real_parts_is_within_its_bounds(seed: int) -> None:
     touches = run_checked(emulated_session(seed=seed, objects=load_objects(SHARED_OUTLINES)), 3, seed)
     assert touches

@@ -34,11 +34,11 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
         )
         try:
             log = _log_when_closing(tmp_path, killed)
-            time.sleep(1.0)
+            time.sleep(0.3)
         finally:
             killed.send_signal(number)
             assert killed.wait() == -number, "nothing unwinds"
-        time.sleep(1.5)  # nothing may be heard on the bus: the watchdogs count 0.5 s
+        time.sleep(1.0)  # nothing may be heard on the bus: the watchdogs count 0.5 s
         clock = MonotonicClock()
         bus = Bus(open_port(told["ports"]["mock://bus"], 1_000_000), clock, 1_000_000, latency_s=0.1)
         try:
