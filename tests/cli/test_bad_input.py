@@ -154,7 +154,11 @@ def test_contacts_that_cannot_be_used(here: Here, tmp_path: Path) -> None:
 def test_a_scene_on_a_real_rig(here: Here, tmp_path: Path) -> None:
     real = EXAMPLES / "real-rig.toml"
     (tmp_path / "scene.json").write_text(scene_text())
-    refused(here("identify", "--rig", real, "--scene", "scene.json"), "--scene", "real devices")
+    refused(
+        here("identify", "--rig", real, "a scene is for emulated rigs", "scene.json"),
+        "--scene",
+        "real devices",
+    )
     refused(here("emulate", "--rig", real), "nothing to emulate")
 
 

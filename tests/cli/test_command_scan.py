@@ -88,7 +88,7 @@ def test_nothing_at_the_only_rate_that_is_tried(here: Here) -> None:
         (["--ids", ""], 2, '"" is neither an id nor a range'),
         (["--baud", "-1"], 2, "--baud -1: a baud rate is positive"),
         (["--baud", "fast"], 2, "'--baud'"),
-        (["--port", "/dev/ttyUSB0", "--rig", "rig.toml"], 2, "--port and --rig exclude each other"),
+        (["--port", "/dev/ttyUSB0", "--rig", "rig.toml"], 2, "a port and a rig exclude each other"),
         (["--rig", "no-such.toml"], 2, "no-such.toml"),
     ],
 )
