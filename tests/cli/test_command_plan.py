@@ -13,6 +13,7 @@ import pytest
 from command import Ended, run_here
 from json_schema import violations
 from repository import EXAMPLES
+from sampling import sample
 from shapely_bench import (
     SHIPPED_OBJECTS,
     Placed,
@@ -101,8 +102,11 @@ def outside(interval: Sequence[float], angle: float) -> float:
     return abs(math.remainder(angle - (lo + hi) / 2, 2 * math.pi)) - (hi - lo) / 2
 
 
+PARTS = [("hand", 3), ("gator", 3), ("tr-2", 2), ("grip", 1)]
+
+
 @pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize(("name", "fingers"), [("hand", 3), ("gator", 3), ("tr-2", 2), ("grip", 1)])
+@pytest.mark.parametrize(("name", "fingers"), sample(PARTS, [PARTS[0], PARTS[2], PARTS[3]]))
 def test_predictions_agree_with_brute_force(ask: Ask, strategy: str, name: str, fingers: int) -> None:
     """At each hypothesis's own configuration; for every other one the path is off by its whole bound."""
     rng = np.random.default_rng([3, fingers, len(name)])
@@ -134,7 +138,7 @@ def test_predictions_agree_with_brute_force(ask: Ask, strategy: str, name: str, 
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
-@pytest.mark.parametrize("name", ["tr-3", "hand"])
+@pytest.mark.parametrize("name", sample(["tr-3", "hand"], ["hand"]))
 def test_carrying_out_plan_after_plan_finds_the_part(ask: Ask, strategy: str, name: str) -> None:
     """Nothing but the command chooses; the truth is never lost, and one hypothesis is left in the end."""
     rng = np.random.default_rng(11)
