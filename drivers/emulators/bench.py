@@ -1,12 +1,12 @@
 """The emulated bench: fingers, a table and what stands on it, in one time.
 
 Joins the emulated servos and arrays. Every device calls `Bench.advance` before it answers; the bench then
-lets the mechanics catch up in steps of one millisecond and hands every streaming array its samples. The
-object does not move, and tips yield along their radius only. A turning stage, if any, carries all fingers.
+lets the mechanics catch up in steps of one millisecond, then what stands on the table, and hands every
+streaming array its samples. A turning stage, if any, carries all fingers.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,7 @@ from palpate.drivers.emulators.mechanics import (
     FingerTruth,
     SlideMechanics,
 )
+from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
 from palpate.drivers.tactile.messages import Description
@@ -55,8 +56,8 @@ class SampledArray(Device, Protocol):
 class EmulatedFinger:
     """One finger: two servos, the mechanics between them and the tip, and the array on it.
 
-    `outline` is what stands on the table at the finger's height, None for nothing. `press` is what touches
-    the tip now, `hardest_n` the largest force so far.
+    `outline` is the section of what stands on the table at the finger's height, as it was put, None for
+    nothing. `press` is what touches the tip now, `hardest_n` the largest force so far.
     """
 
     def __init__(
@@ -81,6 +82,7 @@ class EmulatedFinger:
         self._free_mm = 0.0
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
+        self._displacement = IN_PLACE
 
     def put(self, outline: PartSection | None) -> None:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
@@ -105,14 +107,26 @@ class EmulatedFinger:
         return self._stage.place(centre) if self._stage else centre
 
     def step(self, dt_s: float) -> None:
-        """Let servos, couplings and skin move on by `dt_s`."""
+        """Let servos and couplings move on by `dt_s`."""
         force = None if self.press is None else self.press.force_n
         if force is not None and self._stage:
             force = self._stage.back(force)
         self._mechanics.step(dt_s, force)
-        self.press = None if self.outline is None else self._touch(self.outline)
+
+    def touch(self, displacement: Displacement) -> None:
+        """Let the skin meet the part where it is now."""
+        self.press = None if self.outline is None else self._touch(self.outline, displacement)
         if self.press is not None:
             self.hardest_n = max(self.hardest_n, float(np.hypot(*self.press.force_n)))
+
+    def force_on(self, displacement: Displacement) -> PointForce | None:
+        """What the tip would do to the part at a displacement; None if it would not touch it."""
+        if self.outline is None:
+            return None
+        load = self._load(self.outline, displacement)
+        if load is None:
+            return None
+        return PointForce(self.centre_mm, self.truth.height_mm, -load.force_n)
 
     def sample(self, now: float) -> None:
         """Hand the array the forces on its taxels at `now`."""
@@ -121,21 +135,31 @@ class EmulatedFinger:
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
 
-    def _touch(self, outline: PartSection) -> TipLoad | None:
-        # An outline that was further away than the tip has moved since cannot have been reached.
-        centre, radius = self.centre_mm, self.truth.tip_radius_mm
-        if centre is self._seen_centre:
-            return self.press  # stands still
-        self._seen_centre = centre
+    def _touch(self, outline: PartSection, displacement: Displacement) -> TipLoad | None:
+        # An outline that was further away than tip and part have moved since cannot have been reached.
+        if self.centre_mm is self._seen_centre and displacement is self._displacement:
+            return self.press  # both stand still
+        self._seen_centre, self._displacement = self.centre_mm, displacement
+        centre = displacement.back(self.centre_mm)
         if math.dist(centre, self._free_centre) < self._free_mm:
             return None
-        if self.press is not None and np.array_equal(centre, self._pressed_centre):
+        if self.press is not None and displacement.is_none and np.array_equal(centre, self._pressed_centre):
             return self.press
         self._pressed_centre = self._free_centre = centre
-        self._free_mm = separation_mm(outline, centre) - radius
+        self._free_mm = separation_mm(outline, centre) - self.truth.tip_radius_mm
         if self._free_mm > 0:
             return None
-        return tip_load(outline, centre, radius, self.truth.stiffness_n_per_mm)
+        return self._load(outline, displacement)
+
+    def _load(self, outline: PartSection, displacement: Displacement) -> TipLoad | None:
+        """What a part that has moved does to the tip: worked out in the part's frame, and turned back."""
+        truth = self.truth
+        centre = displacement.back(self.centre_mm)
+        load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+        if load is None or displacement.is_none:
+            return load
+        angle = load.angle + displacement.turn_rad
+        return TipLoad(displacement.turned(load.force_n), angle, load.by_ray_n)
 
     def _taxels(self, touch: TipLoad, outline: PartSection) -> Floats:
         """Force (rows, cols) N on each taxel: rays sorted into columns, shared by the rows below the top."""
@@ -156,13 +180,29 @@ class EmulatedFinger:
 
 
 class Bench:
-    """All fingers round one table, in one time."""
+    """All fingers round one table, in one time, and `part`, which stands on it."""
 
-    def __init__(self, fingers: Sequence[EmulatedFinger], stage: EmulatedStage | None = None) -> None:
+    def __init__(
+        self,
+        fingers: Sequence[EmulatedFinger],
+        stage: EmulatedStage | None = None,
+        part: Part | None = None,
+    ) -> None:
+        """`part`: how what stands on the table moves, None: not at all."""
         self.fingers = tuple(fingers)
         self.stage = stage
+        self.part = part or StillPart()
         self._steps = 0
         self._now = -math.inf
+
+    def put(self, section_at: Callable[[float], PartSection | None], part: Part | None = None) -> None:
+        """Let something else stand on the table; nothing may touch a tip now.
+
+        `section_at`: its section in W, as it is put, at a height (mm).
+        """
+        self.part = part or StillPart()
+        for finger in self.fingers:
+            finger.put(section_at(finger.truth.height_mm))
 
     def advance(self, now: float) -> None:
         """Let the mechanics catch up with `now` (s), which never runs backwards.
@@ -180,7 +220,21 @@ class Bench:
                 self.stage.step(_STEP_S, self._torque_nm(self.stage))
             for finger in self.fingers:
                 finger.step(_STEP_S)
+                finger.touch(self.part.displacement)
+            self._push(_STEP_S)
         self._sample_until(now)
+
+    def _push(self, dt_s: float) -> None:
+        """Let tips push the part, and meet it where it is then."""
+        before = self.part.displacement
+        self.part.step(self._tip_forces, any(finger.press is not None for finger in self.fingers), dt_s)
+        if self.part.displacement is not before:
+            for finger in self.fingers:
+                finger.touch(self.part.displacement)
+
+    def _tip_forces(self, displacement: Displacement) -> list[PointForce]:
+        found = [finger.force_on(displacement) for finger in self.fingers]
+        return [force for force in found if force is not None]
 
     def _torque_nm(self, stage: EmulatedStage) -> float:
         """What all touched tips together turn the ring with."""

@@ -35,8 +35,7 @@ class EmulatedTable:
         self._lay(None)
 
     def _lay(self, outline: PartSection | None) -> None:
-        for finger in self._bench.fingers:
-            finger.put(outline)
+        self._bench.put(lambda _height_mm: outline)
 
 
 def outline_of(reference: Reference, x_mm: float, y_mm: float, theta_rad: float) -> PartSection:

@@ -1,6 +1,7 @@
 """How `identify` ends on emulated devices: moved parts, unknown parts, the other strategies."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import pytest
 from emulated_session import EmulatedSession, emulated_session, identify_checked
@@ -33,8 +34,7 @@ class Pusher:
         self.placement = replace(
             self.placement, x_mm=self.placement.x_mm + 4.0, y_mm=self.placement.y_mm - 3.0
         )
-        for finger in self.session.bench.fingers:
-            finger.put(outline_at(self.placement, finger.truth.height_mm))
+        self.session.bench.put(partial(outline_at, self.placement))
 
 
 def placement_of(name: str) -> Placement:
