@@ -3,7 +3,10 @@
 Stands behind the emulated array and the emulated slide. The tip is a cylinder of compliant skin (an elastic
 foundation; Johnson, Contact Mechanics, ch. 4.3): the skin yields along the radius, and how far it has to
 yield in each direction is how far the object reaches into the undeformed circle. Each stretch of skin that is
-touched pushes back with stiffness times its deepest dent, spread over the stretch in proportion to the dents.
+touched pushes back with stiffness times its deepest dent, from the nearest point of the object to the axis:
+the force of a potential, stiffness/2 times that dent squared, so that no path in contact gives energy back.
+(Where a tip slides out of a wide notch two stretches become one, and the smaller dent's energy is lost.)
+Taxels see the same force spread over the stretch in proportion to the dents.
 """
 
 import math
@@ -85,10 +88,10 @@ def tip_load(
     if not touched.any():
         return None
     looked, dent = looked[touched], dent[touched]
-    share = stiffness_n_per_mm * _shares(looked, dent)
+    stretch = _stretches(looked)
     by_ray = np.zeros(_RAYS)
-    by_ray[looked] = share
-    force: Floats = -(share @ _HEADINGS[looked])
+    by_ray[looked] = stiffness_n_per_mm * _shares(stretch, dent)
+    force = stiffness_n_per_mm * _deepest(looked, stretch, away[near], radius_mm)
     return TipLoad(force, _ANGLES, by_ray)
 
 
@@ -122,17 +125,38 @@ def _reach(outline: PartSection, centre_mm: Floats, heading: Floats) -> Floats:
     return result
 
 
-def _shares(ray: Ints, dent: Floats) -> Floats:
-    """What part of a stretch's deepest dent (mm) each touched ray bears; `ray` (m,) in order, `dent` (m,).
+def _stretches(ray: Ints) -> Ints:
+    """Which stretch (m,), a run of neighbouring rays, each touched ray `ray` (m,), in order, belongs to.
 
-    A stretch is a run of neighbouring rays; the last ray and the first are neighbours too.
+    The last ray and the first are neighbours too.
     """
-    begins = np.diff(ray, prepend=ray[0] - 2) != 1
-    stretch = np.cumsum(begins) - 1
+    stretch: Ints = np.cumsum(np.diff(ray, prepend=ray[0] - 2) != 1) - 1
     if ray[0] == 0 and ray[-1] == _RAYS - 1:
         stretch[stretch == stretch[-1]] = 0
+    return stretch
+
+
+def _shares(stretch: Ints, dent: Floats) -> Floats:
+    """What part of its stretch's deepest dent (mm) each touched ray (m,) bears."""
     total = np.bincount(stretch, dent)
     deepest = np.zeros(len(total))
     np.maximum.at(deepest, stretch, dent)
     result: Floats = (deepest[stretch] * dent) / total[stretch]
+    return result
+
+
+def _deepest(ray: Ints, stretch: Ints, away: Floats, radius_mm: float) -> Floats:
+    """Deepest dents of all stretches (mm), each as a vector towards the axis, added up: (2,).
+
+    `away` (n, 2): from the nearest points of near edges to the axis. `ray` and `stretch` (m,) as they are
+    touched.
+    """
+    distance = np.hypot(away[:, 0], away[:, 1])
+    middle = np.round(np.arctan2(-away[:, 1], -away[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
+    at = np.minimum(np.searchsorted(ray, middle), len(ray) - 1)
+    order = np.flatnonzero((ray[at] == middle) & (distance > 0))
+    order = order[np.argsort(distance[order], kind="stable")]
+    _, first = np.unique(stretch[at[order]], return_index=True)
+    chosen = order[first]
+    result: Floats = (away[chosen] * (radius_mm / distance[chosen] - 1)[:, None]).sum(axis=0)
     return result
