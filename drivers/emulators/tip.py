@@ -3,10 +3,11 @@
 Stands behind the emulated array and the emulated slide. The tip is a cylinder of compliant skin (an elastic
 foundation; Johnson, Contact Mechanics, ch. 4.3): the skin yields along the radius, and how far it has to
 yield in each direction is how far the object reaches into the undeformed circle. Each stretch of skin that is
-touched pushes back with stiffness times its deepest dent, from the nearest point of the object to the axis:
-the force of a potential, stiffness/2 times that dent squared, so that no path in contact gives energy back.
-(Where a tip slides out of a wide notch two stretches become one, and the smaller dent's energy is lost.)
-Taxels see the same force spread over the stretch in proportion to the dents.
+touched pushes back with stiffness times its deepest dent, from the nearest point of the object to the axis.
+That is the force of a potential, stiffness/2 · dent², so that no path in contact gives energy back. In a wide
+notch one stretch has two deepest dents and a valley between them, where the notch's corner is: the valley's
+energy counts once only, which keeps the potential continuous. Taxels see a stretch's deepest dent times the
+stiffness, spread over the stretch in proportion to the dents.
 """
 
 import math
@@ -23,6 +24,7 @@ __all__ = ["PartSection", "TipLoad", "separation_mm", "tip_load"]
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
 _STEP_RAD = 2 * math.pi / _RAYS
 _ANGLES: Floats = np.arange(_RAYS, dtype=np.float64) * _STEP_RAD
+_HIDDEN_MM = 0.03  # a point is hidden by what is nearer by more; rays miss corners by a little less
 _HEADINGS: Floats = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
@@ -45,6 +47,12 @@ class PartSection:
         """Squared lengths (n,) mm²."""
         result: Floats = np.einsum("ij,ij->i", self.along, self.along)
         return result
+
+    @cached_property
+    def before(self) -> Ints:
+        """Index (n,) of the edge that ends where each edge starts."""
+        ends = {point: k for k, point in enumerate(map(tuple, self.end.tolist()))}
+        return np.array([ends[point] for point in map(tuple, self.start.tolist())], dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +96,11 @@ def tip_load(
     if not touched.any():
         return None
     looked, dent = looked[touched], dent[touched]
-    stretch = _stretches(looked)
     by_ray = np.zeros(_RAYS)
-    by_ray[looked] = stiffness_n_per_mm * _shares(stretch, dent)
-    force = stiffness_n_per_mm * _deepest(looked, stretch, away[near], radius_mm)
+    by_ray[looked] = stiffness_n_per_mm * _shares(_stretches(looked), dent)
+    dent_of = np.zeros(_RAYS)
+    dent_of[looked] = dent
+    force = stiffness_n_per_mm * _dents(outline, near, away[near], centre_mm, radius_mm, dent_of)
     return TipLoad(force, _ANGLES, by_ray)
 
 
@@ -145,18 +154,33 @@ def _shares(stretch: Ints, dent: Floats) -> Floats:
     return result
 
 
-def _deepest(ray: Ints, stretch: Ints, away: Floats, radius_mm: float) -> Floats:
-    """Deepest dents of all stretches (mm), each as a vector towards the axis, added up: (2,).
+def _dents(
+    outline: PartSection,
+    near: Ints,
+    away: Floats,
+    centre_mm: Floats,
+    radius_mm: float,
+    dent_of: Floats,
+) -> Floats:
+    """Deepest dents less the valleys between them (mm), each as a vector towards the axis, added up: (2,).
 
-    `away` (n, 2): from the nearest points of near edges to the axis. `ray` and `stretch` (m,) as they are
-    touched.
+    Along the boundary the distance to the axis is least at feet on edges and at corners that stick out, and
+    greatest at corners of notches. `away` (n, 2): from the nearest points of edges `near` (n,) to the axis;
+    `dent_of`: dents by ray, which tell what something nearer hides.
     """
-    distance = np.hypot(away[:, 0], away[:, 1])
-    middle = np.round(np.arctan2(-away[:, 1], -away[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
-    at = np.minimum(np.searchsorted(ray, middle), len(ray) - 1)
-    order = np.flatnonzero((ray[at] == middle) & (distance > 0))
-    order = order[np.argsort(distance[order], kind="stable")]
-    _, first = np.unique(stretch[at[order]], return_index=True)
-    chosen = order[first]
-    result: Floats = (away[chosen] * (radius_mm / distance[chosen] - 1)[:, None]).sum(axis=0)
+    along = outline.along[near]
+    rel = centre_mm - outline.start[near]
+    ahead = np.einsum("ij,ij->i", rel, along)
+    behind = np.einsum("ij,ij->i", rel, outline.along[outline.before[near]])
+    on_edge = (ahead > 0) & (ahead < outline.square[near])
+    # Either way from a corner the distance grows if it sticks out, and shrinks in a notch.
+    corner = np.where((ahead <= 0) & (behind >= 0), 1.0, np.where((ahead > 0) & (behind < 0), -1.0, 0.0))
+    point = np.vstack([away[on_edge], rel[corner != 0]])
+    sign = np.concatenate([np.ones(int(on_edge.sum())), corner[corner != 0]])
+    distance = np.hypot(point[:, 0], point[:, 1])
+    ray = np.round(np.arctan2(-point[:, 1], -point[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
+    dent = radius_mm - distance
+    counts = (dent > 0) & (distance > 0) & (dent_of[ray] < dent + _HIDDEN_MM)
+    dent, point, distance = (sign * dent)[counts], point[counts], distance[counts]
+    result: Floats = (point * (dent / distance)[:, None]).sum(axis=0)
     return result
