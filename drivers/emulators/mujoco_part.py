@@ -1,0 +1,126 @@
+"""MuJoCo part: a free rigid body on feet, moved by a physics engine that was not written here.
+
+Needs the extra `physics`. The skin's forces are handed to MuJoCo as external forces at the tips' heights, so
+that the part can tip as well as slide; the table's contact is MuJoCo's own. Its default contact creeps under
+load below friction by up to some mm/s: an elliptic friction cone with a high `impratio` and the noslip solver
+end that (MuJoCo documentation, Computation, "Contact").
+"""
+
+import math
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from palpate.drivers.emulators.part import Displacement, TipForces
+from palpate.drivers.emulators.support import GRAVITY_M_S2, Support
+from palpate.geometry import Floats
+
+__all__ = ["Body", "MujocoPart"]
+
+_STEP_S = 0.25e-3
+_FOOT_M = 1e-3  # radius of a foot: feet are small spheres
+_MM = 1e-3
+_STILL_M_S = 1e-5
+_SETTLE_STEPS = 2000
+_UNEVEN_M = 2e-6  # feet differ by so much in length, so that loads differ
+_SAME_MM = 1e-7
+
+_MODEL = """
+<mujoco>
+  <option timestep="{step}" gravity="0 0 -{gravity}" cone="elliptic" impratio="100" noslip_iterations="4"
+    integrator="implicitfast"/>
+  <default><geom condim="3" friction="{friction} 0 0" solref="0.004 1" solimp="0.95 0.99 0.0001"/></default>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="part" pos="0 0 {height}">
+      <freejoint/>
+      <inertial pos="0 0 0" mass="{mass}" diaginertia="{inertia}"/>
+      {feet}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
+
+@dataclass(frozen=True)
+class Body:
+    """What of a part the table does not see: where its centre of mass is, and its size for its inertia."""
+
+    centre_mm: tuple[float, float]
+    height_mm: float
+    extent_mm: tuple[float, float, float]
+
+
+class MujocoPart:
+    """A rigid body on the support's feet; their loads come from its centre of mass, and from `seed`."""
+
+    def __init__(self, support: Support, body: Body, seed: int) -> None:
+        self._centre = np.array(body.centre_mm)
+        self._height_mm = body.height_mm
+        self._model = mujoco.MjModel.from_xml_string(_xml(support, body, seed))
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
+        self._rest = self._pose()
+        self._awake = False
+        self.displacement = Displacement(self._centre, np.zeros(2), 0.0)
+
+    def step(self, tip_forces: TipForces, touched: bool, dt_s: float) -> None:
+        """Let the engine run for `dt_s`; a part that nothing touches and that stands still sleeps."""
+        if not touched and not self._awake:
+            return
+        for _ in range(round(dt_s / _STEP_S)):
+            self._push(tip_forces)
+            mujoco.mj_step(self._model, self._data)
+        moved = self._moved()
+        self._awake = float(np.abs(self._data.qvel).max()) > _STILL_M_S
+        now = self.displacement
+        if max(*np.abs(moved.shift_mm - now.shift_mm), abs(moved.turn_rad - now.turn_rad)) > _SAME_MM:
+            self.displacement = moved
+
+    @property
+    def tilt_rad(self) -> float:
+        """How far the part leans from how it was put."""
+        mujoco.mj_kinematics(self._model, self._data)
+        return math.acos(min(1.0, float(self._data.xmat[1][8])))
+
+    def _push(self, tip_forces: TipForces) -> None:
+        """Hand the tips' forces to the engine, with their moments about the centre of mass."""
+        moved = self._moved()
+        middle = moved.place(self._centre)
+        total = np.zeros(6)
+        for force in tip_forces(moved):
+            arm = np.array([*(force.point_mm - middle), force.height_mm - self._height_mm]) * _MM
+            push = np.array([*force.force_n, 0.0])
+            total[:3] += push
+            total[3:] += np.cross(arm, push)
+        self._data.xfrc_applied[1] = total
+
+    def _moved(self) -> Displacement:
+        x, y, turn = self._pose() - self._rest
+        return Displacement(self._centre, np.array([x, y]), math.remainder(turn, 2 * math.pi))
+
+    def _pose(self) -> Floats:
+        """Position of the centre of mass (mm) and turn about the vertical (rad), (3,)."""
+        x, y, _, w, _, _, z = self._data.qpos
+        return np.array([x / _MM, y / _MM, 2 * math.atan2(z, w)])
+
+
+def _xml(support: Support, body: Body, seed: int) -> str:
+    rng = np.random.default_rng(seed)
+    height = body.height_mm * _MM
+    feet = []
+    for x, y in (support.feet_mm - np.array(body.centre_mm)) * _MM:
+        down = height - _FOOT_M - _UNEVEN_M * rng.uniform()
+        feet.append(f'<geom type="sphere" size="{_FOOT_M}" pos="{x} {y} {-down}"/>')
+    a, b, c = (np.array(body.extent_mm) * _MM) ** 2
+    inertia = np.array([b + c, a + c, a + b]) * support.mass_kg / 12
+    return _MODEL.format(
+        step=_STEP_S,
+        gravity=GRAVITY_M_S2,
+        friction=support.friction,
+        height=height,
+        mass=support.mass_kg,
+        inertia=" ".join(map(str, inertia)),
+        feet="\n      ".join(feet),
+    )
