@@ -49,7 +49,7 @@ class QuasiStaticPart:
             np.hypot(*force.force_n) * (1 + self._lever(force) / self._support.median_distance_mm)
             for force in forces
         ]
-        return sum(reach) < self._support.slip_n
+        return bool(sum(reach) < self._support.slip_n)
 
     def _lever(self, force: PointForce) -> float:
         """Distance (mm) of a force's point from the centre of friction."""
@@ -67,7 +67,7 @@ class QuasiStaticPart:
                 break
             if k % 8 == 7:
                 stiffness = self._stiffness(tip_forces, motion)
-            step = np.linalg.solve(stiffness + drag_stiffness, rest)
+            step = np.linalg.solve(stiffness + drag_stiffness, rest).astype(np.float64)
             motion = motion + step * self._damped(tip_forces, motion, step, rest)
         return motion
 

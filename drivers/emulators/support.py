@@ -17,7 +17,7 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """`feet_mm` (n, 2) in W as the part is put, and `share` (n,) of its weight on each, which adds up to 1."""
+    """`feet_mm` (n, 2) in W as the part is put, and `share` (n,) of its weight on each."""
 
     feet_mm: Floats
     share: Floats

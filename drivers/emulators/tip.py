@@ -3,11 +3,12 @@
 Stands behind the emulated array and the emulated slide. The tip is a cylinder of compliant skin (an elastic
 foundation; Johnson, Contact Mechanics, ch. 4.3): the skin yields along the radius, and how far it has to
 yield in each direction is how far the object reaches into the undeformed circle. Each stretch of skin that is
-touched pushes back with stiffness times its deepest dent, from the nearest point of the object to the axis.
-That is the force of a potential, stiffness/2 · dent², so that no path in contact gives energy back. In a wide
-notch one stretch has two deepest dents and a valley between them, where the notch's corner is: the valley's
-energy counts once only, which keeps the potential continuous. Taxels see a stretch's deepest dent times the
-stiffness, spread over the stretch in proportion to the dents.
+touched pushes back from the nearest point of the object to the axis, with a force that depends on the deepest
+dent only: it has a potential, so that no path in contact gives energy back. In a wide notch one stretch has
+two deepest dents and a valley between them, where the notch's corner is: the valley counts once only, which
+keeps the potential continuous. Taxels see the force spread over the stretch in proportion to the dents. On a
+flat wall what they see adds up to stiffness times the deepest dent; as they look in different directions, a
+little of it cancels out on the axis.
 """
 
 import math
@@ -50,9 +51,10 @@ class PartSection:
 
     @cached_property
     def before(self) -> Ints:
-        """Index (n,) of the edge that ends where each edge starts."""
+        """Index (n,) of the edge that ends where each edge starts; its own where there is none."""
         ends = {point: k for k, point in enumerate(map(tuple, self.end.tolist()))}
-        return np.array([ends[point] for point in map(tuple, self.start.tolist())], dtype=np.int64)
+        starts = map(tuple, self.start.tolist())
+        return np.array([ends.get(point, k) for k, point in enumerate(starts)], dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +98,23 @@ def tip_load(
     if not touched.any():
         return None
     looked, dent = looked[touched], dent[touched]
-    by_ray = np.zeros(_RAYS)
-    by_ray[looked] = stiffness_n_per_mm * _shares(_stretches(looked), dent)
-    dent_of = np.zeros(_RAYS)
-    dent_of[looked] = dent
-    force = stiffness_n_per_mm * _dents(outline, near, away[near], centre_mm, radius_mm, dent_of)
-    return TipLoad(force, _ANGLES, by_ray)
+    stretch = _stretches(looked)
+    share = _shares(stretch, dent)
+    push, at = _pushes(outline, near, away[near], centre_mm, radius_mm, _on_rays(looked, dent))
+    of = _on_rays(looked, stretch, -1)[at].astype(np.int64)
+    count = int(stretch.max()) + 1
+    force = _summed(of[of >= 0], push[of >= 0], count)
+    spread = _summed(stretch, share[:, None] * _HEADINGS[looked], count)
+    # What taxels see leaves the same force on the axis.
+    scale = np.hypot(force[:, 0], force[:, 1]) / np.maximum(np.hypot(spread[:, 0], spread[:, 1]), 1e-12)
+    by_ray = _on_rays(looked, stiffness_n_per_mm * share * scale[stretch])
+    return TipLoad(stiffness_n_per_mm * push.sum(axis=0), _ANGLES, by_ray)
+
+
+def _on_rays(ray: Ints, value: Floats | Ints, elsewhere: float = 0.0) -> Floats:
+    result: Floats = np.full(_RAYS, elsewhere)
+    result[ray] = value
+    return result
 
 
 def _rays_towards(away: Floats, square: Floats, radius_mm: float) -> Ints:
@@ -154,15 +167,16 @@ def _shares(stretch: Ints, dent: Floats) -> Floats:
     return result
 
 
-def _dents(
+def _pushes(
     outline: PartSection,
     near: Ints,
     away: Floats,
     centre_mm: Floats,
     radius_mm: float,
     dent_of: Floats,
-) -> Floats:
-    """Deepest dents less the valleys between them (mm), each as a vector towards the axis, added up: (2,).
+) -> tuple[Floats, Ints]:
+    """Deepest dents, and valleys between them taken off, as pushes (m, 2) towards the axis in mm of a flat
+    wall's stiffness, and their rays (m,).
 
     Along the boundary the distance to the axis is least at feet on edges and at corners that stick out, and
     greatest at corners of notches. `away` (n, 2): from the nearest points of edges `near` (n,) to the axis;
@@ -181,6 +195,20 @@ def _dents(
     ray = np.round(np.arctan2(-point[:, 1], -point[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
     dent = radius_mm - distance
     counts = (dent > 0) & (distance > 0) & (dent_of[ray] < dent + _HIDDEN_MM)
-    dent, point, distance = (sign * dent)[counts], point[counts], distance[counts]
-    result: Floats = (point * (dent / distance)[:, None]).sum(axis=0)
+    dent, point, distance = dent[counts], point[counts], distance[counts]
+    push = sign[counts] * dent * _not_cancelled(dent, radius_mm)
+    return point * (push / distance)[:, None], ray[counts]
+
+
+def _summed(stretch: Ints, vector: Floats, count: int) -> Floats:
+    """Sums (count, 2) of vectors (m, 2) over the stretches that they belong to (m,)."""
+    return np.column_stack([np.bincount(stretch, vector[:, axis], count) for axis in (0, 1)])
+
+
+def _not_cancelled(dent: Floats, radius_mm: float) -> Floats:
+    """Share (m,) of the taxels' forces that a flat wall which dents the tip so deep leaves on its axis."""
+    cos = np.clip(1 - dent / radius_mm, 1e-6, 1 - 1e-9)
+    half = np.arccos(cos)
+    along = np.sin(half) - cos * half
+    result: Floats = along / (half - cos * np.log(np.tan(np.pi / 4 + half / 2)))
     return result
