@@ -155,8 +155,8 @@ def test_a_scene_on_a_real_rig(here: Here, tmp_path: Path) -> None:
     real = EXAMPLES / "real-rig.toml"
     (tmp_path / "scene.json").write_text(scene_text())
     refused(
-        here("identify", "--rig", real, "a scene is for emulated rigs", "scene.json"),
-        "--scene",
+        here("identify", "--rig", real, "--scene", "scene.json"),
+        "a scene is for emulated rigs",
         "real devices",
     )
     refused(here("emulate", "--rig", real), "nothing to emulate")
