@@ -229,7 +229,7 @@ def test_what_would_topple_is_warned_of(tmp_path: Path, ask: Ask) -> None:
     ("options", "message"),
     [
         ([], "units: mm, inch or m"),
-        (["--units", "mm", "--thickness", "5"], "--thickness is for drawings"),
+        (["--units", "mm", "--thickness", "5"], "a thickness is for drawings"),
         (["--units", "mm", "--tolerance", "0"], "--tolerance is 0 mm; it must be from 0.001 to 5 mm"),
         (["--units", "mm", "--tolerance", "nan"], "--tolerance is nan mm"),
         (["--units", "mm", "--deviation", "-1"], "--deviation is -1 mm; it must be from 0 to 5 mm"),
