@@ -11,6 +11,7 @@ __all__ = [
     "CalibrationUsedOut",
     "IdentificationOut",
     "Relation",
+    "TouchRecordOut",
     "TruthOut",
 ]
 
@@ -73,6 +74,20 @@ class CalibrationUsedOut(Out):
     drifted: bool | None
 
 
+class TouchRecordOut(Out):
+    """Load on the part by one stage of a finger's touch, as measured; docs/rig-file.md says how.
+
+    `stage`: "quick" finds the part, "slow" measures it. `travel_in_contact_mm`: forwards, once it touched.
+    """
+
+    grip: int
+    finger: str
+    stage: Literal["quick", "slow"]
+    peak_force_n: Rounded
+    travel_in_contact_mm: Rounded
+    work_mj: Rounded
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -82,7 +97,8 @@ class IdentificationOut(Out):
     count. `detectable_shift` (mm): had the part been shifted before the last grip by more, that would surely
     have been noticed; null if that cannot be said. `calibration` is null if the run used none. `contacts`: so
     many of the touches met something. `swept`: none did, or none since the part was moved, and they leave no
-    room in the workspace for any state of the catalogue that fingers can feel.
+    room in the workspace for any state of the catalogue that fingers can feel. `touch_records`: what loaded
+    the part, touch by touch.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -97,6 +113,7 @@ class IdentificationOut(Out):
     strategy: Strategy
     grips: int
     touches: int
+    touch_records: tuple[TouchRecordOut, ...] = ()
     contacts: int = 0
     swept: bool = False
     predicted: int

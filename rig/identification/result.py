@@ -8,6 +8,7 @@ from palpate.config.identification_result import (
     CalibrationUsedOut,
     IdentificationOut,
     Relation,
+    TouchRecordOut,
     TruthOut,
 )
 from palpate.recognizer import Hypothesis
@@ -45,6 +46,7 @@ def identification_out(
         strategy=strategy,
         grips=len(result.grips),
         touches=result.touches,
+        touch_records=_touch_records(result),
         contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),
         swept=result.swept,
         predicted=result.predicted,
@@ -56,6 +58,23 @@ def identification_out(
         session=session,
         calibration=calibration,
         truth=None if placement is None or truth is None else _truth(placement, truth),
+    )
+
+
+def _touch_records(result: Identification) -> tuple[TouchRecordOut, ...]:
+    """What loaded the part in every touch, in the order of grips."""
+    return tuple(
+        TouchRecordOut(
+            grip=number,
+            finger=touch.contact.name,
+            stage=load.stage.value,
+            peak_force_n=load.peak_force_n,
+            travel_in_contact_mm=load.travel_mm,
+            work_mj=load.work_mj,
+        )
+        for number, grip in enumerate(result.grips, start=1)
+        for touch in grip
+        for load in touch.loads
     )
 
 

@@ -11,6 +11,7 @@ from palpate.drivers.finger import Body, Line, Servos, Turn
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import line_of
 from palpate.rig.host_finger import HostFinger
+from palpate.rig.motion.contact_load import ContactLoad, LoadMeter
 
 __all__ = ["ApproachState"]
 
@@ -21,7 +22,8 @@ _MOVED_MM = 0.05
 class ApproachState:
     """State of one finger's part of a grip; `line` and all places are in the frame that carries the finger.
 
-    `travel_mm` is how far along the line the tip is; `track` where it was seen, if it is steered along.
+    `travel_mm` is how far along the line the tip is; `track` where it was seen, if it is steered along;
+    `meter`: what loads the part, None where loads are not asked for.
     """
 
     finger: HostFinger
@@ -33,6 +35,7 @@ class ApproachState:
     touched: bool = False
     moved_s: float = 0.0
     track: list[tuple[float, float]] = field(default_factory=list)
+    meter: LoadMeter | None = None
     _last_mm: float = 0.0
 
     @classmethod
@@ -69,6 +72,8 @@ class ApproachState:
         self.travel_mm = self.line.travel_mm(centre)
         if abs(self.travel_mm - self._last_mm) > _MOVED_MM:
             self._last_mm, self.moved_s = self.travel_mm, now
+        if self.meter is not None:
+            self.meter.see(self.travel_mm, now)
         if self.finger.drive.streams:
             self.track.append(centre)
 
@@ -76,6 +81,11 @@ class ApproachState:
     def cross_track_error_mm(self) -> float:
         """How far the tip is beside its line."""
         return math.dist(self.centre_mm, self.line.point_mm(self.travel_mm))
+
+    @property
+    def loads(self) -> tuple[ContactLoad, ...]:
+        """Loads on the part so far, if they are metered."""
+        return () if self.meter is None else self.meter.loads()
 
     def body(self) -> Body:
         """Room that the finger takes up now."""

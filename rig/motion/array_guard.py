@@ -11,6 +11,7 @@ from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.host_finger import HostFinger
+from palpate.rig.motion.contact_load import LoadMeter
 
 __all__ = ["ArrayGuard", "ArrayReading"]
 
@@ -35,6 +36,7 @@ class ArrayGuard:
     def __init__(self, clock: Clock, closing: ClosingConfig) -> None:
         """`closing`: the rig file's limits and sample rate."""
         self._clock, self._closing = clock, closing
+        self.meters: dict[HostFinger, LoadMeter] = {}
         self._heard_s: dict[HostFinger, float] = {}
         self._readings: dict[HostFinger, ArrayReading] = {}
 
@@ -46,7 +48,7 @@ class ArrayGuard:
 
     def stop(self, fingers: Sequence[HostFinger]) -> None:
         """Let arrays rest; unread frames are dropped."""
-        self._heard_s, self._readings = {}, {}
+        self._heard_s, self._readings, self.meters = {}, {}, {}
         for finger in fingers:
             finger.array.stop()
             finger.array.frames()
@@ -88,9 +90,17 @@ class ArrayGuard:
             return _NOTHING
         self._heard_s[finger] = now
         finger.extractor.follow(frames)
-        force = finger.extractor.force_n(frames[-1])
+        force = self.feel(finger, frames, now)
         self._check_force(finger, force)
         return ArrayReading(frames, force)
+
+    def feel(self, finger: HostFinger, frames: Sequence[TactileFrame], now: float) -> float:
+        """The newest frame's force (N); what each of them adds to the load on the part is metered."""
+        forces = [finger.extractor.force_n(frame) for frame in frames]
+        if (meter := self.meters.get(finger)) is not None:
+            for index, force in enumerate(forces, start=1):
+                meter.feel(force, now - (len(forces) - index) / self._closing.sample_rate_hz)
+        return forces[-1]
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:
         hard = self._closing.max_force_n

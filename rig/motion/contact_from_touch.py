@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 from palpate.config import ClosingConfig, TipConfig
 from palpate.drivers.finger import Line, Servos, Turn
@@ -10,32 +9,12 @@ from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, undetected_dent_mm
 from palpate.rig.motion.approach_state import ApproachState
+from palpate.rig.motion.contact_load import ContactLoad, TouchStage
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["ContactLoad", "Touch", "TouchStage", "conclude", "dent_range_mm", "may_touch_two_edges"]
 
 _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
-
-
-class TouchStage(StrEnum):
-    """Stage of a touch: the quick one finds the part, the slow one measures it."""
-
-    QUICK = "quick"
-    SLOW = "slow"
-
-
-@dataclass(frozen=True)
-class ContactLoad:
-    """Load on the part by one stage of a touch, from the first contact until the finger has left it.
-
-    `peak_force_n`: the largest force that was measured. `travel_mm`: how far the tip went on in contact,
-    forwards only. `work_mj`: force times travel, forwards only. What was measured, without bounds.
-    """
-
-    stage: TouchStage
-    peak_force_n: float
-    travel_mm: float
-    work_mj: float
 
 
 @dataclass(frozen=True, repr=False)

@@ -7,6 +7,7 @@ free way so far is still evidence.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 
 from palpate.drivers.dynamixel.errors import WatchdogTripped
@@ -19,6 +20,7 @@ from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_from_touch import Touch, conclude
+from palpate.rig.motion.contact_load import LoadMeter, TouchStage
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
 from palpate.rig.turning_stage import planned_turn
@@ -89,6 +91,7 @@ def _carry_out(
     under_way += runs
     hand.tare()
     tell(GripPhase.CLOSING)
+    _meter(hand, runs)
     _move_until_touched(hand, runs, hand.rig.closing.approach_speed_mm_s)
     _settle(hand, runs)
     found = [run for run in runs if run.touched]
@@ -99,10 +102,19 @@ def _carry_out(
     turned = hand.turn
     touches = [conclude(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(GripPhase.RETRACTING)
+    go_to(hand, dict.fromkeys(runs, 0.0))  # arrays are guarded until every finger has left the part
     hand.stop_arrays()
-    go_to(hand, dict.fromkeys(runs, 0.0))
     hand.disarm()
-    return touches
+    return [replace(touch, loads=run.loads) for touch, run in zip(touches, runs, strict=True)]
+
+
+def _meter(hand: Hand, runs: Sequence[ApproachState]) -> None:
+    """Measure from now on what loads the part."""
+    closing = hand.rig.closing
+    for run in runs:
+        run.meter = LoadMeter(closing.contact_force_n, 1 / closing.sample_rate_hz)
+        run.meter.begin(TouchStage.QUICK, hand.clock.now())
+    hand.meter({run.finger: run.meter for run in runs if run.meter is not None})
 
 
 def retract_all(hand: Hand) -> None:
@@ -238,6 +250,9 @@ def _touched_at_once(hand: Hand, runs: Sequence[ApproachState], back_mm: float) 
     """
     go_to(hand, {run: max(0.0, run.travel_mm - back_mm) for run in runs})
     begun = {run: run.travel_mm for run in runs}
+    for run in runs:
+        if run.meter is not None:
+            run.meter.begin(TouchStage.SLOW, hand.clock.now())
     _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
     _settle(hand, runs)
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]

@@ -29,6 +29,7 @@ from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
+from palpate.rig.motion.contact_load import LoadMeter
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem
@@ -273,6 +274,10 @@ class Hand:
         """Let every array stream; from now on silence counts."""
         self._array_guard.start(self.fingers)
 
+    def meter(self, meters: Mapping[HostFinger, LoadMeter]) -> None:
+        """Have every frame's force metered from now on, until the arrays rest."""
+        self._array_guard.meters.update(meters)
+
     def stop_arrays(self) -> None:
         """Let the arrays rest; unread frames are dropped."""
         self._array_guard.stop(self.fingers)
@@ -291,6 +296,8 @@ class Hand:
             for finger, frames in zip(fingers, taken, strict=True):
                 frames.append(finger.array.wait_frame(_FRAME_TIMEOUT_S))
         self._array_guard.heard(fingers)
+        for finger, frames in zip(fingers, taken, strict=True):
+            self._array_guard.feel(finger, frames, self.clock.now())
         return taken
 
     def pause(self, seconds: float) -> None:

@@ -24,6 +24,7 @@ _HEADER = b"\xff\xff\xfd\x00"
 _CLOSE = 2e-6  # results are rounded to 1e-6, and another machine may round the last digit the other way
 _NOT_COMPARED = ("wall_seconds", "session")
 _RENAMED = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
+_LATER_KEYS = frozenset({"loads", "touch_records"})  # not written by older versions
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -90,7 +91,7 @@ class _Compared(SessionEvents):
         recorded = self._replayer.session_event(kind)
         if kind == "result":
             recorded = {"result": _with_present_names(recorded.get("result"))}
-        found = first_difference(plain(values), recorded, "")
+        found = first_difference(_without_later_keys(plain(values), recorded), recorded, "")
         if found is not None:
             self._replayer.differ(f'"{kind}" differs: {found}')
 
@@ -100,6 +101,16 @@ def _with_present_names(result: Any) -> Any:
     if not isinstance(result, Mapping):
         return result
     return {"units": "mm, rad"} | {_RENAMED.get(key, key): value for key, value in result.items()}
+
+
+def _without_later_keys(found: Any, recorded: Any) -> Any:
+    """The values of this run without those that an older recording does not have."""
+    if isinstance(found, dict) and isinstance(recorded, Mapping):
+        kept = {key: value for key, value in found.items() if key in recorded or key not in _LATER_KEYS}
+        return {key: _without_later_keys(value, recorded.get(key)) for key, value in kept.items()}
+    if isinstance(found, list) and isinstance(recorded, list) and len(found) == len(recorded):
+        return [_without_later_keys(*pair) for pair in zip(found, recorded, strict=True)]
+    return found
 
 
 def _compare_ends(replayer: Replayer, how: str, message: str | None) -> None:
