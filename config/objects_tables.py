@@ -69,6 +69,16 @@ class ObjectText(FileModel):
     outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
     height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
     states: Items[StateText] | None = Field(default=None, min_length=1)
+    part_holds_n: Positive | None = Field(
+        default=None,
+        description="The part does not slide below this horizontal force at its middle, N; goes before the "
+        "rig's.",
+    )
+    part_support_mm: Positive | None = Field(
+        default=None,
+        description="The support's mean distance from its geometric median is at least this; goes before the "
+        "rig's.",
+    )
 
 
 class ObjectsFileText(FileModel):

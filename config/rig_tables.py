@@ -125,6 +125,16 @@ class SearchConfig(FileModel):
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(
         description="Orientation bounds narrower than this (±) are fine enough."
     )
+    part_holds_n: Positive | None = Field(
+        default=None,
+        description="No part slides below this horizontal force at its middle, N. Without it parts are taken "
+        "to lie still.",
+    )
+    part_support_mm: Positive | None = Field(
+        default=None,
+        description="The support's mean distance from its geometric median is at least this. Without it: "
+        "that of the lowest section, evenly loaded.",
+    )
 
 
 class ObstacleConfig(FileModel):

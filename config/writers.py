@@ -65,8 +65,12 @@ file_text.register(CalibrationFile)(calibration_toml)
 
 
 def _object(model: ObjectModel) -> dict[str, Any]:
-    tolerance = {"tolerance": model.tolerance_mm} if model.tolerance_mm else {}
-    return {"name": model.name} | tolerance | {"states": [_state(state) for state in model.states]}
+    optional = {
+        "tolerance": model.tolerance_mm or None,
+        "part_holds_n": model.holds_n,
+        "part_support_mm": model.support_mm,
+    }
+    return {"name": model.name} | _given(optional) | {"states": [_state(state) for state in model.states]}
 
 
 def _state(state: State) -> dict[str, Any]:

@@ -89,11 +89,17 @@ class State(ShortRepr):
 
 @dataclass(frozen=True, slots=True)
 class ObjectModel:
-    """Known object; its true outline is within `tolerance_mm` of the modelled one."""
+    """Known object; its true outline is within `tolerance_mm` of the modelled one.
+
+    `holds_n`: horizontal force at its middle below which it does not slide. `support_mm`: lower bound on the
+    mean distance of its support from the support's geometric median. None: not declared.
+    """
 
     name: str
     states: tuple[State, ...]
     tolerance_mm: float = 0.0
+    holds_n: float | None = None
+    support_mm: float | None = None
 
     def __repr__(self) -> str:
         names = ", ".join(state.name for state in self.states[:4])

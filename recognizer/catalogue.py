@@ -120,4 +120,6 @@ def _prepare(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
     order = symmetry_order(state, origin, SYMMETRY_TOLERANCE_MM)
     rounding = ROUNDING_MM + (SYMMETRY_TOLERANCE_MM if order > 1 else 0.0)
-    return CatalogueState(item.name, state, origin, order, item.tolerance_mm, rounding)
+    return CatalogueState(
+        item.name, state, origin, order, item.tolerance_mm, rounding, item.holds_n, item.support_mm
+    )

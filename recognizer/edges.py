@@ -35,7 +35,7 @@ class CatalogueState(ShortRepr):
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the
     origin, so that a symmetry turns the object about its own origin. `tolerance_mm` is by how much the
     vertices of the true outline may be off, `rounding_mm` the allowance for rounding and for a symmetry that
-    is not quite one.
+    is not quite one. `holds_n` and `support_mm` are the object's.
     """
 
     object_name: str
@@ -44,6 +44,8 @@ class CatalogueState(ShortRepr):
     symmetry_order: int
     tolerance_mm: float
     rounding_mm: float
+    holds_n: float | None = None
+    support_mm: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

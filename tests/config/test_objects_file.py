@@ -8,6 +8,7 @@ import pytest
 from wording import missing
 
 from palpate.config import load_objects
+from palpate.config.writers import file_text
 from palpate.errors import InputError
 
 SQUARE = [[0, 0], [10, 0], [10, 10], [0, 10]]
@@ -64,6 +65,17 @@ def test_states_holes_and_numbers_come_through(file: Path) -> None:
     assert part.states[0].probability == 0.38
     assert part.states[0].tipping_angle_rad == 0.4
     np.testing.assert_array_equal(part.states[0].sections[0].polygons[0].holes[0], INNER)
+
+
+def test_what_a_part_holds_comes_through_and_is_written(file: Path) -> None:
+    file.write_text(json.dumps(catalogue(part_holds_n=0.3, part_support_mm=15.0)))
+    loaded = load_objects(file)
+    assert (loaded.objects[0].holds_n, loaded.objects[0].support_mm) == (0.3, 15.0)
+    file.write_text(file_text(loaded))
+    assert load_objects(file) == loaded
+    file.write_text(json.dumps(catalogue(part_holds_n=0)))
+    with pytest.raises(InputError, match="part_holds_n"):
+        load_objects(file)
 
 
 def test_both_directions_keep_the_order_of_the_file(file: Path) -> None:
