@@ -10,6 +10,7 @@ from palpate.recognizer.explanation import is_explained
 from palpate.recognizer.grips import FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.measurement_model import Resolution
+from palpate.recognizer.motion import Motion, carried_by, felt_in_motion
 from palpate.recognizer.planner import plan_grip
 from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
@@ -28,6 +29,7 @@ __all__ = [
     "Goals",
     "Grip",
     "Hypothesis",
+    "Motion",
     "NormalRange",
     "Prediction",
     "Predictions",
@@ -36,9 +38,11 @@ __all__ = [
     "Resolution",
     "Slide",
     "already_used",
+    "carried_by",
     "checking_grip",
     "detectable_shift_mm",
     "false_match_probability",
+    "felt_in_motion",
     "is_explained",
     "next_grip",
     "plan_grip",

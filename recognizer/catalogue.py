@@ -32,7 +32,8 @@ class Catalogue:
 
     `facet_error_mm`: how far an arc may bulge over its facet; part of the error bound, so small, but every
     halving makes the arcs' facets 1.4 times as many. States with more than `flat_edges` edges are searched
-    by strip trees (memo §3.3). Raises InputError for an empty catalogue.
+    by strip trees (memo §3.3). `reach_mm` (S,): distance from the centroid within which a state's part lies, at
+    all heights. Raises InputError for an empty catalogue.
     """
 
     def __init__(
@@ -53,6 +54,7 @@ class Catalogue:
         )
         self.symmetry_orders: Ints = np.array([state.symmetry_order for state in self.states])
         self.origins_mm: Floats = np.array([state.origin_mm for state in self.states])
+        self.reach_mm: Floats = np.array([_reach_mm(state) for state in self.states])
         self.facet_error_mm = facet_error_mm
         self.flat_edges = flat_edges
         self._edges: dict[Finger, EdgeSet] = {}
@@ -114,6 +116,12 @@ class Catalogue:
         if key not in self._pockets:
             self._pockets[key] = conservative_pockets(self.edges(finger), allowance, travel)
         return self._pockets[key]
+
+
+def _reach_mm(item: CatalogueState) -> float:
+    """How far from its centroid the part's outline may be, at any height."""
+    vertices = np.concatenate([ring for section in item.state.sections for ring in section.rings])
+    return float(np.hypot(*(vertices - item.origin_mm).T).max()) + item.tolerance_mm + item.rounding_mm
 
 
 def _prepare(item: ObjectModel, state: State) -> CatalogueState:

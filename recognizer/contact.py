@@ -64,6 +64,8 @@ class Contact(ShortRepr):
     allowance, for the free path only (None: none needed). `normal` is None where nothing is known of it.
     `friction`: the largest coefficient that friction may have, if the finger came to rest by it alone (None:
     it may also have been stopped, by its drive or by a corner, where it would have slid).
+    `turn_bound_rad`: how far the direction of travel, seen from the part, may be off for reasons of its own:
+    the part was turned since, or moved while the finger travelled.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Contact(ShortRepr):
     normal: NormalRange | None = None
     path_bound_mm: float | None = None
     friction: float | None = None
+    turn_bound_rad: float = 0.0
 
     def __post_init__(self) -> None:
         for value in (*self.start_mm, *self.end_mm):
@@ -112,7 +115,7 @@ class Contact(ShortRepr):
         """How far the true direction of travel may be off, given the position bound at both ends."""
         if self.travel_mm <= 2 * self.position_bound_mm:
             return math.pi
-        return math.asin(2 * self.position_bound_mm / self.travel_mm)
+        return min(math.asin(2 * self.position_bound_mm / self.travel_mm) + self.turn_bound_rad, math.pi)
 
     @property
     def middle_normal_rad(self) -> float:

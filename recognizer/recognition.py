@@ -6,7 +6,7 @@ Further contacts extend the surviving interpretations; nothing is started again.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.extension import split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
+from palpate.recognizer.motion import Motion, carried_by
 from palpate.recognizer.null_branch import (
     COARSE_RAD,
     ROOT_BRANCH,
@@ -60,9 +61,24 @@ class Recognition(ShortRepr):
             return RecognitionVerdict.NONE
         return RecognitionVerdict.UNIQUE if len(self.hypotheses) == 1 else RecognitionVerdict.AMBIGUOUS
 
-    def extend(self, contacts: Sequence[Contact]) -> "Recognition":
-        """The same with further contacts and misses; keeps only what survives them."""
-        branches = branches_of(self.interpretations, self.cells)
+    def extend(self, contacts: Sequence[Contact], motion: Motion | None = None) -> "Recognition":
+        """The same with further contacts and misses; keeps only what survives them.
+
+        `motion`: of the part since the last of the earlier contacts was measured; None if it lay still.
+        """
+        earlier = self.moved(motion) if motion else self
+        return earlier._with(contacts, branches_of(earlier.interpretations, earlier.cells))
+
+    def moved(self, motion: Motion) -> "Recognition":
+        """All that is known after a motion of the part; its earlier contacts are widened by it."""
+        if not motion:
+            return self
+        states = np.unique(self.interpretations.state)
+        carried = tuple(carried_by(motion, self.catalogue, contact, states) for contact in self.contacts)
+        nodes = self.interpretations.turned(motion.turn_rad[self.interpretations.state])
+        return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells))
+
+    def _with(self, contacts: Sequence[Contact], branches: list[Branch]) -> "Recognition":
         return _search(
             self.catalogue, self.anchor_mm, self.max_spurious, self.contacts, contacts, branches, self.levels
         )

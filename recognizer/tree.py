@@ -65,6 +65,20 @@ class Interpretations(Table):
         edges = np.column_stack([self.edges[owner], edge])
         return Interpretations(self.state[owner], edges, self.lo[owner], self.hi[owner])
 
+    def turned(self, bound_rad: Floats) -> "Interpretations":
+        """The same after turns of up to `bound_rad` (n,); those of one pairing that meet become one."""
+        pairings = np.column_stack([self.state, self.edges])
+        key = np.unique(pairings, axis=0, return_inverse=True)[1].ravel()
+        order = np.lexsort((self.lo, key))
+        key, lo, hi = key[order], (self.lo - bound_rad)[order], (self.hi + bound_rad)[order]
+        begins = np.ones(len(key), dtype=bool)
+        begins[1:] = (key[1:] != key[:-1]) | (lo[1:] > hi[:-1])
+        first = np.flatnonzero(begins)
+        if not len(first):
+            return self
+        hi = np.minimum(np.maximum.reduceat(hi, first), lo[first] + 2 * np.pi)
+        return replace(self.select(order[first]), lo=lo[first], hi=hi)
+
     def narrowed(self, lo: Floats, hi: Floats) -> "Interpretations":
         """The same with other orientation intervals; those with none left are dropped."""
         return replace(self, lo=lo, hi=hi).select(np.flatnonzero(lo <= hi))

@@ -96,7 +96,7 @@ CASES: list[tuple[object, str]] = [
     ),
     (
         catalogue(zzz=1, objcts=2),
-        'object "plate": unknown key "zzz"; allowed: name, tolerance, outline, height, states (and 1 more)',
+        'object "plate": unknown key "zzz"; allowed: name, tolerance, outline, height, states, part_holds_n',
     ),
     (
         in_states({"outer": SQUARE, "hole": []}),
