@@ -32,8 +32,8 @@ class Catalogue:
 
     `facet_error_mm`: how far an arc may bulge over its facet; part of the error bound, so small, but every
     halving makes the arcs' facets 1.4 times as many. States with more than `flat_edges` edges are searched
-    by strip trees (memo §3.3). `reach_mm` (S,): distance from the centroid within which a state's part lies, at
-    all heights. Raises InputError for an empty catalogue.
+    by strip trees (memo §3.3). `reach_mm` (S,): each state lies within this distance of its centroid. Raises
+    InputError for an empty catalogue.
     """
 
     def __init__(
