@@ -93,8 +93,9 @@ class Answer:
 
     def picture(self) -> str:
         """SVG: the object found, contacts, approaches, and which grip eliminated what."""
-        job = self.run.job
-        return identification_picture(self.run.result, job.placement, job.rig, picture_facts(self.result))
+        run = self.run
+        placement = None if run.truth is None else run.truth.placement
+        return identification_picture(run.result, placement, run.job.rig, picture_facts(self.result))
 
     def _repr_svg_(self) -> str:
         return self.picture()

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from palpate.rig.session.inputs import keep_inputs
 from palpate.rig.session.log import SessionLog, session_folder
 from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
 from palpate.rig.session.signals import HeldInterrupts
+from palpate.rig.session.truth_event import EVENT
 from palpate.views.recognition import contacts_json
 from palpate.vocabulary import Strategy
 
@@ -91,17 +93,23 @@ def identify_on(
         warn(line)
     inputs = _Inputs(on_bench, objects, scene, seed, strategy)
     bench = set_up(on_bench.described, lies, seed)
-    seen = placement_in_hand_frame(on_bench, lies, seed, bench.emulated)
+    placement_now = partial(placement_in_hand_frame, on_bench, lies, seed, bench.emulated)
     started = datetime.now(UTC).replace(microsecond=0)
     job = IdentificationJob(
-        on_bench.rig, Catalogue(objects.objects), seen, strategy, seed, on_bench.calibration, started
+        on_bench.rig,
+        Catalogue(objects.objects),
+        placement_now(),
+        strategy,
+        seed,
+        on_bench.calibration,
+        started,
     )
     observers = [] if on_event is None else [on_event]
     if sessions is None:
-        finished = run_identification(job, environment(bench), None, observers, notice)
+        finished = run_identification(job, environment(bench), None, observers, notice, placement_now)
         out = finished.out(wall_seconds=time.perf_counter() - begin, session=None)
         return Answer(out, finished, objects, finished.late_failure)
-    return _logged(inputs, job, bench, sessions, observers, notice, begin)
+    return _logged(inputs, job, bench, sessions, observers, notice, placement_now, begin)
 
 
 def _logged(
@@ -111,6 +119,7 @@ def _logged(
     sessions: Path,
     observers: Sequence[Observer],
     notice: Callable[[str], None],
+    placement_now: Callable[[], Placement | None],
     begin: float,
 ) -> Answer:
     """Identify with a session log. An answer that could not be written down is still an answer."""
@@ -122,8 +131,16 @@ def _logged(
             keep_inputs(folder, inputs.on_bench, inputs.objects, inputs.scene)
             with HeldInterrupts() as held:
                 finished = run_identification(
-                    job, environment(bench, log, latency_s, held.check), log, observers, notice
+                    job,
+                    environment(bench, log, latency_s, held.check),
+                    log,
+                    observers,
+                    notice,
+                    placement_now,
                 )
+            if finished.truth is not None:
+                part = None if bench.emulated is None else bench.emulated.part
+                log.event(EVENT, **finished.truth.values(part))
             out = finished.out(wall_seconds=time.perf_counter() - begin, session=str(folder))
             log.event("result", result=out.model_dump(mode="json"))
             answer = Answer(out, finished, inputs.objects, finished.late_failure)

@@ -45,7 +45,9 @@ class TruthOut(Out):
 
     Of the configurations that the state's symmetry makes equal, the one nearest to the answer is given.
     `named`: object and state are among the answers; then the errors (mm, rad) are those of that answer and
-    `inside_bounds` says whether the truth is inside its bounds.
+    `inside_bounds` says whether the truth is inside its bounds. All this is about the part as it lies when
+    the fingers have left. `at_measurement`: where it was when each grip's contacts were measured, followed
+    from how it was put, whatever its symmetry; null for a run that was recorded before this was noted.
     """
 
     object: str
@@ -55,6 +57,7 @@ class TruthOut(Out):
     inside_bounds: bool
     position_error_mm: Rounded | None
     orientation_error_rad: Rounded | None
+    at_measurement: tuple[ConfigurationOut, ...] | None = None
 
 
 class CalibrationUsedOut(Out):

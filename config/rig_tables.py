@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
@@ -196,4 +197,7 @@ class EmulationConfig(FileModel):
     )
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
+    )
+    part: EmulatedPartConfig | None = Field(
+        default=None, description="Whether the part moves when it is pushed; absent: it stands still."
     )

@@ -7,10 +7,11 @@ from typing import Literal
 
 from pydantic import Field
 
+from palpate.config.emulated_part import Friction, Mass
 from palpate.config.fields import FileModel, Name, Number, Text
 from palpate.config.loading import Source, load_json
 
-__all__ = ["Scene", "SceneFile", "load_scene"]
+__all__ = ["Scene", "SceneFile", "ScenePart", "load_scene"]
 
 
 class ConfigurationText(FileModel):
@@ -19,6 +20,13 @@ class ConfigurationText(FileModel):
     x: Number = Field(description="mm")
     y: Number = Field(description="mm")
     theta: Number = Field(description="rad, counter-clockwise")
+
+
+class ScenePart(FileModel):
+    """What is known of the part where `[emulation.part]` of the rig file would have it drawn."""
+
+    mass_kg: Mass | None = Field(default=None, description="kg")
+    friction: Friction | None = Field(default=None, description="Friction between part and table.")
 
 
 class SceneFile(FileModel):
@@ -33,11 +41,17 @@ class SceneFile(FileModel):
     objects: Text | None = Field(
         default=None, description="File the object comes from, beside this one; else the run's catalogue."
     )
+    part: ScenePart = Field(
+        default=ScenePart(), description="Mass and friction, before those of the rig file's [emulation.part]."
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """One object on the table: `state` None means its only one, `objects` None the run's catalogue."""
+    """One object on the table: `state` None means its only one, `objects` None the run's catalogue.
+
+    `mass_kg` and `friction` (part on table): None as the rig file has them.
+    """
 
     object: str
     state: str | None
@@ -45,6 +59,8 @@ class Scene:
     y_mm: float
     theta_rad: float
     objects: Path | None
+    mass_kg: float | None = None
+    friction: float | None = None
 
 
 def load_scene(source: Source) -> Scene:
@@ -63,4 +79,6 @@ def load_scene(source: Source) -> Scene:
         y_mm=text.configuration.y,
         theta_rad=text.configuration.theta,
         objects=None if text.objects is None else folder / text.objects,
+        mass_kg=text.part.mass_kg,
+        friction=text.part.friction,
     )

@@ -46,7 +46,8 @@ def _objects(value: ObjectsFile) -> str:
 def _scene(value: Scene) -> str:
     configuration = {"x": value.x_mm, "y": value.y_mm, "theta": value.theta_rad}
     tables = {"format": "palpate/scene@1", "object": value.object, "configuration": configuration}
-    optional = {"state": value.state, "objects": value.objects and str(value.objects)}
+    part = _given({"mass_kg": value.mass_kg, "friction": value.friction}) or None
+    optional = {"state": value.state, "objects": value.objects and str(value.objects), "part": part}
     return json.dumps(tables | _given(optional), indent=1) + "\n"
 
 

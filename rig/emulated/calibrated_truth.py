@@ -13,7 +13,7 @@ from palpate.config import RigFile
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.emulated.devices import EmulatedRig, emulate
-from palpate.rig.emulated.scene import Placement
+from palpate.rig.emulated.scene import Placement, moved
 
 __all__ = ["in_hand_frame", "placement_in_hand_frame"]
 
@@ -24,12 +24,15 @@ def placement_in_hand_frame(
     """The placement in the frame that the rig's answers are in: the hand frame once fingers' places were
     calibrated, else that of the rig file.
 
-    `emulated`: the rig as described, as it was made for this placement and seed; made anew without it.
+    `emulated`: the rig as described, as it was made for this seed; made anew without it.
+    With it, the part is where fingers have pushed it by now.
     """
+    if placement is not None and emulated is not None:
+        placement = moved(placement, emulated.bench.part.displacement)
     file = on_bench.calibration
     if placement is None or file is None or all(finger.place is None for finger in file.fingers):
         return placement
-    devices = emulated or emulate(on_bench.described, placement, seed)
+    devices = emulated or emulate(on_bench.described, None, seed)
     return in_hand_frame(placement, on_bench.described, [item.truth for item in devices.bench.fingers])
 
 

@@ -27,6 +27,7 @@ from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
 from palpate.rig.arrays import emulated_array
 from palpate.rig.emulated.emulated_truth import dead_taxels, joint_truth, start_angles_rad, truth_of
+from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
 __all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
@@ -40,10 +41,14 @@ _BOOT_TEXT = b"boot: palpate emulator\r\n"
 
 @dataclass(frozen=True, eq=False)
 class EmulatedRig:
-    """Emulated devices by the port that the rig file names, with each wire's baud rate."""
+    """Emulated devices by the port that the rig file names, with each wire's baud rate.
+
+    `part`: how what lies on the table moves, None if the rig file does not say.
+    """
 
     bench: Bench
     devices: Mapping[str, tuple[Device, int]]
+    part: PartTruth | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +67,7 @@ class MockRig:
 def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig:
     """Build the emulated devices of `rig` round what lies on the table; same seed, same devices.
 
-    Raises InputError if the rig file has no `[emulation]` table.
+    Raises InputError if the rig file has no `[emulation]` table, or as `part_of` does.
     """
     if rig.emulation is None:
         raise InputError(
@@ -77,7 +82,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     def advance(now: float) -> None:
         bench_of[0].advance(now)
 
-    stage = _stage(rig, seed)
+    stage, part = _stage(rig, seed), draw_part(rig.emulation.part, placement, seed)
     for index, finger in enumerate(rig.fingers):
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
@@ -100,7 +105,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         array = emulated_array(finger, taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
-    bench = Bench(fingers, stage)
+    bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
     servos = [servo for finger in fingers for servo in finger.servos]
     servos += [] if stage is None else [stage.servo]
@@ -108,7 +113,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
         devices[finger.array.port] = (_board(emulated.array, rig.emulation), finger.array.baudrate_bps)
-    return EmulatedRig(bench, _on_bad_wires(devices, rig.emulation, seed))
+    return EmulatedRig(bench, _on_bad_wires(devices, rig.emulation, seed), part)
 
 
 def _on_bad_wires(

@@ -5,29 +5,41 @@ the emulated bench shares no geometry with the recogniser.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely import affinity
 
 from palpate.config import ObjectsFile, Scene, load_objects
+from palpate.drivers.emulators.part import Displacement
 from palpate.drivers.emulators.tip import PartSection
 from palpate.errors import InputError
 from palpate.geometry import ObjectModel, Section, State
+from palpate.recognizer import Configuration
 
-__all__ = ["Placement", "draw_placement", "outline_at", "placement_of", "rings_of"]
+__all__ = ["Placement", "draw_placement", "moved", "outline_at", "placement_of", "rings_of", "shape_of"]
 
 
 @dataclass(frozen=True)
 class Placement:
-    """An object on the table: x ↦ R(θ) x + (x, y), mm and rad, W."""
+    """An object on the table: x ↦ R(θ) x + (x, y), mm and rad, W.
+
+    `mass_kg` and `friction` (part on table): None as the rig file has them.
+    """
 
     model: ObjectModel
     state: State
     x_mm: float
     y_mm: float
     theta_rad: float
+    mass_kg: float | None = None
+    friction: float | None = None
+
+    @property
+    def configuration(self) -> Configuration:
+        """Where the object frame is."""
+        return Configuration(self.x_mm, self.y_mm, self.theta_rad)
 
 
 def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
@@ -42,7 +54,8 @@ def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
     if name not in states:
         what = f'no state "{scene.state}"' if scene.state else "give the state"
         raise InputError(f'scene: object "{scene.object}": {what}; there are {_listed(states)}')
-    return Placement(model, states[name], scene.x_mm, scene.y_mm, scene.theta_rad)
+    at = scene.x_mm, scene.y_mm, scene.theta_rad
+    return Placement(model, states[name], *at, scene.mass_kg, scene.friction)
 
 
 def draw_placement(objects: ObjectsFile, radius_mm: float, rng: np.random.Generator) -> Placement:
@@ -71,15 +84,24 @@ def rings_of(
     placement: Placement, section: Section
 ) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
     """Rings (n, 2) of a section in W."""
-    placed = affinity.translate(
-        affinity.rotate(_shape(section), placement.theta_rad, origin=(0, 0), use_radians=True),
-        placement.x_mm,
-        placement.y_mm,
-    )
     rings = []
-    for part in shapely.get_parts(placed):
+    for part in shapely.get_parts(shape_of(placement, section)):
         rings += [np.asarray(ring.coords)[:-1] for ring in (part.exterior, *part.interiors)]
     return rings
+
+
+def shape_of(placement: Placement, section: Section) -> shapely.Geometry:
+    """A section in W."""
+    turned = affinity.rotate(_shape(section), placement.theta_rad, origin=(0, 0), use_radians=True)
+    return affinity.translate(turned, placement.x_mm, placement.y_mm)
+
+
+def moved(placement: Placement, displacement: Displacement) -> Placement:
+    """Where the object is after a displacement; the same value if there was none."""
+    if displacement.is_none:
+        return placement
+    x, y = displacement.place(np.array([placement.x_mm, placement.y_mm])).tolist()
+    return replace(placement, x_mm=x, y_mm=y, theta_rad=placement.theta_rad + displacement.turn_rad)
 
 
 def _shape(section: Section) -> shapely.Geometry:

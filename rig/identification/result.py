@@ -11,7 +11,7 @@ from palpate.config.identification_result import (
     TouchRecordOut,
     TruthOut,
 )
-from palpate.recognizer import Hypothesis
+from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.emulated.answer_error import Comparison, compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification
@@ -30,8 +30,12 @@ def identification_out(
     session: str | None,
     strategy: Strategy = Strategy.PLANNED,
     calibration: CalibrationUsedOut | None = None,
+    at_measurement: Sequence[Configuration] | None = None,
 ) -> IdentificationOut:
-    """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it."""
+    """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it.
+
+    `placement`: what lies on an emulated table at the end, `at_measurement`: where it was at each grip.
+    """
     hypotheses = hypotheses_of(result)
     first = hypotheses[0] if hypotheses else None
     truth = None if placement is None else compare(placement, hypotheses)
@@ -57,7 +61,7 @@ def identification_out(
         wall_seconds=wall_seconds,
         session=session,
         calibration=calibration,
-        truth=None if placement is None or truth is None else _truth(placement, truth),
+        truth=None if placement is None or truth is None else _truth(placement, truth, at_measurement),
     )
 
 
@@ -118,7 +122,13 @@ def hypotheses_of(result: Identification) -> Sequence[Hypothesis]:
     return () if result.recognition is None else result.recognition.hypotheses
 
 
-def _truth(placement: Placement, found: Comparison) -> TruthOut:
+def _truth(
+    placement: Placement, found: Comparison, at_measurement: Sequence[Configuration] | None
+) -> TruthOut:
     return TruthOut.of(
-        found, object=placement.model.name, state=placement.state.name, named=found.hypothesis is not None
+        found,
+        object=placement.model.name,
+        state=placement.state.name,
+        named=found.hypothesis is not None,
+        at_measurement=at_measurement,
     )

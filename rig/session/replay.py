@@ -6,7 +6,7 @@ A replay ends in one of three ways: as recorded, at the first difference, or whe
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from palpate.drivers.dynamixel.packet import Instruction
@@ -16,6 +16,7 @@ from palpate.rig.session.environment import Environment
 from palpate.rig.session.events import SessionEvents, plain
 from palpate.rig.session.log_reader import SessionFile
 from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
+from palpate.rig.session.truth_event import EVENT, recorded_truth
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Replayed", "first_difference", "replay", "replay_with"]
@@ -42,11 +43,16 @@ class Replayed(ShortRepr):
 def replay(file: SessionFile, job: IdentificationJob, latency_s: float) -> Replayed:
     """Run an `identify` again; `latency_s` is what the bus's adapter was allowed then.
 
-    Raises only what comes from outside of the recording: a new interrupt.
+    Raises only what comes from outside of the recording, a new interrupt, and InputError for a recorded truth
+    that palpate does not write.
     """
+    truth = None if job.placement is None else recorded_truth(file, job.placement)
 
     def again(replayer: Replayer, events: SessionEvents) -> IdentificationRun:
         run = run_identification(job, Environment(replayer.clock, replayer.open, latency_s), events)
+        if truth is not None:
+            events.event(EVENT, **file.told(EVENT)[-1])
+            run = replace(run, truth=truth)
         out = run.out(wall_seconds=0.0, session=None)
         events.event("result", result=out.model_dump(mode="json"))
         return run

@@ -7,15 +7,17 @@ from datetime import datetime
 from palpate.config import CalibrationFile, RigFile
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.errors import PalpateError
-from palpate.recognizer import Catalogue
+from palpate.recognizer import Catalogue, Configuration
 from palpate.rig.background import BackgroundCall
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification, identify
-from palpate.rig.identification.observers import Observer, Observers
+from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
 from palpate.rig.identification.result import identification_out
 from palpate.rig.motion.calibrated_devices import check_devices
+from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.session.calibration_drift import calibration_used
 from palpate.rig.session.environment import Environment
+from palpate.rig.session.truth_event import Truth
 from palpate.vocabulary import Strategy
 from palpate.vocabulary.short_repr import ShortRepr
 
@@ -24,7 +26,7 @@ __all__ = ["IdentificationJob", "IdentificationRun", "run_identification"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IdentificationJob(ShortRepr):
-    """What a run starts from; `placement`, in the answer's frame, is only compared with it.
+    """What a run starts from; `placement`, in the answer's frame, is what an emulated table is set with.
 
     `calibration` is in `rig` already, and refused if other devices are connected than it was made with.
     `started`: when the run began, from which the calibration's age counts; None: the answer tells nothing of
@@ -44,6 +46,7 @@ class IdentificationJob(ShortRepr):
 class IdentificationRun(ShortRepr):
     """What came of a run, and the rig's own time (s) at its end.
 
+    `truth`: what lay on an emulated table and where, in the answer's frame, to be compared with the answer.
     `late_failure`: an observer or the display failed at the end; that has no part in the result.
     """
 
@@ -51,19 +54,21 @@ class IdentificationRun(ShortRepr):
     result: Identification
     emulated: bool
     rig_seconds: float
+    truth: Truth | None
     late_failure: PalpateError | None
 
     def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
         """The answer as `palpate/identification@1`."""
         return identification_out(
             self.result,
-            self.job.placement,
+            None if self.truth is None else self.truth.placement,
             emulated=self.emulated,
             rig_seconds=self.rig_seconds,
             wall_seconds=wall_seconds,
             session=session,
             strategy=self.job.strategy,
             calibration=self._calibration(),
+            at_measurement=None if self.truth is None else self.truth.at_measurement,
         )
 
     def _calibration(self) -> CalibrationUsedOut | None:
@@ -80,14 +85,26 @@ def run_identification(
     record: Observer | None = None,
     observers: Sequence[Observer] = (),
     notice: Callable[[str], None] = lambda _: None,
+    placement_now: Callable[[], Placement | None] | None = None,
 ) -> IdentificationRun:
     """Connect, identify, disconnect. `notice` is told what the operator should do now.
 
-    `record` is told on this thread, in step with ports and clock; `observers` and `notice` beside it. Raises
-    what `identify` raises; torque is off then, too.
+    `record` is told on this thread, in step with ports and clock; `observers` and `notice` beside it.
+    `placement_now`: how the part on an emulated table lies now, in the answer's frame; None: as it was put.
+    Raises what `identify` raises; torque is off then, too.
     """
+    lies = placement_now or (lambda: job.placement)
+    at_measurement: list[Configuration] = []
+
+    def in_step(event: Event) -> None:
+        measured = isinstance(event, StageEvent) and event.stage is GripPhase.RETRACTING
+        if measured and (placement := lies()) is not None:
+            at_measurement.append(placement.configuration)
+        if record is not None:
+            record(event)
+
     with (
-        Observers(observers, record) as observed,
+        Observers(observers, in_step) as observed,
         BackgroundCall("the display", notice) as notice_beside,
         environment.hand(job.rig, notice_beside) as hand,
     ):
@@ -96,4 +113,6 @@ def run_identification(
         result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
         emulated = hand.emulated
     late = observed.late_failure or notice_beside.late_failure
-    return IdentificationRun(job, result, emulated, environment.clock.now(), late)
+    placement = lies()
+    truth = None if placement is None else Truth(placement, at_measurement if placement_now else None)
+    return IdentificationRun(job, result, emulated, environment.clock.now(), truth, late)

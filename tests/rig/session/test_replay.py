@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 import re
 import signal
 import subprocess
@@ -18,10 +19,11 @@ from quick_rig import quick_bench
 from repository import EXAMPLES
 from wording import missing
 
-from palpate.config import shipped_rig
+from palpate.config import load_objects, load_rig, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
+from palpate.rig.bench import place
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.motion.guarded_approach import GripPhase, carry_out_grip
 from palpate.rig.session.environment import Environment
@@ -134,6 +136,50 @@ def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path
     first, second = done.err.splitlines()
     assert "search.stranger_chance is now called false_match_probability" in first
     assert "search.unnoticed_shift_mm is now called detectable_shift_mm" in second
+
+
+def test_a_session_from_before_there_was_a_truth_event_replays(
+    one_grip: Path, tmp_path: Path, here: Here
+) -> None:
+    def change(lines: list[str]) -> list[str]:
+        events = [json.loads(line) for line in lines]
+        (truth,) = [event for event in events if event["event"] == "truth"]
+        events.remove(truth)
+        (result,) = [event for event in events if event["event"] == "result"]
+        result["calls"] = truth["calls"] + result.get("calls", "")
+        del result["result"]["truth"]["at_measurement"]
+        return [json.dumps(event) + "\n" for event in events]
+
+    done = here("replay", copied(one_grip, tmp_path, change))
+    assert "check sum is wrong; replaying it made no difference" in done.err
+
+
+def test_the_truth_of_a_part_that_was_pushed_is_read_from_the_log(tmp_path: Path, here: Here) -> None:
+    """At 0.3 N the shipped fingers push a part of 0.5 kg; a replay runs no engine."""
+    rig, parts = quick_bench(tmp_path)
+    light = '[emulation.part]\nengine = "mujoco"\nmass_kg = 0.5\n\n[[fingers]]'
+    rig.write_text(brief(rig, tmp_path).read_text().replace("[[fingers]]", light, 1))
+    done = run("identify", "--rig", rig, "--objects", parts, "--seed", 7, "--json", cwd=tmp_path)
+    truth = done.json["truth"]
+    session = tmp_path / done.json["session"]
+    (event,) = [item for item in log_events(session / "session.jsonl") if item["event"] == "truth"]
+    assert event["part"]["slip_n"] == pytest.approx(0.3 * 0.5 * 9.80665)
+    (measured,) = truth["at_measurement"]
+    assert measured["x"] == pytest.approx(event["at_measurement"][0]["x_mm"], abs=1e-6)
+    put = place(load_rig(rig), load_objects(parts), None, 7)
+    assert put is not None
+    assert 0.01 < math.dist((put.x_mm, put.y_mm), (measured["x"], measured["y"])) < 2
+    assert truth["configuration"] != measured
+    again = here("replay", session)
+    assert (again.code, again.err) == (0, "")
+
+    def change(lines: list[str]) -> list[str]:
+        return [line.replace('"configuration":{"x_mm":', '"configuration":{"y":') for line in lines]
+
+    (tmp_path / "changed").mkdir()
+    refused = here("replay", copied(session, tmp_path / "changed", change))
+    assert refused.code == 2
+    assert missing(refused.err, 'the event "truth"', "configuration", "at_measurement") == []
 
 
 def test_a_replay_writes_nothing(one_grip: Path, here: Here) -> None:

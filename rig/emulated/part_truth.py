@@ -1,0 +1,181 @@
+"""What an emulated part really weighs and stands on: drawn within what `[emulation.part]` allows.
+
+The centre of mass is that of the state's sections, as of one material. On its whole base the part stands as a
+stiff body on an elastic foundation that cannot pull: the pressure grows linearly with the place, so that it
+balances about the centre of mass.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from palpate.cad.optional_imports import needed
+from palpate.config.emulated_part import EmulatedPartConfig, Range
+from palpate.drivers.emulators.part import Part, StillPart
+from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
+from palpate.drivers.emulators.support import GRAVITY_M_S2, Support
+from palpate.errors import InputError
+from palpate.geometry import Floats
+from palpate.rig.emulated.scene import Placement, shape_of
+
+__all__ = ["PartTruth", "draw_part", "part_of", "support_of"]
+
+_POINTS = 100  # on a whole base
+_ENGINE_POINTS = 25  # for MuJoCo, which takes its time for each
+_FEWEST_ACROSS = 4
+_TRIES = 3000
+_LEAST_SHARE = 0.3  # of what a foot bears on average
+_LEAST_MARGIN = 0.3  # of the way from under the centre of mass to the base's edge
+
+
+@dataclass(frozen=True)
+class PartTruth:
+    """How the emulated part moves: `seed` decides where its feet are."""
+
+    engine: str
+    mass_kg: float
+    friction: float
+    tip_friction: float
+    feet: int
+    seed: int
+
+    @property
+    def slip_n(self) -> float:
+        """Force through the centre of friction at which the part slides."""
+        return self.friction * self.mass_kg * GRAVITY_M_S2
+
+
+def draw_part(config: EmulatedPartConfig | None, placement: Placement | None, seed: int) -> PartTruth | None:
+    """Draw what a rig file leaves open; what the placement says of its part goes before it."""
+    if config is None:
+        return None
+    rng = np.random.default_rng([seed, 6])
+    mass = _drawn(config.mass_kg, rng.uniform(), logarithmic=True)
+    friction = _drawn(config.friction, rng.uniform())
+    tip_friction = _drawn(config.tip_friction, rng.uniform())
+    return PartTruth(
+        config.engine,
+        (placement and placement.mass_kg) or mass,
+        (placement and placement.friction) or friction,
+        tip_friction,
+        config.feet,
+        int(rng.integers(2**31)),
+    )
+
+
+def _drawn(value: float | Range, share: float, *, logarithmic: bool = False) -> float:
+    if not isinstance(value, tuple):
+        return value
+    lo, hi = value
+    return lo * (hi / lo) ** share if logarithmic else lo + share * (hi - lo)
+
+
+def part_of(truth: PartTruth, placement: Placement) -> Part:
+    """The part in its engine.
+
+    Raises InputError for one whose centre of mass is not above its base, and if MuJoCo is not installed.
+    """
+    if truth.engine == "still":
+        return StillPart()
+    support = support_of(truth, placement)
+    if truth.engine == "quasi-static":
+        return QuasiStaticPart(support)
+    needed("mujoco", "physics", 'the rig file\'s emulation.part.engine = "mujoco"')
+    from palpate.drivers.emulators.mujoco_part import Body, MujocoPart  # noqa: PLC0415  # an extra
+
+    centre, height = _centre_of_mass(placement)
+    low, high = np.array(shapely.bounds(shape_of(placement, placement.state.sections[0]))).reshape(2, 2)
+    x, y = (high - low).tolist()
+    extent = (x, y, placement.state.top_mm)
+    return MujocoPart(support, Body((float(centre[0]), float(centre[1])), height, extent), truth.seed)
+
+
+def support_of(truth: PartTruth, placement: Placement) -> Support:
+    """Points on which the part stands, with loads that balance about its centre of mass."""
+    base = shape_of(placement, placement.state.sections[0])
+    centre, _ = _centre_of_mass(placement)
+    margin = _margin_mm(base.convex_hull, centre)
+    if margin <= 0:
+        raise InputError(
+            f"{placement.model.name}, {placement.state.name}: its centre of mass is not above its base, so "
+            "it cannot stand so on an emulated table where parts move; check the sections' heights, or set "
+            'emulation.part.engine = "still"'
+        )
+    if truth.feet:
+        feet, share = _feet(base, centre, margin, truth.feet, np.random.default_rng(truth.seed))
+    else:
+        feet = _grid(base, _ENGINE_POINTS if truth.engine == "mujoco" else _POINTS)
+        feet, share = _without_pull(feet, centre)
+    return Support(feet, share, truth.mass_kg, truth.friction)
+
+
+def _centre_of_mass(placement: Placement) -> tuple[Floats, float]:
+    """Where it is in W (2,), and its height above the table, mm."""
+    shapes = [shape_of(placement, section) for section in placement.state.sections]
+    lows, highs = np.array([section.z_mm for section in placement.state.sections]).T
+    volume = shapely.area(shapes) * (highs - lows)
+    centres = shapely.get_coordinates(shapely.centroid(shapes))
+    return volume @ centres / volume.sum(), float(volume @ (lows + highs) / 2 / volume.sum())
+
+
+def _margin_mm(hull: shapely.Geometry, point: Floats) -> float:
+    """How far a point is from the edge of a convex region; negative outside of it."""
+    at = shapely.Point(*point)
+    away = float(shapely.distance(shapely.boundary(hull), at))
+    return away if shapely.contains(hull, at) else -away
+
+
+def _grid(base: shapely.Geometry, count: int) -> Floats:
+    """About `count` points (n, 2), spread evenly over the base in rows along its length."""
+    box = shapely.minimum_rotated_rectangle(base)
+    corner, along, across = shapely.get_coordinates(box)[[0, 1, 3]]
+    along, across = along - corner, across - corner
+    pitch = math.sqrt(base.area / count)
+    rows, columns = (max(_FEWEST_ACROSS, round(float(np.hypot(*side)) / pitch)) for side in (across, along))
+    while True:
+        u, v = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
+        points: Floats = corner + u.reshape(-1, 1) * along + v.reshape(-1, 1) * across
+        points = points[shapely.contains_xy(base, *points.T)]
+        if len(points) >= count / 2:
+            return points
+        rows, columns = 2 * rows, 2 * columns  # thin walls between the rows
+
+
+def _without_pull(points: Floats, centre: Floats) -> tuple[Floats, Floats]:
+    """Those points that bear something, and what they bear (n,)."""
+    while True:
+        share = _balanced(points, np.ones(len(points)), centre)
+        if share.min() >= 0:
+            return points, share
+        points = points[share > 0]
+
+
+def _feet(
+    base: shapely.Geometry, centre: Floats, margin_mm: float, count: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Feet drawn in the base, none of them nearly free, with the centre of mass well between them."""
+    low, high = np.array(shapely.bounds(base)).reshape(2, 2)
+    for _ in range(_TRIES):
+        points = rng.uniform(low, high, (8 * count, 2))
+        points = points[shapely.contains_xy(base, *points.T)][:count]
+        load = rng.uniform(0.3, 1.0, count)
+        if len(points) < count:
+            continue
+        share = _balanced(points, load, centre)
+        hull = shapely.MultiPoint(points).convex_hull
+        if share.min() >= _LEAST_SHARE / count and _margin_mm(hull, centre) >= _LEAST_MARGIN * margin_mm:
+            return points, share
+    raise InputError(
+        f"emulation.part.feet: is {count}; the part would fall over on nearly any such feet; "
+        "draw more of them, or let it stand on its whole base (0)"
+    )
+
+
+def _balanced(points: Floats, load: Floats, centre: Floats) -> Floats:
+    """Loads (n,) that sum up to 1 and balance about `centre`: `load` times a linear function of the place."""
+    lever = np.column_stack([np.ones(len(points)), points - centre])
+    moments = lever.T @ (load[:, None] * lever)
+    result: Floats = load * (lever @ np.linalg.lstsq(moments, np.array([1.0, 0.0, 0.0]))[0])
+    return result
