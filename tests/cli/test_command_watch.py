@@ -17,6 +17,7 @@ from typing import Any
 import pytest
 from command import PALPATE, Ended, log_events, run, run_here
 from json_schema import violations
+from quick_rig import small, small_parts
 from recorded_ports import Listener
 from serial import SerialException
 from serial.serialutil import SerialBase
@@ -46,11 +47,12 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a session of one grip."""
     folder = tmp_path_factory.mktemp("felt")
-    whole = shipped_rig().read_text(encoding="utf-8")
+    whole = small(shipped_rig())
     text, number = re.subn(r"max_grips = \d+", "max_grips = 1", whole)
     assert number == 1
     (folder / "brief.toml").write_text(text)
-    done = run("identify", "--rig", "brief.toml", "--seed", 7, "--json", cwd=folder)
+    words = ("--rig", "brief.toml", "--objects", small_parts(folder), "--seed", 7, "--json")
+    done = run("identify", *words, cwd=folder)
     assert done.code == 1, done.err
     return folder / str(done.json["session"])
 

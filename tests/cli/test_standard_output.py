@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, log_events
+from quick_rig import small, small_parts
 from repository import EXAMPLES
 from wording import missing
 
@@ -32,9 +33,10 @@ def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
 
 
 def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> None:
-    text = shipped_rig().read_text(encoding="utf-8").replace("max_grips = 8", "max_grips = 1")
+    text = small(shipped_rig()).replace("max_grips = 8", "max_grips = 1")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
-    done = shell("PALPATE identify --rig rig.toml --json 2> /dev/full", tmp_path)
+    small_parts(tmp_path)
+    done = shell("PALPATE identify --rig rig.toml --objects small-parts.json --json 2> /dev/full", tmp_path)
     assert done.returncode == 5
     assert json.loads(done.stdout)["grips"] == 1
     (session,) = (tmp_path / "palpate-sessions").iterdir()

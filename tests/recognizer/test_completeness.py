@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from sampling import sample
 from shapely_bench import (
     MOST_DRAWS,
     SHIPPED_OBJECTS,
@@ -85,11 +86,12 @@ def test_unknown_normals(seed: int) -> None:
 
 
 @needs_shared_outlines
-def test_cut_parts() -> None:
+@pytest.mark.parametrize("trials", sample([12, 40], [12]))
+def test_cut_parts(trials: int) -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)
     rng = np.random.default_rng(7)
-    for trial in range(40):
+    for trial in range(trials):
         placed = place(models[int(rng.integers(len(models)))], rng)
         contacts = until_touched(
             grip,

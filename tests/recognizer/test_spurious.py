@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
 from palpate.errors import InputError
@@ -161,7 +162,7 @@ def test_extending_equals_at_once(seed: int, cut: int) -> None:
             assert holding_truth(two, exact) is not None
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", sample(range(2), [0]))
 def test_the_first_contacts_may_all_be_spurious(seed: int) -> None:
     rng = np.random.default_rng(600 + seed)
     placed, contacts, _ = spoilt(600 + seed, 6, bad=0)

@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 import shapely
+from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, touch
 
 from palpate.geometry import ObjectModel, Polygon, Section, State
@@ -20,6 +22,15 @@ from palpate.recognizer.strip_trees import StripForest
 FLAT = 10**9
 NARROW, WIDE = math.radians(5), math.radians(20)
 FEW_AND_MANY = (1, 2, 3, 4, 5)
+FINGERS = list(product([0.0, 5.0], [WIDE, NARROW, None]))
+FINE = [
+    (300, 0.0, None, (4,)),
+    (300, 0.0, WIDE, (2, 3)),
+    (300, 5.0, NARROW, (2, 3)),
+    (500, 0.0, None, (4,)),
+    (500, 5.0, NARROW, (3, 5)),
+    (1200, 0.0, NARROW, (3, 4)),
+]
 
 
 def wavy(edges: int) -> ObjectModel:
@@ -196,8 +207,7 @@ def compared(
     return answered
 
 
-@pytest.mark.parametrize("radius", [0.0, 5.0])
-@pytest.mark.parametrize("half_range", [WIDE, NARROW, None])
+@pytest.mark.parametrize(("radius", "half_range"), sample(FINGERS, FINGERS[::2]))
 def test_same_answer_for_shipped_objects(radius: float, half_range: float | None) -> None:
     fingers = FEW_AND_MANY if half_range else FEW_AND_MANY[1:]
     answered = compared(
@@ -206,8 +216,7 @@ def test_same_answer_for_shipped_objects(radius: float, half_range: float | None
     assert answered >= 5
 
 
-@pytest.mark.parametrize("radius", [0.0, 5.0])
-@pytest.mark.parametrize("half_range", [WIDE, NARROW, None])
+@pytest.mark.parametrize(("radius", "half_range"), sample(FINGERS, FINGERS[::2]))
 def test_same_answer_for_holes_and_several_polygons(radius: float, half_range: float | None) -> None:
     answered = compared(
         [framed(), ring_of_teeth()],
@@ -221,17 +230,7 @@ def test_same_answer_for_holes_and_several_polygons(radius: float, half_range: f
     assert answered >= 5
 
 
-@pytest.mark.parametrize(
-    ("edges", "radius", "half_range", "fingers"),
-    [
-        (300, 0.0, None, (4,)),
-        (300, 0.0, WIDE, (2, 3)),
-        (300, 5.0, NARROW, (2, 3)),
-        (500, 0.0, None, (4,)),
-        (500, 5.0, NARROW, (3, 5)),
-        (1200, 0.0, NARROW, (3, 4)),
-    ],
-)
+@pytest.mark.parametrize(("edges", "radius", "half_range", "fingers"), sample(FINE, FINE[:3]))
 def test_same_answer_for_fine_outlines(
     edges: int, radius: float, half_range: float | None, fingers: tuple[int, ...]
 ) -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import shapely
 from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
+from quick_rig import small, small_objects
 from shapely import affinity
 from touch_check import check_touch
 
-from palpate.config import RigFile, load_objects, shipped_objects, shipped_rig
+from palpate.config import RigFile, shipped_rig
 from palpate.errors import DeviceError
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect
@@ -32,14 +33,15 @@ STAGE = {
 }
 
 
-def staged(**changes: Any) -> RigFile:
-    data = tomllib.loads(shipped_rig().read_text(encoding="utf-8"))
+def staged(text: str | None = None, **changes: Any) -> RigFile:
+    data = tomllib.loads(text or shipped_rig().read_text(encoding="utf-8"))
     data["emulation"] |= {"stage_backlash_deg": 0.02, "stage_error_deg": 0.02}
     return RigFile.model_validate(data | {"stage": STAGE} | changes)
 
 
 RIG = staged()
 REACH = reach_of(RIG, aims=21)
+SMALL = staged(small(shipped_rig()))
 
 
 def grip_at(reach: Reach, angle: float, rng: np.random.Generator) -> list[FingerApproach]:
@@ -101,7 +103,7 @@ def test_the_stage_turns_no_finger_into_a_post() -> None:
         assert body.distance(shape) >= RIG.closing.clearance_mm - 0.02
 
 
-def run_at(session: EmulatedSession, angles: list[float]) -> None:
+def run_at(session: EmulatedSession, reach: Reach, angles: list[float]) -> None:
     """Grips at some angles, every touch compared with the truth; tips wait outside while the stage turns."""
     assert session.placement is not None
     assert session.bench.stage is not None
@@ -126,21 +128,23 @@ def run_at(session: EmulatedSession, angles: list[float]) -> None:
     with connect(session.bench_rig) as hand:
         hand.prepare()
         for angle in angles:
-            touches = carry_out_grip(hand, grip_at(REACH, angle, rng), remember)
+            touches = carry_out_grip(hand, grip_at(reach, angle, rng), remember)
             assert stage.angle_rad == pytest.approx(angle, abs=math.radians(0.15))
             for touch in touches:
                 check_touch(shape, touch, centres[touch.finger_index], 5.0)
                 touched += touch.contact.touched
     assert touched >= len(angles)
     assert len(moved) > 20
-    assert min(moved) >= RIG.workspace.radius_mm + 5.0
+    assert min(moved) >= session.rig.workspace.radius_mm + 5.0
     assert set(session.torque()) >= {1, 11, 12}
     assert not any(session.torque().values())
 
 
 def test_touches_at_any_stage_angle_are_within_their_bounds() -> None:
-    angles = np.unique(REACH.stage_rad)
-    run_at(emulated_session(seed=5, rig=RIG), [float(angles[0]), 0.0, float(angles[-2])])
+    reach = reach_of(SMALL, aims=21)
+    angles = np.unique(reach.stage_rad)
+    session = emulated_session(seed=5, rig=SMALL, objects=small_objects())
+    run_at(session, reach, [float(angles[0]), 0.0, float(angles[-2])])
 
 
 def test_a_dead_stage_ends_the_run_with_torque_off() -> None:
@@ -155,7 +159,7 @@ def test_a_dead_stage_ends_the_run_with_torque_off() -> None:
 
 @pytest.mark.slow
 def test_a_rig_with_a_stage_identifies() -> None:
-    objects = load_objects(shipped_objects())
-    session = emulated_session(seed=4, rig=RIG, objects=objects)
+    objects = small_objects()
+    session = emulated_session(seed=4, rig=SMALL, objects=objects)
     result = identify_checked(session, Catalogue(objects.objects))
     assert result.outcome is IdentificationVerdict.IDENTIFIED

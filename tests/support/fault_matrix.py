@@ -2,7 +2,8 @@
 
 A cell runs a command in virtual time, lets the fault happen at an instant of the phase, drawn by a seed, and
 looks at the devices themselves afterwards. Which phase an instant belongs to is read off the call stack of a
-run without faults, which is the same up to that instant.
+run without faults, which is the same up to that instant. On the small bench ways are shorter and fingers
+fewer; speeds, frames and limits are those of the whole one.
 """
 
 import os
@@ -19,12 +20,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from emulated_session import EmulatedSession, emulated_session
 from fault_rows import FAULTS, LOOKED, Fault, Host, shove
-from touched_references import DISC, FRESH
+from quick_rig import small_objects, small_rig
+from repository import EXAMPLES
+from touched_references import DISC
 from truth_calibration import bench_calibration
 
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.prober import Probe
-from palpate.config import apply_calibration, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import RigFile, apply_calibration, load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.rig_prober import HandProber
@@ -45,9 +48,8 @@ FORCE_N = 10.0
 
 def _identify(host: Host, folder: Path) -> None:
     session = host.session
-    objects = load_objects(shipped_objects())
     job = IdentificationJob(
-        session.rig, Catalogue(objects.objects), session.placement, Strategy.PLANNED, SEED, None
+        session.rig, Catalogue(host.objects.objects), session.placement, Strategy.PLANNED, SEED, None
     )
     with SessionLog(folder, session.clock, {}, stalled_s=0.3) as log:
         host.log = log
@@ -95,22 +97,33 @@ def _check_touch(host: Host, _folder: Path) -> None:
         retouch(session.rig, HandProber(hand, EmulatedTable(session.bench, SEED)), DISC, promises)
 
 
-def _shipped(**changes: object) -> EmulatedSession:
-    rig = load_rig(shipped_rig())
+def _rig(path: Path, small: bool) -> RigFile:
+    if not small:
+        return load_rig(path)
+    rig = small_rig(path)
+    return rig.model_copy(update={"fingers": rig.fingers[:2]})
+
+
+def _shipped(small: bool, empty: bool = False) -> Host:
+    rig = _rig(shipped_rig(), small)
     search = rig.search.model_copy(update={"max_grips": 1})
-    return emulated_session(seed=SEED, rig=rig.model_copy(update={"search": search}), **changes)  # type: ignore[arg-type]
+    objects = small_objects() if small else load_objects(shipped_objects())
+    rig = rig.model_copy(update={"search": search})
+    return Host(emulated_session(seed=SEED, rig=rig, objects=objects, empty=empty), objects)
 
 
-def _fresh() -> EmulatedSession:
-    rig = FRESH.model_copy(update={"fingers": FRESH.fingers[:2]})
-    return emulated_session(seed=SEED, rig=rig, empty=True)
+def _fresh(small: bool) -> Host:
+    rig = _rig(EXAMPLES / "fresh-rig.toml", small)
+    rig = rig.model_copy(update={"fingers": rig.fingers[:2]})
+    return Host(emulated_session(seed=SEED, rig=rig, empty=True))
 
 
-COMMANDS: dict[str, tuple[Callable[[], EmulatedSession], Callable[[Host, Path], None]]] = {
+COMMANDS: dict[str, tuple[Callable[[bool], Host], Callable[[Host, Path], None]]] = {
     "identify": (_shipped, _identify),
     "calibrate": (_fresh, _calibrate),
-    "check --touch": (lambda: _shipped(empty=True), _check_touch),
+    "check --touch": (lambda small: _shipped(small, empty=True), _check_touch),
 }
+"""Makes the host, on the small bench or on the whole one, and what it carries out."""
 
 PHASES: Sequence[tuple[str, str]] = (
     ("_switch_off_despite_interruptions", "torque off"),
@@ -144,10 +157,11 @@ def _phase() -> str | None:
 
 
 @cache
-def phases(command: str) -> dict[str, list[tuple[float, float]]]:
+def phases(command: str, small: bool = False) -> dict[str, list[tuple[float, float]]]:
     """When a run without faults is in which phase: intervals of virtual time, s."""
     make, carry = COMMANDS[command]
-    session = make()
+    host = make(small)
+    session = host.session
     spans: dict[str, list[tuple[float, float]]] = {}
     last: list[tuple[str | None, float]] = [(None, 0.0)]
 
@@ -161,16 +175,16 @@ def phases(command: str) -> dict[str, list[tuple[float, float]]]:
 
     session.clock.on_tick = look
     with TemporaryDirectory() as folder:
-        carry(Host(session), Path(folder))
+        carry(host, Path(folder))
     look()
     return spans
 
 
-def instant_s(command: str, phase: str, draw: int) -> float:
+def instant_s(cell: "Cell") -> float:
     """An instant of a phase, evenly drawn over the first seconds of it: later ones are more of the same."""
-    spans = phases(command)[phase]
+    spans = phases(cell.command, cell.small)[cell.phase]
     whole = min(_DRAWN_S, sum(until - since for since, until in spans))
-    at = random.Random(f"{command} {phase} {draw}").uniform(0.02, 0.98) * whole
+    at = random.Random(f"{cell.command} {cell.phase} {cell.draw}").uniform(0.02, 0.98) * whole
     for since, until in spans:
         if at <= until - since:
             return since + at
@@ -186,6 +200,7 @@ class Cell:
     phase: str
     fault: int
     draw: int = 0
+    small: bool = False
 
     @property
     def row(self) -> Fault:
@@ -254,7 +269,7 @@ class _Watch:
 def run_cell(cell: Cell) -> Outcome:
     """Carry it out."""
     make, carry = COMMANDS[cell.command]
-    host = Host(make())
+    host = make(cell.small)
     session, watches = host.session, []
 
     def strike() -> None:
@@ -263,7 +278,7 @@ def run_cell(cell: Cell) -> Outcome:
         session.clock.on_tick = watch.look
         cell.row.strike(host)
 
-    session.clock.after(instant_s(cell.command, cell.phase, cell.draw), strike)
+    session.clock.after(instant_s(cell), strike)
     error: BaseException | None = None
     with TemporaryDirectory() as folder, ExitStack() as ends:
         ends.callback(_let_go, host)

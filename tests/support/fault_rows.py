@@ -11,6 +11,7 @@ from threading import Event
 import numpy as np
 from emulated_session import EmulatedSession
 
+from palpate.config import ObjectsFile
 from palpate.drivers.emulators.faults import FaultRates, WireRates
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.emulators.tip import PartSection
@@ -35,6 +36,7 @@ class Host:
     """What of a run's host side a fault can reach."""
 
     session: EmulatedSession
+    objects: ObjectsFile = field(default_factory=lambda: ObjectsFile(()))
     log: SessionLog | None = None
     release: Event = field(default_factory=Event)
     observer: Callable[[], None] = lambda: None

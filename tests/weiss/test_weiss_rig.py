@@ -4,13 +4,14 @@ from pathlib import Path
 
 import pytest
 from command import run_here
+from quick_rig import small, small_parts
 
 from palpate.config import shipped_rig
 
 
 def rig_file(folder: Path, protocol: str, rate_hz: float, *lines: str) -> Path:
-    """The shipped bench with arrays of another protocol, which needs a lower rate."""
-    text = shipped_rig().read_text(encoding="utf-8")
+    """The small bench with arrays of another protocol, which needs a lower rate."""
+    text = small(shipped_rig())
     keys = [f'protocol = "{protocol}"', "counts_per_n = 2000.0", *lines]
     text = text.replace('protocol = "palpate"', "\n".join(keys))
     text = text.replace("sample_rate_hz = 250.0", f"sample_rate_hz = {rate_hz}")
@@ -25,10 +26,11 @@ def test_a_part_is_identified(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     file = rig_file(tmp_path, "weiss-wts", 100.0, 'first_texel = "upper-right"', 'first_row = "upright"')
-    done = run_here(["identify", "--rig", file, "--seed", 7, "--json"], monkeypatch, capsys)
+    words = ["identify", "--rig", file, "--objects", small_parts(tmp_path), "--seed", 7, "--json"]
+    done = run_here(words, monkeypatch, capsys)
     assert done.code == 0, done.err
     answer = done.json
-    assert (answer["verdict"], answer["object"], answer["emulated"]) == ("identified", "hand", True)
+    assert (answer["verdict"], answer["object"], answer["emulated"]) == ("identified", "tee", True)
     assert answer["truth"]["inside_bounds"] is True
     assert answer["touches"] <= 12
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 from command import Ended, run_here
+from quick_rig import small
 from wording import missing
 
-from palpate.config import load_objects
+from palpate.config import load_objects, shipped_rig
 from palpate.errors import InputError
 from palpate.rig.catalogue.heights import FingerAtHeight, check_known
 
@@ -105,7 +106,10 @@ def test_contacts_where_the_state_is_known_are_recognised(tmp_path: Path, ask: A
 def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, ask: Any) -> None:
     sessions = tmp_path / "sessions"
     objects = write(tmp_path, None)
-    assert ask("identify", "--objects", objects, "--sessions", sessions).code in (0, 1)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(small(shipped_rig()).replace("max_grips = 8", "max_grips = 1"), encoding="utf-8")
+    words = ("--rig", rig, "--objects", objects, "--sessions", sessions)
+    assert ask("identify", *words).code in (0, 1)
     (folder,) = sessions.iterdir()
     (folder / "objects.json").write_text(write(tmp_path, [[4.5, 5.5]]).read_text())
     refused(ask("replay", folder), "f1")

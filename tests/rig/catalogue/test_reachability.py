@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from odd_parts import OUTLINE, objects_file, part
 from repository import EXAMPLES
+from sampling import sample
 from shapely_bench import Placed
 from simulated_touches import SimulatedTouches
 
@@ -165,10 +166,11 @@ def test_parts_that_fit_are_never_refused(width: float, depth: float, height: fl
     assert lower == ([Trouble.LINKS] if height >= 30.0 else [])
 
 
-def test_what_a_search_identifies_is_never_hopeless() -> None:
+@pytest.mark.parametrize("seeds", sample([16, 40], [16]))
+def test_what_a_search_identifies_is_never_hopeless(seeds: int) -> None:
     """Triangles and slabs from 1 to 350 mm, also such as stick out of the workspace, felt by simulation."""
     reach, identified = reach_of(BENCH), 0
-    for seed in range(40):
+    for seed in range(seeds):
         rng = np.random.default_rng([seed, 31])
         long, wide = np.exp(rng.uniform(np.log(1.0), np.log([350.0, 120.0])))
         ring = [[0, 0], [long, 0], [long * rng.uniform(0.2, 1), wide], [0, wide * rng.uniform(0.2, 1)]]
@@ -180,4 +182,4 @@ def test_what_a_search_identifies_is_never_hopeless() -> None:
         if result.outcome is IdentificationVerdict.IDENTIFIED:
             identified += 1
             assert not {item.trouble for item in findings_of(BENCH, [model])} & HOPELESS, seed
-    assert identified >= 15
+    assert identified >= 0.37 * seeds

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from sampling import sample
 from shapely_bench import (
     SHIPPED_OBJECTS,
     Placed,
@@ -33,6 +34,8 @@ from palpate.vocabulary import IdentificationVerdict, Strategy
 RIG = load_rig(shipped_rig())
 REACH = reach_of(RIG)
 SIX = outlines(SHIPPED_OBJECTS)
+SEEDS = sample([12, 40], [12])
+"""How many searches a claim is tried with; `make campaign` has the many."""
 ANSWERS = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 
 
@@ -95,11 +98,12 @@ def held(result: Identification, placed: Placed) -> bool:
     return result.recognition is not None and holding_truth(result.recognition, placed) is not None
 
 
+@pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("strategy", Strategy)
-def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy) -> None:
+def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy, seeds: int) -> None:
     catalogue = Catalogue(SIX)
     ends: Counter[IdentificationVerdict] = Counter()
-    for seed in range(40):
+    for seed in range(seeds):
         table = Table(placed_by(seed, SIX), seed=seed)
         result = search(RIG, REACH, table, catalogue, strategy=strategy, seed=seed)
         ends[result.outcome] += 1
@@ -110,19 +114,20 @@ def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy) -> None:
             assert result.recognition is not None
             assert len(result.recognition.hypotheses) == 1
             assert result.predicted >= 2
-    assert ends[IdentificationVerdict.IDENTIFIED] >= (38 if strategy is Strategy.PLANNED else 25)
+    assert ends[IdentificationVerdict.IDENTIFIED] >= (0.95 if strategy is Strategy.PLANNED else 0.62) * seeds
     if strategy is Strategy.PLANNED:
         assert not ends[IdentificationVerdict.UNRESOLVED]
 
 
 @needs_shared_outlines
-def test_planned_touches_are_fewer_than_random_ones() -> None:
+@pytest.mark.parametrize("seeds", SEEDS)
+def test_planned_touches_are_fewer_than_random_ones(seeds: int) -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)
     beyond = {}
     for strategy in (Strategy.PLANNED, Strategy.RANDOM):
         counts = []
-        for seed in range(40):
+        for seed in range(seeds):
             table = Table(placed_by(seed, models), seed=seed)
             result = search(RIG, REACH, table, catalogue, strategy=strategy, seed=seed)
             assert held(result, table.placed)
@@ -131,11 +136,12 @@ def test_planned_touches_are_fewer_than_random_ones() -> None:
     assert beyond[Strategy.PLANNED] <= 0.6 * beyond[Strategy.RANDOM], beyond
 
 
+@pytest.mark.parametrize("seeds", SEEDS)
 @pytest.mark.parametrize("push_after", [1, 2])
-def test_a_part_that_was_pushed_is_noticed(push_after: int) -> None:
+def test_a_part_that_was_pushed_is_noticed(push_after: int, seeds: int) -> None:
     catalogue = Catalogue(SIX)
     noticed = runs = 0
-    for seed in range(30):
+    for seed in range(seeds):
         first = placed_by(seed, SIX)
         table = Table(first, pushed(first, seed), push_after, seed)
         events = Events()
@@ -150,7 +156,7 @@ def test_a_part_that_was_pushed_is_noticed(push_after: int) -> None:
             (number,) = result.moved_before
             assert number > push_after
             assert events.moves == [number]
-    assert runs >= 20
+    assert runs >= 0.66 * seeds
     assert noticed >= 0.9 * runs
 
 
@@ -167,7 +173,8 @@ def test_after_a_move_only_later_touches_count() -> None:
     assert seen >= 5
 
 
-def test_what_is_not_in_the_catalogue_is_unknown() -> None:
+@pytest.mark.parametrize("seeds", SEEDS)
+def test_what_is_not_in_the_catalogue_is_unknown(seeds: int) -> None:
     """A foreign part is refused; a part that is moved again and again is too."""
     strangers = [
         flat("slab", [(0, 0), (64, 0), (64, 18), (0, 18)]),
@@ -178,21 +185,22 @@ def test_what_is_not_in_the_catalogue_is_unknown() -> None:
     ]  # fmt: skip
     catalogue = Catalogue(SIX)
     ends: Counter[IdentificationVerdict] = Counter()
-    for seed in range(40):
+    for seed in range(seeds):
         result = search(RIG, REACH, Table(placed_by(seed, strangers), seed=seed), catalogue, seed=seed)
         ends[result.outcome] += 1
-    assert ends[IdentificationVerdict.UNKNOWN] >= 38, ends
+    assert ends[IdentificationVerdict.UNKNOWN] >= 0.95 * seeds, ends
 
 
 @needs_shared_outlines
-def test_real_parts_are_unknown_to_a_catalogue_of_others() -> None:
+@pytest.mark.parametrize("seeds", sample([15, 60], [15]))
+def test_real_parts_are_unknown_to_a_catalogue_of_others(seeds: int) -> None:
     catalogue = Catalogue(SIX)
     parts = outlines(SHARED_OUTLINES)
     ends = Counter(
         search(RIG, REACH, Table(placed_by(seed, parts), seed=seed), catalogue, seed=seed).outcome
-        for seed in range(60)
+        for seed in range(seeds)
     )
-    assert ends[IdentificationVerdict.UNKNOWN] >= 57, ends
+    assert ends[IdentificationVerdict.UNKNOWN] >= 0.95 * seeds, ends
 
 
 def test_nothing_on_the_table_stays_unresolved() -> None:

@@ -5,9 +5,10 @@ from functools import partial
 
 import pytest
 from emulated_session import EmulatedSession, emulated_session, identify_checked
+from quick_rig import small_objects, small_rig
 from sampling import sample
 
-from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import ObjectsFile
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import connect
 from palpate.rig.emulated.answer_error import compare
@@ -16,7 +17,7 @@ from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observer, Observers, TouchEvent
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
-OBJECTS = load_objects(shipped_objects())
+RIG, OBJECTS = small_rig(), small_objects()
 PLACE = (6.0, -8.0, 1.1)
 
 
@@ -58,9 +59,9 @@ def ended(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gator"])
+@pytest.mark.parametrize("name", ["tee"])
 def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
-    session = emulated_session(seed=21, placement=placement_of(name))
+    session = emulated_session(seed=21, rig=RIG, placement=placement_of(name))
     pusher = Pusher(session, placement_of(name), 1)
     result = ended(session, record=pusher)
     assert result.moved_before == (2,)
@@ -71,30 +72,29 @@ def test_a_part_that_is_pushed_between_grips_is_noticed(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sample(["tr-2", "grip"], ["tr-2"]))
+@pytest.mark.parametrize("name", sample(["ell", "tee"], ["ell"]))
 def test_a_part_outside_the_catalogue_is_unknown(name: str) -> None:
     others = ObjectsFile(tuple(item for item in OBJECTS.objects if item.name != name))
-    result = ended(emulated_session(seed=22, placement=placement_of(name)), others)
+    result = ended(emulated_session(seed=22, rig=RIG, placement=placement_of(name)), others)
     assert result.outcome is IdentificationVerdict.UNKNOWN
     assert result.recognition is not None
     assert not result.recognition.hypotheses
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", [Strategy.RANDOM, Strategy.ROTATE])
+@pytest.mark.parametrize("strategy", sample([Strategy.RANDOM, Strategy.ROTATE], [Strategy.RANDOM]))
 def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
-    result = ended(emulated_session(seed=23, placement=placement_of("hand")), strategy=strategy)
+    result = ended(emulated_session(seed=23, rig=RIG, placement=placement_of("ell")), strategy=strategy)
     assert result.outcome in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.UNRESOLVED)
     assert result.recognition is not None
-    assert compare(placement_of("hand"), result.recognition.hypotheses).inside_bounds
+    assert compare(placement_of("ell"), result.recognition.hypotheses).inside_bounds
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3])
 def test_wires_that_flip_and_lose_change_no_answer(seed: int) -> None:
-    rig = load_rig(shipped_rig())
-    assert rig.emulation is not None
-    bad = rig.emulation.model_copy(update={"flipped_bytes": 0.0005, "lost_packets": 0.005})
-    session = emulated_session(seed=seed, rig=rig.model_copy(update={"emulation": bad}))
+    assert RIG.emulation is not None
+    bad = RIG.emulation.model_copy(update={"flipped_bytes": 0.0005, "lost_packets": 0.005})
+    session = emulated_session(seed=seed, rig=RIG.model_copy(update={"emulation": bad}), objects=OBJECTS)
     result = identify_checked(session, Catalogue(OBJECTS.objects))
     assert result.outcome is IdentificationVerdict.IDENTIFIED

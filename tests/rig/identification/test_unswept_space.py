@@ -9,6 +9,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 from repository import EXAMPLES
+from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines
 from simulated_touches import SimulatedTouches
 
@@ -57,11 +58,12 @@ def test_small_parts_cannot_be_ruled_out_in_a_few_grips() -> None:
     assert len(result.grips) == RIG.search.max_grips
 
 
-def test_a_part_near_the_rim_is_found_and_never_ruled_out() -> None:
+@pytest.mark.parametrize("seeds", sample([16, 40], [16]))
+def test_a_part_near_the_rim_is_found_and_never_ruled_out(seeds: int) -> None:
     """Parts of half the size, anywhere near the rim: where the first grip, at the middle, misses them."""
     small = [flat(item.name, item.states[0].sections[0].polygons[0].outer / 2) for item in SIX]
     found = missed_at_first = 0
-    for seed in range(40):
+    for seed in range(seeds):
         rng = np.random.default_rng([seed, 77])
         model = small[int(rng.integers(len(small)))]
         placed = Placed(model, 0.0, 0.0, float(rng.uniform(-math.pi, math.pi)))
@@ -73,8 +75,8 @@ def test_a_part_near_the_rim_is_found_and_never_ruled_out() -> None:
         missed_at_first += not any(touch.contact.touched for touch in result.grips[0])
         assert not result.swept, seed
         found += result.recognition is not None
-    assert missed_at_first >= 10
-    assert found == 40
+    assert missed_at_first >= 0.25 * seeds
+    assert found == seeds
 
 
 @given(

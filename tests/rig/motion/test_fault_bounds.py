@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 from command import log_events
-from emulated_session import EmulatedSession, emulated_session
+from emulated_session import EmulatedSession, small_session
 
 from palpate.drivers.dynamixel.errors import Restarted
 from palpate.drivers.emulators.faults import FaultRates, WireRates
@@ -65,7 +65,7 @@ def closing_with(
     folder: Path, stage: GripPhase, after_s: float, fault: Callable[[EmulatedSession], object], seed: int
 ) -> tuple[EmulatedSession, Watch, PalpateError | None]:
     """Carry out a grip with a fault in it; what came of it, None if nobody minded."""
-    session = emulated_session(seed=seed)
+    session = small_session(seed=seed)
     if after_s == JUST_BEFORE_TOUCHING:
         after_s = first_touch_s(seed) - 0.1
     watches: list[Watch] = []
@@ -104,7 +104,7 @@ WHEN = [(GripPhase.CLOSING, JUST_BEFORE_TOUCHING)]
 @cache
 def first_touch_s(seed: int) -> float:
     """When the first finger touches the part, from the beginning of the closing."""
-    session = emulated_session(seed=seed)
+    session = small_session(seed=seed)
     began: list[float] = []
     touched: list[float] = []
 
@@ -291,7 +291,7 @@ def test_a_servo_that_somebody_else_switches_off(tmp_path: Path) -> None:
 
 def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
     """An aim is clamped while it turns: the run ends after a second, not after twenty."""
-    session = emulated_session()
+    session = small_session()
     aim = session.bench.fingers[0].servos[0]
     free = aim.step
     aim.step = lambda dt_s, load_nm: free(  # type: ignore[method-assign]
@@ -307,7 +307,7 @@ def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
 
 
 def test_an_item_that_does_not_stay_written_ends_the_run_before_torque_goes_on(tmp_path: Path) -> None:
-    session = emulated_session()
+    session = small_session()
     table = session.servos[22]._unit.table
     put = table.set
     table.set = lambda name, value: put(name, 7 if name == "Current Limit" else value)  # type: ignore[method-assign]

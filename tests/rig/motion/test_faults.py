@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from command import log_events
-from emulated_session import EmulatedSession, emulated_session
+from emulated_session import EmulatedSession, small_session
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.errors import DeviceError, PalpateError, SafetyStop
@@ -55,7 +55,7 @@ def failing(
 
 @pytest.mark.parametrize("dead", IDS)
 def test_a_servo_that_does_not_answer_is_named_and_nothing_gets_torque(tmp_path: Path, dead: int) -> None:
-    session = emulated_session()
+    session = small_session()
     session.servos[dead].power_off()
     with pytest.raises(DeviceError, match=rf"servo {dead} on mock://\S+/bus does not answer"):
         session.run_grip(tmp_path, session.middle())
@@ -65,7 +65,7 @@ def test_a_servo_that_does_not_answer_is_named_and_nothing_gets_torque(tmp_path:
 
 
 def test_a_servo_left_on_by_someone_is_switched_off_when_another_one_is_missing(tmp_path: Path) -> None:
-    session = emulated_session()
+    session = small_session()
     for dxl_id in IDS:
         session.servos[dxl_id].take_block(64, b"\1")
     session.servos[22].power_off()
@@ -76,7 +76,7 @@ def test_a_servo_left_on_by_someone_is_switched_off_when_another_one_is_missing(
 
 @pytest.mark.parametrize("name", ["f1", "f3"])
 def test_a_silent_array_is_named_and_nothing_gets_torque(tmp_path: Path, name: str) -> None:
-    session = emulated_session()
+    session = small_session()
     session.cables[f"mock://{name}"].cut = True
     with pytest.raises(DeviceError, match=rf"tactile array {name} on mock://\S+/{name} does not answer"):
         session.run_grip(tmp_path, session.middle())
@@ -86,7 +86,7 @@ def test_a_silent_array_is_named_and_nothing_gets_torque(tmp_path: Path, name: s
 
 @pytest.mark.parametrize("dead", [12, 31])
 def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
-    session = emulated_session()
+    session = small_session()
     error = failing(session, tmp_path, GripPhase.CLOSING, 1.0, session.servos[dead].power_off)
     assert isinstance(error, DeviceError)
     # A slide is looked at all the time, an aim servo only with torque off: then it is at least named.
@@ -99,7 +99,7 @@ def test_a_servo_that_dies_in_a_closing(tmp_path: Path, dead: int) -> None:
 
 def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
     """Something catches the finger behind its tip: the servo pulls, the array feels nothing."""
-    session = emulated_session(empty=True)
+    session = small_session(empty=True)
     slide = session.servos[12]
     free = slide.step
 
@@ -137,7 +137,7 @@ STAGES = [
 @pytest.mark.parametrize(("stage", "base_s"), STAGES)
 def test_interrupted_anywhere_fingers_stop(tmp_path: Path, stage: GripPhase, base_s: float) -> None:
     """The interrupt comes at an instant like any other: inside a transfer, between two, in a wait."""
-    session = emulated_session()
+    session = small_session()
     after_s = base_s + random.Random(f"{stage} {base_s}").uniform(0.0, 0.03)
 
     def interrupt() -> None:
@@ -156,7 +156,7 @@ def test_interrupted_anywhere_fingers_stop(tmp_path: Path, stage: GripPhase, bas
 
 @pytest.mark.parametrize("after_s", [0.0, 0.001, 0.004, 0.02])
 def test_interrupted_while_connecting(tmp_path: Path, after_s: float) -> None:
-    session = emulated_session()
+    session = small_session()
     for dxl_id in IDS:
         session.servos[dxl_id].take_block(64, b"\1")  # left on by whoever was here before
 
@@ -172,7 +172,7 @@ def test_interrupted_while_connecting(tmp_path: Path, after_s: float) -> None:
 
 def test_interrupted_while_switching_off() -> None:
     """The interrupt swallows the very packet that was to switch everything off."""
-    session = emulated_session()
+    session = small_session()
 
     def interrupt() -> None:
         session.clock.on_tick = lambda: None
@@ -190,7 +190,7 @@ def test_interrupted_while_switching_off() -> None:
 
 
 def test_a_late_answer_is_not_believed_to_answer_the_next_question() -> None:
-    session = emulated_session()
+    session = small_session()
     bus = session.cables["mock://bus"]
 
     def recover() -> None:
@@ -206,7 +206,7 @@ def test_a_late_answer_is_not_believed_to_answer_the_next_question() -> None:
 @cache
 def undisturbed() -> list[Touch]:
     """The same grip with nothing in its way."""
-    session = emulated_session()
+    session = small_session()
     with TemporaryDirectory() as folder:
         return session.run_grip(Path(folder), session.middle())
 
@@ -221,7 +221,7 @@ def undisturbed() -> list[Touch]:
 )
 def test_answers_that_come_late_once_change_nothing(tmp_path: Path, stage: GripPhase, after_s: float) -> None:
     """A stall of 40 ms, longer than the SDK waits: asked again, no late answer is taken for another one."""
-    session = emulated_session()
+    session = small_session()
     bus = session.cables["mock://bus"]
 
     def stall() -> None:

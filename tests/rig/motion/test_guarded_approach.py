@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from emulated_session import EmulatedSession, emulated_session
+from emulated_session import EmulatedSession, emulated_session, small_session
 from sampling import sample
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from touched import run_checked
@@ -38,12 +38,12 @@ def test_every_touch_is_within_its_bounds(number: int) -> None:
 @needs_shared_outlines
 @pytest.mark.parametrize("seed", sample(range(2), [0]))
 def test_every_touch_on_real_parts_is_within_its_bounds(seed: int) -> None:
-    touches = run_checked(emulated_session(seed=seed, objects=load_objects(SHARED_OUTLINES)), 3, seed)
+    touches = run_checked(emulated_session(seed=seed, objects=load_objects(SHARED_OUTLINES)), 2, seed)
     assert touches
 
 
 def test_an_empty_table_is_missed_and_fingers_stay_apart() -> None:
-    session = emulated_session(empty=True)
+    session = small_session(empty=True)
     closest = [math.inf]
     session.clock.on_tick = lambda: closest.append(min(closest.pop(), *gaps_mm(session)))
     with connect(session.bench_rig) as hand:
@@ -58,7 +58,7 @@ def test_an_empty_table_is_missed_and_fingers_stay_apart() -> None:
 
 
 def test_fingers_wait_outside_the_workspace_between_grips() -> None:
-    session = emulated_session(seed=3)
+    session = small_session(seed=3)
     with connect(session.bench_rig) as hand:
         session.grip(hand, session.middle())
         for finger in session.bench.fingers:
