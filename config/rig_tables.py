@@ -63,6 +63,10 @@ class ClosingConfig(FileModel):
     """How fingers close on a part."""
 
     approach_speed_mm_s: Annotated[Positive, Field(le=1000)] = Field(description="Speed through free space.")
+    search_speed_mm_s: Annotated[Positive, Field(le=1000)] | None = Field(
+        default=None,
+        description="Speed where a finger may first meet the part; by default approach_speed_mm_s.",
+    )
     touch_speed_mm_s: Annotated[Positive, Field(le=100)] = Field(
         description="Speed when a contact is measured."
     )
@@ -74,12 +78,22 @@ class ClosingConfig(FileModel):
         description="Frames per second of an array."
     )
 
+    @property
+    def search_mm_s(self) -> float:
+        """Speed (mm/s) at which a finger may meet the part for the first time."""
+        return self.approach_speed_mm_s if self.search_speed_mm_s is None else self.search_speed_mm_s
+
     @model_validator(mode="after")
     def _grows_in_order(self) -> Self:
         if self.touch_speed_mm_s > self.approach_speed_mm_s:
             raise problem(
                 f"is {self.touch_speed_mm_s:g}, above approach_speed_mm_s ({self.approach_speed_mm_s:g})",
                 "touch_speed_mm_s",
+            )
+        if self.search_mm_s > self.approach_speed_mm_s:
+            raise problem(
+                f"is {self.search_mm_s:g}, above approach_speed_mm_s ({self.approach_speed_mm_s:g})",
+                "search_speed_mm_s",
             )
         if self.contact_force_n >= self.max_force_n:
             raise problem(

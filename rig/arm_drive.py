@@ -34,29 +34,53 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Motion:
-    """A way of some length: `place` by travel, begun at `begun_s`, with a ramp up and down."""
+    """A way of some length: `place` by travel, begun at `begun_s`, with a ramp up and down.
+
+    `entry_mm_s`: speed at its begin, from which it slows down; 0 from standing still.
+    """
 
     place: Callable[[float], Place]
     length_mm: float
     speed_mm_s: float
     begun_s: float
+    entry_mm_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
-        """Time from standing still to standing still."""
+        """Time until it stands still."""
         top = self._top_mm_s
-        return top / _ACCELERATION_MM_S2 + (self.length_mm / top if top > 0 else 0.0)
+        if top <= 0:
+            return 0.0
+        # What the first ramp lasts longer or shorter than at top speed.
+        first_s = (top - self.entry_mm_s) ** 2 / (2 * top * _ACCELERATION_MM_S2)
+        first_s = math.copysign(first_s, top - self.entry_mm_s)
+        return self.length_mm / top + top / 2 / _ACCELERATION_MM_S2 + first_s
 
     def travel_mm(self, now: float) -> float:
         """How far the tip should be."""
         after = min(max(now - self.begun_s, 0.0), self.duration_s)
         left = self.duration_s - after
-        ramp = self._top_mm_s / _ACCELERATION_MM_S2
+        top = self._top_mm_s
+        change = top - self.entry_mm_s
+        ramp = abs(change) / _ACCELERATION_MM_S2
         if after < ramp:
-            return _ACCELERATION_MM_S2 * after**2 / 2
-        if left < ramp:
+            return self.entry_mm_s * after + math.copysign(_ACCELERATION_MM_S2 * after**2 / 2, change)
+        if left < top / _ACCELERATION_MM_S2:
             return self.length_mm - _ACCELERATION_MM_S2 * left**2 / 2
-        return self._top_mm_s * (after - ramp / 2)
+        return top * after - change * ramp / 2
+
+    def slowed(self, speed_mm_s: float, now: float) -> "_Motion":
+        """The rest of the way at a lower speed; this one where it could not stop in time then."""
+        gone, entry = self.travel_mm(now), self._speed_mm_s(now)
+        left_mm = self.length_mm - gone
+        if entry <= speed_mm_s or entry**2 / 2 / _ACCELERATION_MM_S2 >= left_mm:
+            return self
+        return _Motion(lambda travel: self.place(gone + travel), left_mm, speed_mm_s, now, entry)
+
+    def _speed_mm_s(self, now: float) -> float:
+        after = max(now - self.begun_s, 0.0)
+        left = max(self.duration_s - after, 0.0)
+        return min(self._top_mm_s, self.entry_mm_s + _ACCELERATION_MM_S2 * after, _ACCELERATION_MM_S2 * left)
 
     @property
     def _top_mm_s(self) -> float:
@@ -138,6 +162,16 @@ class ArmDrive:
             return line.point_mm(from_mm + sign * travel_mm)
 
         return self._begin(_Motion(place, abs(to_mm - from_mm), speed_mm_s, now))
+
+    def slow_down(self, speed_mm_s: float, now: float) -> ServoGoals:
+        """From the next goal on."""
+        if self._motion is not None and (slower := self._motion.slowed(speed_mm_s, now)) is not self._motion:
+            return self._begin(slower)
+        return self.goals(now)
+
+    def slowing_mm(self, from_mm_s: float, to_mm_s: float) -> float:
+        """By the ramp of the streamed goals, which the tip lags behind."""
+        return max(from_mm_s**2 - to_mm_s**2, 0.0) / 2 / _ACCELERATION_MM_S2
 
     def goals(self, now: float) -> ServoGoals:
         """Where both servos should be now."""

@@ -98,6 +98,14 @@ class Drive(Protocol):
         """Begin to go along a line, on which the finger is at `from_mm`; what to write at once."""
         ...
 
+    def slow_down(self, speed_mm_s: float, now: float, /) -> ServoGoals:
+        """Go on along the line more slowly, without a jerk; what to write at once."""
+        ...
+
+    def slowing_mm(self, from_mm_s: float, to_mm_s: float, /) -> float:
+        """How far the tip goes while it changes from one speed to a lower one."""
+        ...
+
     def goals(self, now: float, /) -> ServoGoals:
         """What to write now; empty if the servos know enough."""
         ...
@@ -182,6 +190,16 @@ class SlideDrive:
         self._set_speed(speed_mm_s)
         self._targets = {self._slide: self._kinematics.servos_rad(line, to_mm)[1]}
         return self._targets
+
+    def slow_down(self, speed_mm_s: float, _now: float) -> ServoGoals:
+        """The same goal again: the servo's profile changes its speed when a goal is written."""
+        self._set_speed(speed_mm_s)
+        return self._targets
+
+    def slowing_mm(self, from_mm_s: float, to_mm_s: float) -> float:
+        """At the profile's acceleration."""
+        rate = ACCELERATION_RAD_S2 * abs(self._kinematics.mm_per_rad)
+        return max(from_mm_s**2 - to_mm_s**2, 0.0) / 2 / rate
 
     def goals(self, _now: float) -> ServoGoals:
         """Nothing: one goal is enough."""

@@ -27,7 +27,7 @@ ReadStates = Callable[[Sequence[Servo]], Mapping[int, ServoState]]
 
 
 class End(Enum):
-    """How a mover's part of a guarded move ended."""
+    """How a mover's part of a guarded move ended; after TURN it is stopped, and goes on with a new goal."""
 
     REACHED = "reached"
     CONTACT = "contact"
@@ -35,6 +35,7 @@ class End(Enum):
     DEADLINE = "deadline"
     CLEARANCE = "clearance"
     ENOUGH = "enough"
+    TURN = "turn"
 
 
 class Mover(Protocol):
@@ -64,7 +65,10 @@ class Mover(Protocol):
         ...
 
     def sense(self, now: float, /) -> End | None:
-        """Each period, before anything else: an end that arrays report, such as a contact."""
+        """Each period, before anything else: an end that arrays report, such as a contact.
+
+        After TURN the mover is stopped, and goes on with what it streams next.
+        """
         ...
 
     def look(self, states: Mapping[int, ServoState], now: float, /) -> None:
@@ -106,6 +110,7 @@ def guarded_loop(
         periods += 1
         ended = _asked(left, lambda mover: mover.sense(now()))
         _stop(bus, read, now, list(ended))
+        ended = {mover: end for mover, end in ended.items() if end is not End.TURN}
         ends |= ended
         left = [mover for mover in left if mover not in ended]
         if periods % read_every == 0:

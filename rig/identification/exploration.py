@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from palpate.recognizer import Contact, FingerApproach, already_used
 from palpate.recognizer.rays import approach_lines, offset_from_lines
 from palpate.rig.reach.approaches import Reach
 
-__all__ = ["exploring_grip"]
+__all__ = ["exploring_grip", "outside_fast"]
 
 _APART_MM = 6.0  # approaches keep this far from earlier ones of the same finger
 _INWARD_MM = 6.0
@@ -34,6 +35,16 @@ def exploring_grip(reach: Reach, contacts: Sequence[Contact]) -> list[FingerAppr
             _, best = min((abs(offset[k]), k) for k in free)
             grip.append(reach.approaches[best])
     return grip
+
+
+def outside_fast(approach: FingerApproach, workspace_radius_mm: float) -> FingerApproach:
+    """The approach, fast as far as the tip is certainly outside of the workspace."""
+    (x, y), angle = approach.start_mm, approach.direction_rad
+    reach = workspace_radius_mm + approach.finger.tip_radius_mm + approach.position_bound_mm
+    along = -(x * math.cos(angle) + y * math.sin(angle))
+    beside = math.hypot(x, y) ** 2 - along**2
+    inside = math.sqrt(max(reach**2 - beside, 0.0))
+    return replace(approach, fast_mm=min(max(along - inside, 0.0), approach.travel_mm))
 
 
 def _target(contacts: Sequence[Contact]) -> Floats:

@@ -24,7 +24,7 @@ from palpate.recognizer import (
     is_explained,
 )
 from palpate.rig.conversion import resolution_of
-from palpate.rig.identification.exploration import exploring_grip
+from palpate.rig.identification.exploration import exploring_grip, outside_fast
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.observers import (
@@ -118,7 +118,7 @@ class _Search:
             self._begin_again()
             recognition = self._evidence.recognition
         if recognition is None:
-            grip = self._explore()
+            grip = [outside_fast(item, self._rig.workspace.radius_mm) for item in self._explore()]
             return None if grip else IdentificationVerdict.UNRESOLVED, grip
         choice = self._chooser.choose(self._evidence, recognition)
         if choice.grip is None:

@@ -17,7 +17,7 @@ from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.swept_volume import capsules_of, gap_mm
 
-__all__ = ["ARRIVED_MM", "FreeMover", "TipMover"]
+__all__ = ["ARRIVED_MM", "FreeMover", "SearchMover", "TipMover"]
 
 ARRIVED_MM = 0.8
 """How near to where it was sent a tip has arrived."""
@@ -28,6 +28,7 @@ _FREE_STALL_S = 1.0
 _LONGEST_S = 60.0  # no move takes so long: one that creeps on for ever is ended
 _STALL_S = 0.6
 _OFF_WAY_MM = 3.0
+_SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos, their lag behind goals
 
 
 class _FingerMover:
@@ -215,3 +216,52 @@ class TipMover(_FingerMover):
         return any(
             float(gap_mm(own, capsules_of([other.body()])).min()) < clearance_mm for other in self._others
         )
+
+
+class SearchMover(TipMover):
+    """Quick touch: fast through proven free space, slower from there on, and off the part again at once.
+
+    After a contact the finger stops, and goes back by back_off_mm by itself: it does not press while others
+    are still under way.
+    """
+
+    def __init__(self, hand: Hand, run: ApproachState, others: Sequence[ApproachState]) -> None:
+        closing, approach = hand.rig.closing, run.approach
+        self._search_mm_s, self._fast_mm_s = closing.search_mm_s, closing.approach_speed_mm_s
+        self._slow_from_mm = approach.fast_mm - _SLOWING_LAG_S * self._fast_mm_s
+        self._slow_from_mm -= run.finger.drive.slowing_mm(self._fast_mm_s, self._search_mm_s)
+        self._is_fast = run.travel_mm < self._slow_from_mm
+        self._slows = self._turns = self._is_back = False
+        speed = self._fast_mm_s if self._is_fast else self._search_mm_s
+        super().__init__(hand, run, approach.travel_mm, speed, closing.contact_force_n, others)
+
+    def sense(self, now: float) -> End | None:
+        """A contact turns it; on its way back it still feels the part."""
+        if self._is_back or super().sense(now) is None:
+            return None
+        self._is_back = self._turns = True
+        return End.TURN
+
+    def until(self, now: float) -> End | None:
+        """Slower where free space ends; the end is that of either way."""
+        if self._turns:
+            return None
+        if self._is_fast and not self._is_back and self.run.travel_mm >= self._slow_from_mm:
+            self._is_fast, self._slows = False, True
+        return super().until(now)
+
+    def stream(self, now: float) -> ServoGoals:
+        """The way back, or the slower speed, once."""
+        if self._turns:
+            self._turns = False
+            self.limit_mm = max(0.0, self.run.travel_mm - self.hand.rig.closing.back_off_mm)
+            self._speed_mm_s = self._fast_mm_s
+            return self.start(now)
+        if self._slows:
+            self._slows = False
+            return self.finger.drive.slow_down(self._search_mm_s, now)
+        return super().stream(now)
+
+    def is_crowded(self) -> bool:
+        """Not on the way back: it was free just now."""
+        return not self._is_back and super().is_crowded()

@@ -1,9 +1,8 @@
 """Guarded approach: fingers move along straight lines until contact, limit, stall or deadline.
 
-Each finger touches twice: quickly to find the object, then, after
-backing off a little, slowly to measure it. All chosen fingers move at once; the loop runs once per tactile
-sample, and every finger stops by itself. A finger that comes too close to another one stops where it is: its
-free way so far is still evidence.
+Each finger touches twice: quickly to find the object, when it backs off at once, then slowly to measure it.
+All chosen fingers move at once; the loop runs once per tactile sample, and every finger stops by itself. A
+finger that comes too close to another one stops where it is: its free way so far is still evidence.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -21,7 +20,7 @@ from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_from_touch import Touch, conclude
 from palpate.rig.motion.contact_load import LoadMeter, TouchStage
-from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, TipMover
+from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
 from palpate.rig.turning_stage import planned_turn
 
@@ -92,13 +91,12 @@ def _carry_out(
     hand.tare()
     tell(GripPhase.CLOSING)
     _meter(hand, runs)
-    _move_until_touched(hand, runs, hand.rig.closing.approach_speed_mm_s)
+    backed = _search(hand, runs)
     _settle(hand, runs)
-    found = [run for run in runs if run.touched]
     patches: dict[str, ContactPatch | None] = {}
-    if found:
+    if backed:
         tell(GripPhase.TOUCHING)
-        patches = {run.finger.name: patch for run, patch in _measured(hand, found, measure)}
+        patches = {run.finger.name: patch for run, patch in _measured(hand, backed, measure)}
     turned = hand.turn
     touches = [conclude(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(GripPhase.RETRACTING)
@@ -202,12 +200,25 @@ def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, End
     return {mover.run: end for mover, end in ends.items() if mover.run is not None}
 
 
-def _move_until_touched(hand: Hand, runs: Sequence[ApproachState], speed_mm_s: float) -> None:
-    """Send every finger towards its limit and stop each at its own contact, limit or neighbour."""
-    contact_n = hand.rig.closing.contact_force_n
+def _search(hand: Hand, runs: Sequence[ApproachState]) -> dict[ApproachState, float]:
+    """Send every finger towards its limit; those that touch something back off at once, by themselves.
+
+    Returns where (mm of their ways) fingers that have touched go back to.
+    """
     for run in runs:
         run.touched = False
-    move_tips(hand, [TipMover(hand, r, r.approach.travel_mm, speed_mm_s, contact_n, runs) for r in runs])
+    movers = [SearchMover(hand, run, runs) for run in runs]
+    move_tips(hand, movers)
+    return {mover.run: mover.limit_mm for mover in movers if mover.run.touched}
+
+
+def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:
+    """Send every finger on slowly, and stop each at its own contact, limit or neighbour."""
+    closing = hand.rig.closing
+    speed, contact_n = closing.touch_speed_mm_s, closing.contact_force_n
+    for run in runs:
+        run.touched = False
+    move_tips(hand, [TipMover(hand, run, run.approach.travel_mm, speed, contact_n, runs) for run in runs])
 
 
 def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
@@ -219,17 +230,17 @@ def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
 
 
 def _measured(
-    hand: Hand, runs: Sequence[ApproachState], measure: Measure
+    hand: Hand, backed: Mapping[ApproachState, float], measure: Measure
 ) -> list[tuple[ApproachState, ContactPatch | None]]:
-    """Back off, touch again slowly, let everything settle, and measure."""
-    _settle(hand, runs)
-    again, back = list(runs), hand.rig.closing.back_off_mm
+    """Touch again slowly from where fingers have backed off to, let everything settle, and measure."""
+    again, back = backed, hand.rig.closing.back_off_mm
     for _ in range(_MOST_BACKS):
-        again = _touched_at_once(hand, again, back)
-        if not again:
+        stuck = _touched_at_once(hand, again, back)
+        if not stuck:
             break
         back *= 2  # they had run further into it than they backed off
-    return measure(hand, runs)
+        again = {run: max(0.0, run.travel_mm - back) for run in stuck}
+    return measure(hand, list(backed))
 
 
 def measure_at_rest(
@@ -243,17 +254,20 @@ def measure_at_rest(
     ]
 
 
-def _touched_at_once(hand: Hand, runs: Sequence[ApproachState], back_mm: float) -> list[ApproachState]:
+def _touched_at_once(
+    hand: Hand, backed: Mapping[ApproachState, float], back_mm: float
+) -> list[ApproachState]:
     """Back off and touch again slowly; the fingers that felt something before they had really moved.
 
     They had not come free, so their play is not where a touch has it.
     """
-    go_to(hand, {run: max(0.0, run.travel_mm - back_mm) for run in runs})
+    runs = list(backed)
+    go_to(hand, backed)
     begun = {run: run.travel_mm for run in runs}
     for run in runs:
         if run.meter is not None:
             run.meter.begin(TouchStage.SLOW, hand.clock.now())
-    _move_until_touched(hand, runs, hand.rig.closing.touch_speed_mm_s)
+    _touch_slowly(hand, runs)
     _settle(hand, runs)
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]
 
