@@ -15,6 +15,7 @@ __all__ = [
     "ServoCheckOut",
     "SettingOut",
     "TouchCheckOut",
+    "TouchForceOut",
 ]
 
 
@@ -147,10 +148,17 @@ class CalibrationCheckOut(Out):
     touch: TouchCheckOut | None = None
 
 
+class TouchForceOut(Out):
+    """Expected peak forces (N) of the quick touch, which finds a part, and of the slow one that measures."""
+
+    quick_n: Rounded
+    slow_n: Rounded
+
+
 class CheckOut(Out):
     """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
 
-    `calibration` is null if there is none.
+    `calibration` is null if there is none. `touch_force`: of a part that does not give way.
     """
 
     format: Literal["palpate/check@1"] = "palpate/check@1"
@@ -163,5 +171,6 @@ class CheckOut(Out):
     loop: LoopOut | None
     bus: BusCountsOut
     calibration: CalibrationCheckOut | None = None
+    touch_force: TouchForceOut
     problems: tuple[str, ...]
     warnings: tuple[str, ...]

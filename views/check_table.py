@@ -101,6 +101,8 @@ def _bus_lines(out: CheckOut) -> list[str]:
         *([] if out.loop is None else [f"[bold]loop[/]         {_loop(out.loop)}"]),
         f"[bold]traffic[/]      {counts.instructions} instructions: {lost}",
         f"[bold]calibration[/]  {calibration}",
+        f"[bold]touch[/]        presses with {out.touch_force.quick_n:.2g} N when it finds a part, with "
+        f"{out.touch_force.slow_n:.2g} N when it measures",
     ]
 
 

@@ -14,11 +14,13 @@ from palpate.config.check_result import (
     CheckOut,
     LoopOut,
     ServoCheckOut,
+    TouchForceOut,
 )
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.errors import DeviceError, InputError, counted
+from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.latency_timer import timer_warnings
@@ -58,6 +60,10 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         *(_about(item, text) for item in found for text in item.problems),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.problems),
     ]
+    touch_force = TouchForceOut(
+        quick_n=expected_peak_n(rig, rig.closing.search_mm_s),
+        slow_n=expected_peak_n(rig, rig.closing.touch_speed_mm_s),
+    )
     warnings = [
         *timer_warnings(rig.bus.port, timer),
         *(_about(item, text) for item in found for text in item.warnings),
@@ -65,6 +71,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         *_loop_warnings(loop, rig.closing.sample_rate_hz),
         *_count_warnings(counts, found),
         *_start_warnings(rig, fingers, states),
+        *_force_warnings(rig, touch_force),
     ]
     return CheckOut(
         rig=rig.name,
@@ -75,6 +82,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         arrays=tuple(arrays),
         loop=loop,
         bus=counts,
+        touch_force=touch_force,
         problems=tuple(problems),
         warnings=tuple(warnings),
     )
@@ -131,6 +139,22 @@ def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> lis
     answers = counted(counts.damaged + silent, "answer", "answers")
     return [
         f"{answers} of {counts.instructions} were damaged or lost; check cable, plugs, supply and termination"
+    ]
+
+
+def _force_warnings(rig: RigFile, expected: TouchForceOut) -> list[str]:
+    """Whether touches are harder than the parts are said to bear."""
+    holds, peaks = rig.search.part_holds_n, (expected.quick_n, expected.slow_n)
+    keys = [
+        key
+        for key, peak in zip(("search_speed_mm_s", "touch_speed_mm_s"), peaks, strict=True)
+        if holds is not None and peak > holds
+    ]
+    if not keys:
+        return []
+    return [
+        f"a touch is expected to press with {max(peaks):.2g} N, and a part may slide above part_holds_n = "
+        f"{holds:g} N; lower {' and '.join(keys)} or contact_force_n"
     ]
 
 

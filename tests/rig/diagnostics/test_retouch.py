@@ -18,7 +18,13 @@ from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Reference, ReferenceDisc
 from palpate.config import apply_calibration, calibration_path, calibration_toml, load_rig, shipped_rig
-from palpate.config.check_result import AdapterCheckOut, BusCountsOut, CalibrationCheckOut, CheckOut
+from palpate.config.check_result import (
+    AdapterCheckOut,
+    BusCountsOut,
+    CalibrationCheckOut,
+    CheckOut,
+    TouchForceOut,
+)
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
 from palpate.rig.diagnostics.calibration_check import with_touch
@@ -37,6 +43,7 @@ CHECKED = CheckOut(
     arrays=(),
     loop=None,
     bus=BusCountsOut(instructions=1, silent=0, damaged=0, retries=0, alerts=0, reconnects=0, stale=0),
+    touch_force=TouchForceOut(quick_n=2.8, slow_n=0.5),
     calibration=CalibrationCheckOut(
         file="rig.calibration.toml",
         made="2026-05-04T12:30:00Z",

@@ -1,0 +1,49 @@
+"""Expected peak force of a touch at a speed: what a rig file's threshold, speeds and stiffness come to.
+
+Between the contact and standing still a tip goes on by speed × latency (the wait for a frame, the stop on its
+way) and by what braking takes; its skin, a spring, presses harder by stiffness × that:
+
+    peak = contact_force_n + stiffness · (speed · latency + speed² / (2 · deceleration))
+
+A stopped servo brakes with the largest torque that max_force_n lets it have and its friction, against its
+rotor's inertia behind the gear.
+"""
+
+from collections.abc import Iterable
+
+from palpate.config import ArmFingerConfig, FingerConfig, RigFile
+from palpate.drivers.dynamixel.specifications import specification
+
+__all__ = ["deceleration_mm_s2", "expected_peak_n"]
+
+_WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
+_STOP_S = 1e-3  # the stop on the bus
+
+
+def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
+    """Peak force (N) of the hardest of a rig's fingers on a part that does not give way, met at a speed."""
+    latency_s = _WAIT_FRAMES / rig.closing.sample_rate_hz + _STOP_S
+    return rig.closing.contact_force_n + max(
+        finger.tip.stiffness_n_per_mm
+        * (speed_mm_s * latency_s + speed_mm_s**2 / 2 / deceleration_mm_s2(finger, rig.closing.max_force_n))
+        for finger in rig.fingers
+    )
+
+
+def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:
+    """How fast a finger's slowest servo can brake its tip, an arm's when it is stretched."""
+    return min(
+        (max_force_n * abs(lever_mm) / 1e3 + motor.friction_nm) / motor.inertia_kg_m2 * abs(lever_mm)
+        for model, lever_mm in _levers(finger)
+        for motor in (specification(model).motor,)
+    )
+
+
+def _levers(finger: FingerConfig) -> Iterable[tuple[str, float]]:
+    """Model of each servo that moves the tip, and the tip's travel (mm) per rad of it."""
+    if isinstance(finger, ArmFingerConfig):
+        shoulder, elbow = finger.shoulder, finger.elbow
+        yield shoulder.model, (finger.links.upper_mm + finger.links.fore_mm) / shoulder.gear_ratio
+        yield elbow.model, finger.links.fore_mm / elbow.gear_ratio
+    else:
+        yield finger.slide.model, finger.slide.mm_per_rad
