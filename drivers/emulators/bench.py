@@ -21,6 +21,7 @@ from palpate.drivers.emulators.mechanics import (
 from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
+from palpate.drivers.emulators.tip_friction import Shear, sheared
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.wire import Device
 from palpate.geometry import Floats
@@ -67,9 +68,13 @@ class EmulatedFinger:
         array: SampledArray,
         outline: PartSection | None,
         stage: EmulatedStage | None = None,
+        tip_friction: float = 0.0,
     ) -> None:
         """`servos`: the one next to the base first. `stage`: what carries the base, None for the table."""
         self.truth = truth
+        self._tip_friction = tip_friction
+        self._shear: Shear | None = None
+        self._sheared: Shear | None = None  # before the step
         self.outline = outline
         self.array = array
         self.press: TipLoad | None = None
@@ -89,6 +94,7 @@ class EmulatedFinger:
         self.outline = outline
         self._free_centre = np.full(2, np.inf)
         self._seen_centre = None
+        self._shear = self._sheared = None
 
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
@@ -108,6 +114,8 @@ class EmulatedFinger:
 
     def step(self, dt_s: float) -> None:
         """Let servos and couplings move on by `dt_s`."""
+        self._sheared = None if self.press is None else self._shear
+        # Here a tip's force would bend what carries it, and take up play: so far it loads the servos only.
         force = None if self.press is None else self.press.force_n
         if force is not None and self._stage:
             force = self._stage.back(force)
@@ -119,14 +127,22 @@ class EmulatedFinger:
         if self.press is not None:
             self.hardest_n = max(self.hardest_n, float(np.hypot(*self.press.force_n)))
 
-    def force_on(self, displacement: Displacement) -> PointForce | None:
-        """What the tip would do to the part at a displacement; None if it would not touch it."""
+    def forces_on(self, displacement: Displacement) -> list[PointForce]:
+        """What the tip would do to the part at a displacement; nothing if it would not touch it."""
         if self.outline is None:
-            return None
-        load = self._load(self.outline, displacement)
-        if load is None:
-            return None
-        return PointForce(self.centre_mm, self.truth.height_mm, -load.force_n)
+            return []
+        found = self._load(self.outline, displacement)
+        if found is None:
+            return []
+        load, shear = found
+        height = self.truth.height_mm
+        if shear is None:
+            return [PointForce(self.centre_mm, height, -load.force_n)]
+        drag, point = displacement.turned(shear.force_n), displacement.place(shear.point_mm)
+        return [
+            PointForce(self.centre_mm, height, drag - load.force_n),
+            PointForce(point, height, -drag),
+        ]
 
     def sample(self, now: float) -> None:
         """Hand the array the forces on its taxels at `now`."""
@@ -149,17 +165,38 @@ class EmulatedFinger:
         self._free_mm = separation_mm(outline, centre) - self.truth.tip_radius_mm
         if self._free_mm > 0:
             return None
-        return self._load(outline, displacement)
+        found = self._load(outline, displacement)
+        if found is None:
+            return None
+        load, self._shear = found
+        return load
 
-    def _load(self, outline: PartSection, displacement: Displacement) -> TipLoad | None:
-        """What a part that has moved does to the tip: worked out in the part's frame, and turned back."""
+    def _load(self, outline: PartSection, displacement: Displacement) -> tuple[TipLoad, Shear | None] | None:
+        """What a part that has moved does to the tip: worked out in the part's frame, and turned back.
+
+        The load in W has the skin's shear in it, which comes beside it in the part's frame.
+        """
         truth = self.truth
         centre = displacement.back(self.centre_mm)
         load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
-        if load is None or displacement.is_none:
-            return load
-        angle = load.angle + displacement.turn_rad
-        return TipLoad(displacement.turned(load.force_n), angle, load.by_ray_n)
+        if load is None:
+            return None
+        shear = None
+        if self._tip_friction:
+            shear = sheared(
+                self._sheared,
+                load,
+                centre,
+                displacement.turn_rad,
+                radius_mm=truth.tip_radius_mm,
+                stiffness_n_per_mm=truth.stiffness_n_per_mm,
+                friction=self._tip_friction,
+            )
+            load = TipLoad(load.force_n + shear.force_n, load.angle + shear.angle_rad, load.by_ray_n)
+        if not displacement.is_none:
+            angle = load.angle + displacement.turn_rad
+            load = TipLoad(displacement.turned(load.force_n), angle, load.by_ray_n)
+        return load, shear
 
     def _taxels(self, touch: TipLoad, outline: PartSection) -> Floats:
         """Force (rows, cols) N on each taxel: rays sorted into columns, shared by the rows below the top."""
@@ -233,8 +270,7 @@ class Bench:
                 finger.touch(self.part.displacement)
 
     def _tip_forces(self, displacement: Displacement) -> list[PointForce]:
-        found = [finger.force_on(displacement) for finger in self.fingers]
-        return [force for force in found if force is not None]
+        return [force for finger in self.fingers for force in finger.forces_on(displacement)]
 
     def _torque_nm(self, stage: EmulatedStage) -> float:
         """What all touched tips together turn the ring with."""

@@ -83,6 +83,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         bench_of[0].advance(now)
 
     stage, part = _stage(rig, seed), draw_part(rig.emulation.part, placement, seed)
+    tip_friction = 0.0 if part is None else part.tip_friction
     for index, finger in enumerate(rig.fingers):
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
@@ -104,7 +105,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         )
         array = emulated_array(finger, taxels, advance)
         outline = None if placement is None else outline_at(placement, finger.height_mm)
-        fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage))
+        fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
     servos = [servo for finger in fingers for servo in finger.servos]
