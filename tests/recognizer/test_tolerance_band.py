@@ -5,6 +5,7 @@ The catalogue holds the nominal outline, shapely simulates on the displaced one.
 
 import math
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -166,7 +167,7 @@ def lost_grips(models: list[ObjectModel], seed: int, trials: int) -> tuple[int, 
     return tried, lost
 
 
-@pytest.mark.parametrize("tolerance", sample(TOLERANCES, [0.05, 0.5]))
+@pytest.mark.parametrize("tolerance", sample(TOLERANCES, [0.2]))
 def test_shipped_objects(tolerance: float) -> None:
     models = [replace(model, tolerance_mm=tolerance) for model in outlines(SHIPPED_OBJECTS)]
     tried, lost = lost_grips(models, int(100 * tolerance), 40)
@@ -224,6 +225,9 @@ def notched(width: float, depth: float, slope: float, name: str = "notched") -> 
     return flat(name, ring)
 
 
+NOTCHES = list(product([1.0, 5.0, 8.0], [0.0, STEEP, math.radians(20)]))
+
+
 def into_notch(rng: np.random.Generator, fingers: int) -> tuple[np.ndarray, np.ndarray]:
     """Targets and directions: two fingers into the notch, the others against the sides."""
     targets = [(rng.uniform(-0.6, 0.6), 18.0), (rng.uniform(-5, 5), 18.0), (0.0, rng.uniform(-15, 10))]
@@ -234,8 +238,7 @@ def into_notch(rng: np.random.Generator, fingers: int) -> tuple[np.ndarray, np.n
     return np.array(targets), np.array(directions)
 
 
-@pytest.mark.parametrize("slope", [0.0, STEEP, math.radians(20)])
-@pytest.mark.parametrize("radius", [1.0, 5.0, 8.0])
+@pytest.mark.parametrize(("radius", "slope"), sample(NOTCHES, NOTCHES[::4]))
 def test_notches_about_as_wide_as_the_finger(radius: float, slope: float) -> None:
     """True notches wider and narrower than modelled: a finger enters where the model is shut, or stops."""
     rng = np.random.default_rng(int(10 * radius + 100 * slope))
@@ -318,12 +321,13 @@ def test_every_touch_of_an_exact_outline_is_on_an_edge(radius: float) -> None:
     assert [on_no_edge(model, model, radius) for model in shapes()] == [0] * len(shapes())
 
 
+@pytest.mark.parametrize("last", sample([1, len(TOLERANCES)], [1]))
 @pytest.mark.parametrize("radius", sample([1.0, 8.0], [8.0]))
-def test_every_touch_of_a_displaced_outline_is_on_an_edge(radius: float) -> None:
+def test_every_touch_of_a_displaced_outline_is_on_an_edge(radius: float, last: int) -> None:
     rng = np.random.default_rng(81)
     missing = {}
     for nominal in shapes():
-        for tolerance in TOLERANCES:
+        for tolerance in TOLERANCES[-last:]:
             model = replace(nominal, tolerance_mm=tolerance)
             draws = 12 if nominal.name == "notched" else 3
             for true in (inflated(model, -1.0), *(displaced(model, rng, exactly=True) for _ in range(draws))):

@@ -60,15 +60,15 @@ def small_objects() -> ObjectsFile:
         return load_objects(small_parts(Path(folder)))
 
 
-def quick_bench(folder: Path) -> tuple[Path, Path]:
-    """Write a rig file of all three fingers round a small table, and a catalogue of small parts."""
+def quick_bench(folder: Path, fingers: int = 3) -> tuple[Path, Path]:
+    """Write a rig file of some of the fingers round a small table, and a catalogue of small parts."""
     text = _replaced(
         small(shipped_rig()),
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
         ("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"),
     )
     rig = folder / "small-bench.toml"
-    rig.write_text(text, encoding="utf-8")
+    rig.write_text("[[fingers]]".join(text.split("[[fingers]]")[: 1 + fingers]), encoding="utf-8")
     return rig, small_parts(folder)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from command import PALPATE, Ended, log_events, run, run_here
-from emulated_session import emulated_session
+from emulated_session import small_session
 from json_schema import violations
 from quick_rig import quick_bench
 from repository import EXAMPLES
@@ -291,7 +291,8 @@ def test_a_log_from_before_there_were_replays_is_refused(one_grip: Path, tmp_pat
 @pytest.mark.slow
 def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path) -> None:
     rig = brief(EXAMPLES / "two-link-rig.toml", tmp_path)
-    rig.write_text(rig.read_text().replace("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"))
+    text = rig.read_text().replace("sample_rate_hz = 250.0", "sample_rate_hz = 125.0")
+    rig.write_text(text.replace("radius_mm = 110.0", "radius_mm = 70.0"))
     args = ("--rig", rig, "--seed", 3, "--strategy", "random", "--json")
     done = run("identify", *args, cwd=tmp_path, timeout_s=250)
     assert done.code in (0, 1), done.err
@@ -436,7 +437,7 @@ WHEN = [(GripPhase.AIMING, 0.013), (GripPhase.CLOSING, 1.0), (GripPhase.TOUCHING
     ("fault", "stage", "after_s"), [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
 )
 def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: GripPhase, after_s: float) -> None:
-    session = emulated_session()
+    session = small_session()
     grip = session.middle()
     bring_about = FAULTS[fault](session)
 

@@ -11,18 +11,17 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, log_events, run
-from repository import EXAMPLES
-
-from palpate.config import shipped_rig
+from quick_rig import quick_bench
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 
 
 @contextmanager
-def served(folder: Path, rig: object) -> Iterator[subprocess.Popen[str]]:
-    """The emulator's process, with `real.toml` written; it is ended as Ctrl-C would."""
+def served(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """The emulator's process, of a small bench of two fingers, with `real.toml`; ended as by Ctrl-C."""
+    rig, parts = quick_bench(folder, fingers=2)
     process = subprocess.Popen(
-        [PALPATE, "emulate", "--rig", str(rig), "--seed", "7", "--rig-out", "real.toml"],
+        [PALPATE, "emulate", "--rig", rig, "--objects", parts, "--seed", "7", "--rig-out", "real.toml"],
         cwd=folder,
         stdout=subprocess.PIPE,
         text=True,
@@ -47,10 +46,11 @@ def the_session(folder: Path) -> Path:
 @pytest.mark.timeout(250)
 def test_a_run_of_one_grip(tmp_path: Path) -> None:
     """However it ended: a busy machine may make a device error of it, which must come about again, too."""
-    with served(tmp_path, EXAMPLES / "two-link-rig.toml"):
+    with served(tmp_path):
         text = (tmp_path / "real.toml").read_text(encoding="utf-8")
         (tmp_path / "real.toml").write_text(re.sub(r"max_grips = \d+", "max_grips = 1", text))
-        done = run("identify", "--rig", "real.toml", "--json", cwd=tmp_path, timeout_s=200)
+        words = ("--rig", "real.toml", "--objects", "small-parts.json", "--json")
+        done = run("identify", *words, cwd=tmp_path, timeout_s=200)
     again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
     assert again.code == 0, again.out + again.err
     told = again.json
@@ -65,9 +65,9 @@ def test_a_run_of_one_grip(tmp_path: Path) -> None:
 
 @pytest.mark.timeout(120)
 def test_a_run_that_ends_early(tmp_path: Path) -> None:
-    with served(tmp_path, shipped_rig()):
+    with served(tmp_path):
         identify = subprocess.Popen(
-            [PALPATE, "identify", "--rig", "real.toml"],
+            [PALPATE, "identify", "--rig", "real.toml", "--objects", "small-parts.json"],
             cwd=tmp_path,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
