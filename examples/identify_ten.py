@@ -29,4 +29,4 @@ def main(rig_file: str | None = None, objects_file: str | None = None, how_many:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:3]))
+    sys.exit(main(*sys.argv[1:4]))

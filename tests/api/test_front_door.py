@@ -239,19 +239,22 @@ def test_messages_name_no_options_of_the_command_line() -> None:
 
 
 def test_an_answer_that_cannot_be_written_down_is_still_an_answer(
-    answer: palpate.Answer, bench: tuple[Path, Path], tmp_path: Path
+    bench: tuple[Path, Path], tmp_path: Path
 ) -> None:
     rig_file, parts = bench
     brief = tmp_path / "brief.toml"
     brief.write_text(rig_file.read_text().replace("max_grips = 8", "max_grips = 1"))
+    answer = palpate.open_rig(brief, seed=7).identify(parts, sessions=tmp_path / "whole")
     (tmp_path / Path(answer.session or "").name / "picture.svg").mkdir(parents=True)
     again = palpate.open_rig(brief, seed=7).identify(parts, sessions=tmp_path)
+    assert (again.object, again.verdict) == (answer.object, answer.verdict)
     assert again.result.touches > 0
     assert "picture.svg" in str(again.failure)
     assert "picture.svg" in repr(again)
     words = ("--rig", brief, "--objects", parts, "--seed", 7, "--sessions", tmp_path, "--json")
     told = run("identify", *words, cwd=tmp_path)
-    assert json.loads(told.out)["verdict"] == again.verdict
+    assert json.loads(told.out)["object"] == answer.object
+    assert json.loads(told.out)["verdict"] == answer.verdict
     assert told.code == 2
     assert "picture.svg" in told.err
 
