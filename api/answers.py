@@ -49,7 +49,7 @@ class Answer:
 
     @property
     def verdict(self) -> IdentificationVerdict:
-        """`identified`, `indistinguishable`, `unknown` or `unresolved`."""
+        """`identified`, `indistinguishable`, `unknown`, `unresolved` or `moving`."""
         return self.result.verdict
 
     @property

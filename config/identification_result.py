@@ -10,6 +10,7 @@ __all__ = [
     "AlternativeOut",
     "CalibrationUsedOut",
     "IdentificationOut",
+    "MotionBoundOut",
     "Relation",
     "TouchRecordOut",
     "TruthOut",
@@ -91,6 +92,16 @@ class TouchRecordOut(Out):
     work_mj: Rounded
 
 
+class MotionBoundOut(Out):
+    """How far a grip may have moved the part until its fingers had left: its centroid's `position` (mm) and
+    `orientation` (rad); null where there is no bound.
+    """
+
+    grip: int
+    position: Rounded | None
+    orientation: Rounded | None
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -100,8 +111,12 @@ class IdentificationOut(Out):
     count. `detectable_shift` (mm): had the part been shifted before the last grip by more, that would surely
     have been noticed; null if that cannot be said. `calibration` is null if the run used none. `contacts`: so
     many of the touches met something. `swept`: none did, or none since the part was moved, and they leave no
-    room in the workspace for any state of the catalogue that fingers can feel. `touch_records`: what loaded
-    the part, touch by touch.
+    room in the workspace for any state of the catalogue that fingers can feel. `touch_records`: what
+    loaded the part, touch by touch.
+    `assumed_holds_n`: the declared force below which the part does not slide, on which the bounds rest; null
+    if none is declared: then they rest on its lying still. `motion_bounds`: of every grip; empty if none is
+    declared. `hold_contradicted`: the part was moved by more than that force allows, or it is none of the
+    catalogue.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -128,3 +143,6 @@ class IdentificationOut(Out):
     session: str | None
     calibration: CalibrationUsedOut | None = None
     truth: TruthOut | None = None
+    motion_bounds: tuple[MotionBoundOut, ...] = ()
+    assumed_holds_n: Rounded | None = None
+    hold_contradicted: bool = False

@@ -35,6 +35,10 @@ class Motion:
     def __bool__(self) -> bool:
         return bool(self.shift_mm.any() or self.turn_rad.any())
 
+    def furthest_mm(self, catalogue: Catalogue, states: Ints) -> float:
+        """How far any point of the part, in one of `states` (indices), may be moved; infinite: no bound."""
+        return _most(self.shift_mm + self.turn_rad * catalogue.reach_mm, states)
+
     def __add__(self, other: "Motion") -> "Motion":
         """One motion after the other."""
         return Motion(self.shift_mm + other.shift_mm, self.turn_rad + other.turn_rad)
@@ -60,16 +64,15 @@ def carried_by(motion: Motion, catalogue: Catalogue, contact: Contact, states: I
     )
 
 
-def felt_in_motion(motion: Motion, catalogue: Catalogue, contact: Contact) -> Contact:
-    """A contact of a grip that may have moved the part before the contact was measured.
+def felt_in_motion(motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints) -> Contact:
+    """A contact of a grip that may have moved the part, in one of `states`, before the contact was measured.
 
     Where the tip was, and the normal, are those of the part as it lay then. The path was free of a part that
     lay elsewhere, and the part may have been pushed against the tip from any side.
     """
-    if not motion:
+    _, on_path = _displacements_mm(motion, catalogue, contact, states)
+    if not on_path:
         return contact
-    every = np.arange(len(catalogue.states))
-    _, on_path = _displacements_mm(motion, catalogue, contact, every)
     bound = min(contact.free_path_bound_mm + on_path, LARGEST_MM)
     return replace(contact, path_bound_mm=bound, turn_bound_rad=math.pi)
 

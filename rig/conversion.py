@@ -32,6 +32,7 @@ __all__ = [
     "grips_of",
     "kinematics_of",
     "line_of",
+    "measured_force_share",
     "mounting_of",
     "resolution_of",
     "slide_kinematics",
@@ -42,6 +43,7 @@ __all__ = [
 
 _NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
 _STOP_S = 0.010  # from the goal that stops a servo to its standing still
+_LARGEST_SHARE = 0.9
 _CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
 
@@ -166,6 +168,11 @@ def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     return 2 * closing.contact_force_n / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
 
 
+def measured_force_share(finger: FingerConfig) -> float:
+    """Share of a force by which it may be mismeasured: gains' spread, crosstalk and the array's edge."""
+    return min(finger.array.gain_spread + _CROSSTALK_SHARE, _LARGEST_SHARE)
+
+
 def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     """What an ordinary slow touch adds at most to the kinematics' bound of its contact and its path.
 
@@ -177,7 +184,7 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     late_s = 2 / closing.sample_rate_hz + _STOP_S
     stiffest = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     force = min(closing.contact_force_n + stiffest * closing.touch_speed_mm_s * late_s, closing.max_force_n)
-    unsure = (finger.array.gain_spread + _CROSSTALK_SHARE) * force
+    unsure = measured_force_share(finger) * force
     deepest = (force + unsure) / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
     shallowest = max(force - unsure, 0.0) / stiffest
     return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing)

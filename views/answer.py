@@ -30,6 +30,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
         if out.detectable_shift is not None:
             lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
+    lines += _motion_lines(out)
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
@@ -81,8 +82,11 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
             lines.append(f"  or the rig has changed since its calibration of {made}: {_RETOUCH}")
         return lines
     if out.object is None:
-        return [f"{out.verdict}: {_untouched_words(out)}"]
+        moving = out.verdict == IdentificationVerdict.MOVING
+        return [f"{out.verdict}: {_moving_words(out) if moving else _untouched_words(out)}"]
     name = f"{out.object}, {out.state}"
+    if out.verdict == IdentificationVerdict.MOVING:
+        return [f"{out.verdict}: {_moving_words(out)}; by the last grip alone it may be {name}"]
     if out.verdict == IdentificationVerdict.UNRESOLVED:
         left = (
             "is the only one that agrees with the contacts" if not out.alternatives else "is still possible"
@@ -94,6 +98,32 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
         lines = [f"{out.verdict}: {name}"]
     if out.moved_before:
         lines.append(f"  moved before grip {_last(out)}; touches since then count")
+    return lines
+
+
+def _moving_words(out: IdentificationOut) -> str:
+    """That grips do not go together, and since which."""
+    grips = ", ".join(map(str, out.moved_before))
+    return f"the part keeps moving (it was, or may have been, moved before grips {grips})"
+
+
+def _motion_lines(out: IdentificationOut) -> list[str]:
+    """On what the bounds rest, if a force is declared, and what speaks against it."""
+    if out.assumed_holds_n is None:
+        return []
+    held = f"{out.assumed_holds_n:g} N"
+    lines = []
+    furthest = [bound.position for bound in out.motion_bounds if bound.position is not None]
+    if len(furthest) < len(out.motion_bounds):
+        lines.append(f"  fingers may push a part that holds {held} without a bound: touch more lightly")
+    elif furthest:
+        most = math.degrees(max(bound.orientation or 0.0 for bound in out.motion_bounds))
+        lines.append(
+            f"  bounds assume that the part holds {held}: then a grip moved it {max(furthest):.2f} mm and "
+            f"{most:.2f}° at most"
+        )
+    if out.hold_contradicted:
+        lines.append(f"  it moved further than a part that holds {held} can: does it hold less?")
     return lines
 
 

@@ -23,6 +23,7 @@ class IdentificationVerdict(StrEnum):
     INDISTINGUISHABLE = "indistinguishable"
     UNKNOWN = "unknown"
     UNRESOLVED = "unresolved"
+    MOVING = "moving"
 
 
 class Strategy(StrEnum):

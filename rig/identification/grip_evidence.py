@@ -13,9 +13,11 @@ from palpate.recognizer import (
     Catalogue,
     Contact,
     Hypothesis,
+    Motion,
     Predictions,
     Recognition,
     Resolution,
+    carried_by,
     detectable_shift_mm,
     false_match_probability,
     predict,
@@ -49,29 +51,40 @@ class GripEvidence:
     detectable_shift_mm: float = math.inf
     checks: int = 0
 
-    def add(self, contacts: Sequence[Contact]) -> list[Hypothesis]:
-        """Take the contacts of a grip, misses included; returns the hypotheses that they eliminate."""
-        self.contacts += contacts
+    def add(self, contacts: Sequence[Contact], motion: Motion | None = None) -> list[Hypothesis]:
+        """Take the contacts of a grip, misses included; returns the hypotheses that they eliminate.
+
+        `motion`: of the part since the contacts before were measured; None if it lay still.
+        """
         before = self.recognition
         if before is not None:
-            self.recognition = before.extend(contacts)
-            return self._compare(before, self.recognition, contacts)
+            moved = before if motion is None else before.moved(motion)
+            self.recognition = moved.extend(contacts)
+            self.contacts = list(self.recognition.contacts)
+            return self._compare(before, moved, self.recognition, contacts)
+        if motion:
+            states = np.arange(len(self.catalogue.states))
+            self.contacts = [carried_by(motion, self.catalogue, item, states) for item in self.contacts]
+        self.contacts += contacts
         if sum(contact.touched for contact in self.contacts) >= _FIRST_CONTACTS:
             self.recognition = recognise(self.catalogue, self.contacts)
         return []
 
     def _compare(
-        self, before: Recognition, after: Recognition, contacts: Sequence[Contact]
+        self, before: Recognition, moved: Recognition, after: Recognition, contacts: Sequence[Contact]
     ) -> list[Hypothesis]:
-        """Note whether the last grip was worth its touches, and what it confirmed."""
-        eliminated = [item for item in before.hypotheses if not _survives(item, after)]
+        """Note whether the last grip was worth its touches, and what it confirmed.
+
+        `moved`: what was known before it, of the part as it lay when it was measured.
+        """
+        eliminated = [item for item in moved.hypotheses if not _survives(item, after)]
         fewer = len(after.hypotheses) < len(before.hypotheses)
         narrower = any(
             new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(after), strict=True)
         )
         self.idle = 0 if fewer or narrower else self.idle + len(contacts)
         self.predicted += sum(contact.touched for contact in contacts)
-        predictions = _predictions(before, contacts)
+        predictions = _predictions(moved, contacts)
         self.chance *= false_match_probability(predictions, contacts, self.resolution.normal_half_rad)
         self.detectable_shift_mm = math.inf if eliminated else _detectable_shift_mm(predictions, contacts)
         self.checks = 0 if eliminated else self.checks

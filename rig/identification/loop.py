@@ -1,10 +1,12 @@
 """The loop from an untouched table to a verdict: grip, recognise, choose the next grip, grip again.
 
 Joins hand, recogniser and planner. It ends in every case: identified, indistinguishable (no reachable
-approach separates what is left), unknown (nothing in the catalogue fits), or unresolved after the rig's
-`max_grips`. An answer is only given after some touches that it predicted: bounds prove which of the
-catalogue's objects it is, but not that it is one of these. If a grip contradicts the earlier ones, the part
-may have been moved; the search then begins again with that grip.
+approach separates what is left), unknown (nothing in the catalogue fits), moving (grips contradict each
+other, again and again, though each can be explained by itself), or unresolved after the rig's `max_grips`.
+An answer is only given after some touches that it predicted: bounds prove which of the catalogue's objects
+it is, but not that it is one of these. If a grip contradicts the earlier ones, the part may have been moved;
+the search then begins again with that grip. Where the rig file or an object says what force parts bear, what
+the fingers may have moved them by is bounded and taken into account (`motion_bounds`).
 """
 
 import math
@@ -15,17 +17,21 @@ from functools import cached_property, partial
 import numpy as np
 
 from palpate.config import RigFile
+from palpate.geometry import Ints
 from palpate.recognizer import (
     Catalogue,
     Contact,
     FingerApproach,
     Hypothesis,
+    Motion,
     Recognition,
+    felt_in_motion,
     is_explained,
 )
 from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.exploration import exploring_grip, outside_fast
 from palpate.rig.identification.grip_evidence import GripEvidence
+from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
 from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.observers import (
     MoveEvent,
@@ -47,6 +53,7 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 """Carries out a grip and reports its stages."""
 
 _MOST_MOVES = 1
+_FURTHEST_MM = 3.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +64,9 @@ class Identification:
     (from 1) before which the part seems to have been moved. `predicted`: touches that came out as everything
     that is left had predicted. `detectable_shift_mm`: a shift of the part by more before the last grip would
     have been detected for certain. `swept`: nothing was touched (since a move), and no state that fingers can
-    feel has room in the rest of the workspace.
+    feel has room in the rest of the workspace. `motions`: how far (mm, rad) each grip may have moved the
+    part at most, None where that has no bound; empty if `assumed_holds_n` is None: the part is taken to lie
+    still. `hold_contradicted`: it was moved by more than that force allows, or it is none of the catalogue.
     """
 
     outcome: IdentificationVerdict
@@ -68,6 +77,9 @@ class Identification:
     predicted: int = 0
     detectable_shift_mm: float = math.inf
     swept: bool = False
+    motions: tuple[tuple[float, float] | None, ...] = ()
+    assumed_holds_n: float | None = None
+    hold_contradicted: bool = False
 
     @property
     def touches(self) -> int:
@@ -79,15 +91,24 @@ class _Search:
     """One identification under way; grips before the last move of the part count no longer."""
 
     def __init__(
-        self, chooser: GripChooser, execute: GripExecutor, catalogue: Catalogue, observers: Observers
+        self,
+        chooser: GripChooser,
+        execute: GripExecutor,
+        execute_gently: GripExecutor,
+        catalogue: Catalogue,
+        observers: Observers,
     ) -> None:
-        self._chooser, self._execute, self._observers = chooser, execute, observers
+        self._chooser, self._observers = chooser, observers
+        self._execute, self._execute_gently = execute, execute_gently
         self._rig, self._reach, self._catalogue = chooser.rig, chooser.reach, catalogue
         self._grips: list[tuple[Touch, ...]] = []
         self._moved_before: list[int] = []
         self._eliminated: list[tuple[int, Hypothesis]] = []
         self._swept = False
         self._evidence = self._no_evidence()
+        self._bounds = MotionBounds(chooser.rig, catalogue)
+        self._motions: list[GripMotion] = []
+        self._hold_contradicted = False
 
     def run(self) -> Identification:
         verdict = None
@@ -95,15 +116,21 @@ class _Search:
             verdict, grip = self._next()
             if verdict is None:
                 self._carry_out(grip)
+        verdict, recognition = verdict or self._last_verdict(), self._final_recognition()
+        states = self._states(recognition)
+        assumed = self._bounds.holds_n(states)
         return Identification(
-            verdict or self._last_verdict(),
-            self._evidence.recognition,
+            verdict,
+            recognition,
             tuple(self._grips),
             tuple(self._eliminated),
             tuple(self._moved_before),
             self._evidence.predicted,
             self._evidence.detectable_shift_mm,
             self._swept,
+            () if assumed is None else tuple(item.within(states) for item in self._motions),
+            assumed,
+            self._hold_contradicted,
         )
 
     def _no_evidence(self) -> GripEvidence:
@@ -115,8 +142,11 @@ class _Search:
         if recognition is not None and recognition.verdict is RecognitionVerdict.NONE:
             if not self._may_have_moved():
                 return IdentificationVerdict.UNKNOWN, ()
+            self._hold_contradicted |= self._bounds.holds_n(self._states()) is not None
             self._begin_again()
             recognition = self._evidence.recognition
+        if len(self._moved_before) > _MOST_MOVES:
+            return IdentificationVerdict.MOVING, ()
         if recognition is None:
             grip = [outside_fast(item, self._rig.workspace.radius_mm) for item in self._explore()]
             return None if grip else IdentificationVerdict.UNRESOLVED, grip
@@ -154,6 +184,8 @@ class _Search:
         if recognition.verdict is RecognitionVerdict.NONE:
             moved = self._may_have_moved()
             return IdentificationVerdict.UNRESOLVED if moved else IdentificationVerdict.UNKNOWN
+        if len(self._moved_before) > _MOST_MOVES:
+            return IdentificationVerdict.MOVING
         answer = self._chooser.answer(recognition)
         confirmed = answer is not None and self._chooser.is_confirmed(self._evidence)
         return answer if answer is not None and confirmed else IdentificationVerdict.UNRESOLVED
@@ -161,17 +193,15 @@ class _Search:
     def _may_have_moved(self) -> bool:
         """Whether the last grip contradicts the earlier ones, but nothing speaks against it by itself."""
         last = self._contacts()
-        if len(self._moved_before) >= _MOST_MOVES or len(self._evidence.contacts) == len(last):
-            return False
-        return is_explained(self._catalogue, last)
+        return len(self._evidence.contacts) > len(last) and is_explained(self._catalogue, last)
 
     def _begin_again(self) -> None:
-        """Keep the last grip only."""
+        """Keep the last grip only, and touch more lightly from now on."""
         number = len(self._grips)
         self._moved_before.append(number)
-        self._evidence = self._no_evidence()
+        self._evidence, self._execute = self._no_evidence(), self._execute_gently
         self._observers(MoveEvent(number))
-        self._understand()
+        self._add(None)
 
     def _carry_out(self, grip: Sequence[FingerApproach]) -> None:
         """Do the grip and interpret its contacts."""
@@ -179,19 +209,48 @@ class _Search:
         self._observers.check()
         touches = tuple(self._execute(grip, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
+        self._motions.append(self._bounds.of_grip(touches))
         self._observers(TouchEvent(number, touches))
         self._understand()
 
     def _contacts(self) -> list[Contact]:
-        """Those of the last grip."""
-        return [touch.contact for touch in self._grips[-1]]
+        """Those of the last grip, of the part as it lay when they were measured."""
+        before, states = self._motions[-1].before, self._states()
+        return [felt_in_motion(before, self._catalogue, touch.contact, states) for touch in self._grips[-1]]
 
     def _understand(self) -> None:
-        """Add the last grip to the evidence."""
-        number = len(self._grips)
-        self._eliminated += [(number, item) for item in self._evidence.add(self._contacts())]
+        """Add the last grip to the evidence; alone, if there is no saying where the part was before."""
+        moved = self._motions[-1].before
+        if len(self._motions) > 1:
+            moved = self._motions[-2].after + moved
+        if self._is_bounded(moved) or not any(contact.touched for contact in self._evidence.contacts):
+            self._add(moved)
+        else:
+            self._begin_again()
+
+    def _add(self, motion: Motion | None) -> None:
+        number, contacts = len(self._grips), self._contacts()
+        self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion)]
         if self._evidence.recognition is not None:
             self._observers(RecognitionEvent(number, self._evidence.recognition))
+
+    def _states(self, recognition: Recognition | None = None) -> Ints:
+        """States (indices) in which the part may be: those that are left, or all."""
+        recognition = recognition or self._evidence.recognition
+        if recognition is None or not recognition.hypotheses:
+            return np.arange(len(self._catalogue.states))
+        return np.unique(recognition.interpretations.state)
+
+    def _is_bounded(self, motion: Motion) -> bool:
+        return motion.furthest_mm(self._catalogue, self._states()) <= _FURTHEST_MM
+
+    def _final_recognition(self) -> Recognition | None:
+        """What is known of the part as it lies when the fingers have left; None if it may be anywhere."""
+        recognition = self._evidence.recognition
+        if recognition is None or not self._motions:
+            return recognition
+        after = self._motions[-1].after
+        return recognition.moved(after) if self._is_bounded(after) else None
 
 
 def identify(
@@ -220,8 +279,9 @@ def search(
     *,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
+    execute_gently: GripExecutor | None = None,
 ) -> Identification:
-    """As `identify`, with a function that carries out grips."""
+    """As `identify`, with a function that carries out grips, and one for a part that seems to move easily."""
     rng = np.random.default_rng([seed, 2])
     chooser = GripChooser(rig, reach, strategy, rng)
-    return _Search(chooser, execute, catalogue, observers or Observers()).run()
+    return _Search(chooser, execute, execute_gently or execute, catalogue, observers or Observers()).run()

@@ -7,6 +7,7 @@ from palpate.config.identification_result import (
     AlternativeOut,
     CalibrationUsedOut,
     IdentificationOut,
+    MotionBoundOut,
     Relation,
     TouchRecordOut,
     TruthOut,
@@ -61,6 +62,12 @@ def identification_out(
         wall_seconds=wall_seconds,
         session=session,
         calibration=calibration,
+        motion_bounds=tuple(
+            MotionBoundOut(grip=number, position=bound and bound[0], orientation=bound and bound[1])
+            for number, bound in enumerate(result.motions, start=1)
+        ),
+        assumed_holds_n=result.assumed_holds_n,
+        hold_contradicted=result.hold_contradicted,
         truth=None if placement is None or truth is None else _truth(placement, truth, at_measurement),
     )
 

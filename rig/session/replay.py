@@ -25,7 +25,9 @@ _HEADER = b"\xff\xff\xfd\x00"
 _CLOSE = 2e-6  # results are rounded to 1e-6, and another machine may round the last digit the other way
 _NOT_COMPARED = ("wall_seconds", "session")
 _RENAMED = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
-_LATER_KEYS = frozenset({"loads", "touch_records"})  # not written by older versions
+_LATER_KEYS = frozenset(
+    {"loads", "touch_records", "motion_bounds", "assumed_holds_n", "hold_contradicted"}
+)  # not written by older versions
 
 
 @dataclass(frozen=True, eq=False, repr=False)

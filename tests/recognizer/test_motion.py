@@ -128,7 +128,7 @@ def test_free_ways_of_a_part_that_moved_while_fingers_travelled(seed: int) -> No
             misses = [item for item in grip(before, rng, fingers=6, aim=0.6) if not item.touched]
             if len(contacts) >= 2 and misses:
                 break
-        felt = [felt_in_motion(motion, shipped(), item) for item in (*misses, *contacts)]
+        felt = [felt_in_motion(motion, shipped(), item, np.arange(6)) for item in (*misses, *contacts)]
         assert holding_truth(recognise(shipped(), felt), after) is not None, (seed, trial)
 
 
@@ -142,7 +142,7 @@ def test_without_motion_nothing_changes() -> None:
     one, other = found.extend(further, still), found.extend(further)
     assert [item.bounds for item in one.hypotheses] == [item.bounds for item in other.hypotheses]
     assert np.array_equal(one.cells.polygon, other.cells.polygon)
-    assert felt_in_motion(still, shipped(), further[0]) is further[0]
+    assert felt_in_motion(still, shipped(), further[0], np.arange(6)) is further[0]
 
 
 def test_a_carried_contact_holds_at_the_bound_of_the_motion() -> None:
