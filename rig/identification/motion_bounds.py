@@ -21,6 +21,9 @@ from palpate.rig.motion.contact_from_touch import ContactLoad, Touch, TouchStage
 
 __all__ = ["GripMotion", "MotionBounds"]
 
+_OBLIQUE = math.hypot(1.0, 0.7)
+"""Arrays measure what presses, not what shears: with friction up to 0.7 a force is larger by this factor."""
+
 
 @dataclass(frozen=True, eq=False)
 class GripMotion:
@@ -121,18 +124,19 @@ class MotionBounds:
     def _peak_n(self, finger: FingerConfig, load: ContactLoad) -> float:
         """Largest force there can have been: gains, and what came between two frames."""
         between = _stiffness(finger)[1] * self._speed(load) / self.rig.closing.sample_rate_hz
-        return load.peak_force_n / (1 - measured_force_share(finger)) + between
+        return _OBLIQUE * (load.peak_force_n / (1 - measured_force_share(finger)) + between)
 
     def _work_mj(self, finger: FingerConfig, load: ContactLoad, peak_n: float) -> float:
         """Most work that there can have been: gains, a frame's travel, and what was done below the noise."""
         step_mm = self._speed(load) / self.rig.closing.sample_rate_hz
         dented = self.unnoticed_n**2 / (2 * _stiffness(finger)[0])
-        return load.work_mj / (1 - measured_force_share(finger)) + peak_n * step_mm + dented
+        work = _OBLIQUE * load.work_mj / (1 - measured_force_share(finger))
+        return work + peak_n * step_mm + dented
 
 
 def _unnoticed_n(finger: FingerConfig, closing: ClosingConfig) -> float:
     # Half of the threshold is listed; as much again may be hidden below single taxels' noise.
-    return closing.contact_force_n / (1 - finger.array.gain_spread)
+    return _OBLIQUE * closing.contact_force_n / (1 - finger.array.gain_spread)
 
 
 def _stiffness(finger: FingerConfig) -> tuple[float, float]:

@@ -200,13 +200,9 @@ def test_real_parts_are_unknown_to_a_catalogue_of_others(seeds: int) -> None:
         search(RIG, REACH, Table(placed_by(seed, parts), seed=seed), catalogue, seed=seed).outcome
         for seed in range(seeds)
     )
-<<<<<<< HEAD
-    assert ends[IdentificationVerdict.UNKNOWN] >= 0.95 * seeds, ends
-=======
     # Now and then grip after grip is explained by itself, as if the part kept moving.
-    assert ends[IdentificationVerdict.UNKNOWN] >= 54, ends
-    assert ends[IdentificationVerdict.UNKNOWN] + ends[IdentificationVerdict.MOVING] >= 57, ends
->>>>>>> f8c2480 (Identification: what fingers may have moved a part by is bounded, verdict moving)
+    assert ends[IdentificationVerdict.UNKNOWN] >= 0.85 * seeds, ends
+    assert ends[IdentificationVerdict.UNKNOWN] + ends[IdentificationVerdict.MOVING] >= 0.95 * seeds, ends
 
 
 def test_nothing_on_the_table_stays_unresolved() -> None:

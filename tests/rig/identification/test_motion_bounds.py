@@ -1,0 +1,197 @@
+"""Motion bounds: what supports do to forces and work, what loads allow, and searches for parts that move."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import shapely
+from sampling import sample
+from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, place_within, turned, unit
+from simulated_touches import SimulatedTouches
+
+from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.recognizer import Catalogue, FingerApproach, Motion
+from palpate.rig.identification.loop import search
+from palpate.rig.identification.motion_bounds import MotionBounds
+from palpate.rig.identification.support import Support, support_of
+from palpate.rig.motion.contact_from_touch import ContactLoad, Touch, TouchStage
+from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.reach.approaches import reach_of
+from palpate.vocabulary import IdentificationVerdict
+
+SIX = outlines(SHIPPED_OBJECTS)
+CATALOGUE = Catalogue(SIX)
+RIG = load_rig(shipped_rig())
+REACH = reach_of(RIG)
+ANSWERS = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+
+
+def declared(holds_n: float | None, support_mm: float | None = None, force_n: float = 0.05) -> RigFile:
+    search_table = RIG.search.model_copy(update={"part_holds_n": holds_n, "part_support_mm": support_mm})
+    closing = RIG.closing.model_copy(update={"contact_force_n": force_n})
+    return RIG.model_copy(update={"search": search_table, "closing": closing})
+
+
+def assert_bounds_all_rotations(
+    support: Support, resting: np.ndarray, vertices: np.ndarray, rng: np.random.Generator
+) -> None:
+    """Whatever the centre of rotation, speeds are within what the mean speed of the resting points allows."""
+    reach = np.hypot(*vertices.T).max()
+    for _ in range(300):
+        centre = rng.normal(size=2) * reach * rng.choice([0.1, 1.0, 10.0])
+        slide = np.hypot(*(resting - centre).T).mean()
+        assert np.hypot(*centre) <= support.shift * slide + 1e-9
+        assert support.turn_rad_per_mm * slide >= 1.0 - 1e-9
+        assert np.hypot(*(vertices - centre).T).max() <= support.leverage * slide + 1e-9
+
+
+@pytest.mark.parametrize("row", range(6))
+def test_an_evenly_loaded_base_bounds_every_rotation(row: int) -> None:
+    rng = np.random.default_rng(row)
+    item = CATALOGUE.states[row]
+    outline = item.state.sections[0].polygons[0].outer - item.origin_mm
+    points = rng.uniform(outline.min(axis=0), outline.max(axis=0), (20_000, 2))
+    inside = points[shapely.contains_xy(shapely.Polygon(outline), points)]
+    support = support_of(item, float(CATALOGUE.reach_mm[row]), declared(0.3).search)
+    assert_bounds_all_rotations(support, inside, outline, rng)
+
+
+def test_any_feet_that_are_as_wide_as_declared_are_bounded() -> None:
+    rng = np.random.default_rng(6)
+    for trial in range(60):
+        row = trial % 6
+        item = CATALOGUE.states[row]
+        outline = item.state.sections[0].polygons[0].outer - item.origin_mm
+        corners = rng.choice(outline, int(rng.integers(3, 7)))
+        feet = np.repeat(corners, rng.integers(1, 9, len(corners)), axis=0)
+        near = np.linspace(outline.min(axis=0), outline.max(axis=0), 60)
+        grid = np.stack(np.meshgrid(*near.T), axis=-1).reshape(-1, 2)
+        wide = np.hypot(*np.moveaxis(feet[None] - grid[:, None], 2, 0)).mean(axis=1).min()
+        if wide < 5.0:
+            continue
+        limits = declared(0.3, 0.95 * float(wide)).search
+        support = support_of(item, float(CATALOGUE.reach_mm[row]), limits)
+        assert_bounds_all_rotations(support, feet, outline, rng)
+
+
+def test_an_object_goes_before_the_rig() -> None:
+    heavy = replace(SIX[0], holds_n=2.0, support_mm=9.0)
+    item = Catalogue([heavy]).states[0]
+    assert support_of(item, 40.0, declared(0.3).search).holds_n == 2.0
+    assert support_of(item, 40.0, declared(None).search).turn_rad_per_mm == pytest.approx(1 / 9.0)
+
+
+def touched(*loads: ContactLoad, finger: int = 0) -> Touch:
+    placed = Placed(SIX[0], 0.0, 0.0, 0.0)
+    rows = [k for k, item in enumerate(REACH.approaches) if item.finger_index == finger]
+    aim = REACH.approaches[REACH.of_finger(finger, REACH.middle_rad)[len(rows) // 2 % 7]]
+    found = SimulatedTouches(REACH, placed, np.random.default_rng(1))([aim])[0]
+    return replace(found, contact=replace(found.contact, touched=True), loads=loads)
+
+
+def slow(peak_n: float, work_mj: float) -> ContactLoad:
+    return ContactLoad(TouchStage.SLOW, peak_n, work_mj / max(peak_n, 1e-9), work_mj)
+
+
+def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
+    bounds = MotionBounds(declared(2.0), CATALOGUE)
+    light = bounds.of_grip([touched(slow(0.1, 0.004))])
+    assert not any((light.before, light.after, light.whole))
+    one, two = (bounds.of_grip([touched(slow(2.0, work))]) for work in (1.0, 2.0))
+    assert (one.before.shift_mm >= 1.0 / 2.0).all()
+    assert (two.before.shift_mm > 1.5 * one.before.shift_mm).all()
+    assert (one.after.shift_mm <= one.whole.shift_mm).all()
+    assert one.within(np.arange(6)) is not None
+
+
+def test_without_a_declared_force_nothing_is_bounded_and_nothing_moves() -> None:
+    bounds = MotionBounds(declared(None), CATALOGUE)
+    assert not bounds.of_grip([touched(slow(3.0, 9.0)), touched()]).whole
+    assert bounds.holds_n(np.arange(6)) is None
+
+
+def test_no_bound_where_fingers_may_push_unnoticed_or_loads_are_missing() -> None:
+    every = np.arange(6)
+    assert MotionBounds(declared(0.3, force_n=0.3), CATALOGUE).of_grip([]).within(every) is None
+    assert MotionBounds(declared(2.0), CATALOGUE).of_grip([touched()]).within(every) is None
+
+
+@dataclass
+class MovingTable:
+    """A part that moves by all that the bounds of a grip's loads allow, before it is measured and after."""
+
+    rig: RigFile
+    placed: Placed
+    rng: np.random.Generator
+    load: ContactLoad
+
+    def __call__(self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None]) -> list[Touch]:
+        tell(GripPhase.CLOSING)
+        bounds = MotionBounds(self.rig, CATALOGUE)
+        every = [touched(self.load, finger=item.finger_index) for item in grip]
+        motion = bounds.of_grip(every)
+        self._move(motion.before)
+        felt = [
+            replace(touch, loads=(self.load,))
+            for touch in SimulatedTouches(REACH, self.placed, self.rng)(grip)
+        ]
+        self._move(motion.after)
+        return felt
+
+    def _move(self, motion: Motion) -> None:
+        row = [item.object_name for item in CATALOGUE.states].index(self.placed.model.name)
+        centre, theta = CATALOGUE.origins_mm[row], self.placed.theta
+        share = self.rng.choice([-1.0, 1.0])
+        at = self.placed.on_table(centre) + float(motion.shift_mm[row]) * unit(
+            self.rng.uniform(0, 2 * math.pi)
+        )
+        theta += share * float(motion.turn_rad[row])
+        x, y = at - turned(centre, theta)
+        self.placed = replace(self.placed, x=float(x), y=float(y), theta=theta)
+
+
+@pytest.mark.parametrize("work", [0.02, 0.06])
+@pytest.mark.parametrize("seed", sample(range(12), [0, 1, 2]))
+def test_a_part_that_moves_within_its_bounds_is_inside_the_answers(seed: int, work: float) -> None:
+    rng = np.random.default_rng([30, seed])
+    rig = declared(1.0)
+    table = MovingTable(rig, place_within(SIX[seed % 6], rng), rng, slow(0.4, work))
+    result = search(rig, REACH, table, CATALOGUE, seed=seed)
+    assert result.outcome in (*ANSWERS, IdentificationVerdict.UNRESOLVED)
+    assert result.assumed_holds_n == 1.0
+    assert all(bound is not None and bound[0] > 0 for bound in result.motions)
+    assert not result.hold_contradicted
+    assert result.recognition is not None
+    assert holding_truth(result.recognition, table.placed) is not None
+
+
+def test_a_part_that_fingers_may_push_unnoticed_is_called_moving() -> None:
+    rig = declared(0.3, force_n=0.3)
+    rng = np.random.default_rng(31)
+    table = MovingTable(declared(50.0), place_within(SIX[2], rng), rng, slow(0.4, 0.02))
+    result = search(rig, REACH, table, CATALOGUE)
+    assert result.outcome is IdentificationVerdict.MOVING
+    assert None in result.motions
+
+
+def test_a_part_that_is_pushed_before_every_grip_is_moving_and_contradicts_what_it_holds() -> None:
+    ends = []
+    for seed in range(4):
+        rng = np.random.default_rng([32, seed])
+
+        def pushed(
+            grip: Sequence[FingerApproach],
+            tell: Callable[[GripPhase], None],
+            rng: np.random.Generator = rng,
+            seed: int = seed,
+        ) -> list[Touch]:
+            tell(GripPhase.CLOSING)
+            felt = SimulatedTouches(REACH, place_within(SIX[seed], rng), rng)(grip)
+            return [replace(touch, loads=(slow(0.1, 0.004),)) for touch in felt]
+
+        result = search(declared(2.0), REACH, pushed, CATALOGUE, seed=seed)
+        ends.append(result.outcome)
+        assert result.hold_contradicted == bool(result.moved_before)
+    assert ends.count(IdentificationVerdict.MOVING) >= 3, ends
