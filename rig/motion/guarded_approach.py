@@ -91,7 +91,7 @@ def _carry_out(
     hand.tare()
     tell(GripPhase.CLOSING)
     _meter(hand, runs)
-    backed = _search(hand, runs)
+    backed = _search_contacts(hand, runs)
     _settle(hand, runs)
     patches: dict[str, ContactPatch | None] = {}
     if backed:
@@ -200,7 +200,7 @@ def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, End
     return {mover.run: end for mover, end in ends.items() if mover.run is not None}
 
 
-def _search(hand: Hand, runs: Sequence[ApproachState]) -> dict[ApproachState, float]:
+def _search_contacts(hand: Hand, runs: Sequence[ApproachState]) -> dict[ApproachState, float]:
     """Send every finger towards its limit; those that touch something back off at once, by themselves.
 
     Returns where (mm of their ways) fingers that have touched go back to.

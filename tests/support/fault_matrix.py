@@ -136,7 +136,7 @@ PHASES: Sequence[tuple[str, str]] = (
     ("measure_quasi_statically", "creep"),
     ("measure_at_rest", "measure"),
     ("_touched_at_once", "touch"),
-    ("_move_until_touched", "approach"),
+    ("_search_contacts", "approach"),
     ("press", "press"),
     ("stop_at_speed", "stop at speed"),
     ("_stalled", "homing"),
