@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar, cast
 import numpy as np
 from serial.serialutil import SerialBase
 
-from palpate.config import ArrayConfig, FingerConfig, RigFile
+from palpate.config import ArrayConfig, ClosingConfig, FingerConfig, RigFile
 from palpate.config.rig_fingers import PALPATE_PROTOCOL
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.bench import SampledArray
@@ -28,6 +28,7 @@ __all__ = [
     "calibration_of",
     "emulated_array",
     "extractor_of",
+    "threshold_problem",
 ]
 
 ConfigT = TypeVar("ConfigT", bound=ArrayConfig)
@@ -88,6 +89,17 @@ def extractor_of(rig: RigFile, spec: FingerConfig, description: Description) -> 
     extractor = ContactExtractor(description, calibration_of(rig, spec, description))
     extractor.prepare()  # at the first contact it would take longer than Bus Watchdog waits
     return extractor
+
+
+def threshold_problem(extractor: ContactExtractor, closing: ClosingConfig) -> str | None:
+    """What is wrong with contact_force_n for an array that is tared: untouched, it would exceed it."""
+    least = extractor.least_force_n
+    if closing.contact_force_n >= least:
+        return None
+    return (
+        f"its noise of {extractor.baseline.noise_counts:.2g} counts would pass for a contact of "
+        f"contact_force_n = {closing.contact_force_n:g} N; use {least:.2g} N at least"
+    )
 
 
 def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -> TipCalibration:

@@ -31,6 +31,9 @@ from palpate.geometry import Bools, Counts, Floats
 __all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
 
 _PIECE = 4096  # frames at once
+_MATCHED_COLUMNS = 3  # a light contact's share of a cylinder
+_MATCHED_SIGMAS = 6.0  # a matched sum above that is no noise: less than once in a day
+_SINGLE_SIGMAS = 10.0  # likewise, of the sum of single taxels that are above the noise
 
 
 class ContactExtractor:
@@ -81,7 +84,10 @@ class ContactExtractor:
         doubt = 0.0 if tracker is None else tracker.bound
         self._guard_base = baseline.mean
         self._guard_threshold = SIGMAS * baseline.noise_counts + doubt
-        self._guard_gain = np.where(baseline.usable, self._n_per_count, 0.0).ravel()
+        gain = np.where(baseline.usable, self._n_per_count, 0.0)
+        self._guard_gain = gain.ravel()
+        self._window_noise = baseline.noise_counts * np.sqrt(_windows(gain**2))
+        self._window_doubt = _windows(gain * doubt)
 
     def follow(self, frames: Sequence[TactileFrame]) -> None:
         """Let the baseline follow its drift through frames, touched or not; without drift nothing happens."""
@@ -98,10 +104,24 @@ class ContactExtractor:
             self._cylinder.prepare()
 
     def force_n(self, frame: TactileFrame) -> float:
-        """Force (N) of all taxels above the noise: quick, for the closing loop."""
+        """Force (N) of all taxels above the noise: quick, for the closing loop.
+
+        On a cylinder a light contact may leave each taxel within the noise: then the force is that of the
+        three neighbouring columns which together are most above theirs.
+        """
         counts = frame.counts - self._guard_base
-        counts *= counts > self._guard_threshold
-        return float(counts.ravel() @ self._guard_gain)
+        force = float((counts * (counts > self._guard_threshold)).ravel() @ self._guard_gain)
+        if self._cylinder is None:
+            return force
+        sums = _windows(counts * self._guard_gain.reshape(counts.shape)) - self._window_doubt
+        return max(force, float(np.max(sums, where=sums > _MATCHED_SIGMAS * self._window_noise, initial=0.0)))
+
+    @property
+    def least_force_n(self) -> float:
+        """Least threshold (N) that `force_n` does not exceed untouched, by the noise that was tared."""
+        if self._cylinder is None:
+            return _SINGLE_SIGMAS * self._baseline.noise_counts * float(self._guard_gain.max())
+        return _MATCHED_SIGMAS * float(self._window_noise.max())
 
     def extract(self, frames: TactileFrame | Sequence[TactileFrame]) -> ContactPatch | None:
         """Return the strongest contact in a frame, or in the mean of several; None if nothing is touched."""
@@ -165,6 +185,14 @@ class ContactExtractor:
     @cached_property
     def _surface(self) -> TaxelSurface:
         return surface_of(self._description)
+
+
+def _windows(taxels: Floats) -> Floats:
+    """Sums over each few neighbouring columns (and all rows) of values (rows, cols)."""
+    sums = np.concatenate([[0.0], np.cumsum(taxels.sum(axis=0))])
+    width = min(_MATCHED_COLUMNS, taxels.shape[1])
+    result: Floats = sums[width:] - sums[:-width]
+    return result
 
 
 def _check(calibration: TipCalibration, shape: tuple[int, int]) -> None:

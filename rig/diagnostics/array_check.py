@@ -5,15 +5,16 @@ The array is left as after `connect`, and stopped.
 
 from collections.abc import Collection, Sequence
 
-from palpate.config import FingerConfig
+from palpate.config import FingerConfig, RigFile
 from palpate.config.check_result import ArrayCheckOut
 from palpate.drivers.tactile.array import TactileArray
+from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestReport, SelfTestResult
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, counted
-from palpate.rig.arrays import array_of
+from palpate.rig.arrays import array_of, calibration_of, threshold_problem
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.motion.hand import OpenPort
 
@@ -25,15 +26,15 @@ _RATE_SHARE = 0.95  # of the wanted rate that must arrive
 _TAXELS_NAMED = 6
 
 
-def check_array(spec: FingerConfig, wanted_hz: float, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
-    """Run the self-test of an array, if it has one, and count the frames of a second."""
+def check_array(rig: RigFile, spec: FingerConfig, clock: Clock, open_port: OpenPort) -> ArrayCheckOut:
+    """Run the self-test of a finger's array, if it has one, and judge rate and noise of a second's frames."""
     timer = latency_timer_s(spec.array.port)
     blank = ArrayCheckOut(
         finger=spec.name,
         port=spec.array.port,
         protocol=spec.array.protocol,
         answers=False,
-        wanted_hz=wanted_hz,
+        wanted_hz=rig.closing.sample_rate_hz,
         latency_timer_ms=None if timer is None else timer * 1e3,
         warnings=tuple(timer_warnings(spec.array.port, timer)),
     )
@@ -43,8 +44,15 @@ def check_array(spec: FingerConfig, wanted_hz: float, clock: Clock, open_port: O
         return _wrong(blank, str(error))
     array = array_of(spec, port, clock)
     try:
-        found = _introduced(blank, array.connect())
-        found = _streamed(_examined(found, array, _left_out(spec)), array, clock)
+        description = array.connect()
+        found = _examined(_introduced(blank, description), array, _left_out(spec))
+        frames = _streamed(found, array, clock)
+        found = _with_rate(found, array, frames)
+        if frames and not found.problems:
+            extractor = ContactExtractor(description, calibration_of(rig, spec, description))
+            extractor.tare(frames)
+            noisy = threshold_problem(extractor, rig.closing)
+            found = found if noisy is None else _wrong(found, noisy)
     except DeviceError as error:
         return _wrong(blank, str(error))
     finally:
@@ -114,13 +122,17 @@ def _taxel(bad: BadTaxel) -> str:
     return f"row {bad.row} column {bad.col} {bad.fault.name.replace('_', ' ').lower()}"
 
 
-def _streamed(out: ArrayCheckOut, array: ArrayDriver, clock: Clock) -> ArrayCheckOut:
-    """With the frames of a second."""
+def _streamed(out: ArrayCheckOut, array: ArrayDriver, clock: Clock) -> list[TactileFrame]:
+    """The frames of a second."""
     try:
         array.start(out.wanted_hz)
-        frames = _listen(array, clock)
+        return _listen(array, clock)
     finally:
         array.stop()
+
+
+def _with_rate(out: ArrayCheckOut, array: ArrayDriver, frames: Sequence[TactileFrame]) -> ArrayCheckOut:
+    """With the rate of a second's frames."""
     rate = _rate_hz(frames)
     heard = out.model_copy(update={"rate_hz": rate, "lost": array.counters.lost})
     if not frames:

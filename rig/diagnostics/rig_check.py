@@ -49,7 +49,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
     arrays = []
     for spec in rig.fingers:
         now(f"array of finger {spec.name}")
-        arrays.append(check_array(spec, rig.closing.sample_rate_hz, place.clock, place.open_other))
+        arrays.append(check_array(rig, spec, place.clock, place.open_other))
     timer = latency_timer_s(rig.bus.port)
     adapter = AdapterCheckOut(
         port=rig.bus.port,

@@ -24,7 +24,7 @@ from palpate.drivers.finger import Servos, Turn
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
-from palpate.rig.arrays import array_of, extractor_of
+from palpate.rig.arrays import array_of, extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
@@ -269,6 +269,8 @@ class Hand:
         self.start_arrays()
         for finger, frames in zip(self.fingers, self.collect(self.fingers, _TARE_FRAMES), strict=True):
             finger.extractor.tare(frames)
+            if (wrong := threshold_problem(finger.extractor, self.rig.closing)) is not None:
+                raise DeviceError(f"tactile array {finger.name}: {wrong}")
 
     def start_arrays(self) -> None:
         """Let every array stream; from now on silence counts."""

@@ -1,6 +1,7 @@
 """What the rig file says of an array's taxels is what its extractor is told."""
 
 import tomllib
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
-from palpate.rig.arrays import calibration_of, extractor_of
+from palpate.rig.arrays import calibration_of, extractor_of, threshold_problem
 
 ROWS, COLS = 2, 3
 SMALL = Description(
@@ -73,3 +74,36 @@ def test_taxels_of_another_array_are_refused() -> None:
     file = rig(TAXELS | {"gain": [[1.0, 1.0]], "gain_bound": [[0.1, 0.1]], "unusable": []})
     with pytest.raises(InputError, match=f"finger {file.fingers[0].name}: array.taxels are 1 x 2 .* 2 x 3"):
         extractor_of(file, file.fingers[0], SMALL)
+
+
+def noisy(noise_counts: float, load_n: float = 0.0, count: int = 4000) -> tuple[ContactExtractor, np.ndarray]:
+    """An extractor of the shipped bench's size that was tared, and what it makes of frames under a load."""
+    rng = np.random.default_rng(5)
+    big = replace(SMALL, rows=8, cols=20, counts_per_n=2000.0, columns=tuple(np.linspace(-1.0, 1.0, 20)))
+    big = replace(big, row_heights_mm=tuple(range(8)))
+    extractor = ContactExtractor(big, calibration_of(rig(None), rig(None).fingers[0], big))
+
+    def frames(load: float, many: int) -> list[TactileFrame]:
+        counts = 100.0 + rng.normal(0.0, noise_counts, (many, 8, 20))
+        counts[:, :, 9:12] += load * 2000.0 / 24
+        return [TactileFrame(k, k / 250, k / 250, c.round().astype(np.uint16)) for k, c in enumerate(counts)]
+
+    extractor.tare(frames(0.0, 16))
+    return extractor, np.array([extractor.force_n(frame) for frame in frames(load_n, count)])
+
+
+def test_noise_alone_stays_below_the_least_threshold_and_a_light_contact_does_not() -> None:
+    extractor, untouched = noisy(2.0)
+    assert extractor.least_force_n < 0.05
+    assert untouched.max() < extractor.least_force_n
+    # Spread over 24 taxels 0.06 N are 5 counts a taxel: within four standard deviations of each.
+    assert (noisy(2.0, load_n=0.07)[1] > 0.05).mean() > 0.99
+
+
+def test_a_threshold_within_the_noise_is_refused() -> None:
+    closing = rig(None).closing.model_copy(update={"contact_force_n": 0.05})
+    assert threshold_problem(noisy(2.0, count=1)[0], closing) is None
+    wrong = threshold_problem(noisy(5.0, count=1)[0], closing)
+    assert wrong is not None
+    assert "noise" in wrong
+    assert "contact_force_n" in wrong
