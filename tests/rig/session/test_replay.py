@@ -332,8 +332,8 @@ def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path)
 def slow_rig(folder: Path) -> str:
     """Fingers creep, so that a signal is sure to come while they close."""
     text = shipped_rig().read_text(encoding="utf-8")
-    text = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 2.0")
-    (folder / "slow.toml").write_text(text.replace("touch_speed_mm_s = 5.0", "touch_speed_mm_s = 2.0"))
+    slow = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0")
+    (folder / "slow.toml").write_text(slow)
     return "slow.toml"
 
 
