@@ -9,6 +9,7 @@ import pytest
 from command import Ended, run_here
 from json_schema import violations
 from quick_rig import quick_bench
+from wording import missing
 
 from palpate.config.identification_result import AlternativeOut, IdentificationOut, Relation
 from palpate.config.results import BoundsOut, ConfigurationOut
@@ -170,3 +171,25 @@ def test_twins_when_grips_are_drawn(
     assert (other["relation"], other["turned"], other["moved"]) == ("twin", None, None)
     assert told["moved_before"] == []
     assert 0 < told["predicted"] <= told["touches"]
+
+
+def test_what_the_bounds_rest_on_is_said() -> None:
+    grips = (
+        {"grip": 1, "position": 0.01, "orientation": 0.001},
+        {"grip": 2, "position": 0.04, "orientation": 0.002},
+    )
+    held = answer_lines(ended(IdentificationVerdict.IDENTIFIED, assumed_holds_n=0.3, motion_bounds=grips))
+    assert any(not missing(line, "0.3 N", "0.04 mm", "0.11°") for line in held)
+    free = {"grip": 3, "position": None, "orientation": None}
+    out = ended(
+        IdentificationVerdict.MOVING,
+        assumed_holds_n=0.3,
+        motion_bounds=(*grips, free),
+        moved_before=(2, 3),
+        hold_contradicted=True,
+    )
+    said = "\n".join(answer_lines(out))
+    assert not missing(said, "moving:", "before grips 2, 3", "plate", "without a bound", "hold less")
+    assert not missing(
+        answer_lines(ended(IdentificationVerdict.MOVING, moved_before=(2, 3), **NOTHING))[0], "moving"
+    )
