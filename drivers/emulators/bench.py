@@ -131,6 +131,8 @@ class EmulatedFinger:
         """What the tip would do to the part at a displacement; nothing if it would not touch it."""
         if self.outline is None:
             return []
+        if math.dist(displacement.back(self.centre_mm), self._free_centre) < self._free_mm:
+            return []
         found = self._load(self.outline, displacement)
         if found is None:
             return []

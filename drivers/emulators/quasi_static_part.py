@@ -20,7 +20,9 @@ _SMOOTH_MM = 2e-5  # friction grows with motion up to here, so that the minimum 
 _STILL_MM = 5 * _SMOOTH_MM  # smaller motions are that growth, and the part stands
 _PROBE_MM = 1e-4
 _STEPS = 40
-_DONE_N = 1e-6
+_HALVINGS = 12
+_GOOD_SHARE = 0.2  # what a Newton step leaves of the forces if the stiffness is right
+_DONE_N = 1e-5
 _LONGEST_MM = 0.05  # of a Newton step
 
 
@@ -33,15 +35,19 @@ class QuasiStaticPart:
         feet = support.feet_mm - self._centre
         self._lever_mm = max(float(np.hypot(*feet.T).max()), 1.0)
         self._feet = feet
+        self._stiffness: Floats | None = None
+        self._last_motion = np.zeros(3)
         self.displacement = Displacement(self._centre, np.zeros(2), 0.0)
 
     def step(self, tip_forces: TipForces, touched: bool, _dt_s: float) -> None:
         """Go where skin and friction cost least."""
-        if not touched or self._holds(tip_forces(self.displacement)):
-            return
-        motion = self._least_motion(tip_forces)
-        if np.hypot(*motion[:2]) + abs(motion[2]) > _STILL_MM:
-            self.displacement = self._moved(motion)
+        motion = np.zeros(3)
+        forces = tip_forces(self.displacement) if touched else ()
+        if not self._holds(forces):
+            motion = self._least_motion(tip_forces, self._sum(forces, self.displacement))
+            if np.hypot(*motion[:2]) + abs(motion[2]) > _STILL_MM:
+                self.displacement = self._moved(motion)
+        self._last_motion = motion
 
     def _holds(self, forces: Sequence[PointForce]) -> bool:
         """Whether friction holds for certain, whatever the forces' directions."""
@@ -55,78 +61,84 @@ class QuasiStaticPart:
         """Distance (mm) of a force's point from the centre of friction."""
         return float(np.hypot(*(force.point_mm - self.displacement.place(self._centre))))
 
-    def _least_motion(self, tip_forces: TipForces) -> Floats:
-        """The motion (3,) to the minimum, by Newton's steps with the skin's stiffness from differences."""
-        motion = np.zeros(3)
-        stiffness = self._stiffness(tip_forces, motion)
-        for k in range(_STEPS):
-            pull = self._wrench(tip_forces, motion)
-            drag, drag_stiffness = self._friction(motion)
-            rest = pull - drag
-            if np.abs(rest).max() < _DONE_N:
-                break
-            if k % 8 == 7:
-                stiffness = self._stiffness(tip_forces, motion)
-            step = np.linalg.solve(stiffness + drag_stiffness, rest).astype(np.float64)
-            motion = motion + step * self._damped(tip_forces, motion, step, rest)
-        return motion
+    def _least_motion(self, tip_forces: TipForces, pull: Floats) -> Floats:
+        """The motion (3,) to the minimum, by Newton's steps; `pull` is the tips' wrench before it.
 
-    def _damped(self, tip_forces: TipForces, motion: Floats, step: Floats, rest: Floats) -> float:
-        """How much of a step to take, so that what is left of the forces shrinks."""
-        share = min(1.0, _LONGEST_MM / float(np.abs(step).max() or 1.0))
-        before = float(rest @ rest)
-        for _ in range(12):
-            there = motion + share * step
-            left = self._wrench(tip_forces, there) - self._friction(there)[0]
-            if float(left @ left) < before:
-                return share
-            share /= 2
-        return share
+        Tips' forces take most of the time: the skin's stiffness is that of the last step as long as it leads
+        on, and the first guess the last step's motion if less is left of the forces there.
+        """
+        ways = self._ways()
+        motion, drag, drag_stiffness = np.zeros(3), *self._friction(np.zeros(3), ways)
+        left = pull
+        if self._last_motion.any():
+            ahead = self._last_motion
+            ahead_pull = self._wrench(tip_forces, ahead)
+            drag, ahead_stiffness = self._friction(ahead, ways)
+            if np.abs(ahead_pull - drag).max() < np.abs(left).max():
+                motion, pull, left, drag_stiffness = ahead, ahead_pull, ahead_pull - drag, ahead_stiffness
+        fresh = False
+        for _ in range(_STEPS):
+            before = float(np.abs(left).max())
+            if before < _DONE_N:
+                break
+            if self._stiffness is None:
+                self._stiffness, fresh = self._skin_stiffness(tip_forces, motion, pull), True
+            step = np.linalg.solve(self._stiffness + drag_stiffness, left).astype(np.float64)
+            share = min(1.0, _LONGEST_MM / float(np.abs(step).max() or 1.0))
+            for _ in range(_HALVINGS):
+                there = motion + share * step
+                pull = self._wrench(tip_forces, there)
+                drag, there_stiffness = self._friction(there, ways)
+                if np.abs(pull - drag).max() < before:
+                    break
+                share /= 2
+            motion, left, drag_stiffness = there, pull - drag, there_stiffness
+            if not fresh and np.abs(left).max() > _GOOD_SHARE * before:
+                self._stiffness = None
+            fresh = False
+        return motion
 
     def _wrench(self, tip_forces: TipForces, motion: Floats) -> Floats:
         """Force and moment / lever (3,) N of all tips, with the part moved by `motion`."""
         moved = self._moved(motion)
+        return self._sum(tip_forces(moved), moved)
+
+    def _sum(self, forces: Sequence[PointForce], moved: Displacement) -> Floats:
+        """Force and moment / lever (3,) N of forces on the part at a displacement."""
         total = np.zeros(3)
         middle = moved.place(self._centre)
-        for force in tip_forces(moved):
+        for force in forces:
             x, y = force.point_mm - middle
             total[:2] += force.force_n
             total[2] += (x * force.force_n[1] - y * force.force_n[0]) / self._lever_mm
         return total
 
-    def _stiffness(self, tip_forces: TipForces, motion: Floats) -> Floats:
-        """How the tips' wrench falls as the part moves on, (3, 3), made positive."""
-        columns = []
-        for k in range(3):
-            probe = np.zeros(3)
-            probe[k] = _PROBE_MM
-            ahead = self._wrench(tip_forces, motion + probe)
-            columns.append((self._wrench(tip_forces, motion - probe) - ahead) / (2 * _PROBE_MM))
-        matrix = np.array(columns)
+    def _skin_stiffness(self, tip_forces: TipForces, motion: Floats, pull: Floats) -> Floats:
+        """How the tips' wrench falls from `pull` as the part moves on, (3, 3), made positive."""
+        probes = np.eye(3) * _PROBE_MM
+        matrix = np.array([(pull - self._wrench(tip_forces, motion + probe)) / _PROBE_MM for probe in probes])
         values, vectors = np.linalg.eigh((matrix + matrix.T) / 2)
         result: Floats = (vectors * np.maximum(values, 1e-3)) @ vectors.T
         return result
 
-    def _friction(self, motion: Floats) -> tuple[Floats, Floats]:
+    def _friction(self, motion: Floats, ways: Floats) -> tuple[Floats, Floats]:
         """What friction resists a motion with (3,), and its growth (3, 3)."""
-        feet = self._turned_feet
-        slide = motion[:2] + np.column_stack([-feet[:, 1], feet[:, 0]]) * (motion[2] / self._lever_mm)
+        slide = ways @ motion
         length = np.sqrt((slide**2).sum(axis=1) + _SMOOTH_MM**2)
         load = self._support.slip_n * self._support.share
-        ways = np.zeros((len(feet), 2, 3))  # how each foot moves with the motion
-        ways[:, 0, 0] = ways[:, 1, 1] = 1.0
-        ways[:, 0, 2], ways[:, 1, 2] = -feet[:, 1] / self._lever_mm, feet[:, 0] / self._lever_mm
-        unit = slide / length[:, None]
-        force = np.einsum("n,nij,ni->j", load, ways, unit)
-        growth = (np.eye(2) - unit[:, :, None] * unit[:, None, :]) * (load / length)[:, None, None]
-        return force, np.einsum("nik,nij,njl->kl", ways, growth, ways)
+        along = np.einsum("ni,nij->nj", slide / length[:, None], ways)
+        flat, stiff = ways.reshape(-1, 3), load / length
+        growth = (flat.T * np.repeat(stiff, 2)) @ flat - (along.T * stiff) @ along
+        return load @ along, growth
 
-    @property
-    def _turned_feet(self) -> Floats:
-        """Feet (n, 2) from the centre of friction, as the part is turned now."""
+    def _ways(self) -> Floats:
+        """How each foot (n, 2, 3) moves with the motion, as the part is turned now."""
         c, s = np.cos(self.displacement.turn_rad), np.sin(self.displacement.turn_rad)
-        result: Floats = self._feet @ np.array([[c, s], [-s, c]])
-        return result
+        feet = self._feet @ np.array([[c, s], [-s, c]]) / self._lever_mm
+        ways = np.zeros((len(feet), 2, 3))
+        ways[:, 0, 0] = ways[:, 1, 1] = 1.0
+        ways[:, 0, 2], ways[:, 1, 2] = -feet[:, 1], feet[:, 0]
+        return ways
 
     def _moved(self, motion: Floats) -> Displacement:
         now = self.displacement

@@ -5,6 +5,7 @@ with friction times its load, against its own motion.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +25,7 @@ class Support:
     mass_kg: float
     friction: float
 
-    @property
+    @cached_property
     def centre_mm(self) -> Floats:
         """Centre of friction (2,): where a force makes the part slide without turning."""
         result: Floats = self.share @ self.feet_mm
@@ -35,7 +36,7 @@ class Support:
         """Force through the centre of friction at which the part slides."""
         return self.friction * self.mass_kg * GRAVITY_M_S2
 
-    @property
+    @cached_property
     def median_distance_mm(self) -> float:
         """Mean distance ρ of the load from its geometric median: the moment slip_n · ρ turns the part."""
         at = self.centre_mm
