@@ -3,7 +3,9 @@
 Needs the extra `physics`. The skin's forces are handed to MuJoCo as external forces at the tips' heights, so
 that the part can tip as well as slide; the table's contact is MuJoCo's own. Its default contact creeps under
 load below friction by up to some mm/s: an elliptic friction cone with a high `impratio` and the noslip solver
-end that (MuJoCo documentation, Computation, "Contact").
+end that (MuJoCo documentation, Computation, "Contact"). Hard feet hop by micrometres whenever the part begins
+to slide, and such hops turn it; these yield by some 20 µm. They differ in length by as much as gives each its
+load.
 """
 
 import math
@@ -23,14 +25,14 @@ _FOOT_M = 1e-3  # radius of a foot: feet are small spheres
 _MM = 1e-3
 _STILL_M_S = 1e-5
 _SETTLE_STEPS = 2000
-_UNEVEN_M = 2e-6  # feet differ by so much in length, so that loads differ
+_LEVELLINGS = 4
 _SAME_MM = 1e-7
 
 _MODEL = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 -{gravity}" cone="elliptic" impratio="100" noslip_iterations="4"
     integrator="implicitfast"/>
-  <default><geom condim="3" friction="{friction} 0 0" solref="0.004 1" solimp="0.95 0.99 0.0001"/></default>
+  <default><geom condim="3" friction="{friction} 0 0" solref="0.02 1" solimp="0.95 0.99 0.0001"/></default>
   <worldbody>
     <geom type="plane" size="1 1 1"/>
     <body name="part" pos="0 0 {height}">
@@ -53,14 +55,16 @@ class Body:
 
 
 class MujocoPart:
-    """A rigid body on the support's feet; their loads come from its centre of mass, and from `seed`."""
+    """A rigid body on feet, with loads as the support says, which balance about its centre of mass."""
 
-    def __init__(self, support: Support, body: Body, seed: int) -> None:
+    def __init__(self, support: Support, body: Body) -> None:
         self._centre = np.array(body.centre_mm)
         self._height_mm = body.height_mm
-        self._model = mujoco.MjModel.from_xml_string(_xml(support, body, seed))
+        self._model = mujoco.MjModel.from_xml_string(_xml(support, body))
         self._data = mujoco.MjData(self._model)
         mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
+        for _ in range(_LEVELLINGS):
+            self._level(support)
         self._rest = self._pose()
         self._awake = False
         self.displacement = Displacement(self._centre, np.zeros(2), 0.0)
@@ -84,6 +88,22 @@ class MujocoPart:
         mujoco.mj_kinematics(self._model, self._data)
         return math.acos(min(1.0, float(self._data.xmat[1][8])))
 
+    def _level(self, support: Support) -> None:
+        """Let feet that bear too little be longer: each is pressed in by about as much as it bears."""
+        load, dent = np.zeros(len(support.share)), np.zeros(len(support.share))
+        force = np.zeros(6)
+        for number in range(self._data.ncon):
+            contact = self._data.contact[number]
+            mujoco.mj_contactForce(self._model, self._data, number, force)
+            load[max(contact.geom) - 1], dent[max(contact.geom) - 1] = force[0], -contact.dist
+        wanted = support.share * support.mass_kg * GRAVITY_M_S2
+        longer = dent.sum() / load.sum() * (wanted - load)
+        # A part that leans loads its feet as one on feet that are longer by a linear function of the place.
+        place = np.column_stack([np.ones(len(longer)), support.feet_mm])
+        longer -= place @ np.linalg.lstsq(place, longer)[0]
+        self._model.geom_pos[1:, 2] -= longer
+        mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
+
     def _push(self, tip_forces: TipForces) -> None:
         """Hand the tips' forces to the engine, with their moments about the centre of mass."""
         moved = self._moved()
@@ -106,13 +126,11 @@ class MujocoPart:
         return np.array([x / _MM, y / _MM, 2 * math.atan2(z, w)])
 
 
-def _xml(support: Support, body: Body, seed: int) -> str:
-    rng = np.random.default_rng(seed)
+def _xml(support: Support, body: Body) -> str:
     height = body.height_mm * _MM
     feet = []
     for x, y in (support.feet_mm - np.array(body.centre_mm)) * _MM:
-        down = height - _FOOT_M - _UNEVEN_M * rng.uniform()
-        feet.append(f'<geom type="sphere" size="{_FOOT_M}" pos="{x} {y} {-down}"/>')
+        feet.append(f'<geom type="sphere" size="{_FOOT_M}" pos="{x} {y} {_FOOT_M - height}"/>')
     a, b, c = (np.array(body.extent_mm) * _MM) ** 2
     inertia = np.array([b + c, a + c, a + b]) * support.mass_kg / 12
     return _MODEL.format(

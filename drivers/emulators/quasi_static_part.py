@@ -16,8 +16,8 @@ from palpate.geometry import Floats
 
 __all__ = ["QuasiStaticPart"]
 
-_SMOOTH_MM = 2e-5  # friction grows with motion up to here, so that the minimum can be found by Newton's steps
-_STILL_MM = 5 * _SMOOTH_MM  # smaller motions are that growth, and the part stands
+_SMOOTH_MM = 1e-5  # friction grows with motion up to here, so that the minimum can be found by Newton's steps
+_STILL_MM = 10 * _SMOOTH_MM  # smaller motions are that growth, and the part stands
 _PROBE_MM = 1e-4
 _STEPS = 40
 _HALVINGS = 12

@@ -89,7 +89,7 @@ def part_of(truth: PartTruth, placement: Placement) -> Part:
     low, high = np.array(shapely.bounds(shape_of(placement, placement.state.sections[0]))).reshape(2, 2)
     x, y = (high - low).tolist()
     extent = (x, y, placement.state.top_mm)
-    return MujocoPart(support, Body((float(centre[0]), float(centre[1])), height, extent), truth.seed)
+    return MujocoPart(support, Body((float(centre[0]), float(centre[1])), height, extent))
 
 
 def support_of(truth: PartTruth, placement: Placement) -> Support:

@@ -1,0 +1,223 @@
+"""Engines of the emulated part against the theory of sliding: Coulomb, Mason, and Goyal's limit surface.
+
+Shares by which they may differ stand beside each test. Loads of the feet are given, so that both engines have
+the same ones.
+"""
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from quick_rig import quick_bench
+
+import palpate
+from palpate.drivers.emulators.mujoco_part import Body, MujocoPart
+from palpate.drivers.emulators.part import Displacement, Part, PointForce
+from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
+from palpate.drivers.emulators.support import Support
+from palpate.drivers.emulators.tip import PartSection, tip_load
+from palpate.drivers.emulators.tip_friction import Shear, sheared
+from palpate.geometry import Floats
+
+MASS_KG, FRICTION = 0.15, 0.3
+SLIP_N = MASS_KG * FRICTION * 9.80665
+R = 25.0
+STEP_S = 1e-3
+STANDS_MM, MOVES_MM = 0.001, 0.02
+"""In 0.2 s, at the rim."""
+SHARE = 0.05
+"""By how much the start of motion may differ from an integral: for few feet, and steps of load."""
+
+
+def quasi_static(support: Support) -> Part:
+    return QuasiStaticPart(support)
+
+
+def in_mujoco(support: Support) -> Part:
+    x, y = support.centre_mm.tolist()
+    return MujocoPart(support, Body((x, y), 10.0, (2 * R, 2 * R, 20.0)))
+
+
+ENGINES = pytest.mark.parametrize("engine", [quasi_static, in_mujoco])
+
+
+def even(feet: Floats) -> Support:
+    return Support(feet, np.full(len(feet), 1 / len(feet)), MASS_KG, FRICTION)
+
+
+def disc(count: int) -> Floats:
+    """Points that share a disc's area evenly."""
+    k = np.arange(count)
+    radius, angle = R * np.sqrt((k + 0.5) / count), k * math.pi * (3 - math.sqrt(5))
+    feet: Floats = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return feet - feet.mean(axis=0)
+
+
+def ring(count: int) -> Floats:
+    angle = np.arange(count) * 2 * math.pi / count
+    return R * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def pushed(
+    part: Part, forces: list[tuple[tuple[float, float], tuple[float, float]]], seconds: float
+) -> float:
+    """How far a part moves (mm, turn times R) under forces at points of it, at table height."""
+
+    def tips(displacement: Displacement) -> list[PointForce]:
+        return [PointForce(displacement.place(np.array(at)), 0.0, np.array(force)) for at, force in forces]
+
+    for _ in range(round(seconds / STEP_S)):
+        part.step(tips, True, STEP_S)
+    moved = part.displacement
+    return float(np.hypot(*moved.shift_mm)) + R * abs(moved.turn_rad)
+
+
+def test_mujocos_block_slides_at_the_angle_of_friction() -> None:
+    """A force of weight times tan α at table height, 2 % about tan α = μ."""
+    support = even(disc(12))
+    assert pushed(in_mujoco(support), [((0, 0), (0.98 * SLIP_N, 0))], 0.3) < 0.005
+    assert pushed(in_mujoco(support), [((0, 0), (1.02 * SLIP_N, 0))], 0.3) > 0.5
+
+
+def test_mujocos_part_does_not_creep_under_half_the_load() -> None:
+    part = in_mujoco(even(disc(12)))
+    force = [((0.0, 0.0), (0.5 * SLIP_N, 0.0))]
+    before = pushed(part, force, 0.3)
+    assert abs(pushed(part, force, 0.5) - before) < 0.5e-3
+
+
+@ENGINES
+@pytest.mark.parametrize(("feet", "mean"), [(disc(30), 2 / 3), (ring(24), 1.0)])
+def test_the_moment_that_turns_a_disc_and_a_ring(
+    engine: Callable[[Support], Part], feet: Floats, mean: float
+) -> None:
+    """About the centre: 2/3 μ m g R and μ m g R."""
+
+    def turned(share: float) -> float:
+        push = share * mean * SLIP_N / 2
+        return pushed(engine(even(feet)), [((R, 0), (0, push)), ((-R, 0), (0, -push))], 0.2)
+
+    assert turned(1 - SHARE) < STANDS_MM
+    assert turned(1 + SHARE) > MOVES_MM
+
+
+def starts_at_n(lever_mm: float) -> float:
+    """Force across a lever that starts a uniform disc.
+
+    The least, over all centres of rotation, of what friction takes by what the force gives (Goyal 1991).
+    """
+    radius = R * np.sqrt((np.arange(200) + 0.5) / 200)[:, None]
+    angle = (np.arange(200) + 0.5)[None, :] * 2 * math.pi / 200
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    centres = -np.geomspace(0.01, 1000, 400)
+    return min(SLIP_N * float(np.hypot(x - c, y).mean()) / (lever_mm - c) for c in centres)
+
+
+@ENGINES
+@pytest.mark.parametrize("lever_mm", [0.3 * R, 0.9 * R])
+def test_a_force_beside_the_centre_starts_a_disc_on_its_limit_surface(
+    engine: Callable[[Support], Part], lever_mm: float
+) -> None:
+    def moved(share: float) -> float:
+        return pushed(engine(even(disc(30))), [((lever_mm, 0), (0, share * starts_at_n(lever_mm)))], 0.2)
+
+    assert moved(1 - SHARE) < STANDS_MM
+    assert moved(1 + SHARE) > MOVES_MM
+
+
+class Tip:
+    """A tip that is moved along a line, and the skin on it."""
+
+    RADIUS, STIFFNESS = 5.0, 3.0
+
+    def __init__(self, outline: PartSection, friction: float) -> None:
+        self.outline, self.friction = outline, friction
+        self.centre = np.zeros(2)
+        self.skin: Shear | None = None
+        self.tried: Shear | None = None
+
+    def forces(self, displacement: Displacement) -> list[PointForce]:
+        centre = displacement.back(self.centre)
+        load = tip_load(self.outline, centre, self.RADIUS, self.STIFFNESS)
+        self.tried = load and sheared(
+            self.skin,
+            load,
+            centre,
+            displacement.turn_rad,
+            radius_mm=self.RADIUS,
+            stiffness_n_per_mm=self.STIFFNESS,
+            friction=self.friction,
+        )
+        if load is None or self.tried is None:
+            return []
+        drag = displacement.turned(self.tried.force_n)
+        return [
+            PointForce(self.centre, 5.0, -displacement.turned(load.force_n)),
+            PointForce(displacement.place(self.tried.point_mm), 5.0, -drag),
+        ]
+
+    def push(self, part: Part, start: Floats, end: Floats, seconds: float) -> Displacement:
+        steps = round(seconds / STEP_S)
+        for k in range(steps):
+            self.centre = start + (end - start) * (k + 1) / steps
+            part.step(self.forces, bool(self.forces(part.displacement)), STEP_S)
+            self.forces(part.displacement)
+            self.skin = self.tried
+        return part.displacement
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_engines_agree_over_pushes_of_2_mm(friction: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    corners = np.array([[-30, -20], [30, -20], [30, 20], [-30, 20]], dtype=np.float64)
+    outline = PartSection(corners, np.roll(corners, -1, axis=0), 20.0)
+    feet = rng.uniform([-30, -20], [30, 20], (9, 2))
+    support = even(feet)
+    start = np.array([-35.1, rng.uniform(-12, 12)])
+    angle = rng.uniform(-0.4, 0.4)
+    end = start + 2.1 * np.array([math.cos(angle), math.sin(angle)])
+    one, other = (
+        Tip(outline, friction).push(engine(support), start, end, 0.12) for engine in (quasi_static, in_mujoco)
+    )
+    assert np.hypot(*one.shift_mm) + 30 * abs(one.turn_rad) > 1
+    assert math.dist(one.shift_mm, other.shift_mm) < 0.6
+    assert abs(one.turn_rad - other.turn_rad) < math.radians(2)
+
+
+def test_a_part_that_is_pushed_and_let_go_takes_energy_and_gives_none_back() -> None:
+    corners = np.array([[-30, -20], [30, -20], [30, 20], [-30, 20]], dtype=np.float64)
+    outline = PartSection(corners, np.roll(corners, -1, axis=0), 20.0)
+    part, tip = quasi_static(even(disc(30))), Tip(outline, 0.4)
+    apart, pressed = np.array([-35.1, 4.0]), np.array([-33.5, 4.6])
+    work, force = 0.0, np.zeros(2)
+    for start, end in ((apart, pressed), (pressed, apart)):
+        for k in range(60):
+            before, held = start + (end - start) * k / 60, force
+            tip.push(part, before, start + (end - start) * (k + 1) / 60, STEP_S)
+            force = np.sum([item.force_n for item in tip.forces(part.displacement)] or [np.zeros(2)], axis=0)
+            work += float((force + held) / 2 @ (tip.centre - before))
+    slid = float(np.hypot(*part.displacement.shift_mm))
+    assert slid > 0.5
+    assert work > 0.9 * SLIP_N * slid
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_part_that_is_said_to_stand_still_changes_nothing(tmp_path: Path, seed: int) -> None:
+    rig, parts = quick_bench(tmp_path)
+    text = re.sub(r"max_grips = \d+", "max_grips = 1", rig.read_text(encoding="utf-8"))
+    rig.write_text(text, encoding="utf-8")
+    other = tmp_path / "still.toml"
+    still = '[emulation.part]\nengine = "still"\n\n[[fingers]]'
+    other.write_text(text.replace("[[fingers]]", still, 1), encoding="utf-8")
+
+    def answer(file: Path) -> object:
+        with palpate.open_rig(file, seed=seed) as opened:
+            found = json.loads(opened.identify(palpate.load_objects(parts), sessions=None).to_json())
+        return {key: value for key, value in found.items() if key != "wall_seconds"}
+
+    assert answer(other) == answer(rig)
