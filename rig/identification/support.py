@@ -57,7 +57,10 @@ def support_of(item: CatalogueState, reach_mm: float, search: SearchConfig) -> S
     base = shapely.affinity.translate(base, *(-item.origin_mm))
     declared = item.support_mm or search.part_support_mm
     if declared is None:
-        return _evenly_loaded(holds, base, reach_mm)
+        rings = [ring for section in item.state.sections for ring in section.rings]
+        outline = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(np.concatenate(rings))))
+        off = item.tolerance_mm + item.rounding_mm
+        return _evenly_loaded(holds, base, outline - item.origin_mm, off)
     return _declared(holds, base, reach_mm, declared)
 
 
@@ -73,16 +76,20 @@ def _declared(holds_n: float, base: shapely.Geometry, reach_mm: float, support_m
     return Support(holds_n, 1 + off / rho, 1 / rho, 1 + (reach_mm + off) / rho)
 
 
-def _evenly_loaded(holds_n: float, base: shapely.Geometry, reach_mm: float) -> Support:
-    """The whole base under even pressure: known, so the worst centre of rotation is looked for."""
+def _evenly_loaded(holds_n: float, base: shapely.Geometry, hull: Floats, off_mm: float) -> Support:
+    """The whole base under even pressure: known, so the worst centre of rotation is looked for.
+
+    `hull` (v, 2): corners of the part's convex hull, whose true ones are within `off_mm` of these.
+    """
     points = _grid_in(base)
     rho = _mean_distance_from_median(points) / _SAMPLED
     middle = points.mean(axis=0)
-    along = np.linspace(-3, 3, _TURNS) * reach_mm
+    along = np.linspace(-3, 3, _TURNS) * np.hypot(*hull.T).max()
     centres = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2) + middle
     mean = np.mean(np.hypot(*np.moveaxis(points[None] - centres[:, None], 2, 0)), axis=1)
     distance = np.hypot(*centres.T)
-    leverage = float(np.max((distance + reach_mm) / mean))
+    furthest = np.hypot(*np.moveaxis(hull[None] - centres[:, None], 2, 0)).max(axis=1)
+    leverage = max(float(np.max((furthest + off_mm) / mean)), 1.0)
     shift = max(float(np.max(distance / mean)), 1.0)
     return Support(holds_n, shift * _SAMPLED, 1 / rho, leverage * _SAMPLED)
 
