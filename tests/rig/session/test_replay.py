@@ -123,6 +123,7 @@ def test_a_session_with_keys_by_their_old_names_replays(one_grip: Path, tmp_path
                     assert f'"{new}"' in bare
                     bare = bare.replace(f'"{new}"', f'"{old}"')
                 bare = bare.replace('"units":"mm, rad",', "")
+            bare = re.sub(r',"(loads|touch_records)":\[[^]]*]', "", bare)
             checked = check_sum(bare, checked)
             found.append(f'{bare[:-1]},"sum":"{checked:08x}"}}\n')
         return found
