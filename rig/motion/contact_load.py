@@ -24,6 +24,8 @@ class ContactLoad:
 
     `peak_force_n`: the largest force in a frame of the array. `travel_mm`: how far the tip went on in
     contact, forwards only, since the last frame without any force. `work_mj`: force times travel, likewise.
+    `begun_s`, `ended_s`: from that frame to the first one without force again, on the rig's clock; loads of
+    two fingers at different times do not add up. Infinite where that is not known.
 
     Measured, without bounds. Forces are off by the array's gain, and below its noise nothing is measured; so
     a load below half of contact_force_n is not listed. Between two frames the force may have been larger by
@@ -35,6 +37,8 @@ class ContactLoad:
     peak_force_n: float
     travel_mm: float
     work_mj: float
+    begun_s: float = -math.inf
+    ended_s: float = math.inf
 
 
 class LoadMeter:
@@ -71,10 +75,10 @@ class LoadMeter:
         for (begun, stage), end in zip(self._begun, ends, strict=True):
             during = (times >= begun) & (times < end)
             if (forces[during] > self._least_n).any():
-                found.append(self._load(stage, forces[during], travels[during]))
+                found.append(self._load(stage, times[during], forces[during], travels[during]))
         return tuple(found)
 
-    def _load(self, stage: TouchStage, forces: Floats, travels: Floats) -> ContactLoad:
+    def _load(self, stage: TouchStage, times: Floats, forces: Floats, travels: Floats) -> ContactLoad:
         felt = np.flatnonzero(forces > self._least_n)
         free = np.flatnonzero(forces <= 0)
         first = max(free[free < felt[0]], default=0)
@@ -82,4 +86,7 @@ class LoadMeter:
         force, travel = forces[first : last + 1], travels[first : last + 1]
         steps = np.maximum(np.diff(travel), 0.0)
         work = float(((force[1:] + force[:-1]) / 2 * steps).sum())
-        return ContactLoad(stage, float(force.max()), float(steps.sum()), work)
+        begun_s, ended_s = float(times[first]), float(times[last])
+        if forces[last] > 0:
+            ended_s = math.inf  # it has not left the part yet
+        return ContactLoad(stage, float(force.max()), float(steps.sum()), work, begun_s, ended_s)

@@ -33,6 +33,7 @@ def test_a_press_and_release_has_its_peak_its_travel_and_its_work() -> None:
     assert load.peak_force_n == pytest.approx(1.5, rel=0.05)
     assert load.travel_mm == pytest.approx(0.5, abs=0.05)
     assert load.work_mj == pytest.approx(STIFFNESS * 0.5**2 / 2, rel=0.1)
+    assert (load.begun_s, load.ended_s) == pytest.approx((0.2, 0.4), abs=2 * PERIOD_S)
 
 
 def test_a_part_that_slides_gets_more_work_than_its_peak_force_lets_expect() -> None:
