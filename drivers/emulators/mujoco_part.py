@@ -3,9 +3,9 @@
 Needs the extra `physics`. The skin's forces are handed to MuJoCo as external forces at the tips' heights, so
 that the part can tip as well as slide; the table's contact is MuJoCo's own. Its default contact creeps under
 load below friction by up to some mm/s: an elliptic friction cone with a high `impratio` and the noslip solver
-end that (MuJoCo documentation, Computation, "Contact"). Hard feet hop by micrometres whenever the part begins
-to slide, and such hops turn it; these yield by some 20 µm. They differ in length by as much as gives each its
-load.
+end that (MuJoCo documentation, Computation, "Contact"). Its sliding contacts press a body up, the more the
+faster they slide: load goes to the feet that slide fastest, and hard feet hop, which turns it. Feet that
+yield by some 0.1 mm do so little. They differ in length by as much as gives each its load.
 """
 
 import math
@@ -32,7 +32,7 @@ _MODEL = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 -{gravity}" cone="elliptic" impratio="100" noslip_iterations="4"
     integrator="implicitfast"/>
-  <default><geom condim="3" friction="{friction} 0 0" solref="0.02 1" solimp="0.95 0.99 0.0001"/></default>
+  <default><geom condim="3" friction="{friction} 0 0" solref="0.01 1" solimp="0.1 0.1 0.0001"/></default>
   <worldbody>
     <geom type="plane" size="1 1 1"/>
     <body name="part" pos="0 0 {height}">

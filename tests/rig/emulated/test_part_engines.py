@@ -83,6 +83,19 @@ def test_mujocos_block_slides_at_the_angle_of_friction() -> None:
     assert pushed(in_mujoco(support), [((0, 0), (1.02 * SLIP_N, 0))], 0.3) > 0.5
 
 
+def test_mujocos_part_on_unequal_feet_does_not_drift_sideways() -> None:
+    """Feet of any loads that balance about the middle: a push through it does not turn the part."""
+    feet = np.array([[-28, -15], [-5, 18], [22, -4], [15, 15], [-20, 8], [9, -18]], dtype=np.float64)
+    load = np.array([0.3, 0.25, 0.05, 0.1, 0.05, 0.25])
+    support = Support(feet - load @ feet, load, MASS_KG, FRICTION)
+    corners = np.array([[-30, -20], [30, -20], [30, 20], [-30, 20]], dtype=np.float64)
+    tip = Tip(PartSection(corners, np.roll(corners, -1, axis=0), 20.0), 0.0)
+    moved = tip.push(in_mujoco(support), np.array([-35.1, 0.0]), np.array([-33.0, 0.0]), 0.15)
+    assert moved.shift_mm[0] > 1.5
+    assert abs(moved.shift_mm[1]) < 0.02
+    assert abs(moved.turn_rad) < math.radians(0.1)
+
+
 def test_mujocos_part_does_not_creep_under_half_the_load() -> None:
     part = in_mujoco(even(disc(12)))
     force = [((0.0, 0.0), (0.5 * SLIP_N, 0.0))]
