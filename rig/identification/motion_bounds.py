@@ -109,11 +109,11 @@ class MotionBounds:
                 return _Pushes(
                     len(touches), math.inf, math.inf, math.inf
                 )  # touched, and nothing is known of how hard
-            peaks = {load: self._peak_n(finger, load) for load in touch.loads}
+            peaks = [(load, self._peak_n(finger, load)) for load in touch.loads]
             soft = _stiffness(finger)[0]
-            forces += max(peaks.values(), default=0.0)
-            work += sum(self._work_mj(finger, load, peak) for load, peak in peaks.items())
-            slow = [peak for load, peak in peaks.items() if load.stage is TouchStage.SLOW]
+            forces += max((peak for _, peak in peaks), default=0.0)
+            work += sum(self._work_mj(finger, load, peak) for load, peak in peaks)
+            slow = [peak for load, peak in peaks if load.stage is TouchStage.SLOW]
             stored += max(slow, default=0.0) ** 2 / (2 * soft)
         return _Pushes(len(touches), forces, work, stored)
 
