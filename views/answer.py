@@ -102,9 +102,12 @@ def _verdict_lines(out: IdentificationOut) -> list[str]:
 
 
 def _moving_words(out: IdentificationOut) -> str:
-    """That grips do not go together, and since which."""
+    """That grips do not go together, since which, and what to do."""
     grips = ", ".join(map(str, out.moved_before))
-    return f"the part keeps moving (it was, or may have been, moved before grips {grips})"
+    return (
+        f"the part keeps moving (it was, or may have been, moved before grips {grips}): hold it, touch more "
+        "lightly, or see whether it is in the catalogue"
+    )
 
 
 def _motion_lines(out: IdentificationOut) -> list[str]:

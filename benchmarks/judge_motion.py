@@ -1,0 +1,158 @@
+"""Judge of runs on parts that move: reads what a run wrote and where the part really was, nothing else.
+
+    python benchmarks/judge_motion.py FOLDER…
+
+Each folder is a run of `bench_moving_part.py`: `result.json` (`palpate/identification@1`), `contacts.json`,
+`hidden.json` (poses at each measurement and at the end, true peak forces) and `outline.json` (the part's
+rings at each finger's height, in the object frame). Shares no code with palpate: shapely and arithmetic only.
+
+Prints a row a claim and ends with exit code 1 if any is broken:
+- the final pose is within the answer's bounds, if there is an answer, and the name is right;
+- between two measurements the part moved by no more than its motion bound says, in place and turn;
+- every stop is within its bound of the true outline at the pose of its instant;
+- no measured peak force is further from the true one than the array's gains allow.
+"""
+
+import argparse
+import json
+import math
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import shapely
+from shapely import affinity
+
+_SLACK = 1e-6
+
+
+@dataclass
+class Verdicts:
+    """Counts of what held and what did not, by claim."""
+
+    held: Counter[str] = field(default_factory=Counter)
+    broken: list[str] = field(default_factory=list)
+
+    def claim(self, name: str, holds: bool, what: str) -> None:
+        """Count one."""
+        self.held[name] += holds
+        if not holds:
+            self.broken.append(f"{name}: {what}")
+
+
+def main() -> int:
+    """Judge all folders that are given."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("folders", nargs="+", type=Path)
+    verdicts = Verdicts()
+    for folder in parser.parse_args().folders:
+        judge(folder, verdicts)
+    for name, count in sorted(verdicts.held.items()):
+        broken = sum(line.startswith(name + ":") for line in verdicts.broken)
+        print(f"{name:32} held {count:6}   broken {broken}")
+    for line in verdicts.broken[:40]:
+        print("  " + line)
+    return 1 if verdicts.broken else 0
+
+
+def judge(folder: Path, verdicts: Verdicts) -> None:
+    """Hold one run against the truth."""
+    result, hidden = (json.loads((folder / name).read_text()) for name in ("result.json", "hidden.json"))
+    _answer(folder.name, result, hidden, verdicts)
+    _motions(folder.name, result, hidden, verdicts)
+    _stops(folder, hidden, verdicts)
+    _forces(folder.name, result, hidden, verdicts)
+
+
+def _answer(run: str, result: dict[str, Any], hidden: dict[str, Any], verdicts: Verdicts) -> None:
+    if result["verdict"] not in ("identified", "indistinguishable"):
+        verdicts.claim("never unknown", result["verdict"] != "unknown", run)
+        return
+    answers = [result, *result["alternatives"]]
+    right = [a for a in answers if (a["object"], a["state"]) == (hidden["object"], hidden["state"])]
+    verdicts.claim("right name", bool(right), f"{run}: {result['object']}, not {hidden['object']}")
+    if right:
+        inside = any(_inside(a["bounds"], hidden) for a in right)
+        verdicts.claim("final pose inside bounds", inside, f"{run}: {hidden['final']}")
+
+
+def _inside(bounds: dict[str, Any], hidden: dict[str, Any]) -> bool:
+    """Whether the final pose, turned by the state's symmetry as need be, is within bounds."""
+    order, (cx, cy) = hidden["symmetry_order"], hidden["centroid"]
+    x, y, theta = hidden["final"]
+    for k in range(order):
+        turned = theta + 2 * math.pi * k / order
+        x_k = x + math.cos(theta) * cx - math.sin(theta) * cy - math.cos(turned) * cx + math.sin(turned) * cy
+        y_k = y + math.sin(theta) * cx + math.cos(theta) * cy - math.sin(turned) * cx - math.cos(turned) * cy
+        lo, hi = bounds["theta"]
+        off = math.remainder(turned - (lo + hi) / 2, 2 * math.pi)
+        if abs(off) <= (hi - lo) / 2 + _SLACK and all(
+            low - _SLACK <= value <= high + _SLACK
+            for value, (low, high) in ((x_k, bounds["x"]), (y_k, bounds["y"]))
+        ):
+            return True
+    return False
+
+
+def _motions(run: str, result: dict[str, Any], hidden: dict[str, Any], verdicts: Verdicts) -> None:
+    """Motion from one measurement to the next, and after the last, against the declared bounds."""
+    if not result.get("motion_bounds"):
+        return
+    poses = [*hidden["at_measurement"], hidden["final"]]
+    cx, cy = hidden["centre_of_friction"]
+    middles = [_placed(pose, cx, cy) for pose in poses]
+    for bound in result["motion_bounds"]:
+        k = bound["grip"]  # from grip k - 1's measurement to grip k's, 1 has none before it
+        if not 1 <= k < len(poses) or bound["position"] is None:
+            continue
+        moved = math.dist(middles[k - 1], middles[k])
+        turned = abs(math.remainder(poses[k][2] - poses[k - 1][2], 2 * math.pi))
+        what = f"{run} grip {k}: moved {moved:.4f} of {bound['position']:.4f} mm"
+        verdicts.claim("motion within its bound", moved <= bound["position"] + _SLACK, what)
+        what = f"{run} grip {k}: turned {turned:.5f} of {bound['orientation']:.5f} rad"
+        verdicts.claim("turn within its bound", turned <= bound["orientation"] + _SLACK, what)
+
+
+def _placed(pose: list[float], x: float, y: float) -> tuple[float, float]:
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return pose[0] + c * x - s * y, pose[1] + s * x + c * y
+
+
+def _stops(folder: Path, hidden: dict[str, Any], verdicts: Verdicts) -> None:
+    contacts = json.loads((folder / "contacts.json").read_text())
+    rings = json.loads((folder / "outline.json").read_text())
+    for grip, pose in zip(contacts["grips"], hidden["at_measurement"], strict=False):
+        for contact in grip["contacts"]:
+            if not contact["touched"]:
+                continue
+            shape = shapely.MultiLineString(
+                [shapely.LineString([*ring, ring[0]]) for ring in rings[f"{contact['height']:g}"]]
+            )
+            at = affinity.translate(
+                affinity.rotate(shape, pose[2], origin=(0, 0), use_radians=True), pose[0], pose[1]
+            )
+            off = abs(at.distance(shapely.Point(contact["centre"])) - contact["tip_radius"])
+            what = f"{folder.name} {contact['finger']}: {off:.4f} of {contact['position_bound']:.4f} mm"
+            verdicts.claim("stop within its bound", off <= contact["position_bound"] + _SLACK, what)
+
+
+def _forces(run: str, result: dict[str, Any], hidden: dict[str, Any], verdicts: Verdicts) -> None:
+    """Measured peaks against the true ones of the same grip and finger, within the arrays' gains."""
+    measured: dict[tuple[int, str], float] = {}
+    for record in result.get("touch_records", ()):
+        key = (record["grip"], record["finger"])
+        measured[key] = max(measured.get(key, 0.0), record["peak_force_n"])
+    for key, peak in measured.items():
+        true = hidden["peaks_n"].get(f"{key[0]} {key[1]}")
+        if true is None:
+            continue
+        low, high = true / (1 + hidden["gain_spread"]), true * (1 + hidden["gain_spread"])
+        slack = hidden["noise_n"]
+        what = f"{run} grip {key[0]} {key[1]}: {peak:.3f} N, true {true:.3f} N"
+        verdicts.claim("peak force within gains", low - slack <= peak <= high + slack, what)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
