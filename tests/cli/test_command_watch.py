@@ -153,10 +153,10 @@ def frames_in(log: list[dict[str, Any]], port: str) -> int:
 
 def test_a_session_as_a_picture(here: Here, session: Path, tmp_path: Path) -> None:
     log = log_events(session / "session.jsonl")
-    touching = next(event["t_s"] for event in log if event.get("stage") == "touching")
+    measured = next(event["t_s"] for event in log if event.get("stage") == "retracting")
     pictures = []
     for name in ("one.svg", "two.svg"):
-        done = here("watch", "--session", session, "--for", touching, "--speed", 1e5, "--picture", name)
+        done = here("watch", "--session", session, "--for", measured, "--speed", 1e5, "--picture", name)
         assert done.code == 0
         pictures.append((tmp_path / name).read_text(encoding="utf-8"))
     assert pictures[0] == pictures[1]

@@ -32,7 +32,13 @@ def gripped(session: EmulatedSession, fast_mm: float) -> tuple[list[Touch], floa
         return touches, session.clock.now() - begun
 
 
-@pytest.mark.parametrize("path", [shipped_rig(), EXAMPLES / "two-link-rig.toml"], ids=["slides", "arms"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(shipped_rig(), id="slides"),
+        pytest.param(EXAMPLES / "two-link-rig.toml", id="arms", marks=pytest.mark.campaign),
+    ],
+)
 def test_a_finger_is_slow_where_it_may_meet_the_part(path: Path) -> None:
     rig = light(load_rig(path))
     sessions = [emulated_session(seed=7, rig=rig) for _ in range(2)]
