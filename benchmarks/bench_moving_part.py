@@ -19,6 +19,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -39,6 +40,8 @@ from palpate.views.recognition import contacts_json
 
 _NOISE_N = 0.05
 
+Engine = Literal["mujoco", "quasi-static"]
+
 
 @dataclass(frozen=True)
 class Job:
@@ -49,7 +52,7 @@ class Job:
     objects: Path
     out: Path
     declare: str
-    engine: str
+    engine: Engine
 
 
 class Hidden:
@@ -64,11 +67,11 @@ class Hidden:
         if isinstance(event, StageEvent):
             if event.stage is GripPhase.CLOSING:
                 for finger in self._bench.fingers:
-                    finger.hardest_n = 0.0
+                    finger.hardest_on_taxels_n = 0.0
             if event.stage is GripPhase.RETRACTING:
                 self.poses.append(self.pose())
                 for name, finger in zip(self._names, self._bench.fingers, strict=True):
-                    self.peaks[f"{event.grip} {name}"] = finger.hardest_n
+                    self.peaks[f"{event.grip} {name}"] = finger.hardest_on_taxels_n
 
     def pose(self) -> list[float]:
         """Where the part is now: x, y (mm), θ (rad)."""
@@ -82,7 +85,7 @@ def drawn(job: Job, rig: RigFile) -> tuple[RigFile, np.random.Generator]:
     rng = np.random.default_rng([job.seed, 77])
     assert rig.emulation is not None
     part = EmulatedPartConfig(
-        engine=job.engine,  # type: ignore[arg-type]
+        engine=job.engine,
         mass_kg=0.05 * 20 ** rng.uniform(),
         friction=rng.uniform(0.15, 0.5),
         tip_friction=rng.uniform(0.0, 0.6),

@@ -10,6 +10,7 @@ Prints a row a claim and ends with exit code 1 if any is broken:
 - the final pose is within the answer's bounds, if there is an answer, and the name is right;
 - between two measurements the part moved by no more than its motion bound says, in place and turn;
 - every stop is within its bound of the true outline at the pose of its instant;
+- the outline's normal there is within the contact's range;
 - no measured peak force is further from the true one than the array's gains allow.
 """
 
@@ -26,6 +27,7 @@ import shapely
 from shapely import affinity
 
 _SLACK = 1e-6
+_AROUND = 12
 
 
 @dataclass
@@ -136,6 +138,25 @@ def _stops(folder: Path, hidden: dict[str, Any], verdicts: Verdicts) -> None:
             off = abs(at.distance(shapely.Point(contact["centre"])) - contact["tip_radius"])
             what = f"{folder.name} {contact['finger']}: {off:.4f} of {contact['position_bound']:.4f} mm"
             verdicts.claim("stop within its bound", off <= contact["position_bound"] + _SLACK, what)
+            _normal(folder.name, at, contact, verdicts)
+
+
+def _normal(run: str, outline: shapely.Geometry, contact: dict[str, Any], verdicts: Verdicts) -> None:
+    """The outward normal where the true tip's centre may have been: anywhere within the position bound."""
+    if "normal" not in contact:
+        return
+    lo, hi = contact["normal"]
+    x, y = contact["centre"]
+    reach = contact["position_bound"]
+    off = []
+    for k in range(-1, _AROUND):
+        away, at = (0.0 if k < 0 else reach), 2 * math.pi * k / _AROUND
+        centre = shapely.Point(x + away * math.cos(at), y + away * math.sin(at))
+        foot = shapely.line_interpolate_point(outline, shapely.line_locate_point(outline, centre))
+        normal = math.atan2(centre.y - foot.y, centre.x - foot.x)
+        off.append(abs(math.remainder(normal - (lo + hi) / 2, 2 * math.pi)) - (hi - lo) / 2)
+    what = f"{run} {contact['finger']}: {math.degrees(min(off)):.2f}° beyond its range"
+    verdicts.claim("normal within its range", min(off) <= _SLACK, what)
 
 
 def _forces(run: str, result: dict[str, Any], hidden: dict[str, Any], verdicts: Verdicts) -> None:

@@ -17,7 +17,8 @@ from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Motion
 from palpate.rig.conversion import measured_force_share
 from palpate.rig.identification.support import Support, supports_of
-from palpate.rig.motion.contact_from_touch import ContactLoad, Touch, TouchStage
+from palpate.rig.motion.contact_from_touch import Touch
+from palpate.rig.motion.contact_load import ContactLoad, TouchStage
 
 __all__ = ["GripMotion", "MotionBounds"]
 

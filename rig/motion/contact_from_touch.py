@@ -9,10 +9,10 @@ from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, undetected_dent_mm
 from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.contact_load import ContactLoad, TouchStage
+from palpate.rig.motion.contact_load import ContactLoad
 from palpate.vocabulary.short_repr import ShortRepr
 
-__all__ = ["ContactLoad", "Touch", "TouchStage", "conclude", "dent_range_mm", "may_touch_two_edges"]
+__all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
 
 _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 

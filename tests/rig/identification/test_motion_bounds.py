@@ -16,7 +16,8 @@ from palpate.recognizer import Catalogue, FingerApproach, Motion
 from palpate.rig.identification.loop import search
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.support import Support, support_of
-from palpate.rig.motion.contact_from_touch import ContactLoad, Touch, TouchStage
+from palpate.rig.motion.contact_from_touch import Touch
+from palpate.rig.motion.contact_load import ContactLoad, TouchStage
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
