@@ -1,29 +1,31 @@
-"""Check of a rig from Python: every device, and whether touches still agree with the calibration."""
+"""Check of a rig from Python: every device, whether touches agree with the calibration, what a part holds."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from palpate.api.calibration import SHIPPED_RIG, references_from
 from palpate.api.files import PathLike
 from palpate.calibration.agreement import contact_uncertainties
-from palpate.config.check_result import CheckOut
+from palpate.config import load_objects
+from palpate.config.check_result import CheckOut, HoldCheckOut
 from palpate.config.references_file import ReferencesFile, references_sha256
 from palpate.config.results import to_json
-from palpate.config.shipped import shipped_rig
+from palpate.config.shipped import shipped_objects, shipped_rig
 from palpate.errors import InputError, PalpateError
 from palpate.rig.background import BackgroundCall
-from palpate.rig.bench import emulated_table, environment, set_up
+from palpate.rig.bench import connect, emulated_table, environment, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.commissioning.calibration import build_references, slide_fingers
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.rig_prober import Table
 from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
 from palpate.rig.diagnostics.calibration_check import with_calibration, with_touch
+from palpate.rig.diagnostics.hold_check import check_hold, gentle, quietest_force_n, with_hold
 from palpate.rig.diagnostics.retouch import Retouch, retouch
 from palpate.rig.diagnostics.rig_check import check_rig
 
-__all__ = ["CheckAnswer", "check_rig_and_touch"]
+__all__ = ["CheckAnswer", "check_rig_and_hold", "check_rig_and_touch"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,18 +71,61 @@ def check_rig_and_touch(
 ) -> CheckAnswer:
     """Check, and touch the disc if all is well; arguments and errors as `Rig.check`."""
     shapes = _references(on_bench, references) if touch else None
-    out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described, seed), progress)
-    out = with_calibration(out, on_bench, datetime.now(UTC))
+    out = _checked(on_bench, seed, progress)
     if shapes is None:
         return CheckAnswer(out, None)
-    warnings = (*out.warnings, *_other_references(on_bench, shapes))
+    out = _warned(out, _other_references(on_bench, shapes))
     if not out.well:
-        warnings = (*warnings, "nothing was touched: first put right what is wrong")
-        return CheckAnswer(out.model_copy(update={"warnings": warnings}), None)
+        return CheckAnswer(_warned(out, [_NOT_TOUCHED]), None)
     permit()
     with BackgroundCall("the display", progress) as show:
         found = _touched(on_bench, shapes, seed, table, show)
-    return CheckAnswer(with_touch(out.model_copy(update={"warnings": warnings}), found), show.late_failure)
+    return CheckAnswer(with_touch(out, found), show.late_failure)
+
+
+def check_rig_and_hold(
+    on_bench: RigOnBench,
+    seed: int,
+    *,
+    permit: Callable[[], None],
+    progress: Callable[[str], None],
+    notice: Callable[[str], None],
+) -> CheckAnswer:
+    """Check, and push the part on the table if all is well; arguments and errors as `Rig.check`."""
+    out = _checked(on_bench, seed, progress)
+    if not out.well:
+        return CheckAnswer(_warned(out, [_NOT_TOUCHED]), None)
+    permit()
+    with BackgroundCall("the display", progress) as show:
+        found = _pushed(on_bench, seed, show, notice)
+    return CheckAnswer(with_hold(out, found, on_bench.rig), show.late_failure)
+
+
+_NOT_TOUCHED = "nothing was touched: first put right what is wrong"
+
+
+def _checked(on_bench: RigOnBench, seed: int, progress: Callable[[str], None]) -> CheckOut:
+    """Check every device and the calibration; nothing moves."""
+    out = check_rig(on_bench.rig, endpoint_of_rig(on_bench.described, seed), progress)
+    return with_calibration(out, on_bench, datetime.now(UTC))
+
+
+def _warned(out: CheckOut, warnings: Sequence[str]) -> CheckOut:
+    return out.model_copy(update={"warnings": (*out.warnings, *warnings)})
+
+
+def _pushed(
+    on_bench: RigOnBench, seed: int, show: Callable[[str], None], notice: Callable[[str], None]
+) -> HoldCheckOut:
+    """Connect, push, disconnect. On an emulated table lies what `identify` finds there by the same seed."""
+    described = on_bench.described
+    lies = place(described, load_objects(shipped_objects()), None, seed) if described.emulated else None
+    bench = replace(set_up(described, lies, seed), rig=on_bench.rig)
+    with connect(bench, notice=notice) as hand:
+        quietest_n = quietest_force_n(hand)
+    with connect(replace(bench, rig=gentle(on_bench.rig, quietest_n)), notice=notice) as hand:
+        hand.prepare()
+        return check_hold(hand, lambda text: show(f"  {text}"))
 
 
 def _references(on_bench: RigOnBench, references: ReferencesFile | PathLike | None) -> ReferencesFile:

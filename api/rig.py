@@ -14,7 +14,7 @@ from palpate.api import recognition
 from palpate.api.answers import Answer, Plan
 from palpate.api.arguments import checked
 from palpate.api.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_rig
-from palpate.api.check import CheckAnswer, check_rig_and_touch
+from palpate.api.check import CheckAnswer, check_rig_and_hold, check_rig_and_touch
 from palpate.api.files import PathLike, name_of, objects_from, scene_from
 from palpate.api.identification import identify_on
 from palpate.api.monitor import Monitor, check_streaming
@@ -166,18 +166,28 @@ class Rig:
         self,
         *,
         touch: bool = False,
+        hold: bool = False,
         references: ReferencesFile | PathLike | None = None,
         table: Table | None = None,
         permit: Callable[[], None] = lambda: None,
         progress: Callable[[str], None] = lambda _: None,
+        notice: Callable[[str], None] = warning,
     ) -> CheckAnswer:
-        """Check every device, and with `touch` whether touches of a disc still agree with the calibration.
+        """Check every device, with `touch` if touches of a disc agree with the calibration, or with `hold`
+        what force the part on the table holds.
 
-        Only `touch` moves fingers, only if all devices are well, and after `permit`, which may raise, was
-        called. `table` puts the disc there; an emulated rig has one. Raises DeviceError if the bus's port is
-        missing, InputError if nothing can be compared.
+        Only these two move fingers, only if all devices are well, and after `permit`, which may raise, was
+        called. `table` puts the disc there; an emulated rig has one, and for `hold` a part of the shipped
+        objects, drawn by the rig's seed. `notice`: as in `identify`. Raises DeviceError if the bus's port is
+        missing, InputError if nothing can be compared, no part is found, or both are asked for.
         """
+        if touch and hold:
+            raise InputError("--touch and --hold exclude each other: the disc that is touched must not slide")
         with unwinding_signals():
+            if hold:
+                return check_rig_and_hold(
+                    self._on_bench, self._seed, permit=permit, progress=progress, notice=notice
+                )
             return check_rig_and_touch(
                 self._on_bench,
                 self._seed,

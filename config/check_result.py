@@ -10,7 +10,9 @@ __all__ = [
     "BusCountsOut",
     "CalibrationCheckOut",
     "CheckOut",
+    "FingerHoldOut",
     "FingerTouchOut",
+    "HoldCheckOut",
     "LoopOut",
     "ServoCheckOut",
     "SettingOut",
@@ -155,10 +157,44 @@ class TouchForceOut(Out):
     slow_n: Rounded
 
 
+class FingerHoldOut(Out):
+    """A finger's push. `slid`: the part gave way under it; else it stood, or was met too obliquely to tell.
+
+    `pressed_n`: force that the array measured while it slid, or in the end. `holds_n`: what of it is certain,
+    with the spread of taxels' gains and their directions; null if nothing is. `moved_mm`: about how far this
+    finger moved the part's touched place.
+    """
+
+    finger: str
+    slid: bool
+    pressed_n: Rounded
+    holds_n: Rounded | None
+    moved_mm: Rounded
+
+
+class HoldCheckOut(Out):
+    """What a part held when fingers pushed it, one at a time.
+
+    `part_holds_n`: the greatest force that a finger certainly pressed with, in two digits, rounded down. A
+    part that slides by friction which is the same in all directions bears it through its middle. `least_n`:
+    the least finger's, likewise: for a table on which parts slide more easily in one direction. `slid`: it
+    gave way under some finger; else it may hold much more. `largest_n`: no push went on above this.
+    `moved_mm`: about how far the touched places went in all touches together.
+    """
+
+    part_holds_n: Rounded
+    least_n: Rounded
+    slid: bool
+    largest_n: Rounded
+    moved_mm: Rounded
+    fingers: tuple[FingerHoldOut, ...]
+
+
 class CheckOut(Out):
     """Everything that was looked at. `well`: nothing is wrong; there may be warnings.
 
-    `calibration` is null if there is none. `touch_force`: of a part that does not give way.
+    `calibration` is null if there is none. `touch_force`: of a part that does not give way. `hold` is null
+    unless a part was pushed.
     """
 
     format: Literal["palpate/check@1"] = "palpate/check@1"
@@ -172,5 +208,6 @@ class CheckOut(Out):
     bus: BusCountsOut
     calibration: CalibrationCheckOut | None = None
     touch_force: TouchForceOut
+    hold: HoldCheckOut | None = None
     problems: tuple[str, ...]
     warnings: tuple[str, ...]

@@ -8,6 +8,8 @@ from palpate.config.check_result import (
     ArrayCheckOut,
     CalibrationCheckOut,
     CheckOut,
+    FingerHoldOut,
+    HoldCheckOut,
     LoopOut,
     ServoCheckOut,
     TouchCheckOut,
@@ -103,7 +105,23 @@ def _bus_lines(out: CheckOut) -> list[str]:
         f"[bold]calibration[/]  {calibration}",
         f"[bold]touch[/]        presses with {out.touch_force.quick_n:.2g} N when it finds a part, with "
         f"{out.touch_force.slow_n:.2g} N when it measures",
+        *([] if out.hold is None else _hold_lines(out.hold)),
     ]
+
+
+def _hold_lines(found: HoldCheckOut) -> list[str]:
+    fingers = ", ".join(map(_finger_hold, found.fingers))
+    end = "" if found.slid else f"; nothing up to {found.largest_n:g} N made it slide"
+    return [
+        f"[bold]part[/]         holds {found.part_holds_n:g} N at least ({fingers}){end}; moved by "
+        f"{found.moved_mm:.1f} mm in all touches together",
+        f"             for the rig file, below \\[search]: [bold]part_holds_n = {found.part_holds_n:g}[/]",
+    ]
+
+
+def _finger_hold(item: FingerHoldOut) -> str:
+    certain = "nothing certain" if item.holds_n is None else f"{item.holds_n:.2g} of {item.pressed_n:.2g} N"
+    return f"{escape(item.finger)} {certain}"
 
 
 def _calibration(found: CalibrationCheckOut) -> str:

@@ -8,13 +8,15 @@ from palpate.errors import InputError
 
 __all__ = ["ask_to_move"]
 
+_CLEAR = "Is the table clear, and are hands away?"
 
-def ask_to_move(console: Console) -> None:
-    """Ask whether fingers may move; InputError unless the answer is yes."""
+
+def ask_to_move(console: Console, ready: str = _CLEAR) -> None:
+    """Ask whether fingers may move: `ready`, a question. InputError unless the answer is yes."""
     if not sys.stdin.isatty():
         raise InputError(
             "fingers are going to move, and there is no terminal to ask on: say --yes if they may"
         )
-    answer = console.input("Fingers are going to move. Is the table clear, and are hands away? \\[y/N] ")
+    answer = console.input(f"Fingers are going to move. {ready} \\[y/N] ")
     if answer.strip().lower() not in ("y", "yes"):
         raise InputError("nothing was moved: the question was not answered with yes")

@@ -1,6 +1,7 @@
 """`palpate check`: is everything there, healthy and set up as the rig file says?
 
-Moves nothing, unless it is asked to touch a disc and see whether the calibration still holds.
+Moves nothing, unless it is asked to touch a disc and see whether the calibration still holds, or to push a
+part and see what force it holds.
 """
 
 from contextlib import ExitStack
@@ -14,6 +15,8 @@ from palpate.cli.options import JsonOption, NoCalibrationOption, RigOption
 
 __all__ = ["check"]
 
+_READY = "They push the part by up to 2 mm. Does it lie alone near the middle, and are hands away?"
+
 
 def check(
     rig: RigOption = None,
@@ -23,13 +26,21 @@ def check(
         bool,
         typer.Option("--touch", help="Fingers move: touch a disc, and see if the calibration still holds."),
     ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="With --touch: fingers may move, do not ask.")] = False,
+    hold: Annotated[
+        bool,
+        typer.Option(
+            "--hold", help="Fingers move: push the part on the table until it slides; what force it holds."
+        ),
+    ] = False,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --touch or --hold: fingers may move, do not ask.")
+    ] = False,
     references: Annotated[
         Path | None, typer.Option("--references", help="With --touch: the disc (TOML); without it, 50 mm.")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices and part.")] = 0,
 ) -> int:
-    """Look at every servo, array and the bus of a rig. Moves nothing without --touch.
+    """Look at every servo, array and the bus of a rig. Moves nothing without --touch or --hold.
 
     Exit code 3: something is wrong, or touches do not agree with the calibration. Warnings alone: 0.
     """
@@ -39,7 +50,10 @@ def check(
     from palpate.cli.terminal import Doing, Terminal
     from palpate.views.check_table import show
 
-    with if_interrupted("torque is off" if touch else "torque was left as it was"), ExitStack() as looking:
+    with (
+        if_interrupted("torque is off" if touch or hold else "torque was left as it was"),
+        ExitStack() as looking,
+    ):
         opened = open_rig(rig, seed=seed, calibration=not no_calibration)
         err = Terminal(stderr=True, soft_wrap=True)
         doing = looking.enter_context(Doing(err, "checking"))
@@ -50,12 +64,14 @@ def check(
             moving = True
             looking.close()  # a moving line and a question would write over each other
             if not yes:
-                ask_to_move(err)
+                ask_to_move(err, _READY) if hold else ask_to_move(err)
 
         checked = opened.check(
             touch=touch,
+            hold=hold,
             references=references if touch else None,
             table=None if opened.emulated else ConsoleTable(err),
+            notice=err.print,
             permit=permit,
             progress=lambda text: err.print(text) if moving else doing.now(text),
         )

@@ -13,7 +13,8 @@ from serial.serialutil import SerialBase
 from wording import missing
 
 from palpate.config import load_rig, shipped_rig
-from palpate.config.check_result import CheckOut
+from palpate.config.check_result import CheckOut, FingerHoldOut, HoldCheckOut
+from palpate.config.results import to_json
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.array import EmulatedArray
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -22,6 +23,7 @@ from palpate.drivers.tactile.messages import SelfTestResult
 from palpate.errors import DeviceError
 from palpate.rig.bench import BenchRig, connect
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, endpoint_of_rig
+from palpate.rig.diagnostics.hold_check import with_hold
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.diagnostics.rig_check import check_rig
 from palpate.views.check_table import show
@@ -61,7 +63,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
     assert violations(out, json.loads(schema_text("check"))) == []
     assert list(out) == [
         *("format", "rig", "emulated", "well", "adapter", "servos", "arrays", "loop", "bus"),
-        *("calibration", "touch_force", "problems", "warnings"),
+        *("calibration", "touch_force", "hold", "problems", "warnings"),
     ]
     assert out["format"] == "palpate/check@1"
     assert [servo["id"] for servo in out["servos"]] == IDS
@@ -317,3 +319,29 @@ def test_arrays_on_boards_that_reset_as_their_port_opens(here: Here, tmp_path: P
     done = here("check", "--rig", str(slow), "--json")
     assert done.code == 3
     assert all("does not answer" in array["problems"][0] for array in done.json["arrays"])
+
+
+def test_what_a_part_holds_is_said_with_the_line_to_write(capsys: pytest.CaptureFixture[str]) -> None:
+    declared = RIG.model_copy(update={"search": RIG.search.model_copy(update={"part_holds_n": 0.5})})
+    finger = FingerHoldOut(finger="f1", slid=True, pressed_n=0.5, holds_n=0.41, moved_mm=0.4)
+    found = HoldCheckOut(
+        part_holds_n=0.41, least_n=0.41, slid=True, largest_n=3.0, moved_mm=0.7, fingers=(finger,)
+    )
+    out = with_hold(check_rig(declared, endpoint_of_rig(declared)), found, declared)
+    assert violations(json.loads(to_json(out)), json.loads(schema_text("check"))) == []
+    assert out.warnings[-1] == (
+        "the rig file declares part_holds_n = 0.5 N, and this part was only certain to hold 0.41 N"
+    )
+    show(out, Console(width=200))
+    said = capsys.readouterr().out
+    assert "holds 0.41 N at least (f1 0.41 of 0.5 N); moved by 0.7 mm in all touches together" in said
+    assert "below [search]: part_holds_n = 0.41" in said
+
+
+def test_a_part_is_pushed_only_after_a_yes_and_not_with_a_disc(here: Here) -> None:
+    done = here("check", "--hold")
+    assert done.code == 2
+    assert done.err.splitlines()[-1].endswith("no terminal to ask on: say --yes if they may")
+    done = here("check", "--hold", "--touch", "--yes")
+    assert done.code == 2
+    assert done.err.splitlines()[-1].startswith("error: --touch and --hold exclude each other")

@@ -31,6 +31,7 @@ from palpate.config import RigFile, apply_calibration, load_objects, load_rig, s
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.rig_prober import HandProber
+from palpate.rig.diagnostics.hold_check import check_hold, gentle
 from palpate.rig.diagnostics.retouch import retouch
 from palpate.rig.emulated.reference_table import EmulatedTable
 from palpate.rig.session.log import SessionLog
@@ -97,6 +98,13 @@ def _check_touch(host: Host, _folder: Path) -> None:
         retouch(session.rig, HandProber(hand, EmulatedTable(session.bench, SEED)), DISC, promises)
 
 
+def _check_hold(host: Host, _folder: Path) -> None:
+    session = host.session
+    with environment(session.bench_rig).hand(gentle(session.rig, 0.0)) as hand:
+        hand.prepare()
+        check_hold(hand)
+
+
 def _rig(path: Path, small: bool) -> RigFile:
     if not small:
         return load_rig(path)
@@ -122,6 +130,7 @@ COMMANDS: dict[str, tuple[Callable[[bool], Host], Callable[[Host, Path], None]]]
     "identify": (_shipped, _identify),
     "calibrate": (_fresh, _calibrate),
     "check --touch": (lambda small: _shipped(small, empty=True), _check_touch),
+    "check --hold": (_shipped, _check_hold),
 }
 """Makes the host, on the small bench or on the whole one, and what it carries out."""
 
@@ -134,6 +143,7 @@ PHASES: Sequence[tuple[str, str]] = (
     ("tare", "tare"),
     ("go_to", "free travel"),
     ("measure_quasi_statically", "creep"),
+    ("push_until_slip", "creep"),
     ("measure_at_rest", "measure"),
     ("_touched_at_once", "touch"),
     ("_search_contacts", "approach"),

@@ -5,6 +5,7 @@ The small bench is enough for that, but where a bound on force or travel is that
 """
 
 import random
+from typing import Any
 
 import pytest
 from fault_matrix import Cell, problems, run_cell
@@ -15,7 +16,7 @@ _WHOLE = ("something hard is pushed against a tip", "the computer stops, or palp
 _PHASES = ("approach", "touch", "free travel", "torque off")
 
 
-def sample() -> list[Cell]:
+def sample() -> list[Any]:
     """A cell of each row, and an array cut off at the beginning of a creep: nobody looked there once."""
     draw = random.Random(5)
     found = []
@@ -24,7 +25,8 @@ def sample() -> list[Cell]:
         phase = draw.choice(noticed or list(_PHASES))
         found.append(Cell("identify", phase, number, small=fault.name not in _WHOLE))
     cut = next(number for number, fault in enumerate(FAULTS) if fault.name == "an array's cable breaks")
-    return [*found, Cell("calibrate", "creep", cut, small=True)]
+    pushed = pytest.param(Cell("check --hold", "creep", cut, small=True), marks=pytest.mark.campaign)
+    return [*found, Cell("calibrate", "creep", cut, small=True), pushed]
 
 
 @pytest.mark.parametrize("cell", sample(), ids=str)

@@ -1,0 +1,208 @@
+"""Check of what a part bears: fingers push it gently, one at a time, until it slides.
+
+First each finger finds the part by a light touch; then each pushes through what is known of its middle. A
+part under one push that does not accelerate takes no more than F = μ m g from it, wherever and however
+obliquely it is pushed: off its middle it turns under less. So every force that was certainly there is a lower
+bound of F, also while the part slides, and the greatest of them is the best one.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from palpate.config import RigFile
+from palpate.config.check_result import CheckOut, FingerHoldOut, HoldCheckOut
+from palpate.drivers.tactile.contact import ContactPatch
+from palpate.errors import InputError
+from palpate.geometry import Floats
+from palpate.recognizer import FingerApproach
+from palpate.recognizer.rays import approach_lines, offset_from_lines
+from palpate.rig.identification.exploration import exploring_grip, outside_fast
+from palpate.rig.identification.unswept_space import Disc, places_left, sweeping_grip
+from palpate.rig.motion.contact_from_touch import Touch, may_touch_two_edges
+from palpate.rig.motion.contact_load import TouchStage
+from palpate.rig.motion.guarded_approach import Measure, carry_out_grip
+from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.slip_push import SlipPush, SlipPusher
+from palpate.rig.reach.approaches import Reach, reach_of
+
+__all__ = ["certain_force_n", "check_hold", "gentle", "quietest_force_n", "with_hold"]
+
+_SEARCH_MM_S = 8.0
+_TOUCH_MM_S = 2.0
+_CONTACT_N = 0.05
+_NOISE_MARGIN = 1.5  # times the least threshold that noise lets arrays have
+_LARGEST_N = 3.0
+_LARGEST_SHARE = 0.5  # of max_force_n
+_AIMS = 81
+_SMALLEST_MM = 10.0  # radius of a disc that the part has room for: a smaller one may be missed
+_READ_S = 0.02  # between two looks at the servos while nothing is touched
+
+
+def gentle(rig: RigFile, quietest_n: float) -> RigFile:
+    """The rig with lighter touches; `quietest_n`: as `quietest_force_n` gave it."""
+    closing = rig.closing
+    contact_n = min(closing.contact_force_n, max(_CONTACT_N, _NOISE_MARGIN * quietest_n))
+    light = closing.model_copy(
+        update={
+            "search_speed_mm_s": min(closing.search_mm_s, _SEARCH_MM_S),
+            "touch_speed_mm_s": min(closing.touch_speed_mm_s, _TOUCH_MM_S),
+            "contact_force_n": contact_n,
+        }
+    )
+    return rig.model_copy(update={"closing": light})
+
+
+def quietest_force_n(hand: Hand) -> float:
+    """Tare all arrays; the least threshold (N) that the noise of none of them exceeds. Nothing moves."""
+    hand.tare()
+    hand.stop_arrays()
+    return max(finger.extractor.least_force_n for finger in hand.fingers)
+
+
+def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> HoldCheckOut:
+    """Find the part and push it with every finger. The hand must be prepared, its rig `gentle`.
+
+    Raises InputError if nothing is found, or no finger can tell anything for certain; DeviceError and
+    SafetyStop as `carry_out_grip`.
+    """
+    reach = reach_of(hand.rig, aims=_AIMS)
+    tell("looking for the part")
+    touches = _located(hand, reach)
+    moved_mm = sum(_slide_mm(hand.rig, touch, TouchStage.QUICK) for touch in touches)
+    largest_n = min(_LARGEST_N, _LARGEST_SHARE * hand.rig.closing.max_force_n)
+    fingers = []
+    for index, finger in enumerate(hand.fingers):
+        tell(f"pushing with finger {finger.name}")
+        pusher = SlipPusher(largest_n)
+        touch = _touch(hand, _nearest(reach, index, _middle(touches)), pusher.push_until_slip)
+        touches.append(touch)
+        fingers += [_pushed(hand.rig, push, touch) for push in pusher.pushes[-1:]]
+    certain = [item.holds_n for item in fingers if item.holds_n is not None]
+    if not certain:
+        raise InputError(
+            "no finger could push the part so that a force was certain: put it nearer to the middle, turned "
+            "so that fingers do not meet it in a notch, and check again"
+        )
+    return HoldCheckOut(
+        part_holds_n=_rounded_down(max(certain)),
+        least_n=_rounded_down(min(certain)),
+        slid=any(item.slid for item in fingers),
+        largest_n=largest_n,
+        moved_mm=moved_mm + sum(item.moved_mm for item in fingers),
+        fingers=tuple(fingers),
+    )
+
+
+def certain_force_n(patch: ContactPatch) -> float | None:
+    """Force (N) with which a tip certainly pressed on the part; None if nothing is certain.
+
+    Taxels' forces do not all point the same way: over an extent of 2 h a load that is greatest in the middle
+    leaves sin(h) / h of their sum, at least. In a notch forces may cancel. Friction at the tip only adds to
+    what taxels measure.
+    """
+    if may_touch_two_edges(patch):
+        return None
+    least = (patch.force_n - patch.force_bound_n) * float(np.sinc(patch.extent_rad / 2 / math.pi))
+    return least if least > 0 else None
+
+
+def with_hold(out: CheckOut, found: HoldCheckOut, rig: RigFile) -> CheckOut:
+    """A check's result with what a part held, and a warning if the rig file declares more."""
+    declared = rig.search.part_holds_n
+    warnings = out.warnings
+    if declared is not None and found.slid and declared > found.part_holds_n:
+        warnings += (
+            f"the rig file declares part_holds_n = {declared:g} N, and this part was only certain to hold "
+            f"{found.part_holds_n:g} N",
+        )
+    return out.model_copy(update={"hold": found, "warnings": warnings})
+
+
+def _located(hand: Hand, reach: Reach) -> list[Touch]:
+    """Light touches until the part is found, and one of each other finger; InputError if it is not found."""
+    touches: list[Touch] = []
+    while not _has_met(touches):
+        approach = _searching(reach, touches, hand.rig)
+        if approach is None:
+            raise InputError(
+                f"no part was found that is {2 * _SMALLEST_MM:g} mm wide and bears a touch of "
+                f"{hand.rig.closing.contact_force_n:.2g} N: put one near the middle, or a heavier one"
+            )
+        touches.append(_touch(hand, approach, None))
+    first = touches[-1].finger_index
+    for index in range(len(hand.fingers)):
+        if index != first:
+            touches.append(_touch(hand, _nearest(reach, index, _middle(touches)), None))
+    return touches
+
+
+def _has_met(touches: Sequence[Touch]) -> bool:
+    return any(touch.contact.touched for touch in touches)
+
+
+def _searching(reach: Reach, misses: Sequence[Touch], rig: RigFile) -> FingerApproach | None:
+    """The next way on which to look for the part, by fingers in turns; None once it is nowhere."""
+    contacts = [touch.contact for touch in misses]
+    if len(misses) < len(rig.fingers):
+        grip = exploring_grip(reach, contacts)
+    else:
+        discs = {finger.height_mm: Disc(_SMALLEST_MM, frozenset((0,))) for finger in rig.fingers}
+        left = places_left(contacts, discs, rig.workspace.radius_mm)
+        grip = sweeping_grip(reach, contacts, left, discs)
+    own = [item for item in grip if item.finger_index == len(misses) % len(rig.fingers)]
+    return next(iter(own or grip), None)
+
+
+def _middle(touches: Sequence[Touch]) -> Floats:
+    """Mean (2,) of where the part was touched."""
+    points = []
+    for contact in (touch.contact for touch in touches):
+        if contact.touched:
+            angle = contact.middle_normal_rad
+            inward = np.array([math.cos(angle), math.sin(angle)])
+            points.append(np.array(contact.end_mm) - contact.finger.tip_radius_mm * inward)
+    middle: Floats = np.mean(points, axis=0)
+    return middle
+
+
+def _nearest(reach: Reach, finger_index: int, target: Floats) -> FingerApproach:
+    """A finger's approach that passes nearest to a point."""
+    own = reach.of_finger(finger_index, reach.middle_rad)
+    start, angle = approach_lines([reach.approaches[k] for k in own])
+    return reach.approaches[own[int(np.argmin(np.abs(offset_from_lines(start, angle, target))))]]
+
+
+def _touch(hand: Hand, approach: FingerApproach, measure: Measure | None) -> Touch:
+    """One finger's touch, slow from where the part may be."""
+    way = outside_fast(approach, hand.rig.workspace.radius_mm)
+    (touch,) = carry_out_grip(hand, [way], lambda _: None, measure)
+    return touch
+
+
+def _pushed(rig: RigFile, push: SlipPush, touch: Touch) -> FingerHoldOut:
+    """What came of a finger's push, which ended its touch."""
+    moved_mm = _slide_mm(rig, touch, TouchStage.QUICK)
+    if push.slid:
+        moved_mm += _slide_mm(rig, touch, TouchStage.SLOW)
+    return FingerHoldOut(
+        finger=push.finger.name,
+        slid=push.slid,
+        pressed_n=0.0 if push.patch is None else push.patch.force_n,
+        holds_n=None if push.patch is None else certain_force_n(push.patch),
+        moved_mm=moved_mm,
+    )
+
+
+def _slide_mm(rig: RigFile, touch: Touch, stage: TouchStage) -> float:
+    """About how far a touch has moved the touched place: travel in contact, less the skin's dent."""
+    stiffness = rig.fingers[touch.finger_index].tip.stiffness_n_per_mm
+    loads = [load for load in touch.loads if load.stage is stage]
+    return sum(max(load.travel_mm - load.peak_force_n / stiffness, 0.0) for load in loads)
+
+
+def _rounded_down(value: float) -> float:
+    """To two significant digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / step * (1 + 1e-12)) * step:.2g}")
