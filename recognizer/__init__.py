@@ -14,6 +14,7 @@ from palpate.recognizer.motion import Motion, carried_by, felt_in_motion
 from palpate.recognizer.planner import plan_grip
 from palpate.recognizer.poses import Goals
 from palpate.recognizer.prediction import Prediction, Predictions, predict
+from palpate.recognizer.push_limits import PushLimits
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition, recognise
 from palpate.recognizer.strategy import already_used, checking_grip, next_grip
@@ -33,6 +34,7 @@ __all__ = [
     "NormalRange",
     "Prediction",
     "Predictions",
+    "PushLimits",
     "Reachable",
     "Recognition",
     "Resolution",

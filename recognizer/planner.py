@@ -24,6 +24,7 @@ from palpate.recognizer.grips import (
 )
 from palpate.recognizer.measurement_model import Resolution, TouchOutcomes, similarity, touch_outcomes
 from palpate.recognizer.poses import Goals, pairs_to_distinguish, sampled_poses
+from palpate.recognizer.push_limits import PushLimits, push_hazard
 from palpate.recognizer.recognition import Recognition
 
 __all__ = ["meets_other_side", "plan_grip"]
@@ -32,6 +33,7 @@ _HOPELESS = 1e-3  # the first finger must take at least this share of confusion 
 _WORTH = 0.08  # and every further one this
 _ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
+_CAUTION = 0.2  # a plan may leave this share more, if it cannot tip or roll the part
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
 _SETTLED = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
@@ -45,13 +47,15 @@ def plan_grip(
     goals: Goals,
     used: Bools | None = None,
     fingers: int = 1,
+    limits: PushLimits | None = None,
 ) -> Grip | None:
     """Choose approaches, at most one for each finger, that leave the least confusion; None if none helps.
 
     As many as `fingers`, where that many go together, and more if they are worth it. `used` (n,): candidates
-    not to choose, because they were carried out before.
+    not to choose, because they were carried out before. `limits`: what pushes may do to the part; approaches
+    that cannot tip or roll it are preferred.
     """
-    choice = _GripSearch(recognition, reachable, resolution, goals)
+    choice = _GripSearch(recognition, reachable, resolution, goals, limits)
     if used is not None:
         choice.open_to &= ~used
     while choice.wants_more(fingers):
@@ -67,13 +71,19 @@ def plan_grip(
 class _GripSearch:
     """A grip in the making; at first nothing is chosen, and what all poses miss is of no use.
 
-    `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `confused`
+    `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `hazard` (n,):
+    probability that each meets the part where it may tip or roll; `confused`
     (pairs,): the weight of pairs of poses that are still indistinguishable, `remaining` together;
     `compared`: number of pairs at first.
     """
 
     def __init__(
-        self, recognition: Recognition, reachable: Reachable, resolution: Resolution, goals: Goals
+        self,
+        recognition: Recognition,
+        reachable: Reachable,
+        resolution: Resolution,
+        goals: Goals,
+        limits: PushLimits | None,
     ) -> None:
         self.recognition, self.reachable, self.resolution = recognition, reachable, resolution
         self.poses = sampled_poses(recognition.hypotheses)
@@ -86,6 +96,9 @@ class _GripSearch:
         met = np.where(self.outcome.hit, self.outcome.travel, 0.0)
         self.furthest: Floats = met.max(axis=1, initial=0.0) + _MARGIN_MM
         self.seconds = reachable.seconds(self.furthest)
+        self.hazard: Floats = np.zeros(len(self.open_to))
+        if limits is not None:
+            self.hazard = push_hazard(limits, reachable.approaches, self.poses, self.outcome)
         self.confused, self.compared = self.pairs.weight, len(self.pairs.first)
         self.remaining = 1.0
         self.chosen: list[PredictedApproach] = []
@@ -116,7 +129,8 @@ class _GripSearch:
         worth = (0.0 if wanted else _WORTH) if self.chosen else _HOPELESS
         if least > self.remaining - worth:
             return None
-        good = np.flatnonzero(scores <= least + _ALIKE * self.remaining)
+        weighed = scores + _CAUTION * self.remaining * self.hazard[rows]
+        good = np.flatnonzero(weighed <= weighed.min() + _ALIKE * self.remaining)
         row = good[np.argmin(self.seconds[rows[good]])]
         return int(rows[row]), alike[row], float(scores[row])
 

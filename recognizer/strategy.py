@@ -25,6 +25,7 @@ from palpate.recognizer.measurement_model import Resolution, TouchOutcomes, touc
 from palpate.recognizer.planner import meets_other_side, plan_grip
 from palpate.recognizer.poses import Goals, sampled_poses, witness_poses
 from palpate.recognizer.prediction import Predictions
+from palpate.recognizer.push_limits import PushLimits, push_hazard
 from palpate.recognizer.rays import approach_lines, offset_from_lines
 from palpate.recognizer.recognition import Recognition
 from palpate.vocabulary import Strategy
@@ -46,16 +47,18 @@ def next_grip(
     goals: Goals,
     rng: np.random.Generator,
     fingers: int = 1,
+    limits: PushLimits | None = None,
 ) -> Grip | None:
     """The next grip, of `fingers` or more if as many go together; None if none is of use.
 
-    Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone.
+    Approaches that earlier contacts came by are not taken again. `rng` is asked by `random` alone,
+    `limits` by `planned`.
     """
     if not reachable.approaches:
         return None
     used = already_used(recognition.contacts, reachable.approaches)
     if strategy is Strategy.PLANNED:
-        return plan_grip(recognition, reachable, resolution, goals, used, fingers)
+        return plan_grip(recognition, reachable, resolution, goals, used, fingers, limits)
     order = _meeting(recognition, reachable, used)
     if strategy is Strategy.RANDOM:
         return _first_together(recognition, reachable, rng.permutation(order), resolution)
@@ -63,18 +66,26 @@ def next_grip(
 
 
 def checking_grip(
-    recognition: Recognition, reachable: Reachable, resolution: Resolution, shift_mm: float
+    recognition: Recognition,
+    reachable: Reachable,
+    resolution: Resolution,
+    shift_mm: float,
+    limits: PushLimits | None = None,
 ) -> Grip | None:
     """Touches where the first hypothesis must be met, as far as can be from all that was touched before.
 
     Two of them, or more until a shift of the part by `shift_mm` would be noticed; None if there are none.
-    What is not in the catalogue would hardly be met just there as well.
+    What is not in the catalogue would hardly be met just there as well. Where `limits` are given, approaches
+    that may tip or roll the part are the last to be taken.
     """
     used = already_used(recognition.contacts, reachable.approaches)
     approaches = reachable.approaches
     poses = witness_poses(recognition.hypotheses)
     outcome = touch_outcomes(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
     rows = np.flatnonzero(outcome.hit[:, 0] & (outcome.facing[:, 0] >= _SQUARE) & ~used)
+    steady = np.ones(len(approaches), dtype=bool)
+    if limits is not None:
+        steady = push_hazard(limits, approaches, poses, outcome) == 0.0
     known = [contact.end_mm for contact in recognition.contacts if contact.touched]
     chosen: list[PredictedApproach] = []
     while len(rows) and (len(chosen) < _CHECKS or _hidden(outcome, reachable, chosen) > shift_mm):
@@ -83,6 +94,8 @@ def checking_grip(
         sides = meets_other_side(outcome.normal[:, 0], rows, [item.index for item in chosen])
         if sides.any():
             away = np.where(sides, away, 0.0)
+        if (steady[rows] & (away >= _ASIDE_MM)).any():
+            away = np.where(steady[rows], away, 0.0)
         best = int(np.argmax(away))
         if away[best] < _ASIDE_MM:
             break

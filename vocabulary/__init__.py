@@ -5,7 +5,7 @@ They import nothing, so that the command line can list their values without load
 
 from enum import StrEnum
 
-__all__ = ["IdentificationVerdict", "RecognitionVerdict", "Strategy"]
+__all__ = ["IdentificationVerdict", "PushResponse", "RecognitionVerdict", "Strategy"]
 
 
 class RecognitionVerdict(StrEnum):
@@ -32,3 +32,11 @@ class Strategy(StrEnum):
     PLANNED = "planned"
     RANDOM = "random"
     ROTATE = "rotate"
+
+
+class PushResponse(StrEnum):
+    """What a part in one of its states may do when it is pushed; one that slides does nothing else."""
+
+    SLIDES = "slides"
+    MAY_TIP = "may-tip"
+    MAY_ROLL = "may-roll"

@@ -8,6 +8,7 @@ import numpy as np
 from reach_ring import GOALS, RESOLUTION, contact_along, normal_at, ring, some_recognition, travel_of
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
 
+from palpate.geometry import Floats, Ints
 from palpate.recognizer import (
     Catalogue,
     Finger,
@@ -154,3 +155,34 @@ def test_a_candidate_fits_only_beside_other_fingers() -> None:
     assert fits_together(ring(), one, [])
     assert not fits_together(ring(), one, [same])
     assert fits_together(ring(), one, [other])
+
+
+class Unsteady:
+    """Limits of states that may only be pushed towards +x and +y of the object's frame."""
+
+    def safe_heights_mm(self, states: Ints) -> Floats:
+        angle = np.radians(np.arange(360))
+        row = np.where((np.cos(angle) > -0.4) & (np.sin(angle) > -0.4), np.inf, 0.0)
+        return np.tile(row, (len(states), 1))
+
+
+def test_approaches_that_may_tip_the_part_are_the_last_to_be_taken() -> None:
+    """A block that can be touched from anywhere, and may be from two sides only."""
+    models = [flat("block", [(0, 0), (50, 0), (50, 30), (38, 40), (0, 40)])]
+    catalogue, limits = Catalogue(models), Unsteady()
+    risky = {False: 0, True: 0}
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        placed = Placed(models[0], -20.0, -15.0, 0.4)
+        found = recognise(catalogue, grip(placed, rng, fingers=6, half_range=math.radians(8)))
+        for given in (False, True):
+            some = limits if given else None
+            for chosen in (
+                next_grip(Strategy.PLANNED, found, ring(), RESOLUTION, GOALS, rng, limits=some),
+                checking_grip(found, ring(), RESOLUTION, 50.0, some),
+            ):
+                assert chosen is not None
+                for item in chosen.approaches:
+                    normal = normal_at(placed, item, travel_of(placed, item)) - placed.theta
+                    risky[given] += math.cos(normal) > 0.4 or math.sin(normal) > 0.4
+    assert risky[True] < risky[False] / 2, risky
