@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from palpate.recognizer import (
     Catalogue,
     Contact,
     Grip,
+    PushLimits,
     Recognition,
     Resolution,
     already_used,
@@ -22,6 +24,7 @@ from palpate.recognizer import (
 )
 from palpate.rig.conversion import finger_of, goals_of, resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
+from palpate.rig.identification.stability_table import StabilityTable
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 from palpate.vocabulary.short_repr import ShortRepr
@@ -44,7 +47,10 @@ class Choice:
 
 @dataclass(frozen=True, eq=False)
 class GripChooser:
-    """Chooses grips for a rig. `rng` is used by the strategy `random` alone."""
+    """Chooses grips for a rig; of good ones, such as do not tip or roll parts.
+
+    `rng` is used by the strategy `random` alone.
+    """
 
     rig: RigFile
     reach: Reach
@@ -100,6 +106,7 @@ class GripChooser:
             goals_of(self.rig),
             self.rng,
             fingers=2 if one_class else 1,
+            limits=self._limits(recognition),
         )
 
     def _is_vain(self, grip: Grip) -> bool:
@@ -109,9 +116,21 @@ class GripChooser:
     def _check(self, recognition: Recognition) -> Grip | None:
         """Touches to confirm what seems to be the answer."""
         if self.strategy is Strategy.PLANNED:
+            limits = self._limits(recognition)
             shift_mm = self.rig.search.detectable_shift_mm
-            return checking_grip(recognition, self.reach, resolution_of(self.rig), shift_mm)
+            return checking_grip(recognition, self.reach, resolution_of(self.rig), shift_mm, limits)
         return self._plan(recognition, one_class=True)
+
+    def _limits(self, recognition: Recognition) -> PushLimits:
+        """What pushes may do to the parts of the recognition's catalogue."""
+        catalogue = recognition.catalogue
+        if catalogue not in self._stabilities:
+            self._stabilities[catalogue] = StabilityTable(self.rig, catalogue)
+        return self._stabilities[catalogue]
+
+    @cached_property
+    def _stabilities(self) -> dict[Catalogue, StabilityTable]:
+        return {}
 
 
 @dataclass(frozen=True, eq=False, repr=False)

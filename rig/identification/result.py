@@ -8,6 +8,7 @@ from palpate.config.identification_result import (
     CalibrationUsedOut,
     IdentificationOut,
     MotionBoundOut,
+    NotBoundedOut,
     Relation,
     TouchRecordOut,
     TruthOut,
@@ -16,6 +17,7 @@ from palpate.recognizer import Configuration, Hypothesis
 from palpate.rig.emulated.answer_error import Comparison, compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification
+from palpate.rig.identification.stability_table import NotBounded
 from palpate.vocabulary import Strategy
 
 __all__ = ["hypotheses_of", "identification_out", "state_names"]
@@ -32,10 +34,12 @@ def identification_out(
     strategy: Strategy = Strategy.PLANNED,
     calibration: CalibrationUsedOut | None = None,
     at_measurement: Sequence[Configuration] | None = None,
+    not_bounded: Sequence[NotBounded] = (),
 ) -> IdentificationOut:
     """A run's result as `palpate/identification@1`: the heaviest hypothesis first, the others beside it.
 
     `placement`: what lies on an emulated table at the end, `at_measurement`: where it was at each grip.
+    `not_bounded`: states of the answer that may tip or roll.
     """
     hypotheses = hypotheses_of(result)
     first = hypotheses[0] if hypotheses else None
@@ -68,6 +72,10 @@ def identification_out(
         ),
         assumed_holds_n=result.assumed_holds_n,
         hold_contradicted=result.hold_contradicted,
+        not_bounded=tuple(
+            NotBoundedOut.of(item, object=item.object_name, state=item.state_name, when_pushed=item.response)
+            for item in not_bounded
+        ),
         truth=None if placement is None or truth is None else _truth(placement, truth, at_measurement),
     )
 

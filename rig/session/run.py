@@ -13,6 +13,7 @@ from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
 from palpate.rig.identification.result import identification_out
+from palpate.rig.identification.stability_table import StabilityTable
 from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.session.calibration_drift import calibration_used
@@ -59,6 +60,7 @@ class IdentificationRun(ShortRepr):
 
     def out(self, *, wall_seconds: float, session: str | None) -> IdentificationOut:
         """The answer as `palpate/identification@1`."""
+        job = self.job
         return identification_out(
             self.result,
             None if self.truth is None else self.truth.placement,
@@ -66,9 +68,10 @@ class IdentificationRun(ShortRepr):
             rig_seconds=self.rig_seconds,
             wall_seconds=wall_seconds,
             session=session,
-            strategy=self.job.strategy,
+            strategy=job.strategy,
             calibration=self._calibration(),
             at_measurement=None if self.truth is None else self.truth.at_measurement,
+            not_bounded=StabilityTable(job.rig, job.catalogue).not_bounded(self.result.recognition),
         )
 
     def _calibration(self) -> CalibrationUsedOut | None:

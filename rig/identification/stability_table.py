@@ -1,0 +1,64 @@
+"""Stabilities of the states of a catalogue against a rig's fingers, and which of them bounds do not cover."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from palpate.config import RigFile
+from palpate.geometry import Floats, Ints
+from palpate.recognizer import Catalogue, Recognition
+from palpate.rig.identification.stability import DIRECTIONS, Stability, stability_of
+from palpate.vocabulary import PushResponse
+
+__all__ = ["NotBounded", "StabilityTable"]
+
+
+@dataclass(frozen=True)
+class NotBounded:
+    """A state of an answer in which the part may have tipped or rolled, and why, in one line."""
+
+    object_name: str
+    state_name: str
+    response: PushResponse
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class StabilityTable:
+    """Stabilities of a catalogue's states on a rig, each computed when it is first asked for."""
+
+    rig: RigFile
+    catalogue: Catalogue
+
+    def of(self, state: int) -> Stability:
+        """Stability of the state of an index."""
+        return self._of(state)[0]
+
+    def safe_heights_mm(self, states: Ints) -> Floats:
+        """As `palpate.recognizer.PushLimits` has it."""
+        result: Floats = np.array([self._of(state)[1] for state in states.tolist()]).reshape(-1, DIRECTIONS)
+        return result
+
+    def not_bounded(self, recognition: Recognition | None) -> tuple[NotBounded, ...]:
+        """States that are left in which the part may tip or roll, each once, the heaviest first."""
+        found = []
+        hypotheses = () if recognition is None else recognition.hypotheses
+        for index in dict.fromkeys(item.state_index for item in hypotheses):
+            item, stability = self.catalogue.states[index], self.of(index)
+            if stability.response is not PushResponse.SLIDES:
+                names = item.object_name, item.state.name
+                found.append(NotBounded(*names, stability.response, stability.why))
+        return tuple(found)
+
+    @cached_property
+    def _found(self) -> dict[int, tuple[Stability, Floats]]:
+        return {}
+
+    def _of(self, state: int) -> tuple[Stability, Floats]:
+        if state not in self._found:
+            item = self.catalogue.states[state]
+            heights = [finger.height_mm for finger in self.rig.fingers]
+            stability = stability_of(item.state, item.tolerance_mm, heights)
+            self._found[state] = stability, stability.safe_heights_mm()
+        return self._found[state]
