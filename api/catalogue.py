@@ -16,6 +16,7 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.symmetry import symmetry_of_state
 from palpate.rig.catalogue.twins import Likeness, Pair, find_twins
+from palpate.rig.identification.stability import stability_of
 from palpate.views.catalogue.card import CardFacts, TwinNote
 from palpate.views.catalogue.picture import draw_objects
 from palpate.views.catalogue.results import name_out, not_known_out, pair_out, rig_out, separating_out
@@ -118,7 +119,8 @@ def list_objects(
     progress("drawing")
     facts = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
     drawing, left_out = draw_objects(name, states, facts, fingers)
-    listed = tuple(_listed(state, facts[state]) for state in states)
+    heights = [finger.height_mm for finger in rig.fingers]
+    listed = tuple(_listed(state, facts[state], heights) for state in states)
     return ObjectsListing(listed, tuple(pairs), tuple(left_out), drawing)
 
 
@@ -133,8 +135,9 @@ def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
     return tuple(TwinNote(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
 
 
-def _listed(state: StateSections, facts: CardFacts) -> StateListedOut:
+def _listed(state: StateSections, facts: CardFacts, heights_mm: Sequence[float]) -> StateListedOut:
     edges = [level.edges for level in state.levels]
+    stability = stability_of(state.state, state.tolerance_mm, heights_mm)
     return StateListedOut.of(
         state.state,
         object=state.object_name,
@@ -143,4 +146,7 @@ def _listed(state: StateSections, facts: CardFacts) -> StateListedOut:
         edges=(min(edges), max(edges)),
         symmetry_order=facts.symmetry_order,
         tolerance_mm=state.tolerance_mm,
+        when_pushed=stability.response,
+        why=stability.why or None,
+        base_margin_mm=stability.margin_mm,
     )

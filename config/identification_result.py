@@ -4,13 +4,14 @@ from enum import StrEnum
 from typing import Literal
 
 from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
-from palpate.vocabulary import IdentificationVerdict, Strategy
+from palpate.vocabulary import IdentificationVerdict, PushResponse, Strategy
 
 __all__ = [
     "AlternativeOut",
     "CalibrationUsedOut",
     "IdentificationOut",
     "MotionBoundOut",
+    "NotBoundedOut",
     "Relation",
     "TouchRecordOut",
     "TruthOut",
@@ -102,6 +103,18 @@ class MotionBoundOut(Out):
     orientation: Rounded | None
 
 
+class NotBoundedOut(Out):
+    """A state in which fingers may have tipped or rolled the part: then no bound holds.
+
+    `when_pushed`: which of the two. `why`: in one line.
+    """
+
+    object: str
+    state: str
+    when_pushed: Literal[PushResponse.MAY_TIP, PushResponse.MAY_ROLL]
+    why: str
+
+
 class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
@@ -116,7 +129,8 @@ class IdentificationOut(Out):
     `assumed_holds_n`: the declared force below which the part does not slide, on which the bounds rest; null
     if none is declared: then they rest on its lying still. `motion_bounds`: of every grip; empty if none is
     declared. `hold_contradicted`: the part was moved by more than that force allows, or it is none of the
-    catalogue.
+    catalogue. `not_bounded`: states of the answer and of the alternatives in which the part may tip or roll
+    when fingers push it; all bounds are for a part that does neither.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -146,3 +160,4 @@ class IdentificationOut(Out):
     motion_bounds: tuple[MotionBoundOut, ...] = ()
     assumed_holds_n: Rounded | None = None
     hold_contradicted: bool = False
+    not_bounded: tuple[NotBoundedOut, ...] = ()

@@ -3,6 +3,7 @@
 from typing import Literal
 
 from palpate.config.results import Interval, Out, Rounded
+from palpate.vocabulary import PushResponse
 
 __all__ = [
     "ObjectsCheckOut",
@@ -88,6 +89,8 @@ class StateListedOut(Out):
 
     `edges`: fewest and most of a section. `heights_mm`: ranges at which the sections are known, null for all.
     `top_mm`: how high it is. `symmetry_order`: it looks the same after each nth of a turn.
+    `when_pushed`: what it may do when the rig's fingers push it, and `why`; null if it slides.
+    `base_margin_mm`: from below its centre of mass to the nearest edge of its base, at least; 0 if not known.
     """
 
     object: str
@@ -100,6 +103,9 @@ class StateListedOut(Out):
     probability: Rounded | None
     tipping_angle_rad: Rounded | None
     tolerance_mm: Rounded
+    when_pushed: PushResponse
+    why: str | None
+    base_margin_mm: Rounded
 
 
 class ObjectsListingOut(Out):

@@ -30,7 +30,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
         if out.detectable_shift is not None:
             lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
-    lines += _motion_lines(out)
+    lines += [*_motion_lines(out), *_not_bounded_lines(out)]
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
@@ -128,6 +128,17 @@ def _motion_lines(out: IdentificationOut) -> list[str]:
     if out.hold_contradicted:
         lines.append(f"  it moved further than a part that holds {held} can: does it hold less?")
     return lines
+
+
+def _not_bounded_lines(out: IdentificationOut) -> list[str]:
+    """That bounds do not hold if the part has tipped or rolled."""
+    if not out.not_bounded:
+        return []
+    first, others = out.not_bounded[0], len(out.not_bounded) - 1
+    more = f" (and {counted(others, 'other state', 'other states')}, which the JSON lists)" if others else ""
+    return [
+        f"  no bound holds for a part that tips or rolls: {first.object}, {first.state} {first.why}{more}"
+    ]
 
 
 def _untouched_words(out: IdentificationOut) -> str:

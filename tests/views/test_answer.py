@@ -193,3 +193,14 @@ def test_what_the_bounds_rest_on_is_said() -> None:
     assert not missing(
         answer_lines(ended(IdentificationVerdict.MOVING, moved_before=(2, 3), **NOTHING))[0], "moving"
     )
+
+
+def test_a_state_that_may_tip_or_roll_is_named() -> None:
+    why = "may roll: its base reaches only 0 mm from below its centre of mass"
+    states = tuple(
+        {"object": "pin", "state": name, "when_pushed": "may-roll", "why": why} for name in ("lying", "other")
+    )
+    said = answer_lines(ended(IdentificationVerdict.IDENTIFIED, not_bounded=states))
+    (line,) = [line for line in said if "rolls" in line]
+    assert not missing(line, "no bound holds", "pin, lying may roll", "and 1 other state")
+    assert "rolls" not in "\n".join(answer_lines(ended(IdentificationVerdict.IDENTIFIED)))

@@ -19,6 +19,7 @@ from palpate.views.catalogue.check_text import fit_words, pair_lines, rig_words
 from palpate.views.catalogue.equivalent_pairs import TwinGroup, group_pairs
 from palpate.views.catalogue.known_heights import known_words
 from palpate.views.tables import table
+from palpate.vocabulary import PushResponse
 
 __all__ = ["print_listing"]
 
@@ -44,6 +45,8 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
         console.print(line)
     console.print()
     for line in _known_lines(out, console.width, every=every):
+        console.print(line)
+    for line in _pushed_lines(out, console.width, every=every):
         console.print(line)
     for line in _twin_lines(out, console.width, every=every):
         console.print(line)
@@ -101,6 +104,20 @@ def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator
     left = sum(len(states) for states in list(alike.values())[shown:])
     if left:
         yield f"* and {counted(left, 'more state is', 'more states are')} not known at all heights; --all"
+
+
+def _pushed_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
+    """Which states the fingers may tip or roll, for which bounds would not hold."""
+    unsteady = [item for item in out.states if item.when_pushed is not PushResponse.SLIDES]
+    if not unsteady:
+        return
+    yield "when pushed (bounds hold for parts that slide):"
+    shown = len(unsteady) if every or len(unsteady) <= _SHOWN + 1 else _SHOWN
+    for item in unsteady[:shown]:
+        yield from _wrapped(f"{item.object}, {item.state} {item.why}", "  ", width)
+    if shown < len(unsteady):
+        yield f"  and {counted(len(unsteady) - shown, 'more state', 'more states')}; --all"
+    yield ""
 
 
 def _twin_lines(out: ObjectsListingOut, width: int, *, every: bool) -> list[str]:
