@@ -37,11 +37,13 @@ class FingerApproach(ShortRepr, Approach):
     """An approach that one of a rig's fingers can carry out, with its turning stage at `stage_rad`.
 
     `fast_mm`: travel through space that is proven free, so that the finger need not search on it.
+    `touch_mm_s`: the finger meets the part at this speed at most; None: as the rig does.
     """
 
     finger_index: int
     stage_rad: float = 0.0
     fast_mm: float = 0.0
+    touch_mm_s: float | None = None
 
     def up_to(self, travel_mm: float) -> Self:
         """The same approach, for `travel_mm` at most."""

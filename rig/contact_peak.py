@@ -12,9 +12,10 @@ rotor's inertia behind the gear.
 from collections.abc import Iterable
 
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile
+from palpate.drivers.dynamixel.control_table import RAD_PER_TICK
 from palpate.drivers.dynamixel.specifications import specification
 
-__all__ = ["deceleration_mm_s2", "expected_peak_n"]
+__all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm"]
 
 _WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
 _STOP_S = 1e-3  # the stop on the bus
@@ -37,6 +38,11 @@ def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:
         for model, lever_mm in _levers(finger)
         for motor in (specification(model).motor,)
     )
+
+
+def travel_step_mm(finger: FingerConfig) -> float:
+    """How finely a finger's servos tell where its tip is along its way."""
+    return max(abs(lever_mm) for _, lever_mm in _levers(finger)) * RAD_PER_TICK
 
 
 def _levers(finger: FingerConfig) -> Iterable[tuple[str, float]]:

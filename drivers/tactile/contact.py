@@ -13,6 +13,7 @@ the extent of the patch, which holds the normals of both edges, and the flag `WI
 arrays: see `pads`.
 """
 
+import math
 from collections.abc import Sequence
 from functools import cached_property
 
@@ -49,6 +50,7 @@ class ContactExtractor:
         self._description = description
         self._calibration = calibration
         self._n_per_count = 1 / (calibration.gain * description.counts_per_n)
+        self._tared_frames = 1
         self._cylinder = None
         if description.shape is Shape.CYLINDER:
             self._cylinder = CylinderTip(description, calibration, self._n_per_count)
@@ -70,6 +72,7 @@ class ContactExtractor:
         c = self._calibration
         counts = np.stack([f.counts for f in frames]) if frames else np.zeros((0, 1, 1), np.uint16)
         baseline = baseline_of(counts, self._description.max_count, c.noise_counts, c.usable)
+        self._tared_frames = len(frames)
         self._use(baseline, float(np.mean([f.device_time_s for f in frames])))
         return self._baseline
 
@@ -111,10 +114,25 @@ class ContactExtractor:
         """
         counts = frame.counts - self._guard_base
         force = float((counts * (counts > self._guard_threshold)).ravel() @ self._guard_gain)
-        if self._cylinder is None:
-            return force
+        return force if self._cylinder is None else max(force, self._matched_n(counts))
+
+    def steady_force_n(self, counts: Floats, frames: int) -> float:
+        """Force (N) that is above the noise in the mean (rows, cols) of some frames' counts: likewise."""
+        above = counts - self._guard_base
+        if self._cylinder is not None:
+            return self._matched_n(above, frames)
+        least = self._guard_threshold * self.noise_share(frames)
+        return float((above * (above > least)).ravel() @ self._guard_gain)
+
+    def noise_share(self, frames: int) -> float:
+        """Noise of the mean of some frames, over one frame's; both with what the tare had of it."""
+        tared = self._tared_frames
+        return math.sqrt((1 / frames + 1 / tared) / (1 + 1 / tared))
+
+    def _matched_n(self, counts: Floats, frames: int = 1) -> float:
         sums = _windows(counts * self._guard_gain.reshape(counts.shape)) - self._window_doubt
-        return max(force, float(np.max(sums, where=sums > _MATCHED_SIGMAS * self._window_noise, initial=0.0)))
+        least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
+        return float(np.max(sums, where=sums > least, initial=0.0))
 
     @property
     def least_force_n(self) -> float:

@@ -11,7 +11,7 @@ the fingers may have moved them by is bounded and taken into account (`motion_bo
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -53,6 +53,7 @@ GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]],
 """Carries out a grip and reports its stages."""
 
 _MOST_MOVES = 1
+_MORE_LIGHTLY = 0.5  # of the touch speed, once the part has moved
 _FURTHEST_MM = 3.0  # a motion by more leaves nothing worth keeping of earlier contacts
 
 
@@ -94,12 +95,11 @@ class _Search:
         self,
         chooser: GripChooser,
         execute: GripExecutor,
-        execute_gently: GripExecutor,
         catalogue: Catalogue,
         observers: Observers,
     ) -> None:
         self._chooser, self._observers = chooser, observers
-        self._execute, self._execute_gently = execute, execute_gently
+        self._execute = execute
         self._rig, self._reach, self._catalogue = chooser.rig, chooser.reach, catalogue
         self._grips: list[tuple[Touch, ...]] = []
         self._moved_before: list[int] = []
@@ -199,7 +199,7 @@ class _Search:
         """Keep the last grip only, and touch more lightly from now on."""
         number = len(self._grips)
         self._moved_before.append(number)
-        self._evidence, self._execute = self._no_evidence(), self._execute_gently
+        self._evidence = self._no_evidence()
         self._observers(MoveEvent(number))
         self._add(None)
 
@@ -207,11 +207,21 @@ class _Search:
         """Do the grip and interpret its contacts."""
         number = len(self._grips) + 1
         self._observers.check()
-        touches = tuple(self._execute(grip, lambda stage: self._observers(StageEvent(number, stage))))
+        gently = [replace(approach, touch_mm_s=self._touch_mm_s()) for approach in grip]
+        touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
         self._motions.append(self._bounds.of_grip(touches))
         self._observers(TouchEvent(number, touches))
         self._understand()
+
+    def _touch_mm_s(self) -> float:
+        """How fast the next grip may meet the part."""
+        closing, lighter = self._rig.closing, _MORE_LIGHTLY if self._moved_before else 1.0
+        if (
+            self._evidence.recognition is None
+        ):  # ways are long, and hardly anything is known that it may spoil
+            return lighter * closing.search_mm_s
+        return lighter * (self._bounds.touch_mm_s(self._states()) or closing.search_mm_s)
 
     def _contacts(self) -> list[Contact]:
         """Those of the last grip, of the part as it lay when they were measured."""
@@ -279,9 +289,8 @@ def search(
     *,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
-    execute_gently: GripExecutor | None = None,
 ) -> Identification:
-    """As `identify`, with a function that carries out grips, and one for a part that seems to move easily."""
+    """As `identify`, with a function that carries out grips."""
     rng = np.random.default_rng([seed, 2])
     chooser = GripChooser(rig, reach, strategy, rng)
-    return _Search(chooser, execute, execute_gently or execute, catalogue, observers or Observers()).run()
+    return _Search(chooser, execute, catalogue, observers or Observers()).run()

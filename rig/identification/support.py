@@ -13,6 +13,7 @@ import shapely
 
 from palpate.config.rig_tables import SearchConfig
 from palpate.geometry import Floats
+from palpate.geometry.object_model import State
 from palpate.recognizer import Catalogue
 from palpate.recognizer.edges import CatalogueState
 
@@ -22,6 +23,8 @@ _SAMPLES = 24  # of an evenly loaded base, along the longer side of its box
 _TURNS = 31  # centres of rotation looked at, along each side of thrice the part's reach
 _SAMPLED = 1.03  # allowance for both grids
 _MEDIAN_ROUNDS = 60
+_TABLE_FRICTION = 0.5
+"""At most: so far, times the height of a push, does the push carry the pressure's centre."""
 
 
 @dataclass(frozen=True)
@@ -39,59 +42,97 @@ class Support:
     leverage: float
 
 
-def supports_of(catalogue: Catalogue, search: SearchConfig) -> tuple[Support, ...]:
-    """Support of every state of a catalogue. What an object says goes before what the rig file says."""
-    return tuple(
-        support_of(item, float(reach), search)
-        for item, reach in zip(catalogue.states, catalogue.reach_mm, strict=True)
-    )
+def supports_of(catalogue: Catalogue, search: SearchConfig, height_mm: float) -> tuple[Support, ...]:
+    """Support of every state of a catalogue, touched at `height_mm` at most.
+
+    What an object says goes before what the rig file says.
+    """
+    return tuple(support_of(item, search, height_mm) for item in catalogue.states)
 
 
-def support_of(item: CatalogueState, reach_mm: float, search: SearchConfig) -> Support:
-    """Support of one state, whose outline is within `reach_mm` of its centroid."""
+def support_of(item: CatalogueState, search: SearchConfig, height_mm: float) -> Support:
+    """Support of one state.
+
+    The pressure balances about the centre of mass, which is that of the sections, as of one material. A push
+    at a height carries it on by height × push / weight, and while the part slides or stands no push is above
+    friction × weight.
+    """
     holds = item.holds_n or search.part_holds_n
     if holds is None:
         return Support(math.inf, 0.0, 0.0, 1.0)
-    lowest = min(item.state.sections, key=lambda section: section.z_mm[0])
-    base = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in lowest.polygons])
-    base = shapely.affinity.translate(base, *(-item.origin_mm))
+    centre = centre_of_mass_mm(item.state)
+    sections = item.state.sections
+    outline = np.concatenate([ring for section in sections for ring in section.rings])
+    hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(outline))) - centre
+    carried = _TABLE_FRICTION * height_mm
+    off = float(np.hypot(*(centre - item.origin_mm))) + carried
+    reach = float(np.hypot(*hull.T).max()) + item.tolerance_mm + item.rounding_mm + carried
     declared = item.support_mm or search.part_support_mm
-    if declared is None:
-        rings = [ring for section in item.state.sections for ring in section.rings]
-        outline = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(np.concatenate(rings))))
-        off = item.tolerance_mm + item.rounding_mm
-        return _evenly_loaded(holds, base, outline - item.origin_mm, off)
-    return _declared(holds, base, reach_mm, declared)
+    if declared is not None:
+        return _standing_on(holds, declared, off, reach)
+    lowest = min(sections, key=lambda section: section.z_mm[0])
+    base = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in lowest.polygons])
+    base = shapely.affinity.translate(base, *(-centre))
+    return _evenly_loaded(holds, base, hull, off, item.tolerance_mm + item.rounding_mm + carried)
 
 
-def _declared(holds_n: float, base: shapely.Geometry, reach_mm: float, support_mm: float) -> Support:
-    """Any pressure on the base whose mean distance from its geometric median is `support_mm` at least.
+def centre_of_mass_mm(state: State) -> Floats:
+    """Centre of mass (2,) of a state in its file's frame, as of one material, seen from above."""
+    total, moment = 0.0, np.zeros(2)
+    for section in state.sections:
+        lo, hi = section.z_mm
+        for polygon in section.polygons:
+            shape = shapely.Polygon(polygon.outer, polygon.holes)
+            volume = shape.area * (hi - lo)
+            total += volume
+            moment += volume * shapely.get_coordinates(shape.centroid)[0]
+    result: Floats = moment / total
+    return result
 
-    The centre of friction c is the pressure's mean: E|x|² − |c|² = E|x − c|² ≥ (E|x − c|)² ≥ ρ² bounds how
-    far it is from the centroid. Round any centre of rotation z, E|x − z| is at least ρ and at least |c − z|.
+
+def _standing_on(holds_n: float, rho_mm: float, off_mm: float, reach_mm: float) -> Support:
+    """Any pressure whose mean distance from its geometric median is `rho_mm` at least.
+
+    Its mean c, the centre of friction, is within `off_mm` of the centroid, and the outline within `reach_mm`
+    of it. Round any centre of rotation z, E|x − z| is at least ρ and at least |c − z|.
     """
-    widest = float(np.hypot(*shapely.get_coordinates(base).T).max())
-    rho = min(support_mm, widest)
-    off = math.sqrt(widest**2 - rho**2)
-    return Support(holds_n, 1 + off / rho, 1 / rho, 1 + (reach_mm + off) / rho)
+    return Support(holds_n, 1 + off_mm / rho_mm, 1 / rho_mm, 1 + reach_mm / rho_mm)
 
 
-def _evenly_loaded(holds_n: float, base: shapely.Geometry, hull: Floats, off_mm: float) -> Support:
-    """The whole base under even pressure: known, so the worst centre of rotation is looked for.
+def _evenly_loaded(
+    holds_n: float, base: shapely.Geometry, hull: Floats, off_mm: float, unsure_mm: float
+) -> Support:
+    """The whole base, under a pressure that is known, so the worst centre of rotation is looked for.
 
-    `hull` (v, 2): corners of the part's convex hull, whose true ones are within `off_mm` of these.
+    All from the centre of mass. `hull` (v, 2): corners of the part's convex hull; the outline may be
+    `unsure_mm` further from where the pressure balances.
     """
-    points = _grid_in(base)
-    rho = _mean_distance_from_median(points) / _SAMPLED
-    middle = points.mean(axis=0)
+    points, load = _pressure(base)
+    rho = _mean_distance_from_median(points, load) / _SAMPLED
     along = np.linspace(-3, 3, _TURNS) * np.hypot(*hull.T).max()
-    centres = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2) + middle
-    mean = np.mean(np.hypot(*np.moveaxis(points[None] - centres[:, None], 2, 0)), axis=1)
-    distance = np.hypot(*centres.T)
+    centres = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2)
+    mean = np.hypot(*np.moveaxis(points[None] - centres[:, None], 2, 0)) @ load
     furthest = np.hypot(*np.moveaxis(hull[None] - centres[:, None], 2, 0)).max(axis=1)
-    leverage = max(float(np.max((furthest + off_mm) / mean)), 1.0)
-    shift = max(float(np.max(distance / mean)), 1.0)
+    leverage = max(float(np.max((furthest + unsure_mm) / mean)), 1.0)
+    distance = np.hypot(*centres.T)
+    shift = max(float(np.max((distance + off_mm) / mean)), 1.0)
     return Support(holds_n, shift * _SAMPLED, 1 / rho, leverage * _SAMPLED)
+
+
+def _pressure(base: shapely.Geometry) -> tuple[Floats, Floats]:
+    """Points (n, 2) evenly over an area, and the share (n,) that each bears of a weight at the origin.
+
+    The pressure is a linear function of the place, but never pulls: a stiff part on an elastic foundation.
+    Evenly loaded if nothing balances so.
+    """
+    points = every = _grid_in(base)
+    while len(points) >= _SAMPLES:
+        lever = np.column_stack([np.ones(len(points)), points])
+        load = lever @ np.linalg.lstsq(lever.T @ lever, np.array([1.0, 0.0, 0.0]))[0]
+        if load.min() >= 0:
+            return points, load
+        points = points[load > 0]
+    return every, np.full(len(every), 1 / len(every))
 
 
 def _grid_in(base: shapely.Geometry) -> Floats:
@@ -107,10 +148,10 @@ def _grid_in(base: shapely.Geometry) -> Floats:
         step /= 2
 
 
-def _mean_distance_from_median(points: Floats) -> float:
+def _mean_distance_from_median(points: Floats, load: Floats) -> float:
     """Least mean distance from any one point, by Weiszfeld's iteration (1937)."""
-    median = points.mean(axis=0)
+    median = load @ points
     for _ in range(_MEDIAN_ROUNDS):
-        weight = 1 / np.maximum(np.hypot(*(points - median).T), 1e-9)
+        weight = load / np.maximum(np.hypot(*(points - median).T), 1e-9)
         median = weight @ points / weight.sum()
-    return float(np.hypot(*(points - median).T).mean())
+    return float(load @ np.hypot(*(points - median).T))

@@ -11,7 +11,7 @@ from palpate.drivers.finger import Body, Line, Servos, Turn
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import line_of
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.contact_load import ContactLoad, LoadMeter
+from palpate.rig.motion.contact_load import ContactLoad, LoadMeter, LoadTrace
 
 __all__ = ["ApproachState"]
 
@@ -86,6 +86,25 @@ class ApproachState:
     def loads(self) -> tuple[ContactLoad, ...]:
         """Loads on the part so far, if they are metered."""
         return () if self.meter is None else self.meter.loads()
+
+    def slowed_to(self, speed_mm_s: float) -> float:
+        """A speed at which to meet the part, no higher than the approach allows."""
+        return min(speed_mm_s, self.approach.touch_mm_s or math.inf)
+
+    @property
+    def trace(self) -> LoadTrace | None:
+        """Load on the part frame by frame, if it is metered."""
+        return None if self.meter is None else self.meter.trace()
+
+    def note_stopped(self, now: float) -> None:
+        """Note that the finger is stopped."""
+        if self.meter is not None:
+            self.meter.stopped(now)
+
+    def note_measured(self, now: float) -> None:
+        """Note that the grip's contacts have been measured."""
+        if self.meter is not None:
+            self.meter.measured(now)
 
     def body(self) -> Body:
         """Room that the finger takes up now."""

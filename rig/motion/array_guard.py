@@ -98,8 +98,10 @@ class ArrayGuard:
         """The newest frame's force (N); what each of them adds to the load on the part is metered."""
         forces = [finger.extractor.force_n(frame) for frame in frames]
         if (meter := self.meters.get(finger)) is not None:
-            for index, force in enumerate(forces, start=1):
-                meter.feel(force, now - (len(forces) - index) / self._closing.sample_rate_hz)
+            for index, (force, frame) in enumerate(zip(forces, frames, strict=True), start=1):
+                at = now - (len(forces) - index) / self._closing.sample_rate_hz
+                quiet = meter.quiet_mean(frame.counts, force)
+                meter.feel(force, at, finger.extractor.steady_force_n(*quiet) if quiet else 0.0)
         return forces[-1]
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:

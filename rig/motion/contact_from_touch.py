@@ -9,7 +9,7 @@ from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
 from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, undetected_dent_mm
 from palpate.rig.motion.approach_state import ApproachState
-from palpate.rig.motion.contact_load import ContactLoad
+from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
@@ -21,7 +21,8 @@ _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 class Touch(ShortRepr):
     """What came of it: the contact for the recogniser, and the patch that it rests on (None for a miss).
 
-    `servos`: angles (rad) at which the finger's servos stood then. `loads`: on the part, in order of time.
+    `servos`: angles (rad) at which the finger's servos stood then. `loads`: on the part, in order of time;
+    `trace`: frame by frame, None where it was not metered.
     """
 
     finger_index: int
@@ -29,6 +30,7 @@ class Touch(ShortRepr):
     patch: ContactPatch | None
     servos: Servos
     loads: tuple[ContactLoad, ...] = ()
+    trace: LoadTrace | None = None
 
 
 def conclude(run: ApproachState, patch: ContactPatch | None, closing: ClosingConfig, turn: Turn) -> Touch:

@@ -25,7 +25,8 @@ ARRIVED_MM = 0.8
 _STILL_RAD_S = 0.03
 _FREE_MOVED_RAD = 0.003
 _FREE_STALL_S = 1.0
-_LONGEST_S = 60.0  # no move takes so long: one that creeps on for ever is ended
+_LONGEST_S = 60.0  # no move takes so long, but a slow one over a long way: one that creeps on is ended
+_LONGER = 2.0  # than way over speed says
 _STALL_S = 0.6
 _OFF_WAY_MM = 3.0
 _SLOWING_LAG_S = 0.06  # until a finger begins to slow down: looks at the servos, their lag behind goals
@@ -59,8 +60,12 @@ class _FingerMover:
         return self.finger.drive.goals(now)
 
     def is_late(self, now: float) -> bool:
-        """Whether the move has gone on for longer than any should."""
-        return now - self.started_s > _LONGEST_S
+        """Whether the move has gone on for longer than it should."""
+        return now - self.started_s > self.longest_s()
+
+    def longest_s(self) -> float:
+        """How long it may take."""
+        return _LONGEST_S
 
 
 def _note(run: ApproachState, states: Mapping[int, ServoState], now: float) -> None:
@@ -157,6 +162,10 @@ class TipMover(_FingerMover):
         self._contact_n = contact_n
         self._others = [other for other in others if other is not run]
 
+    def longest_s(self) -> float:
+        """By its way and speed."""
+        return max(super().longest_s(), _LONGER * self.limit_mm / self._speed_mm_s)
+
     @property
     def driven(self) -> Sequence[Servo]:
         """Servos that move along the line."""
@@ -171,12 +180,13 @@ class TipMover(_FingerMover):
         """Note where the tip is."""
         _note(self.run, states, now)
 
-    def sense(self, _now: float) -> End | None:
+    def sense(self, now: float) -> End | None:
         """A contact, if the newest frame shows one."""
         reading = self.hand.reading(self.finger)
         if reading.force_n <= self._contact_n:
             return None
         self.run.touched = True
+        self.run.note_stopped(now)
         return End.CONTACT
 
     @final
@@ -186,11 +196,14 @@ class TipMover(_FingerMover):
         Not overridden, so that no kind of motion leaves one out.
         """
         _check_cross_track(self.run)
-        if (end := self.until(now)) is not None:
-            return end
-        if self.is_late(now):
-            return self.held(now)
-        return End.CLEARANCE if self.is_crowded() else None
+        end = self.until(now)
+        if end is None and self.is_late(now):
+            end = self.held(now)
+        if end is None and self.is_crowded():
+            end = End.CLEARANCE
+        if end is not None:
+            self.run.note_stopped(now)
+        return end
 
     def until(self, now: float) -> End | None:
         """What ends this kind of motion: here arrival at the limit, or standing still."""
@@ -227,13 +240,18 @@ class SearchMover(TipMover):
 
     def __init__(self, hand: Hand, run: ApproachState, others: Sequence[ApproachState]) -> None:
         closing, approach = hand.rig.closing, run.approach
-        self._search_mm_s, self._fast_mm_s = closing.search_mm_s, closing.approach_speed_mm_s
+        self._fast_mm_s = closing.approach_speed_mm_s
+        self._search_mm_s = run.slowed_to(closing.search_mm_s)
         self._slow_from_mm = approach.fast_mm - _SLOWING_LAG_S * self._fast_mm_s
         self._slow_from_mm -= run.finger.drive.slowing_mm(self._fast_mm_s, self._search_mm_s)
         self._is_fast = run.travel_mm < self._slow_from_mm
         self._slows = self._turns = self._is_back = False
         speed = self._fast_mm_s if self._is_fast else self._search_mm_s
         super().__init__(hand, run, approach.travel_mm, speed, closing.contact_force_n, others)
+
+    def longest_s(self) -> float:
+        """As if it were slow all the way."""
+        return max(super().longest_s(), _LONGER * self.limit_mm / self._search_mm_s)
 
     def sense(self, now: float) -> End | None:
         """A contact turns it; on its way back it still feels the part."""

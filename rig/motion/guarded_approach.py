@@ -15,6 +15,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
 from palpate.recognizer import FingerApproach
+from palpate.rig.contact_peak import travel_step_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
@@ -32,6 +33,7 @@ _FREE_PERIOD_S = 0.02
 _SETTLE_S = 0.08
 _MEASURE_FRAMES = 8
 _MOST_BACKS = 3
+_NEAR_MM = 1.0  # before its quick contact may a finger meet the part again: what was in between was free
 _FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 
@@ -97,21 +99,32 @@ def _carry_out(
     if backed:
         tell(GripPhase.TOUCHING)
         patches = {run.finger.name: patch for run, patch in _measured(hand, backed, measure)}
+        for run in runs:
+            run.note_measured(hand.clock.now())
     turned = hand.turn
     touches = [conclude(run, patches.get(run.finger.name), hand.rig.closing, turned) for run in runs]
     tell(GripPhase.RETRACTING)
     go_to(hand, dict.fromkeys(runs, 0.0))  # arrays are guarded until every finger has left the part
     hand.stop_arrays()
     hand.disarm()
-    return [replace(touch, loads=run.loads) for touch, run in zip(touches, runs, strict=True)]
+    return [
+        replace(touch, loads=run.loads, trace=run.trace) for touch, run in zip(touches, runs, strict=True)
+    ]
 
 
 def _meter(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Measure from now on what loads the part."""
     closing = hand.rig.closing
     for run in runs:
-        run.meter = LoadMeter(closing.contact_force_n, 1 / closing.sample_rate_hz)
-        run.meter.begin(TouchStage.QUICK, hand.clock.now())
+        run.meter = LoadMeter(
+            closing.contact_force_n,
+            1 / closing.sample_rate_hz,
+            run.finger.extractor.least_force_n,
+            run.slowed_to(closing.search_mm_s),
+            travel_step_mm(run.finger.spec),
+            run.finger.extractor.noise_share,
+        )
+        run.meter.begin(TouchStage.QUICK, hand.clock.now(), run.approach.fast_mm)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})
 
 
@@ -215,10 +228,20 @@ def _search_contacts(hand: Hand, runs: Sequence[ApproachState]) -> dict[Approach
 def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:
     """Send every finger on slowly, and stop each at its own contact, limit or neighbour."""
     closing = hand.rig.closing
-    speed, contact_n = closing.touch_speed_mm_s, closing.contact_force_n
     for run in runs:
         run.touched = False
-    move_tips(hand, [TipMover(hand, run, run.approach.travel_mm, speed, contact_n, runs) for run in runs])
+    movers = [
+        TipMover(
+            hand,
+            run,
+            run.approach.travel_mm,
+            run.slowed_to(closing.touch_speed_mm_s),
+            closing.contact_force_n,
+            runs,
+        )
+        for run in runs
+    ]
+    move_tips(hand, movers)
 
 
 def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
@@ -266,7 +289,7 @@ def _touched_at_once(
     begun = {run: run.travel_mm for run in runs}
     for run in runs:
         if run.meter is not None:
-            run.meter.begin(TouchStage.SLOW, hand.clock.now())
+            run.meter.begin(TouchStage.SLOW, hand.clock.now(), begun[run] + back_mm - _NEAR_MM)
     _touch_slowly(hand, runs)
     _settle(hand, runs)
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]

@@ -43,7 +43,7 @@ WATCHDOG_S = 0.5
 SPEAK_S = WATCHDOG_S / 3
 """How long servos may hear nothing while Bus Watchdog is armed, with room for a lost packet or two."""
 
-_TARE_FRAMES = 16
+_TARE_FRAMES = 64
 _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
 _REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from sampling import sample
+from scipy.optimize import linprog
 from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, place_within, turned, unit
 from simulated_touches import SimulatedTouches
 
@@ -17,7 +18,7 @@ from palpate.rig.identification.loop import search
 from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.support import Support, support_of
 from palpate.rig.motion.contact_from_touch import Touch
-from palpate.rig.motion.contact_load import ContactLoad, TouchStage
+from palpate.rig.motion.contact_load import LoadTrace
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
@@ -26,23 +27,23 @@ SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)
 RIG = load_rig(shipped_rig())
 REACH = reach_of(RIG)
+HEIGHT_MM = RIG.fingers[0].height_mm
 ANSWERS = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
 
 
-def declared(holds_n: float | None, support_mm: float | None = None, force_n: float = 0.05) -> RigFile:
+def declared(holds_n: float | None, support_mm: float | None = None) -> RigFile:
     search_table = RIG.search.model_copy(update={"part_holds_n": holds_n, "part_support_mm": support_mm})
-    closing = RIG.closing.model_copy(update={"contact_force_n": force_n})
-    return RIG.model_copy(update={"search": search_table, "closing": closing})
+    return RIG.model_copy(update={"search": search_table})
 
 
 def assert_bounds_all_rotations(
-    support: Support, resting: np.ndarray, vertices: np.ndarray, rng: np.random.Generator
+    support: Support, resting: np.ndarray, load: np.ndarray, vertices: np.ndarray, rng: np.random.Generator
 ) -> None:
     """Whatever the centre of rotation, speeds are within what the mean speed of the resting points allows."""
     reach = np.hypot(*vertices.T).max()
     for _ in range(300):
         centre = rng.normal(size=2) * reach * rng.choice([0.1, 1.0, 10.0])
-        slide = np.hypot(*(resting - centre).T).mean()
+        slide = load @ np.hypot(*(resting - centre).T)
         assert np.hypot(*centre) <= support.shift * slide + 1e-9
         assert support.turn_rad_per_mm * slide >= 1.0 - 1e-9
         assert np.hypot(*(vertices - centre).T).max() <= support.leverage * slide + 1e-9
@@ -55,68 +56,98 @@ def test_an_evenly_loaded_base_bounds_every_rotation(row: int) -> None:
     outline = item.state.sections[0].polygons[0].outer - item.origin_mm
     points = rng.uniform(outline.min(axis=0), outline.max(axis=0), (20_000, 2))
     inside = points[shapely.contains_xy(shapely.Polygon(outline), points)]
-    support = support_of(item, float(CATALOGUE.reach_mm[row]), declared(0.3).search)
-    assert_bounds_all_rotations(support, inside, outline, rng)
+    support = support_of(item, declared(0.3).search, HEIGHT_MM)
+    even = np.full(len(inside), 1 / len(inside))
+    assert_bounds_all_rotations(support, inside, even, outline, rng)
 
 
 def test_any_feet_that_are_as_wide_as_declared_are_bounded() -> None:
+    """Feet with loads as the weight asks for, and a push at the fingers' height."""
     rng = np.random.default_rng(6)
-    for trial in range(60):
+    tried = 0
+    for trial in range(80):
         row = trial % 6
         item = CATALOGUE.states[row]
         outline = item.state.sections[0].polygons[0].outer - item.origin_mm
-        corners = rng.choice(outline, int(rng.integers(3, 7)))
-        feet = np.repeat(corners, rng.integers(1, 9, len(corners)), axis=0)
+        feet = rng.choice(outline, int(rng.integers(3, 7))) + rng.normal(size=2)
+        mean = HEIGHT_MM / 2 * rng.uniform() * unit(rng.uniform(0, 2 * math.pi))
+        balance = np.vstack([feet.T, np.ones(len(feet))])
+        found = linprog(rng.uniform(size=len(feet)), A_eq=balance, b_eq=[*mean, 1.0])
         near = np.linspace(outline.min(axis=0), outline.max(axis=0), 60)
         grid = np.stack(np.meshgrid(*near.T), axis=-1).reshape(-1, 2)
-        wide = np.hypot(*np.moveaxis(feet[None] - grid[:, None], 2, 0)).mean(axis=1).min()
+        if not found.success:
+            continue
+        wide = (np.hypot(*np.moveaxis(feet[None] - grid[:, None], 2, 0)) @ found.x).min()
         if wide < 5.0:
             continue
+        tried += 1
         limits = declared(0.3, 0.95 * float(wide)).search
-        support = support_of(item, float(CATALOGUE.reach_mm[row]), limits)
-        assert_bounds_all_rotations(support, feet, outline, rng)
+        assert_bounds_all_rotations(support_of(item, limits, HEIGHT_MM), feet, found.x, outline, rng)
+    assert tried > 20
 
 
 def test_an_object_goes_before_the_rig() -> None:
     heavy = replace(SIX[0], holds_n=2.0, support_mm=9.0)
     item = Catalogue([heavy]).states[0]
-    assert support_of(item, 40.0, declared(0.3).search).holds_n == 2.0
-    assert support_of(item, 40.0, declared(None).search).turn_rad_per_mm == pytest.approx(1 / 9.0)
+    assert support_of(item, declared(0.3).search, HEIGHT_MM).holds_n == 2.0
+    assert support_of(item, declared(None).search, HEIGHT_MM).turn_rad_per_mm == pytest.approx(1 / 9.0)
 
 
-def touched(*loads: ContactLoad, finger: int = 0) -> Touch:
+def touched(load: LoadTrace | None, finger: int = 0) -> Touch:
     placed = Placed(SIX[0], 0.0, 0.0, 0.0)
     rows = [k for k, item in enumerate(REACH.approaches) if item.finger_index == finger]
     aim = REACH.approaches[REACH.of_finger(finger, REACH.middle_rad)[len(rows) // 2 % 7]]
     found = SimulatedTouches(REACH, placed, np.random.default_rng(1))([aim])[0]
-    return replace(found, contact=replace(found.contact, touched=True), loads=loads)
+    return replace(found, contact=replace(found.contact, touched=True), trace=load)
 
 
-def slow(peak_n: float, work_mj: float) -> ContactLoad:
-    return ContactLoad(TouchStage.SLOW, peak_n, work_mj / max(peak_n, 1e-9), work_mj)
+def press(
+    force_n: float, work_mj: float, *, begin_s: float = 1.0, last_s: float = 0.1, unnoticed_n: float = 0.0
+) -> LoadTrace:
+    """A press of constant force that does some work, and lasts until after the measurement."""
+    time_s = np.arange(0.0, 3.0, 1 / RIG.closing.sample_rate_hz)
+    pressed = (time_s >= begin_s) & (time_s < begin_s + last_s)
+    advance_mm = np.where(pressed, work_mj / max(force_n, 1e-9) / max(pressed.sum(), 1), 0.0)
+    hidden = np.full(len(time_s), unnoticed_n)
+    return LoadTrace(time_s, np.where(pressed, force_n, 0.0), advance_mm, hidden, 1.5, begin_s + 0.8 * last_s)
 
 
 def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
     bounds = MotionBounds(declared(2.0), CATALOGUE)
-    light = bounds.of_grip([touched(slow(0.1, 0.004))])
+    light = bounds.of_grip([touched(press(0.1, 0.004))])
     assert not any((light.before, light.after, light.whole))
-    one, two = (bounds.of_grip([touched(slow(2.0, work))]) for work in (1.0, 2.0))
-    assert (one.before.shift_mm >= 1.0 / 2.0).all()
+    one, two = (bounds.of_grip([touched(press(2.0, work))]) for work in (1.0, 2.0))
+    assert (one.before.shift_mm >= 0.8 * 1.0 / 2.0).all()
     assert (two.before.shift_mm > 1.5 * one.before.shift_mm).all()
     assert (one.after.shift_mm <= one.whole.shift_mm).all()
     assert one.within(np.arange(6)) is not None
 
 
+def test_forces_add_up_where_they_are_at_the_same_time() -> None:
+    bounds = MotionBounds(declared(2.0), CATALOGUE)
+    most = max(support.leverage for support in bounds.supports)
+    force = 2.0 / most / 2.5
+    one, other = touched(press(force, 0.2)), touched(press(force, 0.2), 1)
+    later = touched(press(force, 0.2, begin_s=2.0), 1)
+    assert not bounds.of_grip([one]).whole
+    assert not bounds.of_grip([one, later]).whole
+    assert bounds.of_grip([one, other]).whole
+
+
 def test_without_a_declared_force_nothing_is_bounded_and_nothing_moves() -> None:
     bounds = MotionBounds(declared(None), CATALOGUE)
-    assert not bounds.of_grip([touched(slow(3.0, 9.0)), touched()]).whole
+    assert not bounds.of_grip([touched(press(3.0, 9.0)), touched(None)]).whole
     assert bounds.holds_n(np.arange(6)) is None
 
 
-def test_no_bound_where_fingers_may_push_unnoticed_or_loads_are_missing() -> None:
+def test_no_bound_where_loads_are_missing_and_a_wide_one_where_fingers_may_push_unnoticed() -> None:
     every = np.arange(6)
-    assert MotionBounds(declared(0.3, force_n=0.3), CATALOGUE).of_grip([]).within(every) is None
-    assert MotionBounds(declared(2.0), CATALOGUE).of_grip([touched()]).within(every) is None
+    assert MotionBounds(declared(2.0), CATALOGUE).of_grip([touched(None)]).within(every) is None
+    bounds = MotionBounds(declared(0.3), CATALOGUE)
+    creeping = replace(press(0.0, 0.0, unnoticed_n=0.1), advance_mm=np.full(750, 0.1))
+    pushed = bounds.of_grip([touched(creeping)]).within(every)
+    assert pushed is not None
+    assert pushed[0] > 0.1 * 75.0 / 0.3
 
 
 @dataclass
@@ -126,7 +157,7 @@ class MovingTable:
     rig: RigFile
     placed: Placed
     rng: np.random.Generator
-    load: ContactLoad
+    load: LoadTrace
 
     def __call__(self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None]) -> list[Touch]:
         tell(GripPhase.CLOSING)
@@ -135,8 +166,7 @@ class MovingTable:
         motion = bounds.of_grip(every)
         self._move(motion.before)
         felt = [
-            replace(touch, loads=(self.load,))
-            for touch in SimulatedTouches(REACH, self.placed, self.rng)(grip)
+            replace(touch, trace=self.load) for touch in SimulatedTouches(REACH, self.placed, self.rng)(grip)
         ]
         self._move(motion.after)
         return felt
@@ -158,7 +188,7 @@ class MovingTable:
 def test_a_part_that_moves_within_its_bounds_is_inside_the_answers(seed: int, work: float) -> None:
     rng = np.random.default_rng([30, seed])
     rig = declared(1.0)
-    table = MovingTable(rig, place_within(SIX[seed % 6], rng), rng, slow(0.4, work))
+    table = MovingTable(rig, place_within(SIX[seed % 6], rng), rng, press(0.4, work))
     result = search(rig, REACH, table, CATALOGUE, seed=seed)
     assert result.outcome in (*ANSWERS, IdentificationVerdict.UNRESOLVED)
     assert result.assumed_holds_n == 1.0
@@ -169,12 +199,13 @@ def test_a_part_that_moves_within_its_bounds_is_inside_the_answers(seed: int, wo
 
 
 def test_a_part_that_fingers_may_push_unnoticed_is_called_moving() -> None:
-    rig = declared(0.3, force_n=0.3)
+    rig = declared(0.3)
     rng = np.random.default_rng(31)
-    table = MovingTable(declared(50.0), place_within(SIX[2], rng), rng, slow(0.4, 0.02))
+    creeping = replace(press(0.4, 0.02, unnoticed_n=0.1), advance_mm=np.full(750, 0.1))
+    table = MovingTable(declared(50.0), place_within(SIX[2], rng), rng, creeping)
     result = search(rig, REACH, table, CATALOGUE)
     assert result.outcome is IdentificationVerdict.MOVING
-    assert None in result.motions
+    assert max(bound[0] for bound in result.motions if bound is not None) > 10.0
 
 
 def test_a_part_that_is_pushed_before_every_grip_is_moving_and_contradicts_what_it_holds() -> None:
@@ -190,7 +221,7 @@ def test_a_part_that_is_pushed_before_every_grip_is_moving_and_contradicts_what_
         ) -> list[Touch]:
             tell(GripPhase.CLOSING)
             felt = SimulatedTouches(REACH, place_within(SIX[seed], rng), rng)(grip)
-            return [replace(touch, loads=(slow(0.1, 0.004),)) for touch in felt]
+            return [replace(touch, trace=press(0.1, 0.004)) for touch in felt]
 
         result = search(declared(2.0), REACH, pushed, CATALOGUE, seed=seed)
         ends.append(result.outcome)
