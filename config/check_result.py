@@ -177,8 +177,8 @@ class HoldCheckOut(Out):
 
     `part_holds_n`: the greatest force that a finger certainly pressed with, in two digits, rounded down. A
     part that slides by friction which is the same in all directions bears it through its middle. `least_n`:
-    the least finger's, likewise: for a table on which parts slide more easily in one direction. `slid`: it
-    gave way under some finger; else it may hold much more. `largest_n`: no push went on above this.
+    the least of the fingers under which it slid, likewise: for a table where one direction is easier.
+    `slid`: it gave way under some finger; else it may hold much more. `largest_n`: no push goes on above it.
     `moved_mm`: about how far the touched places went in all touches together.
     """
 

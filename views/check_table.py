@@ -111,7 +111,7 @@ def _bus_lines(out: CheckOut) -> list[str]:
 
 def _hold_lines(found: HoldCheckOut) -> list[str]:
     fingers = ", ".join(map(_finger_hold, found.fingers))
-    end = "" if found.slid else f"; nothing up to {found.largest_n:g} N made it slide"
+    end = "" if found.slid else "; no push made it slide for certain"
     return [
         f"[bold]part[/]         holds {found.part_holds_n:g} N at least ({fingers}){end}; moved by "
         f"{found.moved_mm:.1f} mm in all touches together",

@@ -80,6 +80,7 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
         touches.append(touch)
         fingers += [_pushed(hand.rig, push, touch) for push in pusher.pushes[-1:]]
     certain = [item.holds_n for item in fingers if item.holds_n is not None]
+    slid = [item.holds_n for item in fingers if item.holds_n is not None and item.slid]
     if not certain:
         raise InputError(
             "no finger could push the part so that a force was certain: put it nearer to the middle, turned "
@@ -87,8 +88,8 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
         )
     return HoldCheckOut(
         part_holds_n=_rounded_down(max(certain)),
-        least_n=_rounded_down(min(certain)),
-        slid=any(item.slid for item in fingers),
+        least_n=_rounded_down(min(slid or certain)),
+        slid=bool(slid),
         largest_n=largest_n,
         moved_mm=moved_mm + sum(item.moved_mm for item in fingers),
         fingers=tuple(fingers),

@@ -33,7 +33,7 @@ _FLAT_SHARE = 0.25  # of the softest skin's stiffness: less is no rise
 _NEAR_END_MM = 0.05
 _AT_REST_FRAMES = 8
 _LONGEST_S = 6.0
-_OBLIQUE_RAD = math.radians(60.0)  # met so far from head-on, a part that stands lets the tip glide past
+_OBLIQUE_RAD = math.radians(70.0)  # met so far from head-on, a part that stands lets the tip glide along
 
 
 @dataclass(frozen=True, eq=False)
