@@ -182,7 +182,7 @@ class Rig:
         missing, InputError if nothing can be compared, no part is found, or both are asked for.
         """
         if touch and hold:
-            raise InputError("--touch and --hold exclude each other: the disc that is touched must not slide")
+            raise InputError("touch and hold exclude each other: the disc that is touched must not slide")
         with unwinding_signals():
             if hold:
                 return check_rig_and_hold(

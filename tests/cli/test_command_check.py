@@ -344,4 +344,4 @@ def test_a_part_is_pushed_only_after_a_yes_and_not_with_a_disc(here: Here) -> No
     assert done.err.splitlines()[-1].endswith("no terminal to ask on: say --yes if they may")
     done = here("check", "--hold", "--touch", "--yes")
     assert done.code == 2
-    assert done.err.splitlines()[-1].startswith("error: --touch and --hold exclude each other")
+    assert done.err.splitlines()[-1].startswith("error: touch and hold exclude each other")
