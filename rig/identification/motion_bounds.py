@@ -95,6 +95,11 @@ class MotionBounds:
         leverage = max(self.supports[state].leverage for state in states.tolist())
         return self.rig.closing.touch_speed_mm_s if peak * leverage > holds else None
 
+    def peak_force_n(self, touches: Sequence[Touch]) -> float:
+        """Largest force of the fingers of a grip together, at most; infinite if not known."""
+        loads = self._loads(touches)
+        return math.inf if loads is None else float(loads.force_n.sum(axis=0).max(initial=0.0))
+
     def of_grip(self, touches: Sequence[Touch]) -> GripMotion:
         """Bounds on what a grip moved."""
         loads = self._loads(touches)

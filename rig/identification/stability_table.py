@@ -8,7 +8,7 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Recognition
-from palpate.rig.identification.stability import DIRECTIONS, Stability, stability_of
+from palpate.rig.identification.stability import DIRECTIONS, FRICTION_MOST, RESERVE, Stability, stability_of
 from palpate.vocabulary import PushResponse
 
 __all__ = ["NotBounded", "StabilityTable"]
@@ -40,16 +40,28 @@ class StabilityTable:
         result: Floats = np.array([self._of(state)[1] for state in states.tolist()]).reshape(-1, DIRECTIONS)
         return result
 
-    def not_bounded(self, recognition: Recognition | None) -> tuple[NotBounded, ...]:
-        """States that are left in which the part may tip or roll, each once, the heaviest first."""
+    def not_bounded(self, recognition: Recognition | None, pushed_n: float) -> tuple[NotBounded, ...]:
+        """States that are left in which the part may have tipped or rolled, each once, the heaviest first.
+
+        `pushed_n`: the largest force that fingers together have put on it.
+        """
         found = []
         hypotheses = () if recognition is None else recognition.hypotheses
         for index in dict.fromkeys(item.state_index for item in hypotheses):
             item, stability = self.catalogue.states[index], self.of(index)
-            if stability.response is not PushResponse.SLIDES:
+            if stability.response is not PushResponse.SLIDES and not self._stood(index, pushed_n):
                 names = item.object_name, item.state.name
                 found.append(NotBounded(*names, stability.response, stability.why))
         return tuple(found)
+
+    def _stood(self, state: int, pushed_n: float) -> bool:
+        """Whether a state has not tipped: a part that holds F weighs F / μ at least."""
+        stability, item = self.of(state), self.catalogue.states[state]
+        holds = item.holds_n or self.rig.search.part_holds_n
+        if holds is None or stability.response is PushResponse.MAY_ROLL:
+            return False
+        weight = holds / FRICTION_MOST
+        return pushed_n * stability.height_mm * RESERVE <= weight * stability.margin_mm
 
     @cached_property
     def _found(self) -> dict[int, tuple[Stability, Floats]]:

@@ -11,9 +11,10 @@ from palpate.recognizer import Catalogue, Configuration
 from palpate.rig.background import BackgroundCall
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification, identify
+from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.observers import Event, Observer, Observers, StageEvent
 from palpate.rig.identification.result import identification_out
-from palpate.rig.identification.stability_table import StabilityTable
+from palpate.rig.identification.stability_table import NotBounded, StabilityTable
 from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.session.calibration_drift import calibration_used
@@ -71,8 +72,15 @@ class IdentificationRun(ShortRepr):
             strategy=job.strategy,
             calibration=self._calibration(),
             at_measurement=None if self.truth is None else self.truth.at_measurement,
-            not_bounded=StabilityTable(job.rig, job.catalogue).not_bounded(self.result.recognition),
+            not_bounded=self._not_bounded(),
         )
+
+    def _not_bounded(self) -> tuple[NotBounded, ...]:
+        """States of the answer in which the fingers may have tipped or rolled the part."""
+        bounds = MotionBounds(self.job.rig, self.job.catalogue)
+        pushed_n = max((bounds.peak_force_n(grip) for grip in self.result.grips), default=0.0)
+        table = StabilityTable(self.job.rig, self.job.catalogue)
+        return table.not_bounded(self.result.recognition, pushed_n)
 
     def _calibration(self) -> CalibrationUsedOut | None:
         """What there is to say of the calibration."""

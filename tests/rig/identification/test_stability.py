@@ -174,11 +174,22 @@ def test_states_that_are_left_are_named_the_heaviest_first_and_once() -> None:
     for model in models:
         placed = Placed(model, -20.0, -9.0, 0.4)
         found = recognise(catalogue, grip(placed, np.random.default_rng(3), fingers=3))
-        named.append([(item.object_name, item.response) for item in table.not_bounded(found)])
+        named.append([(item.object_name, item.response) for item in table.not_bounded(found, math.inf)])
     assert named[0][0] == ("slab", PushResponse.MAY_TIP)
     assert len(named[0]) == 1
     assert ("plate", PushResponse.MAY_TIP) not in named[1]
-    assert table.not_bounded(None) == ()
+    assert table.not_bounded(None, math.inf) == ()
+
+
+def test_a_part_that_is_pushed_more_lightly_than_it_takes_to_tip_it_is_not_named() -> None:
+    """A slab 12 mm wide tips when what pushes at 10 mm is more than six tenths of its weight."""
+    slab = replace(flat("slab", [(0, 0), (60, 0), (60, 12), (0, 12)]), holds_n=2.0)
+    found = recognise(Catalogue([slab]), grip(Placed(slab, -20.0, -9.0, 0.4), np.random.default_rng(3)))
+    table = StabilityTable(RIG, Catalogue([slab]))
+    assert table.not_bounded(found, 1.1) == ()  # 2 N / 0.8 · 6 mm, with a quarter in reserve, is 12 N mm
+    assert len(table.not_bounded(found, 1.3)) == 1
+    undeclared = StabilityTable(RIG, Catalogue([replace(slab, holds_n=None)]))
+    assert len(undeclared.not_bounded(found, 0.1)) == 1
 
 
 def test_mujoco_does_not_tip_what_slides_and_tips_what_may() -> None:
