@@ -122,6 +122,7 @@ def _pushed(
     lies = place(described, load_objects(shipped_objects()), None, seed) if described.emulated else None
     bench = replace(set_up(described, lies, seed), rig=on_bench.rig)
     with connect(bench, notice=notice) as hand:
+        hand.prepare()
         quietest_n = quietest_force_n(hand)
     with connect(replace(bench, rig=gentle(on_bench.rig, quietest_n)), notice=notice) as hand:
         hand.prepare()

@@ -41,6 +41,7 @@ def drawn(seed: int, engine: str, feet: int) -> tuple[RigFile, EmulatedPartConfi
 def measured(bench: BenchRig) -> HoldCheckOut:
     """Push the part that lies there."""
     with connect(bench) as hand:
+        hand.prepare()
         quietest_n = quietest_force_n(hand)
     with connect(replace(bench, rig=gentle(bench.rig, quietest_n))) as hand:
         hand.prepare()
@@ -88,6 +89,8 @@ def main() -> int:
     asked = parser.parse_args()
     print("seed  part      F, N    tips  holds            moved  shift   turn  rig s   s   measured/certain")
     found = [run(asked.first + k, asked.engine, asked.feet) for k in range(asked.runs)]
+    if not any(found):
+        return 1
     shares = np.array([item for item in found if item is not None]).reshape(-1, 2)
     print(
         f"{len(shares)} of {asked.runs} answered; shares of the true force: part_holds_n "

@@ -55,7 +55,10 @@ def gentle(rig: RigFile, quietest_n: float) -> RigFile:
 
 
 def quietest_force_n(hand: Hand) -> float:
-    """Tare all arrays; the least threshold (N) that the noise of none of them exceeds. Nothing moves."""
+    """Tare all arrays; the least threshold (N) that the noise of none of them exceeds. Nothing moves.
+
+    The hand must be prepared.
+    """
     hand.tare()
     hand.stop_arrays()
     return max(finger.extractor.least_force_n for finger in hand.fingers)

@@ -36,6 +36,7 @@ def bench_with(
 
 def held(session: EmulatedSession) -> HoldCheckOut:
     with connect(session.bench_rig) as hand:
+        hand.prepare()
         quietest_n = quietest_force_n(hand)
     rig = gentle(session.rig, quietest_n)
     with connect(replace(session.bench_rig, rig=rig)) as hand:
