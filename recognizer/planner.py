@@ -33,7 +33,7 @@ _HOPELESS = 1e-3  # the first finger must take at least this share of confusion 
 _WORTH = 0.08  # and every further one this
 _ENOUGH = 0.1  # where less is confused, no further finger is worth its touch
 _ALIKE = 0.02  # plans this near to the best are as good: the quickest of them is taken
-_CAUTION = 0.2  # a plan may leave this share more, if it cannot tip or roll the part
+_CAUTION = 0.2  # a plan may leave this share more, times the hazard that it saves
 _SHORT, _LISTED = 250_000, 20  # where there is more to compare, only the most promising candidates are
 _SETTLED = 1e-9  # confused weight of a pair that need not be looked at any more
 _TWO_SIDES_RAD = np.radians(30.0)
@@ -72,7 +72,7 @@ class _GripSearch:
     """A grip in the making; at first nothing is chosen, and what all poses miss is of no use.
 
     `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `hazard` (n,):
-    probability that each meets the part where it may tip or roll; `confused`
+    of tipping or rolling the part (`push_hazard`); `confused`
     (pairs,): the weight of pairs of poses that are still indistinguishable, `remaining` together;
     `compared`: number of pairs at first.
     """

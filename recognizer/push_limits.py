@@ -27,7 +27,10 @@ class PushLimits(Protocol):
 def push_hazard(
     limits: PushLimits, approaches: Sequence[Approach], poses: Poses, outcome: TouchOutcomes
 ) -> Floats:
-    """Probability (n,), over the poses, that an approach meets a part so that it may tip or roll."""
+    """Hazard (n,) of approaches, 0 to 1: share of their height that is above the safe one, over the poses.
+
+    0 for one that can only slide the part, 1 for one under which it may roll away.
+    """
     states, row = np.unique(poses.cells.state, return_inverse=True)
     table = limits.safe_heights_mm(states)
     if np.isinf(table).all():
@@ -35,6 +38,7 @@ def push_hazard(
     count = table.shape[1]
     inward = outcome.normal + np.pi - poses.cells.lo
     column = np.round(inward * (count / (2 * np.pi))).astype(np.int64) % count
-    height = np.array([item.finger.height_mm for item in approaches])
-    result: Floats = (outcome.hit & (height[:, None] > table[row, column])) @ poses.weight
+    height = np.array([item.finger.height_mm for item in approaches])[:, None]
+    above = np.maximum(height - table[row, column], 0.0) / np.maximum(height, 1e-9)
+    result: Floats = np.where(outcome.hit, above, 0.0) @ poses.weight
     return result

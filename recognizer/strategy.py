@@ -36,6 +36,7 @@ _SAME_LINE_MM, _SAME_LINE_RAD = 1.0, 0.01
 _ASIDE_MM = 3.0  # a touch nearer to an earlier one than this says little new
 _LEVER_MM = 50.0  # makes turns and distances comparable, to see whose approach a contact was
 _CHECKS = 2  # touches that confirm an answer
+_AS_SAFE = 0.1  # hazards that differ by less are alike
 _SQUARE = 0.5  # cosine: a check meets its surface at least this squarely
 
 
@@ -75,17 +76,17 @@ def checking_grip(
     """Touches where the first hypothesis must be met, as far as can be from all that was touched before.
 
     Two of them, or more until a shift of the part by `shift_mm` would be noticed; None if there are none.
-    What is not in the catalogue would hardly be met just there as well. Where `limits` are given, approaches
-    that may tip or roll the part are the last to be taken.
+    What is not in the catalogue would hardly be met just there as well. Where `limits` are given, those
+    that are more likely to tip or roll the part are the last to be taken.
     """
     used = already_used(recognition.contacts, reachable.approaches)
     approaches = reachable.approaches
     poses = witness_poses(recognition.hypotheses)
     outcome = touch_outcomes(recognition.catalogue, poses.cells, recognition.anchor_mm, approaches)
     rows = np.flatnonzero(outcome.hit[:, 0] & (outcome.facing[:, 0] >= _SQUARE) & ~used)
-    steady = np.ones(len(approaches), dtype=bool)
+    hazard = np.zeros(len(approaches))
     if limits is not None:
-        steady = push_hazard(limits, approaches, poses, outcome) == 0.0
+        hazard = push_hazard(limits, approaches, poses, outcome)
     known = [contact.end_mm for contact in recognition.contacts if contact.touched]
     chosen: list[PredictedApproach] = []
     while len(rows) and (len(chosen) < _CHECKS or _hidden(outcome, reachable, chosen) > shift_mm):
@@ -94,8 +95,8 @@ def checking_grip(
         sides = meets_other_side(outcome.normal[:, 0], rows, [item.index for item in chosen])
         if sides.any():
             away = np.where(sides, away, 0.0)
-        if (steady[rows] & (away >= _ASIDE_MM)).any():
-            away = np.where(steady[rows], away, 0.0)
+        least = hazard[rows[away >= _ASIDE_MM]].min(initial=1.0)
+        away = np.where(hazard[rows] <= least + _AS_SAFE, away, 0.0)
         best = int(np.argmax(away))
         if away[best] < _ASIDE_MM:
             break
