@@ -39,6 +39,7 @@ _DRAWN_BY_ANY = (
     ("tip_radius_error_mm", "tip.radius_bound_mm"),
     ("base_error_mm", "bounds.base_mm"),
     ("heading_error_deg", "bounds.heading_deg"),
+    ("deflection_mm_per_n", "bounds.deflection_mm_per_n"),
 )
 _DRAWN_BY_ARM = (
     ("joint_backlash_deg", "shoulder.backlash_deg"),
@@ -174,6 +175,7 @@ def check_emulation(
     for index, finger in enumerate(fingers):
         mechanism = _DRAWN_BY_ARM if finger.type == "two-link" else _DRAWN_BY_SLIDE
         _check_drawn(drawn, finger, f"fingers[{index}]", (*mechanism, *_DRAWN_BY_ANY))
+        _check_under_load(drawn, finger, index)
 
 
 def _check_drawn(
@@ -191,6 +193,30 @@ def _check_drawn(
                 "widen the bound or emulate less",
                 *("emulation", key),
             )
+
+
+def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) -> None:
+    """Refuse emulated deflection or friction that turns or shears more than the finger declares."""
+    lever_mm = finger.links.fore_mm if finger.type == "two-link" else finger.slide.range_mm[1]
+    turned = math.degrees(drawn.deflection_mm_per_n / lever_mm)
+    declared = finger.bounds.deflection_deg_per_n
+    if turned > declared:
+        raise problem(
+            f"is {drawn.deflection_mm_per_n:g}, which turns a tip {lever_mm:g} mm from its joint by "
+            f"{turned:.3g}° per N, beyond the bound fingers[{index}].bounds.deflection_deg_per_n = "
+            f"{declared:g}; widen the bound or emulate less",
+            *("emulation", "deflection_mm_per_n"),
+        )
+    part = drawn.part
+    if part is None:
+        return
+    friction = part.tip_friction[1] if isinstance(part.tip_friction, tuple) else part.tip_friction
+    if friction > finger.tip.max_friction:
+        raise problem(
+            f"is {friction:g}, beyond the bound fingers[{index}].tip.max_friction = "
+            f"{finger.tip.max_friction:g}; widen the bound or emulate less",
+            *("emulation", "part", "tip_friction"),
+        )
 
 
 def _ports(fingers: Sequence[FingerConfig], bus: BusConfig) -> list[tuple[str, Place]]:

@@ -51,6 +51,10 @@ class TipConfig(FileModel):
     radius_bound_mm: Length = Field(default=0.0, description="Bound: the radius is off by at most this.")
     stiffness_n_per_mm: Positive = Field(description="Force per mm of dent.")
     stiffness_spread: Share = Field(description="Bound: the stiffness is off by at most this share.")
+    max_friction: Annotated[Length, Field(le=2)] = Field(
+        default=0.0,
+        description="Bound: the coefficient of friction between the tip and what it touches is at most this.",
+    )
 
     @model_validator(mode="after")
     def _is_there(self) -> Self:
@@ -196,6 +200,14 @@ class BoundsConfig(FileModel):
     direction_deg: Annotated[Positive, Field(le=45)] | None = Field(
         default=None,
         description="Bound on the direction that carries the array, as calibration finds it; likewise.",
+    )
+    deflection_mm_per_n: Annotated[Length, Field(le=1)] = Field(
+        default=0.0,
+        description="Bound: a force on the tip bends what carries it, and moves its centre, by at most this "
+        "per N.",
+    )
+    deflection_deg_per_n: Annotated[Length, Field(le=10)] = Field(
+        default=0.0, description="Bound: and turns the array by at most this per N."
     )
 
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text
+from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, in_order
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
@@ -202,6 +202,15 @@ class EmulationConfig(FileModel):
     stage_backlash_deg: Length = Field(default=0.0, description="Play of the turning stage, either way.")
     stage_error_deg: Length = Field(default=0.0, description="The stage's angle is off by up to this.")
     stiffness_spread: Share = Field(default=0.0, description="Tips are harder or softer by up to this share.")
+    deflection_mm_per_n: Annotated[Length, Field(le=1)] = Field(
+        default=0.0,
+        description="Forces on tips turn aims and arms' joints elastically: tips give way by up to this.",
+    )
+    play_holds_n: Annotated[tuple[Length, Length], AfterValidator(in_order)] | None = Field(
+        default=None,
+        description="[lo, hi], drawn for each finger: a greater force on the tip pushes aims and arms' "
+        "joints to the flanks of their play; absent: none does.",
+    )
     flipped_bytes: WireShare = Field(
         default=0.0, description="Share of bytes with a flipped bit, on every wire, both ways."
     )

@@ -14,6 +14,7 @@ from palpate.config import (
     MountedArrayConfig,
     RigFile,
     SlideFingerConfig,
+    TipConfig,
 )
 from palpate.drivers.arm_finger import ArmKinematics, Joint
 from palpate.drivers.finger import FingerKinematics, Line
@@ -26,6 +27,8 @@ from palpate.recognizer import Approach, Contact, Finger, Goals, NormalRange, Re
 __all__ = [
     "arm_kinematics",
     "array_bound_rad",
+    "deflection_mm",
+    "deflection_rad",
     "dent_allowance_mm",
     "finger_of",
     "goals_of",
@@ -35,15 +38,18 @@ __all__ = [
     "measured_force_share",
     "mounting_of",
     "resolution_of",
+    "shear_rad",
     "slide_kinematics",
     "tip_bound_mm",
     "undetected_dent_mm",
+    "undetected_force_n",
 ]
 
 
 _NORMAL_HALF_RAD = math.radians(12.5)  # 99 of 100 touches of the emulated bench are no blunter than 11.5°
 _STOP_S = 0.010  # from the goal that stops a servo to its standing still
 _LARGEST_SHARE = 0.9
+_SHEAR_SHARE = 2 / 3  # of stiffnesses along and across a surface, at least: 2 (1 - v) / (2 - v), v up to 0.5
 _CROSSTALK_SHARE = 0.1  # of a force: what crosstalk and the array's edge add to the gains' spread
 
 
@@ -160,12 +166,41 @@ def _joint(servo: JointConfig) -> Joint:
     return Joint(servo.gear_ratio, zero, play, lo, hi)
 
 
-def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
-    """How deep something may have dented a moving tip without being felt.
+def undetected_force_n(closing: ClosingConfig) -> float:
+    """How hard something may have pressed on a moving tip without being felt.
 
     Twice the contact threshold: the quick guard leaves out what is below each taxel's noise, and gains vary.
     """
-    return 2 * closing.contact_force_n / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
+    return 2 * closing.contact_force_n
+
+
+def undetected_dent_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
+    """How deep something may have dented a moving tip without being felt."""
+    return undetected_force_n(closing) / (finger.tip.stiffness_n_per_mm * (1 - finger.tip.stiffness_spread))
+
+
+def shear_rad(tip: TipConfig, pressing_n: float) -> float:
+    """How far round the tip friction may have carried the skin at most, while `pressing_n` presses on it.
+
+    Skin sticks up to friction times that force, and its stiffness along the surface is `_SHEAR_SHARE` of that
+    across it or more (Mindlin 1949; Johnson, Contact Mechanics, ch. 7).
+    """
+    softest = _SHEAR_SHARE * tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
+    return tip.max_friction * pressing_n / softest / (tip.radius_mm - tip.radius_bound_mm)
+
+
+def deflection_mm(finger: FingerConfig, pressing_n: float) -> float:
+    """How far what carries a tip may bend under a force: measured is what presses, friction comes on top."""
+    return finger.bounds.deflection_mm_per_n * _with_friction_n(finger.tip, pressing_n)
+
+
+def deflection_rad(finger: FingerConfig, pressing_n: float) -> float:
+    """By how much that may turn the array."""
+    return math.radians(finger.bounds.deflection_deg_per_n) * _with_friction_n(finger.tip, pressing_n)
+
+
+def _with_friction_n(tip: TipConfig, pressing_n: float) -> float:
+    return pressing_n * math.hypot(1.0, tip.max_friction)
 
 
 def measured_force_share(finger: FingerConfig) -> float:
@@ -187,7 +222,8 @@ def dent_allowance_mm(finger: FingerConfig, closing: ClosingConfig) -> float:
     unsure = measured_force_share(finger) * force
     deepest = (force + unsure) / (tip.stiffness_n_per_mm * (1 - tip.stiffness_spread))
     shallowest = max(force - unsure, 0.0) / stiffest
-    return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing)
+    bent = deflection_mm(finger, max(force + unsure, undetected_force_n(closing)))
+    return (deepest - shallowest) / 2 + deepest + undetected_dent_mm(finger, closing) + bent
 
 
 def resolution_of(rig: RigFile) -> Resolution:
@@ -199,11 +235,17 @@ def resolution_of(rig: RigFile) -> Resolution:
         # A measured contact adds its dent's uncertainty, at the threshold's force, to the kinematics' bound.
         dent = rig.closing.contact_force_n / finger.tip.stiffness_n_per_mm
         servos = kinematics.servos_rad(Line((x, y), math.atan2(-y, -x)), math.hypot(x, y))
-        bounds.append(kinematics.position_bound_mm(servos) + dent + tip_bound_mm(finger))
+        bent = deflection_mm(finger, rig.closing.contact_force_n)
+        bounds.append(kinematics.position_bound_mm(servos) + dent + bent + tip_bound_mm(finger))
     # An arm that does not get to the middle has no bound there.
     bounds = [bound for bound in bounds if math.isfinite(bound)] or [0.0]
-    turned = max(array_bound_rad(finger) for finger in rig.fingers)
+    turned = max(_turned_rad(finger, rig.closing.contact_force_n) for finger in rig.fingers)
     return Resolution(distance_mm=2 * max(bounds), normal_half_rad=_NORMAL_HALF_RAD + turned)
+
+
+def _turned_rad(finger: FingerConfig, force_n: float) -> float:
+    """By how much a normal may be off besides what the array shows, at a force."""
+    return array_bound_rad(finger) + shear_rad(finger.tip, force_n) + deflection_rad(finger, force_n)
 
 
 def goals_of(rig: RigFile) -> Goals:

@@ -116,7 +116,6 @@ class EmulatedFinger:
     def step(self, dt_s: float) -> None:
         """Let servos and couplings move on by `dt_s`."""
         self._sheared = None if self.press is None else self._shear
-        # Here a tip's force would bend what carries it, and take up play: so far it loads the servos only.
         force = None if self.press is None else self.press.force_n
         if force is not None and self._stage:
             force = self._stage.back(force)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.drivers.emulators.joints import Joint, JointYield, Play
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.geometry import Floats
 
@@ -27,6 +28,7 @@ __all__ = [
 _MM_PER_M = 1000.0
 _STOP_N_PER_MM = 2000.0  # a slide's hard stop is a stiff spring
 _STOP_N_S_PER_MM = 0.3  # and a damper, so that the slide does not bounce for long
+_LEAST_LEVER_MM = 1e-6
 _STOP_STEPS = 10  # of a step: the lightest motor swings faster on that spring than in milliseconds
 
 
@@ -37,7 +39,8 @@ class FingerTruth:
     aim = heading + (servo − aim_zero_rad) / gear_ratio and distance = zero_mm + mm_per_rad · servo, with
     servo angles as the shaft has them and `aim_play_rad` and `slide_play_mm` either way between the two.
     `array_heading_rad`: where the array's middle looks, from the direction of travel. `stops_mm`: distances
-    at which the carriage that bears the tip meets its hard stops, None if it has none.
+    at which the carriage that bears the tip meets its hard stops, None if it has none. `aim_yield`: how the
+    aim gives way to a force across the slide; None: it bears none.
     """
 
     base_mm: tuple[float, float]
@@ -53,15 +56,20 @@ class FingerTruth:
     stiffness_n_per_mm: float
     array_heading_rad: float
     stops_mm: tuple[float, float] | None = None
+    aim_yield: JointYield | None = None
 
 
 @dataclass(frozen=True)
 class JointTruth:
-    """A joint behind a gear: joint angle = (servo − zero_rad) / gear_ratio, with play either way."""
+    """A joint behind a gear: joint angle = (servo − zero_rad) / gear_ratio, with play either way.
+
+    `yields`: how it gives way to a force on the tip; None: not at all.
+    """
 
     gear_ratio: float
     zero_rad: float
     play_rad: float
+    yields: JointYield | None = None
 
 
 @dataclass(frozen=True)
@@ -84,25 +92,6 @@ class ArmTruth:
     array_heading_rad: float
 
 
-class _Play:
-    """A coupling with play: the driven side follows once the play is used up."""
-
-    def __init__(self, half: float, at: float) -> None:
-        self._half = half
-        self.at = at
-
-    def follow(self, driving: float) -> float:
-        if driving - self.at > self._half:
-            self.at = driving - self._half
-        elif driving - self.at < -self._half:
-            self.at = driving + self._half
-        return self.at
-
-    def push_to(self, place: float, driving: float) -> None:
-        """Push the driven side towards a place, as far as the play lets it go."""
-        self.at = min(max(place, driving - self._half), driving + self._half)
-
-
 class SlideMechanics:
     """An aim servo that turns a slide about a fixed base, and a slide servo that moves the tip along it."""
 
@@ -110,8 +99,10 @@ class SlideMechanics:
         self._truth = truth
         self._aim = aim
         self._slide = slide
-        self._aim_play = _Play(truth.aim_play_rad, self._aim_drive())
-        self._slide_play = _Play(truth.slide_play_mm, self._slide_drive())
+        self._aim_joint = Joint(
+            truth.aim_play_rad, self._aim_drive(), truth.aim_yield, truth.stiffness_n_per_mm
+        )
+        self._slide_play = Play(truth.slide_play_mm, self._slide_drive())
         self._stood = (math.nan, math.nan)
         self._centre = np.full(2, math.nan)
 
@@ -123,12 +114,12 @@ class SlideMechanics:
     @property
     def facing_rad(self) -> float:
         """True direction of the slide."""
-        return self._aim_play.at
+        return self._aim_joint.at
 
     @property
     def centre_mm(self) -> Floats:
         """True position (2,) of the tip's axis; the same array as long as it stands still."""
-        at = angle, distance = self._aim_play.at, self._slide_play.at
+        at = angle, distance = self._aim_joint.at, self._slide_play.at
         if at != self._stood:
             x, y = self._truth.base_mm
             self._stood = at
@@ -136,16 +127,19 @@ class SlideMechanics:
         return self._centre
 
     def step(self, dt_s: float, force_n: Floats | None) -> None:
-        """Move on; the force loads the slide only, and so do its stops."""
-        push = 0.0
+        """Move on; the force loads the slide, and the aim if that gives way; stops load the slide only."""
+        push = across = 0.0
         if force_n is not None:
             facing = self.facing_rad
             push = float(force_n[0]) * math.cos(facing) + float(force_n[1]) * math.sin(facing)
+            if self._aim_joint.yields is not None:
+                across = float(force_n[1]) * math.cos(facing) - float(force_n[0]) * math.sin(facing)
         steps = 1 if self._reached_mm() is None else _STOP_STEPS
         for _ in range(steps):
             self._slide_on(dt_s / steps, push)
-        self._aim.step(dt_s, 0.0)
-        self._aim_play.follow(self._aim_drive())
+        lever = self._slide_play.at
+        self._aim.step(dt_s, across * lever / _MM_PER_M / self._truth.gear_ratio)
+        self._aim_joint.step(dt_s, self._aim_drive(), across, lever)
 
     def _slide_on(self, dt_s: float, push_n: float) -> None:
         self._slide.step(dt_s, (push_n + self._stop_n()) * self._truth.mm_per_rad / _MM_PER_M)
@@ -185,8 +179,11 @@ class ArmMechanics:
     def __init__(self, truth: ArmTruth, shoulder: EmulatedServo, elbow: EmulatedServo) -> None:
         self._truth = truth
         self._servos = (shoulder, elbow)
-        self._joints = (truth.shoulder, truth.elbow)
-        self._plays = tuple(_Play(joint.play_rad, self._drive(k)) for k, joint in enumerate(self._joints))
+        self._truths = (truth.shoulder, truth.elbow)
+        self._joints = tuple(
+            Joint(joint.play_rad, self._drive(k), joint.yields, truth.stiffness_n_per_mm)
+            for k, joint in enumerate(self._truths)
+        )
 
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
@@ -196,7 +193,7 @@ class ArmMechanics:
     @property
     def facing_rad(self) -> float:
         """True direction of the second link."""
-        return self._truth.heading_rad + self._plays[0].at + self._plays[1].at
+        return self._truth.heading_rad + self._joints[0].at + self._joints[1].at
 
     @property
     def centre_mm(self) -> Floats:
@@ -209,21 +206,21 @@ class ArmMechanics:
         force = 0j if force_n is None else complex(*force_n)
         fore = self._fore()
         arms = (self._upper() + fore, fore)
-        for servo, joint, arm, play, k in zip(
-            self._servos, self._joints, arms, self._plays, (0, 1), strict=True
+        for k, (servo, truth, arm, joint) in enumerate(
+            zip(self._servos, self._truths, arms, self._joints, strict=True)
         ):
-            torque = (arm.conjugate() * force).imag / _MM_PER_M
-            servo.step(dt_s, torque / joint.gear_ratio)
-            play.follow(self._drive(k))
+            torque_nmm = (arm.conjugate() * force).imag
+            servo.step(dt_s, torque_nmm / _MM_PER_M / truth.gear_ratio)
+            joint.step(dt_s, self._drive(k), torque_nmm / max(abs(arm), _LEAST_LEVER_MM), abs(arm))
 
     def _upper(self) -> complex:
-        return cmath.rect(self._truth.upper_mm, self._truth.heading_rad + self._plays[0].at)
+        return cmath.rect(self._truth.upper_mm, self._truth.heading_rad + self._joints[0].at)
 
     def _fore(self) -> complex:
         return cmath.rect(self._truth.fore_mm, self.facing_rad)
 
     def _drive(self, k: int) -> float:
-        return (self._servos[k].shaft_rad - self._joints[k].zero_rad) / self._joints[k].gear_ratio
+        return (self._servos[k].shaft_rad - self._truths[k].zero_rad) / self._truths[k].gear_ratio
 
 
 class EmulatedStage:
@@ -233,7 +230,7 @@ class EmulatedStage:
         self.servo = servo
         self._centre = complex(*centre_mm)
         self._joint = joint
-        self._play = _Play(joint.play_rad, self._drive())
+        self._play = Play(joint.play_rad, self._drive())
 
     @property
     def angle_rad(self) -> float:

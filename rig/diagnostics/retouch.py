@@ -40,6 +40,7 @@ from palpate.calibration.reference_search import (
 from palpate.config import RigFile, SlideFingerConfig
 from palpate.config.check_result import FingerTouchOut
 from palpate.errors import InputError
+from palpate.rig.conversion import deflection_mm
 from palpate.rig.motion.contact_from_touch import dent_range_mm
 
 __all__ = ["Retouch", "compare_retouch", "retouch"]
@@ -156,11 +157,12 @@ def _surface(
         dent_range_mm(item.force_n, item.force_bound_n, specs[k].tip, rig.closing.max_force_n)
         for k, item in zip(fingers, touched, strict=True)
     ]
+    bent = [deflection_mm(specs[k], item.force_n) for k, item in zip(fingers, touched, strict=True)]
     return SurfaceContacts(
         finger=touches.finger,
         normal=fit.normal,
         travel=np.column_stack([np.cos(travel), np.sin(travel)]),
-        dent_mm=np.array([(most - least) / 2 for least, most in dents]),
+        dent_mm=np.array([(most - least) / 2 for least, most in dents]) + bent,
         tolerance_mm=0.0,
     )
 

@@ -26,7 +26,13 @@ from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
 from palpate.rig.arrays import emulated_array
-from palpate.rig.emulated.emulated_truth import dead_taxels, joint_truth, start_angles_rad, truth_of
+from palpate.rig.emulated.emulated_truth import (
+    dead_taxels,
+    joint_truth,
+    start_angles_rad,
+    truth_of,
+    with_yield,
+)
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
@@ -87,6 +93,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     for index, finger in enumerate(rig.fingers):
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
+        truth = with_yield(truth, finger, rig.emulation, np.random.default_rng([seed, 8, index]))
         description = _description(finger, seed)
         starts = start_angles_rad(finger, rig)
         near, far = (

@@ -13,15 +13,17 @@ from palpate.config import (
     RigFile,
     SlideFingerConfig,
 )
+from palpate.drivers.emulators.joints import JointYield
 from palpate.drivers.emulators.mechanics import ArmTruth, FingerTruth, JointTruth
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
 from palpate.rig.conversion import arm_kinematics, slide_kinematics
 from palpate.rig.standby_geometry import on_circle, wait_radius_mm
 
-__all__ = ["dead_taxels", "joint_truth", "start_angles_rad", "truth_of"]
+__all__ = ["dead_taxels", "joint_truth", "start_angles_rad", "truth_of", "with_yield"]
 
 _FELT_RAD = math.radians(60.0)
+_BEYOND = 1.02  # slides are off by a little: no tip is further out than that
 
 
 def truth_of(
@@ -37,6 +39,34 @@ def truth_of(
     turned = math.radians(emulation.array_heading_error_deg) * newer.uniform(-1, 1)
     built = replace(built, tip_radius_mm=radius, array_heading_rad=built.array_heading_rad + turned)
     return built if isinstance(built, ArmTruth) else _with_slide_off(built, emulation, newer)
+
+
+def with_yield(
+    truth: FingerTruth | ArmTruth,
+    finger: FingerConfig,
+    emulation: EmulationConfig,
+    rng: np.random.Generator,
+) -> FingerTruth | ArmTruth:
+    """The same, with joints that give way to forces on the tip; no joint does if the rig file says nothing.
+
+    Furthest out, a tip gives way by what was drawn, and by less nearer to its joints.
+    """
+    if emulation.deflection_mm_per_n == 0 and emulation.play_holds_n is None:
+        return truth
+    softness = emulation.deflection_mm_per_n * rng.uniform(0.3, 1)
+    holds = math.inf if emulation.play_holds_n is None else rng.uniform(*emulation.play_holds_n)
+    if isinstance(truth, FingerTruth):
+        assert isinstance(finger, SlideFingerConfig)
+        furthest_mm = _BEYOND * finger.slide.range_mm[1]
+        return replace(truth, aim_yield=JointYield(softness / furthest_mm**2, holds))
+    share = rng.uniform(0.2, 0.8)
+    upper = JointYield(share * softness / (truth.upper_mm + truth.fore_mm) ** 2, holds)
+    fore = JointYield((1 - share) * softness / truth.fore_mm**2, holds)
+    return replace(
+        truth,
+        shoulder=replace(truth.shoulder, yields=upper),
+        elbow=replace(truth.elbow, yields=fore),
+    )
 
 
 def dead_taxels(

@@ -7,13 +7,23 @@ from palpate.config import ClosingConfig, TipConfig
 from palpate.drivers.finger import Line, Servos, Turn
 from palpate.drivers.tactile.contact import ContactPatch, PatchFlag
 from palpate.recognizer import Contact, NormalRange
-from palpate.rig.conversion import array_bound_rad, finger_of, tip_bound_mm, undetected_dent_mm
+from palpate.rig.conversion import (
+    array_bound_rad,
+    deflection_mm,
+    deflection_rad,
+    finger_of,
+    shear_rad,
+    tip_bound_mm,
+    undetected_dent_mm,
+    undetected_force_n,
+)
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Touch", "conclude", "dent_range_mm", "may_touch_two_edges"]
 
+_MOST_EDGES = 3  # that a disc of given size meets at once
 _TWO_EDGES = frozenset({PatchFlag.WIDE, PatchFlag.SEVERAL_PATCHES})
 
 
@@ -51,6 +61,12 @@ def dent_range_mm(
     )
 
 
+def _pressing_n(patch: ContactPatch, closing: ClosingConfig) -> float:
+    """How hard the tip may be pressed, all its patches together: this one is the strongest."""
+    edges = _MOST_EDGES if PatchFlag.SEVERAL_PATCHES in patch.flags else 1
+    return min(edges * (patch.force_n + patch.force_bound_n), closing.max_force_n)
+
+
 def may_touch_two_edges(patch: ContactPatch) -> bool:
     """Whether a tip may be dented along two normals, as in a notch."""
     return bool(patch.flags & _TWO_EDGES)
@@ -72,7 +88,7 @@ def _miss(run: ApproachState, closing: ClosingConfig, turn: Turn) -> Contact:
     gone = math.dist(start, centre)
     far = max(gone - (2 * closing.back_off_mm if run.touched else 0.0), 0.0)
     way = Line(start, math.atan2(centre[1] - start[1], centre[0] - start[0]))
-    bound = _bound_mm(run, turn)
+    bound = _bound_mm(run, turn) + deflection_mm(run.finger.spec, undetected_force_n(closing))
     return Contact(
         name=run.finger.name,
         finger=finger_of(run.finger.spec),
@@ -87,7 +103,11 @@ def _miss(run: ApproachState, closing: ClosingConfig, turn: Turn) -> Contact:
 
 
 def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, turn: Turn) -> Contact:
-    """Where the tip's centre would be if it just touched: the dent is taken back along the normal."""
+    """Where the tip's centre would be if it just touched: the dent is taken back along the normal.
+
+    Friction may have carried the felt contact round the tip, and the force bent what carries it: to which
+    side is not known, so that both widen the bounds either way.
+    """
     finger, tip = run.finger, run.finger.spec.tip
     kinematics = finger.kinematics
     facing = kinematics.facing_rad(run.servos) + turn.angle_rad
@@ -95,11 +115,15 @@ def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, tu
     half = patch.angle_half_range_rad + kinematics.direction_bound_rad + turn.angle_bound_rad
     half += array_bound_rad(finger.spec)
     shallowest, deepest = dent_range_mm(patch.force_n, patch.force_bound_n, tip, closing.max_force_n)
+    pressing = _pressing_n(patch, closing)
+    half += shear_rad(tip, pressing) + deflection_rad(finger.spec, pressing)
     dent = (deepest + shallowest) / 2
     # In a notch the dent is along two normals and only one of them is known.
     sideways = deepest if may_touch_two_edges(patch) or half > math.pi / 2 else deepest * math.sin(half)
     x, y = turn.point_mm(run.centre_mm)
-    bound = _bound_mm(run, turn) + (deepest - shallowest) / 2 + sideways
+    surface = _bound_mm(run, turn) + (deepest - shallowest) / 2 + sideways
+    bent = deflection_mm(finger.spec, pressing)
+    bent_on_way = max(bent, deflection_mm(finger.spec, undetected_force_n(closing)))
     far = math.dist(run.start_mm, run.centre_mm)
     return Contact(
         name=finger.name,
@@ -107,8 +131,9 @@ def _contact(run: ApproachState, patch: ContactPatch, closing: ClosingConfig, tu
         touched=True,
         start_mm=turn.point_mm(run.start_mm),
         end_mm=(x + dent * math.cos(normal), y + dent * math.sin(normal)),
-        position_bound_mm=bound,
-        path_bound_mm=bound
+        position_bound_mm=surface + bent,
+        path_bound_mm=surface
+        + bent_on_way
         + run.largest_cross_track_error_mm(far)
         + undetected_dent_mm(finger.spec, closing),
         normal=NormalRange(normal - half, normal + half) if half < math.pi else None,

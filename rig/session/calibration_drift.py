@@ -23,6 +23,7 @@ from palpate.config.identification_result import CalibrationUsedOut
 from palpate.geometry import Floats
 from palpate.geometry.plane import rotation_matrix
 from palpate.recognizer import Hypothesis
+from palpate.rig.conversion import deflection_mm
 from palpate.rig.identification.loop import Identification
 from palpate.rig.motion.contact_from_touch import dent_range_mm, may_touch_two_edges
 from palpate.rig.motion.guarded_approach import Touch
@@ -115,11 +116,11 @@ def _agreement(
 
 
 def _dent_mm(touch: Touch, rig: RigFile) -> float:
-    """By how much the dent may be other than the contact takes it to be."""
+    """By how much dent and deflection may be other than the contact takes them to be."""
     assert touch.patch is not None
-    patch, tip = touch.patch, rig.fingers[touch.finger_index].tip
-    least, most = dent_range_mm(patch.force_n, patch.force_bound_n, tip, rig.closing.max_force_n)
-    return (most - least) / 2
+    patch, finger = touch.patch, rig.fingers[touch.finger_index]
+    least, most = dent_range_mm(patch.force_n, patch.force_bound_n, finger.tip, rig.closing.max_force_n)
+    return (most - least) / 2 + deflection_mm(finger, patch.force_n)
 
 
 def _edges_at(found: Hypothesis, height_mm: float) -> Floats:
