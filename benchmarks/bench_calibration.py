@@ -7,6 +7,9 @@ With `--records DIR`, what every rig measured is kept; another run with the same
 With `--simulated`, calibration measures geometry, tips and taxels of the same rigs without servos, ports and
 time between: twenty times faster. Parts are identified on the emulated bench in either case.
 
+With `--load`, tips stick (friction 0 to 0.6), aims give way to forces across the slide by up to 0.05 mm/N and
+forces of 0 to 0.5 N take up their play, all drawn per seed and declared; `--simulated` has it, too.
+
 Every seed is a rig as `examples/fresh-rig.toml` describes it, with other hidden errors. Each is calibrated as
 `palpate calibrate` does it, and its values are compared with the truth; then parts of the shipped catalogue
 are put on it and identified, with the rig file alone and with the calibration. A line of JSON a seed is
@@ -32,7 +35,14 @@ from scipy.stats import chi2, kstest
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
 from palpate.calibration.run_record import RunRecord
-from palpate.config import CalibrationFile, apply_calibration, load_objects, load_rig, shipped_objects
+from palpate.config import (
+    CalibrationFile,
+    RigFile,
+    apply_calibration,
+    load_objects,
+    load_rig,
+    shipped_objects,
+)
 from palpate.config.references_file import load_references
 from palpate.config.shipped import shipped_references
 from palpate.errors import PalpateError
@@ -55,6 +65,24 @@ RIG = Path(__file__).parents[1] / "examples" / "fresh-rig.toml"
 LOADED = 0.15  # taxels whose gain is known better than this have been pressed well
 
 
+def rig_of(load: bool) -> RigFile:
+    """The fresh rig, with forces that act on fingers or without."""
+    rig = load_rig(RIG)
+    if not load:
+        return rig
+    data = rig.model_dump(mode="json", exclude_unset=True)
+    data["emulation"] |= {
+        "deflection_mm_per_n": 0.05,
+        "play_holds_n": [0.0, 0.5],
+        "part": {"engine": "still", "tip_friction": [0.0, 0.6]},
+    }
+    for finger in data["fingers"]:
+        finger["tip"]["max_friction"] = 0.6
+        finger["aim"]["backlash_holds_n"] = 0.0
+        finger["bounds"] |= {"deflection_mm_per_n": 0.05, "deflection_deg_per_n": 0.015}
+    return RigFile.model_validate(data)
+
+
 class Nothing:
     """Keeps no record."""
 
@@ -65,9 +93,11 @@ class Nothing:
         del record
 
 
-def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | None) -> dict[str, object]:
+def one(
+    seed: int, scenes: int, before: int, simulated: bool, records: Path | None, load: bool
+) -> dict[str, object]:
     """Calibrate one rig and identify parts on it; everything that is worth keeping."""
-    rig = load_rig(RIG)
+    rig = rig_of(load)
     bench = set_up(rig, None, seed)
     table = emulated_table(bench, seed)
     assert table is not None
@@ -90,15 +120,15 @@ def one(seed: int, scenes: int, before: int, simulated: bool, records: Path | No
     }
     assert file.residuals is not None
     row["residuals"] = file.residuals.model_dump(mode="json", exclude={"touches_seen"})
-    row["after"] = [identified(seed, k, file) for k in range(scenes)]
-    row["retouched"] = retouched(seed, file) if scenes else None
-    row["before"] = [identified(seed, k, None) for k in range(before)]
+    row["after"] = [identified(rig, seed, k, file) for k in range(scenes)]
+    row["retouched"] = retouched(rig, seed, file) if scenes else None
+    row["before"] = [identified(rig, seed, k, None) for k in range(before)]
     return row
 
 
-def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str, object]:
+def identified(rig: RigFile, seed: int, scene: int, file: CalibrationFile | None) -> dict[str, object]:
     """Identify one part on the rig of a seed."""
-    rig, objects = load_rig(RIG), load_objects(shipped_objects())
+    objects = load_objects(shipped_objects())
     assert rig.emulation is not None
     lying = draw_placement(
         objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0, scene])
@@ -133,9 +163,8 @@ def identified(seed: int, scene: int, file: CalibrationFile | None) -> dict[str,
     }
 
 
-def retouched(seed: int, file: CalibrationFile) -> dict[str, object]:
+def retouched(drawn: RigFile, seed: int, file: CalibrationFile) -> dict[str, object]:
     """Whether a re-touch of the rig, which has not changed, agrees with its calibration."""
-    drawn = load_rig(RIG)
     rig, bench = apply_calibration(drawn, file), set_up(drawn, None, seed)
     table = emulated_table(bench, seed + 1)
     uncertainties = contact_uncertainties(file, at_rest=False)
@@ -275,6 +304,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=2, help="identifications after calibration")
     parser.add_argument("--before", type=int, default=1, help="and before")
     parser.add_argument("--simulated", action="store_true")
+    parser.add_argument("--load", action="store_true", help="forces bend, shear and take up play")
     parser.add_argument("--records", type=Path, help="directory for what rigs measured")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("calibrations.jsonl"))
@@ -292,7 +322,7 @@ def main() -> None:
         wanted = [seed for seed in range(args.first, args.first + args.seeds) if seed not in done]
         for future in as_completed(
             [
-                pool.submit(one, seed, args.scenes, args.before, args.simulated, args.records)
+                pool.submit(one, seed, args.scenes, args.before, args.simulated, args.records, args.load)
                 for seed in wanted
             ]
         ):

@@ -50,13 +50,7 @@ def measure_actuators(
     tell("disc in the middle: play, friction and stopping")
     prober.put(disc, (0.0, 0.0))
     models = [finger_model(spec, slide_in_contact(spec)) for spec in specs]
-    found = locate_reference(
-        prober,
-        models,
-        [ReferencePlacement(disc, (0.0, 0.0))],
-        [],
-        [spec.tip.stiffness_n_per_mm for spec in specs],
-    )
+    found = locate_reference(prober, models, [ReferencePlacement(disc, (0.0, 0.0))], [], specs)
     presses = _presses(prober, models, found, tell)
     measured = _stops(prober, models, found, touch_speed_mm_s, approach_speed_mm_s, tell)
     stops = {spec.name: [stop for stop in measured if stop.finger == spec.name] for spec in specs}

@@ -7,7 +7,7 @@ slip, or that might meet a corner, are not offered.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -135,7 +135,8 @@ def choose_touches(
             carried = spread @ row
             spread -= np.outer(carried, carried) / (sigma_mm**2 + row @ carried)
             left[best] = False
-            grip.append(_probe(best, approaches[best], predicted.slide_rad[best], models[index]))
+            probe = _probe(best, approaches[best], predicted.slide_rad[best], models[index])
+            grip.append(replace(probe, side=int(np.sign(predicted.oblique_rad[best]))))
         if grip:
             grips.append(grip)
     return grips

@@ -20,14 +20,16 @@ from palpate.calibration.finger_fit import (
     ReferencePlacement,
     Touches,
     fit_fingers,
+    predict_residuals,
 )
 from palpate.calibration.idle import COVERAGE_SIGMAS
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
 from palpate.calibration.reference import Reference
 from palpate.calibration.reference_search import locate_reference, touch_arrays
+from palpate.calibration.touch_load import touch_loads
 from palpate.config import SlideFingerConfig
-from palpate.geometry import Bools
+from palpate.geometry import Bools, Floats
 
 __all__ = ["fit_touches", "hold_out", "plan_placements", "touch_placing"]
 
@@ -69,11 +71,10 @@ def touch_placing(
     number = len(placings) - 1
     placing = placings[number]
     prober.put(placing.reference, placing.about_mm)
-    stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
     start = None
     if known:
-        start = fit_fingers(models, placings[:number], touch_arrays(known, models, placings, stiffness))
-    found = locate_reference(prober, models, placings, known, stiffness, start)
+        start = fit_fingers(models, placings[:number], touch_arrays(known, models, placings, specs))
+    found = locate_reference(prober, models, placings, known, specs, start)
     touched = list(found.touched)
     grips = choose_touches(
         found.predicted, prober.approaches, models, found.fit.covariance, _TYPICAL_MM, _COUNT
@@ -93,7 +94,7 @@ def touch_placing(
         check_still(first, again, models, placing)
         touched += again
     every = [*known, *touched]
-    touches = touch_arrays(every, models, placings, stiffness)
+    touches = touch_arrays(every, models, placings, specs)
     check_fit(
         specs,
         models,
@@ -116,12 +117,15 @@ def fit_touches(
     rest in the same part of a step again and again scatter by less than steps let expect. What repeats itself
     does not show in the scatter: the fit's poses take some of it in, the radii what is alike in all dents.
     """
-    touches = touch_arrays(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
+    touches = touch_arrays(touched, models, placings, specs)
     fit = fit_fingers(models, placings, touches)
     check_fit(specs, models, placings, touches, fit)
     share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
-    fit = _with_dents_alike(specs, touches, fit_fingers(models, placings, touches, (fit.values, fit.poses)))
+    fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))
+    slopes = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
+    give = touch_loads(touched, specs).give_sigma_mm
+    fit = _with_give_alike(slopes, give, touches, _with_dents_alike(specs, touches, fit))
     without = fit_fingers(
         models, placings, touches.with_used(~hold_out(len(touched))), (fit.values, fit.poses)
     )
@@ -140,6 +144,21 @@ def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit:
         soft_mm = dent_mm * spec.tip.stiffness_spread / COVERAGE_SIGMAS
         at = index * COLUMNS + RADIUS
         covariance[at, at] += soft_mm**2 + _LATE_MM**2 / 3
+    return replace(fit, covariance=covariance)
+
+
+def _with_give_alike(slopes: Floats, give_sigma_mm: Floats, touches: Touches, fit: Fit) -> Fit:
+    """A fit that is more uncertain by what all touches of a finger may have given way by alike.
+
+    `slopes` (n, unknowns): derivatives of residuals. What a shift of a finger's residuals by their deviations
+    does to the least squares is one more deviation of all unknowns (Schmidt's consider covariance).
+    """
+    weight = (touches.used & ~fit.outlier) / touches.sigma_mm**2
+    covariance = fit.covariance.copy()
+    for finger in np.unique(touches.finger):
+        shift = np.where(touches.finger == finger, give_sigma_mm, 0.0)
+        off = fit.covariance @ (slopes.T @ (weight * shift))
+        covariance += np.outer(off, off)
     return replace(fit, covariance=covariance)
 
 

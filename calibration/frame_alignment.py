@@ -33,6 +33,7 @@ from palpate.calibration.gauge_freedom import (
 )
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import SlideApproach
+from palpate.calibration.touch_load import touch_loads
 from palpate.config import SlideFingerConfig
 from palpate.config.calibration_file import Residuals, TouchResidual
 from palpate.config.calibration_finger import (
@@ -106,20 +107,30 @@ def _moved(nominal: Sequence[BasePose], flat: Floats) -> tuple[Floats, RigidMoti
 
 
 def estimate_array_headings(
-    touched: Sequence[TouchMeasurement], touches: Touches, models: Sequence[FingerModel], fit: Fit
+    touched: Sequence[TouchMeasurement],
+    touches: Touches,
+    models: Sequence[FingerModel],
+    specs: Sequence[SlideFingerConfig],
+    fit: Fit,
 ) -> list[tuple[float, float]]:
-    """Where each finger's array looks from the direction of travel, by normals of touches."""
-    found = []
+    """Where each finger's array looks from the direction of travel, by normals of touches.
+
+    Friction carries what is felt towards the way: half of what it may is taken back, and the rest counts as
+    far as touches on the left and on the right do not make up for it.
+    """
+    found, loads = [], touch_loads(touched, specs)
+    felt = np.array([item.angle_rad for item in touched]) + loads.side * loads.sheared_rad
+    unsure = loads.side * loads.sheared_sigma_rad
     for index, model in enumerate(models):
         own = np.flatnonzero((touches.finger == index) & ~fit.outlier)
         aim = (touches.aim_rad[own] - model.aim_zero_rad) / model.gear_ratio
         travel = fit.values[index, HEADING] + aim - touches.way[own] * fit.values[index, AIM_PLAY]
         towards = np.arctan2(-fit.normal[own, 1], -fit.normal[own, 0])
-        measured = np.array([touched[k].angle_rad for k in own.tolist()])
-        off = np.angle(np.exp(1j * (towards - travel - measured)))
+        off = np.angle(np.exp(1j * (towards - travel - felt[own])))
         middle = float(np.median(off))
         spread = 1.4826 * float(np.median(np.abs(off - middle)))
-        found.append((middle, 1.2533 * spread / math.sqrt(max(len(own), 1))))
+        scatter = 1.2533 * spread / math.sqrt(max(len(own), 1))
+        found.append((middle, math.hypot(scatter, float(unsure[own].sum()) / max(len(own), 1))))
     return found
 
 

@@ -4,6 +4,10 @@ Travel past first contact gives the dent, the dent and the bearing give the colu
 (`pressure_distribution`), stiffness gives forces, gains give counts. Presses at different bearings move one
 patch over the columns, and each patch grows with its dent: both tell where the array's middle looks without
 knowing gains, so that a slope of gains is not taken for it. Currents tell newtons.
+
+An oblique press also slides along the face. Friction shears the skin, carries the patch back towards the way,
+and pushes against it; what carries the tip gives way sideways, which takes some of the dent away. How much is
+unknown as far as the rig file leaves it open (`tip.max_friction`, `bounds.deflection_mm_per_n`).
 """
 
 import math
@@ -30,15 +34,19 @@ _SCALE_SIGMA = 0.1  # of dents against the tip's radius: the radius, and what gi
 _CROSSTALK_SIGMA = 0.1
 _HEADING_BOUND_DEG = 5.0  # where the rig file gives none
 _FRICTION_SIGMA = 0.05  # of the friction: it is not quite the same all along the slide
-_SHARED = 4  # unknowns of the finger as a whole, of which these are the places
-_PHASE, _FIRM, _SCALE, _CROSSTALK = range(_SHARED)
+_SHEAR_SHARE = 0.7  # of the skin's stiffness along a surface to that across it, as of rubber
+_SURE = 1e-5  # deviation of what the rig file rules out
+_SHARED = 6  # unknowns of the finger as a whole, of which these are the places
+_PHASE, _FIRM, _SCALE, _CROSSTALK, _FRICTION, _SOFTNESS = range(_SHARED)
+_NUMERIC = (_PHASE, _SCALE, _CROSSTALK, _FRICTION, _SOFTNESS)  # whose derivatives are differences
 
 
 @dataclass(frozen=True, eq=False)
 class PressFit:
     """What was found of n presses with m levels; sigmas are standard deviations, some of logarithms.
 
-    `gain` (cols,) ± `gain_log_sigma`. `touch_mm` (n,): travel at first contact, from each
+    `gain` (cols,) ± `gain_log_sigma`. `friction`: of tip on reference; `softness`: how far the tip gives way
+    sideways, over how far the same force dents it. `touch_mm` (n,): travel at first contact, from each
     press's first level; `bearing_rad` (n,) there. `counts` (m, cols): what columns should read. `off` (m,
     cols): what they read more, as a share of the strongest column; 0 where a column is not looked at.
     """
@@ -51,6 +59,10 @@ class PressFit:
     stiffness_log_sigma: float
     crosstalk: float
     crosstalk_sigma: float
+    friction: float
+    friction_sigma: float
+    softness: float
+    softness_sigma: float
     touch_mm: Floats
     bearing_rad: Floats
     counts: Floats
@@ -87,6 +99,10 @@ def fit_presses(
         stiffness_log_sigma=float(sigma[_FIRM]),
         crosstalk=float(x[_CROSSTALK]),
         crosstalk_sigma=float(sigma[_CROSSTALK]),
+        friction=float(x[_FRICTION]),
+        friction_sigma=float(sigma[_FRICTION]),
+        softness=float(x[_SOFTNESS]),
+        softness_sigma=float(sigma[_SOFTNESS]),
         touch_mm=touch,
         bearing_rad=bearing,
         counts=counts,
@@ -121,6 +137,10 @@ class _Model:
         self._columns_rad, self._radius_mm = np.asarray(description.columns), spec.tip.radius_mm
         self._phase_rad = math.radians(spec.array.heading_deg)
         self._phase_sigma = math.radians(spec.array.heading_bound_deg or _HEADING_BOUND_DEG) / math.sqrt(3)
+        # Softness: how far the tip gives way sideways, as a part of how far the same force dents it.
+        self._friction = spec.tip.max_friction / 2
+        self._softness = spec.bounds.deflection_mm_per_n * spec.tip.stiffness_n_per_mm / 2
+        self._load_sigma = np.maximum(np.array([self._friction, self._softness]) / math.sqrt(3), _SURE)
         self._gain_sigma = spec.array.gain_spread / math.sqrt(3)
         self._bearing = np.array([p.bearing_rad for p in presses])
         self._bearing_sigma = np.array([p.bearing_sigma_rad for p in presses])
@@ -154,7 +174,7 @@ class _Model:
             slopes[press] = max(slope, 1e-3)
             touch[press] = np.clip(-offset / slopes[press], -0.5, 0.0)
         firm = float(np.median(slopes / np.cos(self._bearing)))
-        shared = [self._phase_rad, math.log(firm), 0.0, 0.0]
+        shared = [self._phase_rad, math.log(firm), 0.0, 0.0, self._friction, self._softness]
         return np.concatenate([shared, np.zeros(self._cols), touch, self._bearing, self._levels.free_a])
 
     def parts(self, x: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -185,6 +205,7 @@ class _Model:
         likely = [
             [(x[_PHASE] - self._phase_rad) / self._phase_sigma],
             [x[_SCALE] / _SCALE_SIGMA, x[_CROSSTALK] / _CROSSTALK_SIGMA],
+            (x[[_FRICTION, _SOFTNESS]] - [self._friction, self._softness]) / self._load_sigma,
             gains / self._gain_sigma,
             (bearing - self._bearing) / self._bearing_sigma,
             (friction - self._levels.free_a) / self._friction_sigma,
@@ -194,7 +215,7 @@ class _Model:
     def jacobian(self, x: Floats) -> Floats:
         """Derivatives of `residuals`. A press's unknowns move its own levels: all presses at once."""
         m, cols, n = len(self._levels.press), self._cols, self._presses
-        result = np.zeros((m * (cols + 1) + 3 + cols + 2 * n, len(x)))
+        result = np.zeros((m * (cols + 1) + len(_NUMERIC) + cols + 2 * n, len(x)))
         gains, touch, bearing, _ = self.parts(x)
         shared = x[:_SHARED]
         load, push = self._forces(shared, touch, bearing)
@@ -212,7 +233,7 @@ class _Model:
         read = result[: m * cols].reshape(m, cols, -1)
         pushed = result[m * cols : m * (cols + 1)]
         read[..., _FIRM], pushed[:, _FIRM] = counts, current
-        for place in (_PHASE, _SCALE, _CROSSTALK):
+        for place in _NUMERIC:
             step = np.zeros(_SHARED)
             step[place] = _STEP
             read[..., place], pushed[:, place] = moved(shared + step, touch, bearing)
@@ -225,10 +246,11 @@ class _Model:
         read[level, :, at_touch + n], pushed[level, at_touch + n] = by_bearing
         pushed[level, at_touch + 2 * n] = 1 / self._current_sigma
         likely = result[m * (cols + 1) :]
-        places = np.concatenate([[_PHASE, _SCALE, _CROSSTALK], _SHARED + every, np.arange(-2 * n, 0)])
+        places = np.concatenate([_NUMERIC, _SHARED + every, np.arange(-2 * n, 0)])
         likely[np.arange(len(places)), places] = np.concatenate(
             [
                 [1 / self._phase_sigma, 1 / _SCALE_SIGMA, 1 / _CROSSTALK_SIGMA],
+                1 / self._load_sigma,
                 np.full(cols, 1 / self._gain_sigma),
                 1 / self._bearing_sigma,
                 1 / self._friction_sigma,
@@ -250,15 +272,21 @@ class _Model:
         self, travel_mm: Floats, shared: Floats, touch: Floats, bearing: Floats
     ) -> tuple[Floats, Floats]:
         press, radius = self._levels.press, self._radius_mm
-        dent, turned = dent_and_bearing(travel_mm - touch[press], bearing[press], radius, self._curvature)
+        free, turned = dent_and_bearing(travel_mm - touch[press], bearing[press], radius, self._curvature)
+        sine, cosine = np.abs(np.sin(turned)), np.cos(turned)
+        # Skin sticks as far as the tip has gone along the face, and slips at friction times what presses.
+        slid = np.abs(np.tan((turned + bearing[press]) / 2))
+        along = np.minimum(_SHEAR_SHARE * slid, shared[_FRICTION])
+        dent = free / (1 + shared[_SOFTNESS] * sine * (sine - along * cosine))
+        felt = turned - np.sign(turned) * along * dent / (_SHEAR_SHARE * radius)
         depth = np.clip(dent * math.exp(shared[_SCALE]) / radius, _LEAST_DENT, _MOST_DENT)
         pressed = distribute_pressure(
             self._columns_rad,
             float(self._columns_rad[1] - self._columns_rad[0]),
-            turned - shared[_PHASE],
+            felt - shared[_PHASE],
             depth,
             self._curvature * radius,
         )
         force = math.exp(shared[_FIRM]) * np.maximum(dent, 0.0)
         share = pressed.share + shared[_CROSSTALK] * (pressed.share @ self._exchange)
-        return force[:, None] * share, force * pressed.lean * np.cos(turned)
+        return force[:, None] * share, force * pressed.lean * (cosine + along * sine)

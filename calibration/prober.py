@@ -27,10 +27,15 @@ class SlideApproach:
 
 @dataclass(frozen=True)
 class Probe:
-    """An approach, by its number, up to where the slide's servo stands at `end_rad`."""
+    """An approach, by its number, up to where the slide's servo stands at `end_rad`.
+
+    `side`: +1 for a contact that will be to the left of the way, -1 to the right, 0 if that is not known. The
+    aim then comes from where its play is taken up as the contact will push it.
+    """
 
     approach: int
     end_rad: float
+    side: int = 0
 
 
 class Prober(Protocol):

@@ -10,6 +10,8 @@ from palpate.calibration.experiment_design import PredictedTouches, predict_touc
 from palpate.calibration.finger_fit import FingerModel, Fit, ReferencePlacement, Touches, fit_fingers
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe, Prober
+from palpate.calibration.touch_load import touch_loads
+from palpate.config import SlideFingerConfig
 from palpate.drivers.finger import TICK_RAD
 from palpate.errors import InputError
 
@@ -34,7 +36,7 @@ def locate_reference(
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
     known: Sequence[TouchMeasurement],
-    stiffness_n_per_mm: Sequence[float],
+    specs: Sequence[SlideFingerConfig],
     start: Fit | None = None,
 ) -> LocatedReference:
     """Touch the last of `placings`, which has been put, from all sides.
@@ -53,7 +55,7 @@ def locate_reference(
         touched += [item for item in prober.touch(grip, number) if item is not None]
         if not touched:
             continue
-        touches = touch_arrays([*known, *touched], models, placings, stiffness_n_per_mm)
+        touches = touch_arrays([*known, *touched], models, placings, specs)
         begin = None if start is None else (start.values, start.poses)
         fit = fit_fingers(models, placings, touches, begin)
         values, about = fit.values, (float(fit.poses[number, 0]), float(fit.poses[number, 1]))
@@ -82,8 +84,9 @@ def probes_at_bearing(
         if len(own):
             off = np.abs(found.predicted.oblique_rad[own] - bearing_rad)
             best = int(own[off.argmin()])
-            probe = Probe(best, float(found.predicted.slide_rad[best]))
-            result.append((probe, float(found.predicted.oblique_rad[best])))
+            oblique = float(found.predicted.oblique_rad[best])
+            probe = Probe(best, float(found.predicted.slide_rad[best]), int(np.sign(oblique)))
+            result.append((probe, oblique))
     return result
 
 
@@ -91,9 +94,13 @@ def touch_arrays(
     touched: Sequence[TouchMeasurement],
     models: Sequence[FingerModel],
     placings: Sequence[ReferencePlacement],
-    stiffness_n_per_mm: Sequence[float],
+    specs: Sequence[SlideFingerConfig],
 ) -> Touches:
-    """Touches as arrays for the fit, with what each is expected to be off by."""
+    """Touches as arrays for the fit, with what each is expected to be off by.
+
+    Where the force may have pushed the aim through its play, it is taken to be halfway. By what the tip has
+    given way sideways its dent seems deeper: half of what the rig file allows is taken for it.
+    """
     number = {model.name: k for k, model in enumerate(models)}
     finger = np.array([number[item.finger] for item in touched], dtype=np.int64)
     force = np.array([item.force_n for item in touched])
@@ -104,6 +111,13 @@ def touch_arrays(
     along = np.abs(per_rad) * TICK_RAD * _STEP_LEFT
     # Contacts are oblique by less than 48°: half of what the aim is off counts, or so.
     across = 0.5 * np.abs(zero + per_rad * slide) * TICK_RAD / np.abs(gear) / math.sqrt(12)
+    loads = touch_loads(touched, specs)
+    way = np.array([float(item.aim_way) for item in touched])
+    unsure = np.where(loads.flank == 0.0, 0.0, np.abs(loads.flank - way) / 2)
+    sine = np.abs(np.sin([item.angle_rad for item in touched]))
+    play = np.radians([spec.aim.backlash_deg for spec in specs])[finger] / math.sqrt(3)
+    flank = unsure * play * np.abs(zero + per_rad * slide) * sine
+    stiffness = np.array([spec.tip.stiffness_n_per_mm for spec in specs])[finger]
     placing = np.array([item.placing for item in touched], dtype=np.int64)
     shape = np.array([item.reference.tolerance_mm for item in placings])[placing] / math.sqrt(3)
     return Touches(
@@ -111,8 +125,8 @@ def touch_arrays(
         placing,
         np.array([item.servos_rad[0] for item in touched]),
         slide,
-        np.array([float(item.aim_way) for item in touched]),
-        force / np.asarray(stiffness_n_per_mm)[finger],
-        np.sqrt(along**2 + across**2 + shape**2 + _OTHER_MM**2),
+        np.where(loads.flank == 0.0, way, (way + loads.flank) / 2),
+        force / stiffness + loads.give_mm,
+        np.sqrt(along**2 + across**2 + flank**2 + shape**2 + _OTHER_MM**2),
         np.ones(len(touched), dtype=bool),
     )

@@ -74,8 +74,7 @@ def _pressed(
     tell: Callable[[str], None],
 ) -> list[PressAtBearing]:
     """Presses of all fingers at each bearing that they can reach."""
-    stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
-    found = locate_reference(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], stiffness)
+    found = locate_reference(prober, models, [ReferencePlacement(reference, (0.0, 0.0))], [], specs)
     by_name = {spec.name: spec for spec in specs}
     result = []
     taken: set[int] = set()

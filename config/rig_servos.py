@@ -85,6 +85,12 @@ class RotaryConfig(ServoConfig):
 class AimConfig(RotaryConfig):
     """The servo that turns the slide about the finger's base; its angle, the aim, counts from heading_deg."""
 
+    backlash_holds_n: Length | None = Field(
+        default=None,
+        description="Bound: up to this force across the slide at the tip, friction holds the aim within its "
+        "play; a greater one may push it to its flank. Without it: no force does.",
+    )
+
     @model_validator(mode="after")
     def _within_the_servo(self) -> Self:
         _check_turns(self._turns(), "range_deg")

@@ -273,7 +273,7 @@ class _Run:
         hand = align_fit(slide_fingers(self._job.rig), fit)
         out = hold_out(len(touched))
         residuals = summarise_residuals(touches, fit, without, out, [spec.name for spec in specs], hand.frame)
-        headings = estimate_array_headings(touched, touches, models, fit)
+        headings = estimate_array_headings(touched, touches, models, specs, fit)
         closing = self._job.rig.closing
         approaches = approaches_of(self._job.rig)
         fingers = []

@@ -22,12 +22,14 @@ from palpate.config import RigFile, SlideFingerConfig
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import line_of, slide_kinematics
+from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.end_stops import slide_of, stall, swing
-from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
+from palpate.rig.motion.guarded_approach import GripPhase, Touch, aim, carry_out_grip, retract_all
 from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.press import press, stop_at_speed
 from palpate.rig.motion.quasi_static_touch import measure_quasi_statically
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["HandProber", "Table", "approaches_of"]
 
@@ -71,6 +73,7 @@ class HandProber:
 
     def touch(self, grip: Sequence[Probe], placing: int) -> list[TouchMeasurement | None]:
         """Close fingers on approaches, all at once."""
+        self._take_up_play(grip)
         approaches = [self._to_contact(probe)[0] for probe in grip]
         ways = [self._way(self.approaches[probe.approach]) for probe in grip]
         done = carry_out_grip(self._hand, approaches, self._tell, measure_quasi_statically)
@@ -80,10 +83,13 @@ class HandProber:
 
     def press(self, contacts: Sequence[Probe], placing: int) -> list[PressMeasurement]:
         """Press with fingers on contacts, all at once."""
+        self._take_up_play(contacts)
+        self._note(contacts)
         return press(self._hand, [self._to_contact(item) for item in contacts], placing)
 
     def stop(self, contacts: Sequence[Probe], speed_mm_s: float) -> list[StopMeasurement]:
         """Run into contacts, all at once."""
+        self._note(contacts)
         return stop_at_speed(self._hand, [self._to_contact(item) for item in contacts], speed_mm_s)
 
     def swing(self) -> list[float]:
@@ -116,6 +122,52 @@ class HandProber:
         item = self.approaches[probe.approach]
         travel = (probe.end_rad - item.start_rad) * self._kinematics[item.finger].mm_per_rad
         return self._reach.approaches[self._number[probe.approach]].up_to(travel), travel
+
+    def _take_up_play(self, probes: Sequence[Probe]) -> None:
+        """Let aims whose play a force may take up stand beside their goals, on the side to come from."""
+        beside = [
+            number
+            for probe in probes
+            if probe.side and self._may_push_aim(probe) and (number := self._beside(probe)) is not None
+        ]
+        if not beside:
+            return
+        self._hand.arm()
+        retract_all(self._hand)
+        turn = planned_turn(self._hand.rig.stage, 0.0)
+        aim(
+            self._hand,
+            [
+                ApproachState.of(
+                    self._hand.fingers[self.approaches[number].finger],
+                    self._reach.approaches[self._number[number]],
+                    turn,
+                )
+                for number in beside
+            ],
+        )
+        for number in beside:
+            self._way(self.approaches[number])
+        self._hand.disarm()
+
+    def _may_push_aim(self, probe: Probe) -> bool:
+        spec = self._hand.fingers[self.approaches[probe.approach].finger].spec
+        return isinstance(spec, SlideFingerConfig) and spec.aim.backlash_holds_n is not None
+
+    def _beside(self, probe: Probe) -> int | None:
+        """The next approach of its finger on the side to come from; None at the end of the aim's range."""
+        item = self.approaches[probe.approach]
+        gear = self._kinematics[item.finger].gear_ratio
+        before = [
+            (probe.side * (item.aim_rad - other.aim_rad) / gear, number)
+            for number, other in enumerate(self.approaches)
+            if other.finger == item.finger and probe.side * (item.aim_rad - other.aim_rad) / gear > 1e-6
+        ]
+        return min(before)[1] if before else None
+
+    def _note(self, probes: Sequence[Probe]) -> None:
+        for probe in probes:
+            self._way(self.approaches[probe.approach])
 
     def _way(self, approach: SlideApproach) -> int:
         """From which side the aim will come to its angle, as far as that is sure; noted for the next."""

@@ -71,12 +71,11 @@ def retouch(
     """
     specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     models = [_as_calibrated(spec) for spec in specs]
-    stiffness = [spec.tip.stiffness_n_per_mm for spec in specs]
     placings = [ReferencePlacement(disc, (0.0, 0.0))]
     tell(f"putting the {disc.name}")
     prober.put(disc, placings[0].about_mm)
     tell("looking for it")
-    found = locate_reference(prober, models, placings, [], stiffness)
+    found = locate_reference(prober, models, placings, [], specs)
     touched = [*found.touched, *_touched_round(found, prober, models, tell)]
     prober.clear()
     missing = [model.name for model in models if all(item.finger != model.name for item in touched)]
@@ -100,7 +99,7 @@ def compare_retouch(
     specs = [finger for finger in rig.fingers if isinstance(finger, SlideFingerConfig)]
     models = [_as_calibrated(spec) for spec in specs]
     placings = [ReferencePlacement(disc, (0.0, 0.0))]
-    touches = touch_arrays(touched, models, placings, [spec.tip.stiffness_n_per_mm for spec in specs])
+    touches = touch_arrays(touched, models, placings, specs)
     fit = fit_fingers(models, placings, touches)
     # Another size of the disc shifts all touches alike.
     covariance = touch_covariance(_surface(rig, specs, models, touched, touches, fit), uncertainties)

@@ -122,7 +122,7 @@ def test_arrays_look_where_touches_were_felt(fitted: tuple[Touches, Fit]) -> Non
         felt = math.remainder(felt + (0.5 if k == 4 else 0.0), 2 * math.pi)
         touched.append(TouchMeasurement(model.name, 0, (0.0, 0.0), 1, felt, 0.1, 0.5, 0.1))
     for (middle, sigma), truth in zip(
-        estimate_array_headings(touched, given, models(), fit), turned, strict=True
+        estimate_array_headings(touched, given, models(), SPECS, fit), turned, strict=True
     ):
         assert abs(middle - truth) < 4 * sigma
         assert 5e-4 < sigma < 1e-2

@@ -11,6 +11,7 @@ from emulated_session import EmulatedSession, emulated_session
 from touched_references import DISC, FRESH
 
 from palpate.calibration.prober import Probe, SlideApproach
+from palpate.config import RigFile
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.rig.bench import connect
@@ -102,9 +103,9 @@ class ProbedRig:
 
 
 @contextmanager
-def probed_rig(fingers: int, seed: int = 3) -> Iterator[ProbedRig]:
+def probed_rig(fingers: int, seed: int = 3, rig: RigFile = FRESH) -> Iterator[ProbedRig]:
     """The first fingers of the fresh rig: fewer are emulated faster."""
-    rig = FRESH.model_copy(update={"fingers": FRESH.fingers[:fingers]})
+    rig = rig.model_copy(update={"fingers": rig.fingers[:fingers]})
     session = emulated_session(seed=seed, rig=rig, empty=True)
     with connect(session.bench_rig) as hand:
         hand.prepare()

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
+from simulated_load import LoadedTip
 
 from palpate.calibration.measurements import (
     FREE,
@@ -20,10 +21,10 @@ from palpate.calibration.measurements import (
 )
 from palpate.calibration.prober import Probe, SlideApproach
 from palpate.calibration.reference import Reference
-from palpate.config import CalibrationDevice, RigFile
+from palpate.config import CalibrationDevice, RigFile, SlideFingerConfig
 from palpate.drivers.emulators.bench import EmulatedFinger
 from palpate.drivers.emulators.mechanics import FingerTruth
-from palpate.drivers.emulators.tip import PartSection, separation_mm, tip_load
+from palpate.drivers.emulators.tip import PartSection, separation_mm
 from palpate.drivers.finger import TICK_RAD
 from palpate.geometry import Counts, Floats
 from palpate.rig.commissioning.calibration import ConnectedRig
@@ -49,7 +50,9 @@ class SimulatedRig:
         self, rig: RigFile, seed: int, spoil: Callable[[Reference, int], Reference] = lambda item, _: item
     ) -> None:
         self.rig = rig
-        self.fingers: tuple[EmulatedFinger, ...] = emulate(rig, None, seed).bench.fingers
+        emulated = emulate(rig, None, seed)
+        self.fingers: tuple[EmulatedFinger, ...] = emulated.bench.fingers
+        self.friction = 0.0 if emulated.part is None else emulated.part.tip_friction
         self.rng = np.random.default_rng([seed, 7])
         self.spoil = spoil
         self.puts = 0
@@ -134,13 +137,17 @@ class SimulatedProber:
     def _touched(self, probe: Probe, placing: int) -> TouchMeasurement | None:
         item = self.approaches[probe.approach]
         truth = self._world.truth(item.finger)
-        way = self._way(item)
+        way = self._way(probe)
         dent = FORCE_N / truth.stiffness_n_per_mm
         found = self._contact(truth, item, way, dent)
         if found is None or found > probe.end_rad:
             return None
         centre, travel = _centre(truth, item, way, found)
         towards = _towards(self._world.outline, centre)
+        if self._loads(truth):
+            touched = self._contact(truth, item, way, 0.0)
+            assert touched is not None
+            found, towards, travel = self._pressed(truth, item, way, touched)
         angle = towards - travel - truth.array_heading_rad + self._world.rng.normal(0, math.radians(0.5))
         # Rigs measure on the move, over whole steps: hardly anything of their rounding is left.
         found += self._world.rng.normal(0, 0.004) / truth.mm_per_rad
@@ -154,6 +161,43 @@ class SimulatedProber:
             FORCE_N,
             0.02,
         )
+
+    def bearing_rad(self, number: int) -> float | None:
+        """Where an approach really meets what is put, from the direction of travel; None if it does not."""
+        item = self.approaches[number]
+        truth = self._world.truth(item.finger)
+        found = self._contact(truth, item, 0, 0.0)
+        if found is None:
+            return None
+        centre, travel = _centre(truth, item, 0, found)
+        return math.remainder(_towards(self._world.outline, centre) - travel, 2 * math.pi)
+
+    def _loads(self, truth: FingerTruth) -> bool:
+        return self._world.friction > 0 or truth.aim_yield is not None
+
+    def _tip(self, truth: FingerTruth, item: SlideApproach, way: int) -> LoadedTip:
+        assert self._world.outline is not None
+        _, travel = _centre(truth, item, 0, item.start_rad)
+        return LoadedTip(truth, self._world.outline, self._world.friction, travel, way)
+
+    def _pressed(
+        self, truth: FingerTruth, item: SlideApproach, way: int, touched: float
+    ) -> tuple[float, float, float]:
+        """Slide where the tip is pressed as in a touch; directions to where that is felt, and of the way."""
+        tip, slide, pressed = self._tip(truth, item, way), touched, 0.0
+        found = slide
+        while pressed < FORCE_N:
+            before = (slide, pressed)
+            slide += 0.01 / truth.mm_per_rad
+            load, _ = tip.put(_distance(truth, slide))
+            if load is None:
+                continue
+            pressed = float(load.by_ray_n.sum())
+            share = min(max((FORCE_N - before[1]) / max(pressed - before[1], 1e-9), 0.0), 1.0)
+            found = before[0] + share * (slide - before[0])
+        assert load is not None
+        felt = np.angle((load.by_ray_n * np.exp(1j * load.angle)).sum())
+        return found, float(felt), tip.travel_rad
 
     def _contact(self, truth: FingerTruth, item: SlideApproach, way: int, dent_mm: float) -> float | None:
         """Servo angle of the slide at which the tip is dented by so much; None if it meets nothing."""
@@ -177,39 +221,37 @@ class SimulatedProber:
 
     def _press(self, probe: Probe, placing: int) -> PressMeasurement:
         item, world = self.approaches[probe.approach], self._world
-        truth, way = world.truth(item.finger), self._way(item)
+        truth, way = world.truth(item.finger), self._way(probe)
         start = self._contact(truth, item, way, 0.0)
         assert start is not None
         assert world.outline is not None
         deepest = 3.0 / truth.stiffness_n_per_mm
         depth = np.arange(-2.0, deepest, STEP_MM)
         leg = np.where(depth < 0, FREE, IN)
-        forces, push = np.zeros((len(depth), 8, 20)), np.zeros(len(depth))
-        for k, deep in enumerate(depth):
+        forces, push = np.zeros((2 * len(depth), 8, 20)), np.zeros(2 * len(depth))
+        tip = self._tip(truth, item, way)
+        for k, deep in enumerate(np.concatenate([depth - STEP_MM / 2, depth[::-1] + STEP_MM / 2])):
             # Frames are averaged since the last look, so they are half a sample older than the servo's state.
-            centre, travel = _centre(truth, item, way, start + (deep - STEP_MM / 2) / truth.mm_per_rad)
-            felt = tip_load(world.outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+            felt, force = tip.put(_distance(truth, start + deep / truth.mm_per_rad))
             if felt is not None:
-                finger = world.fingers[item.finger]
+                finger, travel = world.fingers[item.finger], tip.travel_rad
                 columns = np.asarray(finger.array.description.columns)
                 pitch = columns[1] - columns[0]
                 seen = (felt.angle - travel - truth.array_heading_rad + math.pi) % (2 * math.pi) - math.pi
                 slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(int)
                 on = (slot >= 0) & (slot < 20)
                 forces[k] = np.bincount(slot[on], felt.by_ray_n[on], minlength=20)[None, :] / 8
-                push[k] = -float(felt.force_n @ [math.cos(travel), math.sin(travel)])
+                push[k] = -float(force @ [math.cos(travel), math.sin(travel)])
         world.time_s += 2.0
         now = np.full(len(depth), world.time_s)
         zero = self._counts(item.finger, np.zeros((16, 8, 20)), now[:16]).mean(axis=0)
-        returning = np.concatenate([forces[1:], forces[-1:]])[::-1]
         counts = np.concatenate(
-            [self._counts(item.finger, part, now).astype(float) - zero for part in (forces, returning)]
+            [self._counts(item.finger, part, now).astype(float) - zero for part in np.split(forces, 2)]
         )
         back = np.full(len(depth), OUT)
         out = np.concatenate([np.ones(len(depth)), -np.ones(len(depth))])
-        load = np.concatenate([push, push[::-1]])
         newton_per_a = NM_PER_A / (truth.mm_per_rad / 1000)
-        current = load / newton_per_a + out * FRICTION_A
+        current = push / newton_per_a + out * FRICTION_A
         # The contact was computed with the play taken up; going back, the drive is on the other flank.
         drive = start + np.concatenate([depth, depth[::-1]]) / truth.mm_per_rad
         drive += (out - 1) * truth.slide_play_mm / truth.mm_per_rad
@@ -226,13 +268,23 @@ class SimulatedProber:
     def _counts(self, finger: int, force_n: Floats, time_s: Floats) -> Counts:
         return self._world.fingers[finger].array.taxels.counts(force_n, time_s)
 
-    def _way(self, item: SlideApproach) -> int:
+    def _way(self, probe: Probe) -> int:
+        item = self.approaches[probe.approach]
+        spec = self._world.rig.fingers[item.finger]
+        if probe.side and isinstance(spec, SlideFingerConfig) and spec.aim.backlash_holds_n is not None:
+            self._aims[item.finger] = item.aim_rad
+            return probe.side
         before = self._aims.get(item.finger)
         self._aims[item.finger] = item.aim_rad
         return 0 if before is None or before == item.aim_rad else int(math.copysign(1, item.aim_rad - before))
 
     def _step(self, angle_rad: float) -> float:
         return round(angle_rad / TICK_RAD) * TICK_RAD
+
+
+def _distance(truth: FingerTruth, slide_rad: float) -> float:
+    """From the base to the tip's centre, with the play taken up as in a touch."""
+    return truth.zero_mm + truth.mm_per_rad * slide_rad - truth.slide_play_mm
 
 
 def _centre(truth: FingerTruth, item: SlideApproach, way: int, slide_rad: float) -> tuple[Floats, float]:

@@ -11,6 +11,7 @@ from probed_rig import FRICTION_A, HARD_N, ProbedRig, probed_rig
 from touched_references import FRESH
 
 from palpate.calibration.prober import Probe
+from palpate.config import SlideFingerConfig
 from palpate.errors import DeviceError
 from palpate.rig.commissioning.rig_prober import approaches_of
 
@@ -118,3 +119,23 @@ def test_approaches_stay_within_the_rig_file_s_ranges() -> None:
         start, end = (90.0 + 100.0 * angle / (2 * math.pi) for angle in (item.start_rad, item.end_rad))
         assert 45.0 <= start < end <= 250.0
         assert abs(item.aim_rad) <= math.radians(35.0) * 5.0 + 1e-9
+
+
+def test_aims_come_from_where_a_contact_finds_their_play_taken_up() -> None:
+    """With play that a force may take up: the tip then stands on that flank already."""
+    first = FRESH.fingers[0]
+    assert isinstance(first, SlideFingerConfig)
+    loose = first.model_copy(update={"aim": first.aim.model_copy(update={"backlash_holds_n": 0.0})})
+    with probed_rig(1, rig=FRESH.model_copy(update={"fingers": [loose]})) as rig:
+        rig.put_disc()
+        (contact,) = rig.head_on()
+        truth, tip = rig.truth(0), rig.session.bench.fingers[0]
+        # To either approach the aim would by itself come from the other side.
+        for side, other in ((-1, 4), (1, -4)):
+            probe = Probe(contact.approach + other, contact.end_rad + 0.5, side)
+            (touched,) = rig.prober.touch([probe], 0)
+            assert touched is not None
+            assert touched.aim_way == side
+            shaft = rig.session.servos[AIM].shaft_rad
+            lag = truth.heading_rad + (shaft - truth.aim_zero_rad) / truth.gear_ratio - tip.facing_rad
+            assert math.remainder(lag, math.tau) == pytest.approx(side * truth.aim_play_rad)

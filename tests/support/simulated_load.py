@@ -1,0 +1,82 @@
+"""A tip pressed on a reference step by step, with friction, an aim that gives way, and play that goes.
+
+For the simulated prober: every step is brought to equilibrium, without servos and time. Truth and skin are
+those of an emulated finger.
+"""
+
+import math
+
+import numpy as np
+
+from palpate.drivers.emulators.mechanics import FingerTruth
+from palpate.drivers.emulators.tip import PartSection, TipLoad, tip_load
+from palpate.drivers.emulators.tip_friction import Shear, sheared
+from palpate.geometry import Floats
+
+_ROUNDS = 12
+
+
+class LoadedTip:
+    """A tip at an aim (`travel_rad` with the play in the middle) whose slide is put from place to place."""
+
+    def __init__(
+        self, truth: FingerTruth, outline: PartSection, friction: float, travel_rad: float, way: int
+    ) -> None:
+        self._truth, self._outline, self._friction, self._travel = truth, outline, friction, travel_rad
+        self._in_play, self._bend = -way * truth.aim_play_rad, 0.0
+        self._shear: Shear | None = None
+
+    @property
+    def travel_rad(self) -> float:
+        return self._travel + self._in_play + self._bend
+
+    def centre_mm(self, distance_mm: float) -> Floats:
+        x, y = self._truth.base_mm
+        angle = self.travel_rad
+        return np.array([x + distance_mm * math.cos(angle), y + distance_mm * math.sin(angle)])
+
+    def put(self, distance_mm: float) -> tuple[TipLoad | None, Floats]:
+        """Put it at a distance from its base: what the skin feels there, and the force (2,) on the tip."""
+        before = self._shear
+        for _ in range(_ROUNDS):
+            load, shear, force = self._load(distance_mm, before)
+            if load is None:
+                self._bend = 0.0
+            elif self._give_way(distance_mm, force) < 1e-9:
+                break
+        self._shear = shear
+        if load is not None and shear is not None:
+            load = TipLoad(load.force_n, load.angle + shear.angle_rad, load.by_ray_n)
+        return load, force
+
+    def _load(self, distance_mm: float, before: Shear | None) -> tuple[TipLoad | None, Shear | None, Floats]:
+        truth, centre = self._truth, self.centre_mm(distance_mm)
+        load = tip_load(self._outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
+        if load is None:
+            return None, None, np.zeros(2)
+        shear = sheared(
+            before,
+            load,
+            centre,
+            0.0,
+            radius_mm=truth.tip_radius_mm,
+            stiffness_n_per_mm=truth.stiffness_n_per_mm,
+            friction=self._friction,
+        )
+        return load, shear, load.force_n + shear.force_n
+
+    def _give_way(self, distance_mm: float, force: Floats) -> float:
+        """Let the aim give way to a force; by how much, rad."""
+        gives = self._truth.aim_yield
+        if gives is None:
+            return 0.0
+        angle, stiffness = self.travel_rad, self._truth.stiffness_n_per_mm
+        across = float(force[1]) * math.cos(angle) - float(force[0]) * math.sin(angle)
+        missing = gives.rad_per_nmm * distance_mm * across - self._bend
+        change = missing / (1 + stiffness * gives.rad_per_nmm * distance_mm**2)
+        self._bend += change
+        beyond = math.copysign(max(abs(across) - gives.play_holds_n, 0.0), across) / stiffness / distance_mm
+        play = self._truth.aim_play_rad
+        moved = min(max(self._in_play + beyond, -play), play) - self._in_play
+        self._in_play += moved
+        return abs(change) + abs(moved)
