@@ -125,7 +125,7 @@ def fit_touches(
     fit = fit_fingers(models, placings, touches, (fit.values, fit.poses))
     slopes = predict_residuals(models, placings, touches, fit.values, fit.poses)[3]
     give = touch_loads(touched, specs).give_sigma_mm
-    fit = _with_give_alike(slopes, give, touches, _with_dents_alike(specs, touches, fit))
+    fit = _with_dents_alike(specs, touches, _with_give_alike(slopes, give, touches, fit))
     without = fit_fingers(
         models, placings, touches.with_used(~hold_out(len(touched))), (fit.values, fit.poses)
     )
