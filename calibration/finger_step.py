@@ -118,7 +118,7 @@ def fit_touches(
     does not show in the scatter: the fit's poses take some of it in, the radii what is alike in all dents.
     """
     touches = touch_arrays(touched, models, placings, specs)
-    fit = fit_fingers(models, placings, touches)
+    fit = fit_fingers(models, placings, touches, _begin_of_fit(specs, models, placings, touched))
     check_fit(specs, models, placings, touches, fit)
     share = max(_LEAST_SHARE, fit.chi_square / fit.freedom)
     touches = replace(touches, sigma_mm=touches.sigma_mm * math.sqrt(share))
@@ -130,6 +130,21 @@ def fit_touches(
         models, placings, touches.with_used(~hold_out(len(touched))), (fit.values, fit.poses)
     )
     return touches, fit, without
+
+
+def _begin_of_fit(
+    specs: Sequence[SlideFingerConfig],
+    models: Sequence[FingerModel],
+    placings: Sequence[ReferencePlacement],
+    touched: Sequence[TouchMeasurement],
+) -> tuple[Floats, Floats] | None:
+    """Values and poses by one placing after the other: all at once, a plate may be found turned wrongly."""
+    begin = None
+    for count in range(1, len(placings)):
+        some = [item for item in touched if item.placing < count]
+        fit = fit_fingers(models, placings[:count], touch_arrays(some, models, placings, specs), begin)
+        begin = fit.values, fit.poses
+    return begin
 
 
 def _with_dents_alike(specs: Sequence[SlideFingerConfig], touches: Touches, fit: Fit) -> Fit:
