@@ -1,7 +1,8 @@
 """What the force of a calibration's touch may do to the finger: bend what carries the tip, push its aim.
 
 A contact at the bearing b from the direction of travel pushes the tip with N along its normal, sideways with
-N sin b less what friction takes off: between 0.3 and 1 of it, as the skin is softer along the surface.
+N sin b less what friction takes off. It slips at friction times N; where it sticks, a third is left or more,
+as the skin is softer along the surface.
 """
 
 import math
@@ -56,12 +57,17 @@ def touch_loads(touched: Sequence[TouchMeasurement], specs: Sequence[SlideFinger
     pushes = np.array([spec.aim.backlash_holds_n is not None for spec in own])
     side, sine = np.sign(bearing), np.abs(np.sin(bearing))
     give = deflection * force * sine**2
+    # Compliance from 0 to what is declared, and of the sideways push from the least that friction leaves.
+    tangent = np.tan(np.minimum(np.abs(bearing), 1.5))
+    least = np.maximum(1 - _SHEAR_SHARE, 1 - friction / np.maximum(tangent, 1e-9))
+    mean = (1 + least) / 4
+    sigma = np.sqrt((1 + least + least**2) / 9 - mean**2)
     # It slips at friction times the force; skin is sheared no further than the tip has gone along the face.
-    sheared = np.minimum(friction / _SHEAR_SHARE, np.tan(np.minimum(np.abs(bearing), 1.5))) * dent / radius
+    sheared = np.minimum(friction / _SHEAR_SHARE, tangent) * dent / radius
     return TouchLoads(
         side=side,
-        give_mm=give / 2,
-        give_sigma_mm=give / math.sqrt(12),
+        give_mm=give * mean,
+        give_sigma_mm=give * sigma,
         sheared_rad=sheared / 2,
         sheared_sigma_rad=sheared / math.sqrt(12),
         flank=np.where(pushes, side, 0.0),
