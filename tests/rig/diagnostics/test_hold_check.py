@@ -1,16 +1,22 @@
 """What force a part holds, measured by pushing it: never more than it does, gently, and torque off."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from emulated_session import EmulatedSession, emulated_session
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from json_schema import violations
 from quick_rig import small_objects, small_rig
 
+import palpate
+from palpate.config import shipped_rig
 from palpate.config.check_result import HoldCheckOut
 from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.config.schema import schema_text
 from palpate.errors import InputError
 from palpate.geometry import Floats
 from palpate.rig.bench import connect
@@ -76,6 +82,21 @@ def test_a_part_that_stands_is_pushed_no_harder_than_is_said() -> None:
     assert not out.slid
     assert 2.0 < out.part_holds_n <= out.largest_n == 3.0
     assert max(finger.hardest_n for finger in session.bench.fingers) < 1.3 * out.largest_n
+
+
+@pytest.mark.campaign
+def test_the_command_on_the_shipped_bench(tmp_path: Path) -> None:
+    part = '[emulation.part]\nengine = "quasi-static"\nmass_kg = 0.15\nfriction = 0.3\n\n[[fingers]]'
+    text = shipped_rig().read_text(encoding="utf-8").replace("[[fingers]]", part, 1)
+    rig = tmp_path / "rig.toml"
+    rig.write_text(text, encoding="utf-8")
+    said: list[str] = []
+    found = palpate.open_rig(rig, seed=7).check(hold=True, progress=said.append)
+    assert found.well
+    assert found.result.hold is not None
+    assert 0.2 < found.result.hold.part_holds_n < 0.44
+    assert violations(json.loads(found.to_json()), json.loads(schema_text("check"))) == []
+    assert said[-4:] == ["  looking for the part", *(f"  pushing with finger f{k}" for k in (1, 2, 3))]
 
 
 @pytest.mark.campaign
