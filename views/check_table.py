@@ -15,6 +15,7 @@ from palpate.config.check_result import (
     TouchCheckOut,
 )
 from palpate.errors import counted
+from palpate.rig.diagnostics.hold_check import rounded_down
 from palpate.views.tables import folded, table
 
 __all__ = ["show"]
@@ -120,8 +121,10 @@ def _hold_lines(found: HoldCheckOut) -> list[str]:
 
 
 def _finger_hold(item: FingerHoldOut) -> str:
-    certain = "nothing certain" if item.holds_n is None else f"{item.holds_n:.2g} of {item.pressed_n:.2g} N"
-    return f"{escape(item.finger)} {certain}"
+    name = escape(item.finger)
+    if item.holds_n is None:
+        return f"{name} nothing for certain"
+    return f"{name} {rounded_down(item.holds_n):g} of {item.pressed_n:.2g} N"
 
 
 def _calibration(found: CalibrationCheckOut) -> str:

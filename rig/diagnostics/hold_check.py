@@ -27,7 +27,7 @@ from palpate.rig.motion.hand import Hand
 from palpate.rig.motion.slip_push import SlipPush, SlipPusher
 from palpate.rig.reach.approaches import Reach, reach_of
 
-__all__ = ["certain_force_n", "check_hold", "gentle", "quietest_force_n", "with_hold"]
+__all__ = ["certain_force_n", "check_hold", "gentle", "quietest_force_n", "rounded_down", "with_hold"]
 
 _SEARCH_MM_S = 8.0
 _TOUCH_MM_S = 2.0
@@ -90,8 +90,8 @@ def check_hold(hand: Hand, tell: Callable[[str], None] = lambda _: None) -> Hold
             "so that fingers do not meet it in a notch, and check again"
         )
     return HoldCheckOut(
-        part_holds_n=_rounded_down(max(certain)),
-        least_n=_rounded_down(min(slid or certain)),
+        part_holds_n=rounded_down(max(certain)),
+        least_n=rounded_down(min(slid or certain)),
         slid=bool(slid),
         largest_n=largest_n,
         moved_mm=moved_mm + sum(item.moved_mm for item in fingers),
@@ -206,7 +206,7 @@ def _slide_mm(rig: RigFile, touch: Touch, stage: TouchStage) -> float:
     return sum(max(load.travel_mm - load.peak_force_n / stiffness, 0.0) for load in loads)
 
 
-def _rounded_down(value: float) -> float:
-    """To two significant digits."""
+def rounded_down(value: float) -> float:
+    """A positive force, rounded down to two significant digits."""
     step = 10.0 ** (math.floor(math.log10(value)) - 1)
     return float(f"{math.floor(value / step * (1 + 1e-12)) * step:.2g}")
