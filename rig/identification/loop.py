@@ -210,7 +210,7 @@ class _Search:
         gently = [replace(approach, touch_mm_s=self._touch_mm_s()) for approach in grip]
         touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
-        self._motions.append(self._bounds.of_grip(touches))
+        self._motions.append(self._bounds.of_grip(touches, self._evidence.recognition))
         self._observers(TouchEvent(number, touches))
         self._understand()
 

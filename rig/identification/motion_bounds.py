@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.config import FingerConfig, RigFile
 from palpate.geometry import Bools, Floats, Ints
-from palpate.recognizer import Catalogue, Motion
+from palpate.recognizer import Catalogue, Contact, Hypothesis, Motion, Recognition
 from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.conversion import measured_force_share
 from palpate.rig.identification.support import Support, supports_of
@@ -29,6 +29,8 @@ _OBLIQUE = math.hypot(1.0, _TIP_FRICTION)
 """Arrays measure what presses, not what shears: with that friction a force is larger by this factor."""
 _SHEARED = 1 + _TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
 """Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
+_THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
+_NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
 _HIDDEN = 1.5  # times the noise's limit: a force above is noticed for certain
 
 
@@ -54,11 +56,12 @@ class GripMotion:
 class _Loads:
     """Upper bounds on what g fingers did in b periods of time, one after the other; all (g, b).
 
-    `force_n` on the part; `work_mj` by the finger; `stored_mj` in its skin. `measured`: the period in which
-    the contacts were measured.
+    `at_contact_n`: force where its contact was measured; `anywhere_n`: elsewhere; `work_mj` by the finger;
+    `stored_mj` in its skin. `measured`: the period in which the contacts were measured.
     """
 
-    force_n: Floats
+    at_contact_n: Floats
+    anywhere_n: Floats
     work_mj: Floats
     stored_mj: Floats
     measured: int
@@ -98,13 +101,25 @@ class MotionBounds:
     def peak_force_n(self, touches: Sequence[Touch]) -> float:
         """Largest force of the fingers of a grip together, at most; infinite if not known."""
         loads = self._loads(touches)
-        return math.inf if loads is None else float(loads.force_n.sum(axis=0).max(initial=0.0))
+        return (
+            math.inf
+            if loads is None
+            else float((loads.at_contact_n + loads.anywhere_n).sum(axis=0).max(initial=0.0))
+        )
 
-    def of_grip(self, touches: Sequence[Touch]) -> GripMotion:
-        """Bounds on what a grip moved."""
-        loads = self._loads(touches)
-        count = len(self.catalogue.states)
-        slides = np.array([_slides_mm(support, loads) for support in self.supports]).reshape(count, 3)
+    def of_grip(self, touches: Sequence[Touch], recognition: Recognition | None = None) -> GripMotion:
+        """Bounds on what a grip moved; `recognition`: what was known of the part before."""
+        loads, count = self._loads(touches), len(self.catalogue.states)
+        contacts = [touch.contact for touch in touches]
+        slides = np.zeros((count, 3))
+        for row, support in enumerate(self.supports):
+            leverages = np.full(len(touches), support.leverage)
+            if recognition is not None and math.isfinite(support.holds_n):
+                near = _leverages(support, row, contacts, recognition)
+                slides[row] = _slides_mm(support, loads, near)
+                if slides[row, 2] * support.leverage <= _NUDGED_MM:
+                    continue
+            slides[row] = _slides_mm(support, loads, leverages)
         shift = np.array([support.shift for support in self.supports])
         turn = np.array([support.turn_rad_per_mm for support in self.supports])
         before, after, whole = (Motion(_times(slide, shift), _times(slide, turn)) for slide in slides.T)
@@ -125,38 +140,87 @@ class MotionBounds:
             _row(finger, trace, index, count, period_s)
             for finger, trace, index in zip(fingers, known, periods, strict=True)
         ]
-        force, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
+        at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
         measured_s = [trace.measured_s for trace in known if math.isfinite(trace.measured_s)]
         measured = int((max(measured_s) - begin_s) / period_s) + 1 if measured_s else count
-        return _Loads(force, work, stored, min(measured, count))
+        return _Loads(at_contact, anywhere, work, stored, min(measured, count))
 
 
 def _row(
     finger: FingerConfig, trace: LoadTrace, index: Ints, count: int, period_s: float
-) -> tuple[Floats, Floats, Floats]:
-    """Force, work and stored energy (count,) of one finger at most, in each period."""
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Force at the contact and anywhere, work and stored energy (count,) of one finger at most."""
     gain = 1 / (1 - measured_force_share(finger))
     tip = finger.tip
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
     stiff = tip.stiffness_n_per_mm * (1 + tip.stiffness_spread)
     # Between two frames force grows.
     grown = np.where(trace.force_n > 0, stiff * trace.touch_mm_s * period_s, 0.0)
-    normal = np.zeros(count)
-    np.maximum.at(normal, index, gain * np.maximum(trace.force_n, _HIDDEN * trace.unnoticed_n) + grown)
-    normal = _spread(_filled(normal, index))  # frames are older than they seem by up to a period
+    there = np.zeros(len(trace.time_s), dtype=bool)
+    if math.isfinite(trace.measured_s):
+        end_mm = np.interp(trace.measured_s, trace.time_s, trace.travel_mm)
+        there = (trace.force_n > 0) & (np.abs(trace.travel_mm - end_mm) < _THERE_MM)
+    most = gain * np.maximum(trace.force_n, _HIDDEN * trace.unnoticed_n) + grown
+    at_contact, anywhere = (_by_period(np.where(at, most, 0.0), index, count) for at in (there, ~there))
+    normal = np.maximum(at_contact, anywhere)
     advance = np.zeros(count)
     np.add.at(advance, index, trace.advance_mm)
-    force = _OBLIQUE * normal
-    return force, force * advance, _SHEARED * normal**2 / (2 * soft)
+    work = _OBLIQUE * normal * advance
+    return _OBLIQUE * at_contact, _OBLIQUE * anywhere, work, _SHEARED * normal**2 / (2 * soft)
 
 
-def _slides_mm(support: Support, loads: _Loads | None) -> tuple[float, float, float]:
-    """Largest slide before the measurement, after it, and in all."""
+def _by_period(values: Floats, index: Ints, count: int) -> Floats:
+    """The largest of each period's frames and its neighbours': frames may be older by a period."""
+    result = np.zeros(count)
+    np.maximum.at(result, index, values)
+    return _spread(_filled(result, index))
+
+
+def _leverages(support: Support, row: int, contacts: Sequence[Contact], recognition: Recognition) -> Floats:
+    """Leverage (g,) of each finger's contact on a part in state `row`, which is one of the hypotheses."""
+    result = np.full(len(contacts), support.leverage)
+    centres = [_centre(support, item) for item in recognition.hypotheses if item.state_index == row]
+    for k, contact in enumerate(contacts):
+        if contact.touched and centres:
+            point, unsure_mm = _touched_point(contact)
+            furthest = max(float(np.hypot(*(point - at))) + within for at, within in centres)
+            result[k] = support.leverage_at(furthest + unsure_mm + _NUDGED_MM)
+    return result
+
+
+def _centre(support: Support, hypothesis: Hypothesis) -> tuple[Floats, float]:
+    """Where the centre of mass is (2,), within how many mm."""
+    bounds = hypothesis.bounds
+    (x0, x1), (y0, y1), (t0, t1) = bounds.x_mm, bounds.y_mm, bounds.theta_rad
+    theta = (t0 + t1) / 2
+    c, s = math.cos(theta), math.sin(theta)
+    x, y = support.centre_mm.tolist()
+    at = np.array([(x0 + x1) / 2 + c * x - s * y, (y0 + y1) / 2 + s * x + c * y])
+    return at, math.hypot(x1 - x0, y1 - y0) / 2 + math.hypot(x, y) * (t1 - t0) / 2
+
+
+def _touched_point(contact: Contact) -> tuple[Floats, float]:
+    """Where a tip touches (2,), within how many mm."""
+    centre, radius = np.array(contact.end_mm), contact.finger.tip_radius_mm
+    if contact.normal is None:
+        return centre, radius + contact.position_bound_mm
+    middle = (contact.normal.lo_rad + contact.normal.hi_rad) / 2
+    half = (contact.normal.hi_rad - contact.normal.lo_rad) / 2
+    at: Floats = centre - radius * np.array([math.cos(middle), math.sin(middle)])
+    return at, radius * half + contact.position_bound_mm
+
+
+def _slides_mm(support: Support, loads: _Loads | None, leverages: Floats) -> tuple[float, float, float]:
+    """Largest slide before the measurement, after it, and in all; `leverages` (g,): of the contacts."""
     if math.isinf(support.holds_n):
         return 0.0, 0.0, 0.0
     if loads is None:
         return math.inf, math.inf, math.inf
-    moving = loads.force_n.sum(axis=0) * support.leverage > support.holds_n
+    elsewhere = loads.anywhere_n.sum(axis=0)
+    push = loads.at_contact_n.sum(axis=0) + elsewhere
+    pull = leverages @ loads.at_contact_n + support.leverage * elsewhere
+    pull += push * support.carried * np.minimum(push / support.holds_n, 1.0)
+    moving = pull > support.holds_n
     count, measured = len(moving), loads.measured
     before = _dissipated_mj(loads, moving, 0, measured)
     after = _dissipated_mj(loads, moving, measured, count)

@@ -16,6 +16,7 @@ from palpate.geometry import Floats
 from palpate.geometry.object_model import State
 from palpate.recognizer import Catalogue
 from palpate.recognizer.edges import CatalogueState
+from palpate.rig.identification.stability import FRICTION_MOST
 
 __all__ = ["Support", "support_of", "supports_of"]
 
@@ -23,8 +24,6 @@ _SAMPLES = 24  # of an evenly loaded base, along the longer side of its box
 _TURNS = 31  # centres of rotation looked at, along each side of thrice the part's reach
 _SAMPLED = 1.03  # allowance for both grids
 _MEDIAN_ROUNDS = 60
-_TABLE_FRICTION = 0.5
-"""At most: so far, times the height of a push, does the push carry the pressure's centre."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,23 @@ class Support:
     `holds_n`: what it bears at its middle; infinite: it is taken to lie still. Per mm of slide the centroid
     moves at most `shift`, the part turns at most `turn_rad_per_mm`, and no point of its outline moves more
     than `leverage`. A force f anywhere on the outline does not move it if f · `leverage` ≤ `holds_n`.
+    `centre_mm` (2,): its centre of mass in the file's frame. Pushed with all that it bears, the centre of
+    friction is carried off by so much that leverages grow by `carried`; under less, by that share of it.
     """
 
     holds_n: float
     shift: float
     turn_rad_per_mm: float
     leverage: float
+    centre_mm: Floats
+    carried: float
+
+    def leverage_at(self, distance_mm: float) -> float:
+        """As `leverage`, of a point at a distance from the centre of mass.
+
+        The centre of friction moves with the mean velocity, and everything turns about it.
+        """
+        return min(self.leverage, 1 + distance_mm * self.turn_rad_per_mm)
 
 
 def supports_of(catalogue: Catalogue, search: SearchConfig, height_mm: float) -> tuple[Support, ...]:
@@ -59,21 +69,23 @@ def support_of(item: CatalogueState, search: SearchConfig, height_mm: float) -> 
     """
     holds = item.holds_n or search.part_holds_n
     if holds is None:
-        return Support(math.inf, 0.0, 0.0, 1.0)
+        return Support(math.inf, 0.0, 0.0, 1.0, item.origin_mm, 0.0)
     centre = centre_of_mass_mm(item.state)
     sections = item.state.sections
     outline = np.concatenate([ring for section in sections for ring in section.rings])
     hull = shapely.get_coordinates(shapely.convex_hull(shapely.MultiPoint(outline))) - centre
-    carried = _TABLE_FRICTION * height_mm
-    off = float(np.hypot(*(centre - item.origin_mm))) + carried
-    reach = float(np.hypot(*hull.T).max()) + item.tolerance_mm + item.rounding_mm + carried
+    carried_mm, unsure_mm = FRICTION_MOST * height_mm, item.tolerance_mm + item.rounding_mm
+    off = float(np.hypot(*(centre - item.origin_mm))) + carried_mm
     declared = item.support_mm or search.part_support_mm
     if declared is not None:
-        return _standing_on(holds, declared, off, reach)
+        reach = float(np.hypot(*hull.T).max()) + unsure_mm
+        turn = 1 / declared
+        return Support(holds, 1 + off * turn, turn, 1 + reach * turn, centre, carried_mm * turn)
     lowest = min(sections, key=lambda section: section.z_mm[0])
     base = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in lowest.polygons])
     base = shapely.affinity.translate(base, *(-centre))
-    return _evenly_loaded(holds, base, hull, off, item.tolerance_mm + item.rounding_mm + carried)
+    shift, turn, leverage = _evenly_loaded(base, hull, off, unsure_mm)
+    return Support(holds, shift, turn, leverage, centre, carried_mm * turn * leverage)
 
 
 def centre_of_mass_mm(state: State) -> Floats:
@@ -90,22 +102,13 @@ def centre_of_mass_mm(state: State) -> Floats:
     return result
 
 
-def _standing_on(holds_n: float, rho_mm: float, off_mm: float, reach_mm: float) -> Support:
-    """Any pressure whose mean distance from its geometric median is `rho_mm` at least.
-
-    Its mean c, the centre of friction, is within `off_mm` of the centroid, and the outline within `reach_mm`
-    of it. Round any centre of rotation z, E|x − z| is at least ρ and at least |c − z|.
-    """
-    return Support(holds_n, 1 + off_mm / rho_mm, 1 / rho_mm, 1 + reach_mm / rho_mm)
-
-
 def _evenly_loaded(
-    holds_n: float, base: shapely.Geometry, hull: Floats, off_mm: float, unsure_mm: float
-) -> Support:
-    """The whole base, under a pressure that is known, so the worst centre of rotation is looked for.
+    base: shapely.Geometry, hull: Floats, off_mm: float, unsure_mm: float
+) -> tuple[float, float, float]:
+    """Shift, turn and leverage of the whole base, under a pressure that is known.
 
-    All from the centre of mass. `hull` (v, 2): corners of the part's convex hull; the outline may be
-    `unsure_mm` further from where the pressure balances.
+    The worst centre of rotation is looked for. All from the centre of mass. `hull` (v, 2): corners of the
+    part's convex hull; the outline may be `unsure_mm` further from where the pressure balances.
     """
     points, load = _pressure(base)
     rho = _mean_distance_from_median(points, load) / _SAMPLED
@@ -116,7 +119,7 @@ def _evenly_loaded(
     leverage = max(float(np.max((furthest + unsure_mm) / mean)), 1.0)
     distance = np.hypot(*centres.T)
     shift = max(float(np.max((distance + off_mm) / mean)), 1.0)
-    return Support(holds_n, shift * _SAMPLED, 1 / rho, leverage * _SAMPLED)
+    return shift * _SAMPLED, 1 / rho, leverage * _SAMPLED
 
 
 def _pressure(base: shapely.Geometry) -> tuple[Floats, Floats]:

@@ -55,13 +55,14 @@ class LoadTrace:
 
     `time_s` (n,) ascending, on the rig's clock; `force_n` (n,): what was noticed, in the frame or in the mean
     of up to STEADY_FRAMES quiet ones around it, 0 for nothing; `unnoticed_n` (n,): what the noise may hide of
-    a steady push beside, 0 where the way was known to be free; `advance_mm` (n,): how far the tip can have
-    gone forward since the frame before; `touch_mm_s`: how fast at most where it might meet the part;
-    `measured_s`: when the grip's contacts were measured, nan if never.
+    a steady push beside, 0 where the way was known to be free; `travel_mm` (n,): where the tip was on its
+    way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how fast at
+    most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if never.
     """
 
     time_s: Floats
     force_n: Floats
+    travel_mm: Floats
     advance_mm: Floats
     unnoticed_n: Floats
     touch_mm_s: float
@@ -169,6 +170,7 @@ class LoadMeter:
         return LoadTrace(
             times,
             np.where(quiet, lasting, forces),
+            travels,
             self._advances(times, travels),
             np.where(
                 travels > np.array(free)[stage],

@@ -232,13 +232,16 @@ class TipMover(_FingerMover):
 
 
 class SearchMover(TipMover):
-    """Quick touch: fast through proven free space, slower from there on, and off the part again at once.
+    """Search: fast through proven free space, slower from there on, and off the part again at once.
 
     After a contact the finger stops, and goes back by back_off_mm by itself: it does not press while others
-    are still under way.
+    are still under way. One that `stays` rests where it has touched: its touch is a slow one already.
     """
 
-    def __init__(self, hand: Hand, run: ApproachState, others: Sequence[ApproachState]) -> None:
+    def __init__(
+        self, hand: Hand, run: ApproachState, others: Sequence[ApproachState], *, stays: bool = False
+    ) -> None:
+        self._stays = stays
         closing, approach = hand.rig.closing, run.approach
         self._fast_mm_s = closing.approach_speed_mm_s
         self._search_mm_s = run.slowed_to(closing.search_mm_s)
@@ -254,9 +257,11 @@ class SearchMover(TipMover):
         return max(super().longest_s(), _LONGER * self.limit_mm / self._search_mm_s)
 
     def sense(self, now: float) -> End | None:
-        """A contact turns it; on its way back it still feels the part."""
+        """A contact turns it, or ends its way; on its way back it still feels the part."""
         if self._is_back or super().sense(now) is None:
             return None
+        if self._stays:
+            return End.CONTACT
         self._is_back = self._turns = True
         return End.TURN
 

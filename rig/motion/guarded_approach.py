@@ -1,6 +1,7 @@
 """Guarded approach: fingers move along straight lines until contact, limit, stall or deadline.
 
-Each finger touches twice: quickly to find the object, when it backs off at once, then slowly to measure it.
+Each finger touches twice: quickly to find the object, when it backs off at once, then slowly to measure it;
+only once if the approach asks for so slow a touch that it measures by itself.
 All chosen fingers move at once; the loop runs once per tactile sample, and every finger stops by itself. A
 finger that comes too close to another one stops where it is: its free way so far is still evidence.
 """
@@ -92,13 +93,15 @@ def _carry_out(
     under_way += runs
     hand.tare()
     tell(GripPhase.CLOSING)
-    _meter(hand, runs)
-    backed = _search_contacts(hand, runs)
+    is_slow = all(run.slowed_to(hand.rig.closing.search_mm_s) <= _slow_mm_s(hand) for run in runs)
+    _meter(hand, runs, TouchStage.SLOW if is_slow else TouchStage.QUICK)
+    backed = _search_contacts(hand, runs, stay=is_slow)
     _settle(hand, runs)
     patches: dict[str, ContactPatch | None] = {}
     if backed:
         tell(GripPhase.TOUCHING)
-        patches = {run.finger.name: patch for run, patch in _measured(hand, backed, measure)}
+        found = measure(hand, list(backed)) if is_slow else _measured(hand, backed, measure)
+        patches = {run.finger.name: patch for run, patch in found}
         for run in runs:
             run.note_measured(hand.clock.now())
     turned = hand.turn
@@ -112,7 +115,11 @@ def _carry_out(
     ]
 
 
-def _meter(hand: Hand, runs: Sequence[ApproachState]) -> None:
+def _slow_mm_s(hand: Hand) -> float:
+    return hand.rig.closing.touch_speed_mm_s
+
+
+def _meter(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None:
     """Measure from now on what loads the part."""
     closing = hand.rig.closing
     for run in runs:
@@ -124,7 +131,7 @@ def _meter(hand: Hand, runs: Sequence[ApproachState]) -> None:
             travel_step_mm(run.finger.spec),
             run.finger.extractor.noise_share,
         )
-        run.meter.begin(TouchStage.QUICK, hand.clock.now(), run.approach.fast_mm)
+        run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})
 
 
@@ -213,14 +220,14 @@ def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, End
     return {mover.run: end for mover, end in ends.items() if mover.run is not None}
 
 
-def _search_contacts(hand: Hand, runs: Sequence[ApproachState]) -> dict[ApproachState, float]:
-    """Send every finger towards its limit; those that touch something back off at once, by themselves.
+def _search_contacts(hand: Hand, runs: Sequence[ApproachState], *, stay: bool) -> dict[ApproachState, float]:
+    """Send every finger towards its limit; those that touch something `stay`, or back off at once.
 
     Returns where (mm of their ways) fingers that have touched go back to.
     """
     for run in runs:
         run.touched = False
-    movers = [SearchMover(hand, run, runs) for run in runs]
+    movers = [SearchMover(hand, run, runs, stays=stay) for run in runs]
     move_tips(hand, movers)
     return {mover.run: mover.limit_mm for mover in movers if mover.run.touched}
 
@@ -235,7 +242,7 @@ def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:
             hand,
             run,
             run.approach.travel_mm,
-            run.slowed_to(closing.touch_speed_mm_s),
+            run.slowed_to(_slow_mm_s(hand)),
             closing.contact_force_n,
             runs,
         )

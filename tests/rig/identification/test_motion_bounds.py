@@ -109,7 +109,8 @@ def press(
     pressed = (time_s >= begin_s) & (time_s < begin_s + last_s)
     advance_mm = np.where(pressed, work_mj / max(force_n, 1e-9) / max(pressed.sum(), 1), 0.0)
     hidden = np.full(len(time_s), unnoticed_n)
-    return LoadTrace(time_s, np.where(pressed, force_n, 0.0), advance_mm, hidden, 1.5, begin_s + 0.8 * last_s)
+    force = np.where(pressed, force_n, 0.0)
+    return LoadTrace(time_s, force, np.cumsum(advance_mm), advance_mm, hidden, 1.5, begin_s + 0.8 * last_s)
 
 
 def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
