@@ -19,7 +19,7 @@ from palpate.recognizer.tree import (
     orientation_range,
 )
 
-__all__ = ["extend_by_region", "split_into_runs"]
+__all__ = ["contact_in_object", "extend_by_region", "split_into_runs"]
 
 
 def extend_by_region(
@@ -33,7 +33,7 @@ def extend_by_region(
     """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells."""
     edges = catalogue.edges(contact.finger)
     candidates = int(np.sum(edges.count[nodes.state]))
-    point, reach = _contact_in_object(cells, contact, anchor_mm)
+    point, reach = contact_in_object(cells, contact, anchor_mm)
 
     def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
         along = end - start
@@ -78,7 +78,7 @@ def _distinct(node: Ints, edge: Ints, edges: int) -> int:
     return len(np.unique(node * edges + edge))
 
 
-def _contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
+def contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:
     """Where the contact lies in the object's frame: within reach (k,) mm of a point (k, 2), in each cell."""
     x, y = np.asarray(contact.end_mm) - anchor_mm
     cos, sin = np.cos(cells.middle), np.sin(cells.middle)

@@ -44,12 +44,17 @@ class Motion:
         return Motion(self.shift_mm + other.shift_mm, self.turn_rad + other.turn_rad)
 
 
-def carried_by(motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints) -> Contact:
+def carried_by(
+    motion: Motion, catalogue: Catalogue, contact: Contact, states: Ints, distance_mm: Floats | None = None
+) -> Contact:
     """The contact after a motion of the part, which is in one of `states` (indices).
 
     Position, path, normal and direction of travel are widened by what the motion may have been.
+    `distance_mm` (S,): from the centroid to where the contact was, at most; None: as far as the part reaches.
     """
     at_end, on_path = _displacements_mm(motion, catalogue, contact, states)
+    if distance_mm is not None:
+        at_end = min(at_end, _most(motion.shift_mm + motion.turn_rad * distance_mm, states))
     turn = _most(motion.turn_rad, states)
     normal = contact.normal
     if normal is not None:

@@ -14,7 +14,7 @@ from palpate.errors import InputError
 from palpate.geometry import Floats
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
-from palpate.recognizer.extension import split_into_runs
+from palpate.recognizer.extension import contact_in_object, split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
 from palpate.recognizer.motion import Motion, carried_by
 from palpate.recognizer.null_branch import (
@@ -74,9 +74,19 @@ class Recognition(ShortRepr):
         if not motion:
             return self
         states = np.unique(self.interpretations.state)
-        carried = tuple(carried_by(motion, self.catalogue, contact, states) for contact in self.contacts)
+        carried = tuple(
+            carried_by(motion, self.catalogue, contact, states, self._distance_mm(contact))
+            for contact in self.contacts
+        )
         nodes = self.interpretations.turned(motion.turn_rad[self.interpretations.state])
         return replace(self, contacts=carried)._with((), branches_of(nodes, self.cells))
+
+    def _distance_mm(self, contact: Contact) -> Floats:
+        """How far from each state's centroid (S,) a contact is at most; 0 for states that are ruled out."""
+        point, reach = contact_in_object(self.cells, contact, self.anchor_mm)
+        result = np.zeros(len(self.catalogue.states))
+        np.maximum.at(result, self.cells.state, np.hypot(*point.T) + reach)
+        return result
 
     def _with(self, contacts: Sequence[Contact], branches: list[Branch]) -> "Recognition":
         return _search(

@@ -37,8 +37,10 @@ class GripEvidence:
 
     `recognition`: None before enough contacts were made. `idle`: touches in a row without gain. `predicted`:
     touches that came out as the hypotheses had predicted, and `chance`: how probable that is if the part is
-    none of the catalogue. `detectable_shift_mm`: a shift of the part by more before the last grip would have
-    been detected for certain. `checks`: grips in a row that were made to confirm an answer.
+    none of the catalogue. `narrowest`: the least extent that the present hypotheses had.
+    `detectable_shift_mm`: a shift of the part by more before the last grip would have been detected for
+    certain. `is_bounded`: how far touches shift it is known. `checks`: grips in a row that were made to
+    confirm an answer.
     """
 
     catalogue: Catalogue
@@ -49,7 +51,9 @@ class GripEvidence:
     predicted: int = 0
     chance: float = 1.0
     detectable_shift_mm: float = math.inf
+    is_bounded: bool = False
     checks: int = 0
+    narrowest: tuple[float, float] | None = None
 
     def add(self, contacts: Sequence[Contact], motion: Motion | None = None) -> list[Hypothesis]:
         """Take the contacts of a grip, misses included; returns the hypotheses that they eliminate.
@@ -79,9 +83,10 @@ class GripEvidence:
         """
         eliminated = [item for item in moved.hypotheses if not _survives(item, after)]
         fewer = len(after.hypotheses) < len(before.hypotheses)
-        narrower = any(
-            new < (1 - _LEAST_GAIN) * old for old, new in zip(_extent(before), _extent(after), strict=True)
-        )
+        # What a part may have moved widens bounds again: gained is what was never as narrow.
+        best, new = self.narrowest or _extent(before), _extent(after)
+        narrower = any(now < (1 - _LEAST_GAIN) * least for least, now in zip(best, new, strict=True))
+        self.narrowest = new if fewer else (min(best[0], new[0]), min(best[1], new[1]))
         self.idle = 0 if fewer or narrower else self.idle + len(contacts)
         self.predicted += sum(contact.touched for contact in contacts)
         predictions = _predictions(moved, contacts)

@@ -241,6 +241,8 @@ class _Search:
     def _add(self, motion: Motion | None) -> None:
         number, contacts = len(self._grips), self._contacts()
         self._eliminated += [(number, item) for item in self._evidence.add(contacts, motion)]
+        declared = self._bounds.holds_n(self._states()) is not None
+        self._evidence.is_bounded = declared and not self._hold_contradicted
         if self._evidence.recognition is not None:
             self._observers(RecognitionEvent(number, self._evidence.recognition))
 

@@ -90,10 +90,12 @@ class GripChooser:
     def is_confirmed(self, evidence: GripEvidence) -> bool:
         """Whether enough came out as predicted, and the last grip would have detected a shift of the part.
 
-        On some parts no reachable touches detect it: then the checks that were made must do.
+        On some parts no reachable touches detect it: then the checks that were made must do. Where it is
+        declared what force parts bear, it is known how far touches shift them.
         """
         limits = self.rig.search
         steady = evidence.detectable_shift_mm <= limits.detectable_shift_mm or evidence.checks >= _MOST_CHECKS
+        steady |= evidence.is_bounded
         return steady and evidence.chance <= limits.false_match_probability
 
     def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
