@@ -33,6 +33,7 @@ class ApproachState:
     servos: Servos = (math.nan, math.nan)
     travel_mm: float = 0.0
     touched: bool = False
+    searching: bool = False
     moved_s: float = 0.0
     track: list[tuple[float, float]] = field(default_factory=list)
     meter: LoadMeter | None = None
@@ -97,7 +98,8 @@ class ApproachState:
         return None if self.meter is None else self.meter.trace()
 
     def note_stopped(self, now: float) -> None:
-        """Note that the finger is stopped."""
+        """Note that the finger is stopped, and searches no longer."""
+        self.searching = False
         if self.meter is not None:
             self.meter.stopped(now)
 

@@ -235,20 +235,21 @@ class SearchMover(TipMover):
     """Search: fast through proven free space, slower from there on, and off the part again at once.
 
     After a contact the finger stops, and goes back by back_off_mm by itself: it does not press while others
-    are still under way. One that `stays` rests where it has touched: its touch is a slow one already.
+    are still under way. The last one `may_stay`: where its touch is a slow one already. `is_back`: it has
+    gone back.
     """
 
     def __init__(
-        self, hand: Hand, run: ApproachState, others: Sequence[ApproachState], *, stays: bool = False
+        self, hand: Hand, run: ApproachState, others: Sequence[ApproachState], *, may_stay: bool = False
     ) -> None:
-        self._stays = stays
+        self._may_stay = may_stay
         closing, approach = hand.rig.closing, run.approach
         self._fast_mm_s = closing.approach_speed_mm_s
         self._search_mm_s = run.slowed_to(closing.search_mm_s)
         self._slow_from_mm = approach.fast_mm - _SLOWING_LAG_S * self._fast_mm_s
         self._slow_from_mm -= run.finger.drive.slowing_mm(self._fast_mm_s, self._search_mm_s)
         self._is_fast = run.travel_mm < self._slow_from_mm
-        self._slows = self._turns = self._is_back = False
+        self._slows = self._turns = self.is_back = False
         speed = self._fast_mm_s if self._is_fast else self._search_mm_s
         super().__init__(hand, run, approach.travel_mm, speed, closing.contact_force_n, others)
 
@@ -258,18 +259,18 @@ class SearchMover(TipMover):
 
     def sense(self, now: float) -> End | None:
         """A contact turns it, or ends its way; on its way back it still feels the part."""
-        if self._is_back or super().sense(now) is None:
+        if self.is_back or super().sense(now) is None:
             return None
-        if self._stays:
+        if self._may_stay and not any(other.searching for other in self._others):
             return End.CONTACT
-        self._is_back = self._turns = True
+        self.is_back = self._turns = True
         return End.TURN
 
     def until(self, now: float) -> End | None:
         """Slower where free space ends; the end is that of either way."""
         if self._turns:
             return None
-        if self._is_fast and not self._is_back and self.run.travel_mm >= self._slow_from_mm:
+        if self._is_fast and not self.is_back and self.run.travel_mm >= self._slow_from_mm:
             self._is_fast, self._slows = False, True
         return super().until(now)
 
@@ -287,4 +288,4 @@ class SearchMover(TipMover):
 
     def is_crowded(self) -> bool:
         """Not on the way back: it was free just now."""
-        return not self._is_back and super().is_crowded()
+        return not self.is_back and super().is_crowded()

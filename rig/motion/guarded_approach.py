@@ -1,7 +1,7 @@
 """Guarded approach: fingers move along straight lines until contact, limit, stall or deadline.
 
-Each finger touches twice: quickly to find the object, when it backs off at once, then slowly to measure it;
-only once if the approach asks for so slow a touch that it measures by itself.
+Each finger touches twice: quickly to find the object, when it backs off at once, then slowly to measure it.
+Where the search is that slow already, the last finger to touch stays where it is.
 All chosen fingers move at once; the loop runs once per tactile sample, and every finger stops by itself. A
 finger that comes too close to another one stops where it is: its free way so far is still evidence.
 """
@@ -34,7 +34,7 @@ _FREE_PERIOD_S = 0.02
 _SETTLE_S = 0.08
 _MEASURE_FRAMES = 8
 _MOST_BACKS = 3
-_NEAR_MM = 1.0  # before its quick contact may a finger meet the part again: what was in between was free
+_NEAR_MM = 0.5  # before its quick contact may a finger meet the part again: what was in between was free
 _FREE_SHARE = 0.25  # of the way back: a slow touch that comes sooner was no new touch
 
 
@@ -96,12 +96,13 @@ def _carry_out(
     is_slow = all(run.slowed_to(hand.rig.closing.search_mm_s) <= _slow_mm_s(hand) for run in runs)
     _meter(hand, runs, TouchStage.SLOW if is_slow else TouchStage.QUICK)
     backed = _search_contacts(hand, runs, stay=is_slow)
+    touched = [run for run in runs if run.touched]
     _settle(hand, runs)
     patches: dict[str, ContactPatch | None] = {}
-    if backed:
+    if touched:
         tell(GripPhase.TOUCHING)
-        found = measure(hand, list(backed)) if is_slow else _measured(hand, backed, measure)
-        patches = {run.finger.name: patch for run, patch in found}
+        _touch_again(hand, backed)
+        patches = {run.finger.name: patch for run, patch in measure(hand, touched)}
         for run in runs:
             run.note_measured(hand.clock.now())
     turned = hand.turn
@@ -221,15 +222,15 @@ def move_tips(hand: Hand, movers: Sequence[TipMover]) -> dict[ApproachState, End
 
 
 def _search_contacts(hand: Hand, runs: Sequence[ApproachState], *, stay: bool) -> dict[ApproachState, float]:
-    """Send every finger towards its limit; those that touch something `stay`, or back off at once.
+    """Send every finger towards its limit; those that touch something back off at once, by themselves.
 
-    Returns where (mm of their ways) fingers that have touched go back to.
+    The last one may `stay`. Returns where (mm of their ways) fingers go back to.
     """
     for run in runs:
-        run.touched = False
-    movers = [SearchMover(hand, run, runs, stays=stay) for run in runs]
+        run.touched, run.searching = False, True
+    movers = [SearchMover(hand, run, runs, may_stay=stay) for run in runs]
     move_tips(hand, movers)
-    return {mover.run: mover.limit_mm for mover in movers if mover.run.touched}
+    return {mover.run: mover.limit_mm for mover in movers if mover.is_back}
 
 
 def _touch_slowly(hand: Hand, runs: Sequence[ApproachState]) -> None:
@@ -259,18 +260,15 @@ def look(hand: Hand, runs: Sequence[ApproachState]) -> None:
         run.seen(found[run.finger], now)
 
 
-def _measured(
-    hand: Hand, backed: Mapping[ApproachState, float], measure: Measure
-) -> list[tuple[ApproachState, ContactPatch | None]]:
-    """Touch again slowly from where fingers have backed off to, let everything settle, and measure."""
+def _touch_again(hand: Hand, backed: Mapping[ApproachState, float]) -> None:
+    """Touch again slowly from where fingers have backed off to, and let everything settle."""
     again, back = backed, hand.rig.closing.back_off_mm
-    for _ in range(_MOST_BACKS):
+    for _ in range(_MOST_BACKS if backed else 0):
         stuck = _touched_at_once(hand, again, back)
         if not stuck:
             break
         back *= 2  # they had run further into it than they backed off
         again = {run: max(0.0, run.travel_mm - back) for run in stuck}
-    return measure(hand, list(backed))
 
 
 def measure_at_rest(
