@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.support import Support
@@ -39,6 +39,7 @@ from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.views.recognition import contacts_json
 
 _NOISE_N = 0.05
+LIGHT = Path(__file__).parent.parent / "examples" / "light-rig.toml"
 
 Engine = Literal["mujoco", "quasi-static"]
 
@@ -216,7 +217,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--objects", type=Path, default=Path(shipped_objects()))
-    parser.add_argument("--rig", type=Path, default=Path(shipped_rig()))
+    parser.add_argument("--rig", type=Path, default=LIGHT)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--declare", choices=["none", "true", "double"], default="true")
     parser.add_argument("--engine", choices=["mujoco", "quasi-static"], default="mujoco")

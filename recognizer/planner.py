@@ -72,9 +72,8 @@ class _GripSearch:
     """A grip in the making; at first nothing is chosen, and what all poses miss is of no use.
 
     `open_to` (n,): candidates that may still join it; `furthest` (n,) mm: how far each goes; `hazard` (n,):
-    of tipping or rolling the part (`push_hazard`); `confused`
-    (pairs,): the weight of pairs of poses that are still indistinguishable, `remaining` together;
-    `compared`: number of pairs at first.
+    of moving the part (`push_hazard`); `confused` (pairs,): the weight of pairs of poses that are still
+    indistinguishable, `remaining` together; `compared`: number of pairs at first.
     """
 
     def __init__(
@@ -98,7 +97,9 @@ class _GripSearch:
         self.seconds = reachable.seconds(self.furthest)
         self.hazard: Floats = np.zeros(len(self.open_to))
         if limits is not None:
-            self.hazard = push_hazard(limits, reachable.approaches, self.poses, self.outcome)
+            self.hazard = push_hazard(
+                limits, reachable.approaches, self.poses, recognition.anchor_mm, self.outcome
+            )
         self.confused, self.compared = self.pairs.weight, len(self.pairs.first)
         self.remaining = 1.0
         self.chosen: list[PredictedApproach] = []

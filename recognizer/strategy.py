@@ -86,7 +86,7 @@ def checking_grip(
     rows = np.flatnonzero(outcome.hit[:, 0] & (outcome.facing[:, 0] >= _SQUARE) & ~used)
     hazard = np.zeros(len(approaches))
     if limits is not None:
-        hazard = push_hazard(limits, approaches, poses, outcome)
+        hazard = push_hazard(limits, approaches, poses, recognition.anchor_mm, outcome)
     known = [contact.end_mm for contact in recognition.contacts if contact.touched]
     chosen: list[PredictedApproach] = []
     while len(rows) and (len(chosen) < _CHECKS or _hidden(outcome, reachable, chosen) > shift_mm):

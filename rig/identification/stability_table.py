@@ -8,7 +8,9 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Recognition
+from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.identification.stability import DIRECTIONS, FRICTION_MOST, RESERVE, Stability, stability_of
+from palpate.rig.identification.support import supports_of
 from palpate.vocabulary import PushResponse
 
 __all__ = ["NotBounded", "StabilityTable"]
@@ -39,6 +41,19 @@ class StabilityTable:
         """As `palpate.recognizer.PushLimits` has it."""
         result: Floats = np.array([self._of(state)[1] for state in states.tolist()]).reshape(-1, DIRECTIONS)
         return result
+
+    def slide_shares(self, states: Ints) -> Floats:
+        """As `palpate.recognizer.PushLimits` has it."""
+        return self._slide_shares[states]
+
+    @cached_property
+    def _slide_shares(self) -> Floats:
+        height_mm = max(finger.height_mm for finger in self.rig.fingers)
+        supports = supports_of(self.catalogue, self.rig.search, height_mm)
+        force_n = expected_peak_n(self.rig, self.rig.closing.touch_speed_mm_s)
+        return np.array(
+            [(force_n / item.holds_n, force_n / item.holds_n * item.turn_rad_per_mm) for item in supports]
+        ).reshape(-1, 2)
 
     def not_bounded(self, recognition: Recognition | None, pushed_n: float) -> tuple[NotBounded, ...]:
         """States that are left in which the part may have tipped or rolled, each once, the heaviest first.

@@ -97,6 +97,14 @@ class ApproachState:
         """Load on the part frame by frame, if it is metered."""
         return None if self.meter is None else self.meter.trace()
 
+    @property
+    def unfelt_mm(self) -> float:
+        """How far along the line the tip was when something was noticed first; infinite if nothing was."""
+        trace = self.trace
+        if trace is None or not trace.felt:
+            return math.inf
+        return float(trace.travel_mm[np.argmax(trace.force_n > 0)])
+
     def note_stopped(self, now: float) -> None:
         """Note that the finger is stopped, and searches no longer."""
         self.searching = False

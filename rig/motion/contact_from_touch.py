@@ -83,9 +83,12 @@ def _bound_mm(run: ApproachState, turn: Turn) -> float:
 
 
 def _miss(run: ApproachState, closing: ClosingConfig, turn: Turn) -> Contact:
-    """The way was free as far as the finger went; less a little where a touch could not be measured."""
+    """The way was free as far as the finger went without feeling anything.
+
+    Less a little where a touch could not be measured. From a slight force on it may have pushed the part.
+    """
     start, centre = run.start_mm, run.centre_mm
-    gone = math.dist(start, centre)
+    gone = min(math.dist(start, centre), run.unfelt_mm - run.line.travel_mm(start))
     far = max(gone - (2 * closing.back_off_mm if run.touched else 0.0), 0.0)
     way = Line(start, math.atan2(centre[1] - start[1], centre[0] - start[0]))
     bound = _bound_mm(run, turn) + deflection_mm(run.finger.spec, undetected_force_n(closing))

@@ -5,8 +5,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from reach_ring import GOALS, RESOLUTION, contact_along, normal_at, ring, some_recognition, travel_of
-from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place
+from shapely_bench import SHIPPED_OBJECTS, Placed, flat, grip, outlines, place, unit
 
 from palpate.geometry import Floats, Ints
 from palpate.recognizer import (
@@ -21,6 +22,9 @@ from palpate.recognizer import (
     recognise,
 )
 from palpate.recognizer.grips import fits_together, predict_approach
+from palpate.recognizer.measurement_model import touch_outcomes
+from palpate.recognizer.poses import sampled_poses
+from palpate.recognizer.push_limits import push_hazard
 from palpate.vocabulary import Strategy
 
 
@@ -164,6 +168,39 @@ class Unsteady:
         angle = np.radians(np.arange(360))
         row = np.where((np.cos(angle) > -0.4) & (np.sin(angle) > -0.4), np.inf, 0.0)
         return np.tile(row, (len(states), 1))
+
+    def slide_shares(self, states: Ints) -> Floats:
+        return np.zeros((len(states), 2))
+
+
+class Light:
+    """Limits of states that slide under a touch further than 10 mm off their middle."""
+
+    def safe_heights_mm(self, states: Ints) -> Floats:
+        return np.full((len(states), 360), np.inf)
+
+    def slide_shares(self, states: Ints) -> Floats:
+        return np.tile([0.5, 0.05], (len(states), 1))
+
+
+def test_the_hazard_of_sliding_grows_with_the_distance_from_the_middle() -> None:
+    models = [flat("bar", [(0, 0), (80, 0), (80, 12), (70, 20), (0, 20)])]
+    catalogue = Catalogue(models)
+    rng = np.random.default_rng(5)
+    placed = Placed(models[0], -40.0, -10.0, 0.4)
+    found = recognise(catalogue, grip(placed, rng, fingers=6, half_range=math.radians(8)))
+    poses, approaches = sampled_poses(found.hypotheses), ring().approaches
+    outcome = touch_outcomes(catalogue, poses.cells, found.anchor_mm, approaches)
+    hazard = push_hazard(Light(), approaches, poses, found.anchor_mm, outcome)
+    rows = np.flatnonzero(outcome.hit.all(axis=1))
+    off = []
+    for row in rows.tolist():
+        item = approaches[row]
+        at = np.array(item.start_mm) + travel_of(placed, item) * unit(item.direction_rad)
+        off.append(float(np.hypot(*(at - placed.on_table(catalogue.origins_mm[0])))))
+    expected = 1 - 1 / np.maximum(0.5 + 0.05 * np.array(off), 1.0)
+    assert hazard[rows] == pytest.approx(expected, abs=0.06)
+    assert not hazard[~outcome.hit.any(axis=1)].any()
 
 
 def test_approaches_that_may_tip_the_part_are_the_last_to_be_taken() -> None:
