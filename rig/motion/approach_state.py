@@ -11,7 +11,8 @@ from palpate.drivers.finger import Body, Line, Servos, Turn
 from palpate.recognizer import FingerApproach
 from palpate.rig.conversion import line_of
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.contact_load import ContactLoad, LoadMeter, LoadTrace
+from palpate.rig.motion.contact_load import ContactLoad, LoadTrace
+from palpate.rig.motion.load_meter import LoadMeter
 
 __all__ = ["ApproachState"]
 

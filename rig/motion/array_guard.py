@@ -11,7 +11,7 @@ from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.host_finger import HostFinger
-from palpate.rig.motion.contact_load import LoadMeter
+from palpate.rig.motion.load_meter import LoadMeter
 
 __all__ = ["ArrayGuard", "ArrayReading"]
 

@@ -21,9 +21,10 @@ from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.contact_from_touch import Touch, conclude
-from palpate.rig.motion.contact_load import LoadMeter, TouchStage
+from palpate.rig.motion.contact_load import TouchStage
 from palpate.rig.motion.finger_movers import ARRIVED_MM, FreeMover, SearchMover, TipMover
 from palpate.rig.motion.hand import SPEAK_S, Hand
+from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]

@@ -29,7 +29,7 @@ from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
-from palpate.rig.motion.contact_load import LoadMeter
+from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem

@@ -2,9 +2,11 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from palpate.rig.motion.contact_load import LoadMeter, TouchStage
+from palpate.rig.motion.contact_load import TouchStage
+from palpate.rig.motion.load_meter import LoadMeter
 
 STIFFNESS = 3.0
 PERIOD_S = 0.004
@@ -57,3 +59,61 @@ def test_every_touch_is_a_load_of_its_own_and_what_is_not_felt_is_none() -> None
     assert [load.stage for load in meter.loads()] == [TouchStage.QUICK, TouchStage.SLOW]
     assert meter.loads()[1].peak_force_n == pytest.approx(0.3, rel=0.1)
     assert not LoadMeter(0.3, PERIOD_S).loads()
+
+
+def counts(rng: np.random.Generator, above: float = 0.0) -> np.ndarray:
+    return np.round(rng.normal(100.0 + above, 2.0, (4, 6))).astype(np.uint16)
+
+
+def test_a_finger_is_taken_to_go_forward_until_it_is_stopped_and_not_while_it_stands() -> None:
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0, step_mm=0.02)
+    meter.begin(TouchStage.SLOW, 0.0)
+    for k in range(200):
+        t = k * PERIOD_S
+        travel = 5 * min(t, 0.4)
+        if k % 5 == 0:
+            meter.see(round(travel / 0.02) * 0.02, t)
+        meter.feel(STIFFNESS * max(travel - 1.8, 0.0), t + PERIOD_S)
+        if k == 100:
+            meter.stopped(t)
+    meter.measured(0.7)
+    trace = meter.trace()
+    assert trace is not None
+    assert trace.felt
+    pressed = trace.force_n > 0
+    # From 0.05 N on: what is left of 0.2 mm, as much faster as allowed, and what a tip takes to stand.
+    assert 0.18 < trace.advance_mm[pressed].sum() < 0.27
+    assert trace.advance_mm[-90:].sum() == 0.0
+    assert trace.measured_s == 0.7
+
+
+def test_the_mean_of_quiet_frames_hides_less_and_a_free_way_nothing() -> None:
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0)
+    meter.begin(TouchStage.SLOW, 0.0, free_mm=1.0)
+    for k in range(200):
+        meter.see(5 * k * PERIOD_S, k * PERIOD_S)
+        meter.feel(0.2 if k == 150 else 0.0, (k + 1) * PERIOD_S, 0.01 if k == 120 else 0.0)
+    trace = meter.trace()
+    assert trace is not None
+    assert not trace.unnoticed_n[:50].any()
+    assert trace.unnoticed_n[60] == pytest.approx(0.05 / 8)
+    assert trace.unnoticed_n[170] == pytest.approx(0.05 / 7)
+    assert np.flatnonzero(trace.force_n).tolist() == [*range(57, 121), 150]
+    assert trace.force_n[[57, 120, 150]] == pytest.approx([0.01, 0.01, 0.2])
+
+
+def test_means_of_counts_are_of_the_newest_quiet_frames() -> None:
+    rng = np.random.default_rng(4)
+    meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05)
+    frames: list[np.ndarray] = []
+    for k in range(300):
+        frame = counts(rng)
+        if k in (40, 41, 200):
+            assert meter.quiet_mean(frame, 0.06) is None
+            frames = []
+            continue
+        frames = [*frames, frame][-64:]
+        found = meter.quiet_mean(frame, 0.04)
+        assert found is not None
+        assert found[1] == len(frames)
+        assert found[0] == pytest.approx(np.mean(frames, axis=0))

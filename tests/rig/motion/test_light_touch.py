@@ -1,5 +1,6 @@
 """A light touch: fast through free space, slow where the part may be, off it at once, as hard as stated."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,3 +92,18 @@ def test_the_expected_peak_grows_with_speed_and_threshold() -> None:
     assert peaks == sorted(peaks)
     assert expected_peak_n(rig, 20.0) == pytest.approx(2.85, abs=0.01)  # as docs/rig-file.md has it
     assert expected_peak_n(light(rig), 5.0) == pytest.approx(0.34, abs=0.01)
+
+
+def test_a_miss_says_nothing_of_the_way_from_where_something_was_felt() -> None:
+    """A finger that ends its way pressing on the part, with less than counts as a contact."""
+    rig = light(load_rig(shipped_rig()), contact_force_n=2.0)
+    found, _ = gripped(emulated_session(seed=7, rig=light(load_rig(shipped_rig()))), 0.0)
+    session = emulated_session(seed=7, rig=rig)
+    ways = [math.dist(touch.contact.start_mm, touch.contact.end_mm) for touch in found]
+    grip = [replace(item, travel_mm=way + 0.3) for item, way in zip(session.middle(), ways, strict=True)]
+    with connect(session.bench_rig) as hand:
+        missed = session.grip(hand, grip)
+    assert max(finger.hardest_n for finger in session.bench.fingers) > 0.3
+    for touch, way in zip(missed, ways, strict=True):
+        assert not touch.contact.touched
+        assert way - 1.0 < math.dist(touch.contact.start_mm, touch.contact.end_mm) < way + 0.05

@@ -1,0 +1,172 @@
+"""Load meter: collects forces and travels of one finger, frame by frame, and makes loads of them."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+
+from palpate.geometry import Bools, Counts, Floats, Ints
+from palpate.rig.motion.contact_load import ContactLoad, LoadTrace, TouchStage
+
+__all__ = ["LoadMeter"]
+
+_STEADY_FRAMES = 64  # a force that lasts for so many frames is noticed in their mean, where the noise is less
+_FASTER = 1.1  # than its profile may a servo be that catches up
+_BRAKING = 2  # frames after the order to stop until a tip stands
+
+
+class LoadMeter:
+    """Collects forces and travels of one finger, each at its instant, and sums them up to loads."""
+
+    def __init__(
+        self,
+        contact_force_n: float,
+        period_s: float,
+        unnoticed_n: float = 0.0,
+        touch_mm_s: float = math.inf,
+        step_mm: float = 0.0,
+        noise_share: Callable[[int], float] = lambda frames: 1 / math.sqrt(frames),
+    ) -> None:
+        """`contact_force_n`: half of it counts as contact; `period_s`: time between two frames;
+        `unnoticed_n`: the largest force that a single frame may not show; `touch_mm_s`: see `LoadTrace`;
+        `step_mm`: how finely servos tell where the tip is; `noise_share`: of the mean of so many frames.
+        """
+        self._touch_mm_s, self._step_mm, self._noise_share = touch_mm_s, step_mm, noise_share
+        self._stopped: list[float] = []
+        self._least_n, self._period_s = contact_force_n / 2, period_s
+        self._unnoticed_n = unnoticed_n
+        self._forces: list[tuple[float, float, float]] = []
+        self._travels: list[tuple[float, float]] = []
+        self._begun: list[tuple[float, TouchStage, float]] = []
+        self._quiet: deque[Counts] = deque(maxlen=_STEADY_FRAMES)
+        self._sum = np.zeros(0)
+        self._measured_s = math.nan
+
+    def begin(self, stage: TouchStage, now: float, free_mm: float = 0.0) -> None:
+        """Begin a stage; one that is begun again is a touch of its own.
+
+        `free_mm`: so much of the way is known to be free.
+        """
+        self._begun.append((now, stage, free_mm))
+
+    def quiet_mean(self, counts: Counts, force_n: float) -> tuple[Floats, int] | None:
+        """Mean counts of the newest frames without a force, and how many; None at a frame with one.
+
+        What is below the noise of three columns counts as none: single taxels exceed theirs now and then.
+        """
+        if force_n > self._unnoticed_n:
+            self._quiet.clear()
+            return None
+        new = counts.astype(float)
+        if not self._quiet:
+            self._sum = new
+        else:
+            self._sum = self._sum + new - (self._quiet[0] if len(self._quiet) == _STEADY_FRAMES else 0.0)
+        self._quiet.append(counts)
+        return self._sum / len(self._quiet), len(self._quiet)
+
+    def feel(self, force_n: float, now: float, steady_n: float = 0.0) -> None:
+        """Note the force of a frame that has arrived, and what is steady in the mean of the newest ones."""
+        # It may have been sampled one period ago: then the tip was not yet where it is now.
+        self._forces.append((now - self._period_s, force_n, steady_n))
+
+    def stopped(self, now: float) -> None:
+        """Note that the finger is to stop: from now on it stands or goes back, until a stage begins."""
+        self._stopped.append(now)
+
+    def measured(self, now: float) -> None:
+        """Note that the contacts of the grip have been measured."""
+        self._measured_s = now
+
+    def see(self, travel_mm: float, now: float) -> None:
+        """Note how far along its line the tip is."""
+        self._travels.append((now, travel_mm))
+
+    def loads(self) -> tuple[ContactLoad, ...]:
+        """A load for each stage in which something was felt, in order of time."""
+        if not self._forces or not self._travels:
+            return ()
+        times, forces, _ = np.array(self._forces).T
+        travels = np.interp(times, *np.array(self._travels).T)
+        ends = [*(begun for begun, *_ in self._begun[1:]), math.inf]
+        found = []
+        for (begun, stage, _), end in zip(self._begun, ends, strict=True):
+            during = (times >= begun) & (times < end)
+            if (forces[during] > self._least_n).any():
+                found.append(self._load(stage, times[during], forces[during], travels[during]))
+        return tuple(found)
+
+    def trace(self) -> LoadTrace | None:
+        """All that was noted, frame by frame; None if nothing was."""
+        if not self._forces or not self._travels:
+            return None
+        times, forces, steady = np.array(self._forces).T
+        travels = np.interp(times, *np.array(self._travels).T)
+        quiet = forces <= self._unnoticed_n
+        # What is steady at a frame was so in those before it as well.
+        lasting = np.concatenate([steady, np.zeros(_STEADY_FRAMES - 1)])
+        lasting = np.lib.stride_tricks.sliding_window_view(lasting, _STEADY_FRAMES).max(axis=1)
+        begun, _, free = zip(*self._begun, strict=True)
+        stage = np.maximum(np.searchsorted(begun, times, side="right") - 1, 0)
+        return LoadTrace(
+            times,
+            np.where(quiet, lasting, forces),
+            travels,
+            self._advances(times, travels),
+            np.where(
+                travels > np.array(free)[stage],
+                self._unnoticed_n * self._shares[_frames_together(quiet)],
+                0.0,
+            ),
+            self._touch_mm_s,
+            self._measured_s,
+        )
+
+    @cached_property
+    def _shares(self) -> Floats:
+        return np.array([1.0] + [self._noise_share(frames) for frames in range(1, _STEADY_FRAMES + 1)])
+
+    def _advances(self, times: Floats, travels: Floats) -> Floats:
+        """How far the tip can have gone forward before each frame (n,).
+
+        By its profile's speed, or faster if servos say so; nothing while it is stopped, unless they do.
+        """
+        passed = np.diff(times, prepend=times[0])
+        reads = np.array(self._travels)[:, 0]
+        gaps = np.diff(reads, prepend=reads[0] - self._period_s)
+        gap = np.maximum(gaps[np.minimum(np.searchsorted(reads, times), len(reads) - 1)], self._period_s)
+        seen = np.diff(travels, prepend=travels[0]) - self._step_mm * passed / gap
+        result: Floats = np.maximum(seen, _FASTER * self._touch_mm_s * passed)
+        for stopped in self._stopped:
+            begun = [at for at, *_ in self._begun if at > stopped]
+            rows = np.flatnonzero(
+                (times > stopped + _BRAKING * self._period_s) & (times < min(begun, default=math.inf))
+            )
+            if len(rows):
+                reached = np.maximum.accumulate([travels[rows[0]] + self._step_mm, *travels[rows]])
+                result[rows] = np.diff(reached)
+        return result
+
+    def _load(self, stage: TouchStage, times: Floats, forces: Floats, travels: Floats) -> ContactLoad:
+        felt = np.flatnonzero(forces > self._least_n)
+        free = np.flatnonzero(forces <= 0)
+        first = max(free[free < felt[0]], default=0)
+        last = min(free[free > felt[-1]], default=len(forces) - 1)
+        force, travel = forces[first : last + 1], travels[first : last + 1]
+        steps = np.maximum(np.diff(travel), 0.0)
+        work = float(((force[1:] + force[:-1]) / 2 * steps).sum())
+        begun_s, ended_s = float(times[first]), float(times[last])
+        if forces[last] > 0:
+            ended_s = math.inf  # it has not left the part yet
+        return ContactLoad(stage, float(force.max()), float(steps.sum()), work, begun_s, ended_s)
+
+
+def _frames_together(quiet: Bools) -> Ints:
+    """Of each frame (n,), how many quiet ones are together there, _STEADY_FRAMES at most; 1 if it is not."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], quiet, [False]]).astype(np.int8)))
+    result = np.ones(len(quiet), dtype=np.int64)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        result[first:last] = min(last - first, _STEADY_FRAMES)
+    return result
