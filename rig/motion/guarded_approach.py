@@ -61,9 +61,9 @@ def carry_out_grip(
     """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
 
     `measure`: how contacts are measured after the slow touch, None for where fingers rest. A grip in which
-    a servo's Bus Watchdog trips is begun once more. Raises DeviceError for a device that fails and
-    SafetyStop for a finger that is held by something its array does not feel. Torque stays on at every way
-    out; the end of the hand's `with` block switches it off.
+    a servo's Bus Watchdog trips is begun once more; its touches then have no trace. Raises DeviceError for a
+    device that fails and SafetyStop for a finger that is held by something its array does not feel. Torque
+    stays on at every way out; the end of the hand's `with` block switches it off.
     """
     under_way: list[ApproachState] = []
     try:
@@ -74,7 +74,8 @@ def carry_out_grip(
     if under_way:
         look(hand, under_way)
         go_to(hand, dict.fromkeys(under_way, 0.0))
-    return _carry_out(hand, grip, tell, measure or measure_at_rest, [])
+    again = _carry_out(hand, grip, tell, measure or measure_at_rest, [])
+    return [replace(touch, trace=None) for touch in again]  # what the first try did to the part is not in it
 
 
 def _carry_out(
