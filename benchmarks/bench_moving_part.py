@@ -98,10 +98,10 @@ def drawn(job: Job, rig: RigFile) -> tuple[RigFile, np.random.Generator]:
 def declared(job: Job, rig: RigFile, support: Support, rng: np.random.Generator) -> RigFile:
     """The rig file with what its user would say of the part."""
     shares = rng.uniform(0.5, 1.0, 2)
-    if job.declare == "none":
-        return rig
     holds = support.slip_n * (2.0 if job.declare == "double" else shares[0])
     said = {"part_holds_n": holds, "part_support_mm": support.median_distance_mm * shares[1]}
+    if job.declare == "none":
+        said = dict.fromkeys(said)
     return rig.model_copy(update={"search": rig.search.model_copy(update=said)})
 
 
