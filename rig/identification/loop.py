@@ -210,7 +210,8 @@ class _Search:
         gently = [replace(approach, touch_mm_s=self._touch_mm_s()) for approach in grip]
         touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
-        self._motions.append(self._bounds.of_grip(touches, self._evidence.recognition))
+        since = self._motions[-1].after if self._motions else None
+        self._motions.append(self._bounds.of_grip(touches, self._evidence.recognition, since))
         self._observers(TouchEvent(number, touches))
         self._understand()
 

@@ -107,15 +107,24 @@ class MotionBounds:
             else float((loads.at_contact_n + loads.anywhere_n).sum(axis=0).max(initial=0.0))
         )
 
-    def of_grip(self, touches: Sequence[Touch], recognition: Recognition | None = None) -> GripMotion:
-        """Bounds on what a grip moved; `recognition`: what was known of the part before."""
+    def of_grip(
+        self,
+        touches: Sequence[Touch],
+        recognition: Recognition | None = None,
+        since: Motion | None = None,
+    ) -> GripMotion:
+        """Bounds on what a grip moved.
+
+        `recognition`: what was known of the part, `since`: how it may have moved from then to the grip.
+        """
         loads, count = self._loads(touches), len(self.catalogue.states)
         contacts = [touch.contact for touch in touches]
+        since = since or Motion.none(self.catalogue)
         slides = np.zeros((count, 3))
         for row, support in enumerate(self.supports):
             leverages = np.full(len(touches), support.leverage)
-            if recognition is not None and math.isfinite(support.holds_n):
-                near = _leverages(support, row, contacts, recognition)
+            if recognition is not None and math.isfinite(support.holds_n + since.shift_mm[row]):
+                near = _leverages(support, row, contacts, recognition, since)
                 slides[row] = _slides_mm(support, loads, near)
                 if slides[row, 2] * support.leverage <= _NUDGED_MM:
                     continue
@@ -176,7 +185,9 @@ def _by_period(values: Floats, index: Ints, count: int) -> Floats:
     return _spread(_filled(result, index))
 
 
-def _leverages(support: Support, row: int, contacts: Sequence[Contact], recognition: Recognition) -> Floats:
+def _leverages(
+    support: Support, row: int, contacts: Sequence[Contact], recognition: Recognition, since: Motion
+) -> Floats:
     """Leverage (g,) of each finger's contact on a part in state `row`, which is one of the hypotheses."""
     result = np.full(len(contacts), support.leverage)
     centres = [_centre(support, item) for item in recognition.hypotheses if item.state_index == row]
@@ -184,7 +195,9 @@ def _leverages(support: Support, row: int, contacts: Sequence[Contact], recognit
         if contact.touched and centres:
             point, unsure_mm = _touched_point(contact)
             furthest = max(float(np.hypot(*(point - at))) + within for at, within in centres)
-            result[k] = support.leverage_at(furthest + unsure_mm + _NUDGED_MM)
+            off = float(np.hypot(*(support.centre_mm - recognition.catalogue.origins_mm[row])))
+            drift_mm = float(since.shift_mm[row] + since.turn_rad[row] * off)
+            result[k] = support.leverage_at(furthest + unsure_mm + drift_mm + _NUDGED_MM)
     return result
 
 
