@@ -14,14 +14,17 @@ from simulated_touches import SimulatedTouches
 
 from palpate.config import RigFile, load_rig, shipped_rig
 from palpate.recognizer import Catalogue, FingerApproach, Motion
+from palpate.rig.conversion import resolution_of
+from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.loop import search
 from palpate.rig.identification.motion_bounds import MotionBounds
+from palpate.rig.identification.next_grip import GripChooser
 from palpate.rig.identification.support import Support, support_of
 from palpate.rig.motion.contact_from_touch import Touch
 from palpate.rig.motion.contact_load import LoadTrace
 from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.rig.reach.approaches import reach_of
-from palpate.vocabulary import IdentificationVerdict
+from palpate.vocabulary import IdentificationVerdict, Strategy
 
 SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)
@@ -228,3 +231,29 @@ def test_a_part_that_is_pushed_before_every_grip_is_moving_and_contradicts_what_
         ends.append(result.outcome)
         assert result.hold_contradicted == bool(result.moved_before)
     assert ends.count(IdentificationVerdict.MOVING) >= 3, ends
+
+
+def test_where_a_force_is_declared_no_grip_is_spent_on_detecting_shifts() -> None:
+    chooser = GripChooser(RIG, REACH, Strategy.PLANNED, np.random.default_rng(0))
+    evidence = GripEvidence(CATALOGUE, resolution_of(RIG), chance=0.0)
+    assert not chooser.is_confirmed(evidence)
+    assert chooser.is_confirmed(replace(evidence, is_bounded=True))
+
+
+def test_bounds_that_motion_widens_again_are_no_gain() -> None:
+    """The same three touches, with the same motion in between, again and again."""
+    rng = np.random.default_rng(33)
+    placed = place_within(SIX[2], rng)
+    touches = SimulatedTouches(REACH, placed, rng)
+    every = [item for item in REACH.approaches if touches([item])[0].contact.touched]
+    grip = [next(item for item in every if item.finger_index == k) for k in range(3)]
+    evidence = GripEvidence(CATALOGUE, resolution_of(RIG))
+    count = len(CATALOGUE.states)
+    motion = Motion(np.full(count, 0.3), np.full(count, 0.01))
+    idle = []
+    for _ in range(5):
+        evidence.add([touch.contact for touch in touches(grip)], motion)
+        idle.append(evidence.idle)
+    assert idle[-1] >= 3, idle
+    assert evidence.recognition is not None
+    assert holding_truth(evidence.recognition, placed) is not None
