@@ -8,7 +8,8 @@
 
 Drawn per seed: mass 50 g to 1 kg (log-uniform), friction on the table 0.15 to 0.5, at the tips 0 to 0.6, on 3
 to 12 feet. Declared are 0.5 to 1 of the force that makes it slide and of its support's radius. Prints how the
-runs ended by slip force. A run whose folder exists is not repeated, so that a campaign can be taken up.
+runs ended by slip force; parts that are too narrow to stand on feet are left out. A run whose folder exists
+is not repeated, so that a campaign can be taken up.
 """
 
 import argparse
@@ -27,6 +28,7 @@ from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.support import Support
+from palpate.errors import InputError
 from palpate.geometry import Floats
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, connect, place, set_up
@@ -108,7 +110,7 @@ def declared(job: Job, rig: RigFile, support: Support, rng: np.random.Generator)
 def run(job: Job) -> None:
     """Carry out one run and write what came of it, and the truth beside it."""
     folder = job.out / f"seed-{job.seed}"
-    if (folder / "hidden.json").exists():
+    if (folder / "hidden.json").exists() or (folder / "skipped.txt").exists():
         return
     begin = time.perf_counter()
     objects = load_objects(job.objects)
@@ -118,7 +120,12 @@ def run(job: Job) -> None:
     assert placement is not None
     truth = draw_part(rig.emulation.part, placement, job.seed)
     assert truth is not None
-    support = support_of(truth, placement)
+    try:
+        support = support_of(truth, placement)
+    except InputError as error:  # too narrow to stand on feet: no run
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "skipped.txt").write_text(str(error))
+        return
     bench = set_up(rig, placement, job.seed)
     assert bench.emulated is not None
     hidden = Hidden(bench.emulated.bench, placement, [finger.name for finger in rig.fingers])
@@ -189,6 +196,8 @@ def table(folders: list[Path]) -> None:
     """How runs ended, by slip force."""
     rows = []
     for folder in folders:
+        if (folder / "skipped.txt").exists():
+            continue
         hidden = json.loads((folder / "hidden.json").read_text())
         path = folder / "result.json"
         rows.append((hidden, json.loads(path.read_text()) if path.exists() else None))

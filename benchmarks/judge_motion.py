@@ -53,7 +53,10 @@ def main() -> int:
     parser.add_argument("folders", nargs="+", type=Path)
     verdicts = Verdicts()
     for folder in parser.parse_args().folders:
-        judge(folder, verdicts)
+        if (folder / "result.json").exists():
+            judge(folder, verdicts)
+        elif not (folder / "skipped.txt").exists():
+            print(f"{folder.name}: no result")
     for name, count in sorted(verdicts.held.items()):
         broken = sum(line.startswith(name + ":") for line in verdicts.broken)
         print(f"{name:32} held {count:6}   broken {broken}")

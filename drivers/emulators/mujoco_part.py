@@ -27,6 +27,7 @@ _STILL_M_S = 1e-5
 _SETTLE_STEPS = 2000
 _LEVELLINGS = 4
 _SAME_MM = 1e-7
+_FALLEN_RAD = 0.05
 
 _MODEL = """
 <mujoco>
@@ -62,9 +63,15 @@ class MujocoPart:
         self._height_mm = body.height_mm
         self._model = mujoco.MjModel.from_xml_string(_xml(support, body))
         self._data = mujoco.MjData(self._model)
-        mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
+        self._stand()
         for _ in range(_LEVELLINGS):
+            stood = self._model.geom_pos.copy()
             self._level(support)
+            self._stand()
+            if self.tilt_rad > _FALLEN_RAD:  # feet that bear next to nothing were made too short for the rest
+                self._model.geom_pos[:] = stood
+                self._stand()
+                break
         self._rest = self._pose()
         self._awake = False
         self.displacement = Displacement(self._centre, np.zeros(2), 0.0)
@@ -88,6 +95,11 @@ class MujocoPart:
         mujoco.mj_kinematics(self._model, self._data)
         return math.acos(min(1.0, float(self._data.xmat[1][8])))
 
+    def _stand(self) -> None:
+        """Put the part on its feet, and let it come to rest."""
+        mujoco.mj_resetData(self._model, self._data)
+        mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
+
     def _level(self, support: Support) -> None:
         """Let feet that bear too little be longer: each is pressed in by about as much as it bears."""
         load, dent = np.zeros(len(support.share)), np.zeros(len(support.share))
@@ -102,7 +114,6 @@ class MujocoPart:
         place = np.column_stack([np.ones(len(longer)), support.feet_mm])
         longer -= place @ np.linalg.lstsq(place, longer)[0]
         self._model.geom_pos[1:, 2] -= longer
-        mujoco.mj_step(self._model, self._data, _SETTLE_STEPS)
 
     def _push(self, tip_forces: TipForces) -> None:
         """Hand the tips' forces to the engine, with their moments about the centre of mass."""

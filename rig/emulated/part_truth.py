@@ -27,6 +27,7 @@ _ENGINE_POINTS = 25  # for MuJoCo, which takes its time for each
 _FEWEST_ACROSS = 4
 _TRIES = 3000
 _LEAST_SHARE = 0.3  # of what a foot bears on average
+_LEAST_MM = 2.0  # across the feet: on less, feet that yield by 0.1 mm let a part of 20 mm fall over
 _LEAST_MARGIN = 0.3  # of the way from under the centre of mass to the base's edge
 
 
@@ -165,12 +166,22 @@ def _feet(
             continue
         share = _balanced(points, load, centre)
         hull = shapely.MultiPoint(points).convex_hull
-        if share.min() >= _LEAST_SHARE / count and _margin_mm(hull, centre) >= _LEAST_MARGIN * margin_mm:
+        stands = (
+            _margin_mm(hull, centre) >= _LEAST_MARGIN * margin_mm and _spread_mm(points, share) >= _LEAST_MM
+        )
+        if share.min() >= _LEAST_SHARE / count and stands:
             return points, share
     raise InputError(
         f"emulation.part.feet: is {count}; the part would fall over on nearly any such feet; "
         "draw more of them, or let it stand on its whole base (0)"
     )
+
+
+def _spread_mm(points: Floats, share: Floats) -> float:
+    """Standard deviation of the load's place across the line along which it is widest."""
+    off = points - share @ points
+    least = float(np.linalg.eigvalsh(off.T @ (share[:, None] * off))[0])
+    return math.sqrt(max(least, 0.0))
 
 
 def _balanced(points: Floats, load: Floats, centre: Floats) -> Floats:
