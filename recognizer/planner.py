@@ -53,7 +53,7 @@ def plan_grip(
 
     As many as `fingers`, where that many go together, and more if they are worth it. `used` (n,): candidates
     not to choose, because they were carried out before. `limits`: what pushes may do to the part; approaches
-    that cannot tip or roll it are preferred.
+    that cannot move it, or only slide it, are preferred.
     """
     choice = _GripSearch(recognition, reachable, resolution, goals, limits)
     if used is not None:

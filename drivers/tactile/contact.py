@@ -85,7 +85,7 @@ class ContactExtractor:
     def _set_guard(self) -> None:
         baseline, tracker = self.baseline, self._tracker
         doubt = 0.0 if tracker is None else tracker.bound
-        self._guard_base = baseline.mean
+        self._guard_base, self._guard_doubt = baseline.mean, doubt
         self._guard_threshold = SIGMAS * baseline.noise_counts + doubt
         gain = np.where(baseline.usable, self._n_per_count, 0.0)
         self._guard_gain = gain.ravel()
@@ -121,8 +121,16 @@ class ContactExtractor:
         above = counts - self._guard_base
         if self._cylinder is not None:
             return self._matched_n(above, frames)
-        least = self._guard_threshold * self.noise_share(frames)
+        least = _MATCHED_SIGMAS * self.noise_share(frames) * self._baseline.noise_counts + self._guard_doubt
         return float((above * (above > least)).ravel() @ self._guard_gain)
+
+    @property
+    def zero_doubt_n(self) -> float:
+        """What a zero that has drifted as far as it may hides of a force (N), beside the noise.
+
+        The zero may be off by its bound, and as much again is taken off what is felt.
+        """
+        return 2 * float(self._window_doubt.max(initial=0.0))
 
     def noise_share(self, frames: int) -> float:
         """Noise of the mean of some frames, over one frame's; both with what the tare had of it."""

@@ -31,7 +31,7 @@ _SHEARED = 1 + _TIP_FRICTION**2 / _SHEAR_STIFFNESS_SHARE
 """Elastic energy of skin that is pressed and sheared, over that of skin that is pressed."""
 _THERE_MM = 1.0  # from where it was measured, a finger presses on the same place
 _NUDGED_MM = 1.0  # by more a touch must not move what was known of the part, to count where it presses
-_HIDDEN = 1.5  # times the noise's limit: a force above is noticed for certain
+_HIDDEN = 1.5  # times the noise's limit: three standard deviations more, and a force is noticed
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +101,9 @@ class MotionBounds:
     def peak_force_n(self, touches: Sequence[Touch]) -> float:
         """Largest force of the fingers of a grip together, at most; infinite if not known."""
         loads = self._loads(touches)
-        return (
-            math.inf
-            if loads is None
-            else float((loads.at_contact_n + loads.anywhere_n).sum(axis=0).max(initial=0.0))
-        )
+        if loads is None:
+            return math.inf
+        return float((loads.at_contact_n + loads.anywhere_n).sum(axis=0).max(initial=0.0))
 
     def of_grip(
         self,

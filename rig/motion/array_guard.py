@@ -101,7 +101,8 @@ class ArrayGuard:
             for index, (force, frame) in enumerate(zip(forces, frames, strict=True), start=1):
                 at = now - (len(forces) - index) / self._closing.sample_rate_hz
                 quiet = meter.quiet_mean(frame.counts, force)
-                meter.feel(force, at, finger.extractor.steady_force_n(*quiet) if quiet else 0.0)
+                steady = finger.extractor.steady_force_n(*quiet) if quiet else 0.0
+                meter.feel(force, at, steady, finger.extractor.zero_doubt_n)
         return forces[-1]
 
     def _check_force(self, finger: HostFinger, force_n: float) -> None:

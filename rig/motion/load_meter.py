@@ -37,7 +37,7 @@ class LoadMeter:
         self._stopped: list[float] = []
         self._least_n, self._period_s = contact_force_n / 2, period_s
         self._unnoticed_n = unnoticed_n
-        self._forces: list[tuple[float, float, float]] = []
+        self._forces: list[tuple[float, float, float, float]] = []
         self._travels: list[tuple[float, float]] = []
         self._begun: list[tuple[float, TouchStage, float]] = []
         self._quiet: deque[Counts] = deque(maxlen=_STEADY_FRAMES)
@@ -67,10 +67,13 @@ class LoadMeter:
         self._quiet.append(counts)
         return self._sum / len(self._quiet), len(self._quiet)
 
-    def feel(self, force_n: float, now: float, steady_n: float = 0.0) -> None:
-        """Note the force of a frame that has arrived, and what is steady in the mean of the newest ones."""
+    def feel(self, force_n: float, now: float, steady_n: float = 0.0, doubt_n: float = 0.0) -> None:
+        """Note the force of a frame that has arrived, and what is steady in the mean of the newest ones.
+
+        `doubt_n`: what a zero that drifts may hide.
+        """
         # It may have been sampled one period ago: then the tip was not yet where it is now.
-        self._forces.append((now - self._period_s, force_n, steady_n))
+        self._forces.append((now - self._period_s, force_n, steady_n, doubt_n))
 
     def stopped(self, now: float) -> None:
         """Note that the finger is to stop: from now on it stands or goes back, until a stage begins."""
@@ -88,7 +91,7 @@ class LoadMeter:
         """A load for each stage in which something was felt, in order of time."""
         if not self._forces or not self._travels:
             return ()
-        times, forces, _ = np.array(self._forces).T
+        times, forces, *_ = np.array(self._forces).T
         travels = np.interp(times, *np.array(self._travels).T)
         ends = [*(begun for begun, *_ in self._begun[1:]), math.inf]
         found = []
@@ -102,7 +105,7 @@ class LoadMeter:
         """All that was noted, frame by frame; None if nothing was."""
         if not self._forces or not self._travels:
             return None
-        times, forces, steady = np.array(self._forces).T
+        times, forces, steady, doubt = np.array(self._forces).T
         travels = np.interp(times, *np.array(self._travels).T)
         quiet = forces <= self._unnoticed_n
         # What is steady at a frame was so in those before it as well.
@@ -110,16 +113,13 @@ class LoadMeter:
         lasting = np.lib.stride_tricks.sliding_window_view(lasting, _STEADY_FRAMES).max(axis=1)
         begun, _, free = zip(*self._begun, strict=True)
         stage = np.maximum(np.searchsorted(begun, times, side="right") - 1, 0)
+        hidden = self._unnoticed_n * self._shares[_frames_together(quiet)] + doubt
         return LoadTrace(
             times,
             np.where(quiet, lasting, forces),
             travels,
             self._advances(times, travels),
-            np.where(
-                travels > np.array(free)[stage],
-                self._unnoticed_n * self._shares[_frames_together(quiet)],
-                0.0,
-            ),
+            np.where(travels > np.array(free)[stage], hidden, 0.0),
             self._touch_mm_s,
             self._measured_s,
         )
