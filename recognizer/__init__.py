@@ -7,7 +7,7 @@ from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, Finger, NormalRange
 from palpate.recognizer.evidence import detectable_shift_mm, false_match_probability
 from palpate.recognizer.explanation import is_explained
-from palpate.recognizer.grips import FingerApproach, Grip, Reachable, twins
+from palpate.recognizer.grips import FREE_MARGIN_MM, FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
 from palpate.recognizer.measurement_model import Resolution
 from palpate.recognizer.motion import Motion, carried_by, felt_in_motion
@@ -20,6 +20,7 @@ from palpate.recognizer.recognition import Recognition, recognise
 from palpate.recognizer.strategy import already_used, checking_grip, next_grip
 
 __all__ = [
+    "FREE_MARGIN_MM",
     "Approach",
     "Bounds",
     "Catalogue",

@@ -15,6 +15,7 @@ from palpate.recognizer.recognition import Recognition
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = [
+    "FREE_MARGIN_MM",
     "FingerApproach",
     "Grip",
     "PredictedApproach",
@@ -28,7 +29,7 @@ __all__ = [
 _CLASSED = 200  # pairs among which twins are looked for; where more are confused, not all are twins
 _AT_ONCE = 500_000  # outcomes to compare: bounds the temporary arrays to tens of MB
 _FEW = 8
-_FREE_MARGIN_MM = 2.0  # before the earliest predicted stop, for a part that earlier touches have nudged
+FREE_MARGIN_MM = 2.0  # before the earliest predicted stop, for a part that earlier touches have nudged
 _PERCEPTIBLE = np.exp(-1.0)  # similarity of what the rig can just distinguish
 
 
@@ -88,7 +89,7 @@ class Grip(ShortRepr):
     @property
     def limited_approaches(self) -> tuple[FingerApproach, ...]:
         """The approaches, none longer than its finger has to go, fast where no hypothesis has anything."""
-        free = np.maximum(self.predictions.earliest.min(axis=1) - _FREE_MARGIN_MM, 0.0)
+        free = np.maximum(self.predictions.earliest.min(axis=1) - FREE_MARGIN_MM, 0.0)
         rows = zip(self.approaches, self.travels_mm, free.tolist(), strict=True)
         return tuple(replace(item.up_to(far), fast_mm=min(far, fast)) for item, far, fast in rows)
 

@@ -57,7 +57,8 @@ class _Loads:
     """Upper bounds on what g fingers did in b periods of time, one after the other; all (g, b).
 
     `at_contact_n`: force where its contact was measured; `anywhere_n`: elsewhere; `work_mj` by the finger;
-    `stored_mj` in its skin. `measured`: the period in which the contacts were measured.
+    `stored_mj` in its skin. `measured`: the period in which the contacts were measured. All of that holds as
+    long as the part has moved by `within_mm` at most: further, ways that were free may no longer be.
     """
 
     at_contact_n: Floats
@@ -65,6 +66,7 @@ class _Loads:
     work_mj: Floats
     stored_mj: Floats
     measured: int
+    within_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +103,9 @@ class MotionBounds:
     def peak_force_n(self, touches: Sequence[Touch]) -> float:
         """Largest force of the fingers of a grip together, at most; infinite if not known."""
         loads = self._loads(touches)
-        if loads is None:
+        if not loads:
             return math.inf
-        return float((loads.at_contact_n + loads.anywhere_n).sum(axis=0).max(initial=0.0))
+        return float((loads[0].at_contact_n + loads[0].anywhere_n).sum(axis=0).max(initial=0.0))
 
     def of_grip(
         self,
@@ -132,31 +134,41 @@ class MotionBounds:
         before, after, whole = (Motion(_times(slide, shift), _times(slide, turn)) for slide in slides.T)
         return GripMotion(before, after, whole)
 
-    def _loads(self, touches: Sequence[Touch]) -> _Loads | None:
-        """Loads of all fingers on one timeline; None if of one of them nothing is known."""
+    def _loads(self, touches: Sequence[Touch]) -> list[_Loads]:
+        """Loads of all fingers on one timeline; for motions that are larger and larger, the last for any.
+
+        Empty if nothing is known of one of them.
+        """
         traces = [touch.trace for touch in touches]
         known = [trace for trace in traces if trace is not None]
         if len(known) < len(traces) or not known:
-            return None
+            return []
         period_s = 1 / self.rig.closing.sample_rate_hz
         begin_s = min(float(trace.time_s[0]) for trace in known)
         periods = [np.floor((trace.time_s - begin_s) / period_s).astype(np.int64) for trace in known]
         count = max(int(index[-1]) for index in periods) + 1
         fingers = [self.rig.fingers[touch.finger_index] for touch in touches]
-        rows = [
-            _row(finger, trace, index, count, period_s)
-            for finger, trace, index in zip(fingers, known, periods, strict=True)
-        ]
-        at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
         measured_s = [trace.measured_s for trace in known if math.isfinite(trace.measured_s)]
         measured = int((max(measured_s) - begin_s) / period_s) + 1 if measured_s else count
-        return _Loads(at_contact, anywhere, work, stored, min(measured, count))
+        found = []
+        margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
+        for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
+            rows = [
+                _row(finger, trace, trace.free_within_mm >= within_mm, index, count, period_s)
+                for finger, trace, index in zip(fingers, known, periods, strict=True)
+            ]
+            at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
+            found.append(_Loads(at_contact, anywhere, work, stored, min(measured, count), within_mm))
+        return found
 
 
 def _row(
-    finger: FingerConfig, trace: LoadTrace, index: Ints, count: int, period_s: float
+    finger: FingerConfig, trace: LoadTrace, free: Bools, index: Ints, count: int, period_s: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Force at the contact and anywhere, work and stored energy (count,) of one finger at most."""
+    """Force at the contact and anywhere, work and stored energy (count,) of one finger at most.
+
+    `free` (n,): where it touches nothing but what it feels.
+    """
     gain = 1 / (1 - measured_force_share(finger))
     tip = finger.tip
     soft = tip.stiffness_n_per_mm * (1 - tip.stiffness_spread)
@@ -167,7 +179,8 @@ def _row(
     if math.isfinite(trace.measured_s):
         end_mm = np.interp(trace.measured_s, trace.time_s, trace.travel_mm)
         there = (trace.force_n > 0) & (np.abs(trace.travel_mm - end_mm) < _THERE_MM)
-    most = gain * np.maximum(trace.force_n, _HIDDEN * trace.unnoticed_n) + grown
+    hidden = np.where(free, 0.0, _HIDDEN * trace.unnoticed_n)
+    most = gain * np.maximum(trace.force_n, hidden) + grown
     at_contact, anywhere = (_by_period(np.where(at, most, 0.0), index, count) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
     advance = np.zeros(count)
@@ -221,12 +234,19 @@ def _touched_point(contact: Contact) -> tuple[Floats, float]:
     return at, radius * half + contact.position_bound_mm
 
 
-def _slides_mm(support: Support, loads: _Loads | None, leverages: Floats) -> tuple[float, float, float]:
+def _slides_mm(support: Support, loads: Sequence[_Loads], leverages: Floats) -> tuple[float, float, float]:
     """Largest slide before the measurement, after it, and in all; `leverages` (g,): of the contacts."""
     if math.isinf(support.holds_n):
         return 0.0, 0.0, 0.0
-    if loads is None:
-        return math.inf, math.inf, math.inf
+    found = math.inf, math.inf, math.inf
+    for item in loads:
+        found = _slides_under(support, item, leverages)
+        if found[2] * support.leverage <= item.within_mm:
+            break
+    return found
+
+
+def _slides_under(support: Support, loads: _Loads, leverages: Floats) -> tuple[float, float, float]:
     elsewhere = loads.anywhere_n.sum(axis=0)
     push = loads.at_contact_n.sum(axis=0) + elsewhere
     pull = leverages @ loads.at_contact_n + support.leverage * elsewhere

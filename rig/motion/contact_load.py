@@ -45,7 +45,8 @@ class LoadTrace:
 
     `time_s` (n,) ascending, on the rig's clock; `force_n` (n,): what was noticed, in the frame or in the mean
     of up to 64 quiet ones around it, 0 for nothing; `unnoticed_n` (n,): what the noise may hide of
-    a steady push beside, 0 where the way was known to be free; `travel_mm` (n,): where the tip was on its
+    a steady push beside; `free_within_mm` (n,): the way there is free of a part that the grip has moved by no
+    more than this, 0 where that was not known; `travel_mm` (n,): where the tip was on its
     way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how fast at
     most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if never.
     """
@@ -55,6 +56,7 @@ class LoadTrace:
     travel_mm: Floats
     advance_mm: Floats
     unnoticed_n: Floats
+    free_within_mm: Floats
     touch_mm_s: float
     measured_s: float
 

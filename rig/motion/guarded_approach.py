@@ -15,7 +15,7 @@ from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
-from palpate.recognizer import FingerApproach
+from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import travel_step_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
@@ -134,7 +134,7 @@ def _meter(hand: Hand, runs: Sequence[ApproachState], stage: TouchStage) -> None
             travel_step_mm(run.finger.spec),
             run.finger.extractor.noise_share,
         )
-        run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm)
+        run.meter.begin(stage, hand.clock.now(), run.approach.fast_mm, FREE_MARGIN_MM)
     hand.meter({run.finger: run.meter for run in runs if run.meter is not None})
 
 
@@ -296,7 +296,8 @@ def _touched_at_once(
     begun = {run: run.travel_mm for run in runs}
     for run in runs:
         if run.meter is not None:
-            run.meter.begin(TouchStage.SLOW, hand.clock.now(), begun[run] + back_mm - _NEAR_MM)
+            met_mm = begun[run] + back_mm
+            run.meter.begin(TouchStage.SLOW, hand.clock.now(), met_mm - _NEAR_MM, _NEAR_MM)
     _touch_slowly(hand, runs)
     _settle(hand, runs)
     return [run for run in runs if run.touched and run.travel_mm - begun[run] < _FREE_SHARE * back_mm]

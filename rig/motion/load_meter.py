@@ -39,17 +39,17 @@ class LoadMeter:
         self._unnoticed_n = unnoticed_n
         self._forces: list[tuple[float, float, float, float]] = []
         self._travels: list[tuple[float, float]] = []
-        self._begun: list[tuple[float, TouchStage, float]] = []
+        self._begun: list[tuple[float, TouchStage, float, float]] = []
         self._quiet: deque[Counts] = deque(maxlen=_STEADY_FRAMES)
         self._sum = np.zeros(0)
         self._measured_s = math.nan
 
-    def begin(self, stage: TouchStage, now: float, free_mm: float = 0.0) -> None:
+    def begin(self, stage: TouchStage, now: float, free_mm: float = 0.0, free_within_mm: float = 0.0) -> None:
         """Begin a stage; one that is begun again is a touch of its own.
 
-        `free_mm`: so much of the way is known to be free.
+        `free_mm`: so much of the way is free of a part that the grip has moved by `free_within_mm` at most.
         """
-        self._begun.append((now, stage, free_mm))
+        self._begun.append((now, stage, free_mm, free_within_mm))
 
     def quiet_mean(self, counts: Counts, force_n: float) -> tuple[Floats, int] | None:
         """Mean counts of the newest frames without a force, and how many; None at a frame with one.
@@ -95,7 +95,7 @@ class LoadMeter:
         travels = np.interp(times, *np.array(self._travels).T)
         ends = [*(begun for begun, *_ in self._begun[1:]), math.inf]
         found = []
-        for (begun, stage, _), end in zip(self._begun, ends, strict=True):
+        for (begun, stage, *_), end in zip(self._begun, ends, strict=True):
             during = (times >= begun) & (times < end)
             if (forces[during] > self._least_n).any():
                 found.append(self._load(stage, times[during], forces[during], travels[during]))
@@ -111,7 +111,7 @@ class LoadMeter:
         # What is steady at a frame was so in those before it as well.
         lasting = np.concatenate([steady, np.zeros(_STEADY_FRAMES - 1)])
         lasting = np.lib.stride_tricks.sliding_window_view(lasting, _STEADY_FRAMES).max(axis=1)
-        begun, _, free = zip(*self._begun, strict=True)
+        begun, _, free, within = (np.array(column) for column in zip(*self._begun, strict=True))
         stage = np.maximum(np.searchsorted(begun, times, side="right") - 1, 0)
         hidden = self._unnoticed_n * self._shares[_frames_together(quiet)] + doubt
         return LoadTrace(
@@ -119,7 +119,8 @@ class LoadMeter:
             np.where(quiet, lasting, forces),
             travels,
             self._advances(times, travels),
-            np.where(travels > np.array(free)[stage], hidden, 0.0),
+            hidden,
+            np.where(travels > free[stage], 0.0, within[stage]),
             self._touch_mm_s,
             self._measured_s,
         )
