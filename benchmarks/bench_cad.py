@@ -5,7 +5,7 @@
 
 The catalogue is what `palpate objects import` makes of the folder's solids near the fingers' heights. What
 lies on the table is cut from the same meshes by trimesh at exactly these heights, so that the import's
-slabs, simplified outlines and merged states are put to the test as well. The shipped rig has its fingers at
+slabs, simplified outlines and merged states are put to the test as well. The firm rig has its fingers at
 the heights given, in turn. A run is right if the object and its state are named and the truth is inside the
 bounds, or if it is called indistinguishable from others and the truth is among them. Ends with exit code 1 if
 any run was wrong.
@@ -24,7 +24,7 @@ import trimesh
 
 from palpate.cad.readers import read_solids
 from palpate.cad.values import Solid
-from palpate.config import ObjectsFile, RigFile, load_rig, shipped_rig
+from palpate.config import ObjectsFile, RigFile, load_rig
 from palpate.config.import_result import ImportedStateOut
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
@@ -37,6 +37,8 @@ from palpate.rig.catalogue.heights import check_known
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.session.run import IdentificationJob, run_identification
 from palpate.vocabulary import Strategy
+
+FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 
 INCHES = ("angle_block", "featuretype")
 ABOUT_MM = 0.01
@@ -136,7 +138,7 @@ def main() -> int:
     args = parser.parse_args()
     heights = tuple(float(part) for part in args.heights.split(","))
     objects, lying = solids_in(args.folder, heights)
-    rig = at_heights(load_rig(shipped_rig()), heights)
+    rig = at_heights(load_rig(FIRM_RIG), heights)
     check_known(objects.objects, rig.fingers)
     catalogue = Catalogue(objects.objects)
     wrong = 0

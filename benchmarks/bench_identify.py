@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from shapely_bench import outward_normal, placed_as, stop, unit
 from simulated_touches import as_predicted
 
-from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import ObjectsFile, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Approach, Catalogue, Grip, Recognition, already_used
 from palpate.rig.bench import BenchRig, connect, set_up
 from palpate.rig.conversion import resolution_of
@@ -39,6 +39,8 @@ from palpate.rig.identification.loop import Identification, identify
 from palpate.rig.identification.observers import Event, Observers, PlanEvent, RecognitionEvent, TouchEvent
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
+
+FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class Watch:
             x_mm=self.placement.x_mm + self._job.push_mm * math.cos(bearing),
             y_mm=self.placement.y_mm + self._job.push_mm * math.sin(bearing),
         )
-        assert self._bench.mock is not None, "the shipped rig is emulated"
+        assert self._bench.mock is not None, "the rig is emulated"
         for finger in self._bench.mock.rig.bench.fingers:
             finger.put(outline_at(self.placement, finger.truth.height_mm))
 
@@ -148,7 +150,7 @@ class Watch:
 def run(job: Job) -> Run:
     """One run on emulated devices."""
     begin = time.perf_counter()
-    rig = load_rig(shipped_rig())
+    rig = load_rig(FIRM_RIG)
     objects = load_objects(job.objects or shipped_objects())
     catalogue = Catalogue(objects.objects)
     placement = _placement(job, objects, rig.emulation.placement_radius_mm if rig.emulation else 0.0)
@@ -159,7 +161,7 @@ def run(job: Job) -> Run:
         result = identify(
             hand, catalogue, Observers(record=watch), strategy=Strategy(job.strategy), seed=job.seed
         )
-    assert bench.mock is not None, "the shipped rig is emulated"
+    assert bench.mock is not None, "the rig is emulated"
     left = result.recognition.hypotheses if result.recognition else ()
     found = compare(watch.placement, left)
     return Run(
@@ -199,7 +201,7 @@ def _least_touches(recognition: Recognition | None) -> int:
     """
     if recognition is None or len(recognition.hypotheses) < 2:
         return 0
-    resolution = resolution_of(load_rig(shipped_rig()))
+    resolution = resolution_of(load_rig(FIRM_RIG))
     boxes = [item.bounds for item in recognition.hypotheses]
     across = max(max(item.state.state.sections[0].polygons[0].outer.max(axis=0)
                      - item.state.state.sections[0].polygons[0].outer.min(axis=0))
@@ -213,7 +215,7 @@ def _least_touches(recognition: Recognition | None) -> int:
 def _separable(result: Identification) -> bool:
     """Whether an approach that was not taken would stop at perceptibly different places: by shapely alone."""
     assert result.recognition is not None, "only called with an answer"
-    rig = load_rig(shipped_rig())
+    rig = load_rig(FIRM_RIG)
     candidates = reach_of(rig).approaches
     used = already_used(result.recognition.contacts, candidates)
     placed = [placed_as(item) for item in result.recognition.hypotheses]

@@ -41,7 +41,7 @@ from palpate.rig.motion.guarded_approach import GripPhase
 from palpate.views.recognition import contacts_json
 
 _NOISE_N = 0.05
-LIGHT = Path(__file__).parent.parent / "examples" / "light-rig.toml"
+SHIPPED = Path(__file__).parent.parent / "config" / "rigs" / "bench.toml"
 
 Engine = Literal["mujoco", "quasi-static"]
 
@@ -226,7 +226,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--objects", type=Path, default=Path(shipped_objects()))
-    parser.add_argument("--rig", type=Path, default=LIGHT)
+    parser.add_argument("--rig", type=Path, default=SHIPPED)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--declare", choices=["none", "true", "double"], default="true")
     parser.add_argument("--engine", choices=["mujoco", "quasi-static"], default="mujoco")

@@ -24,10 +24,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from decisive_grips import Finding, catalogue_of, checked, drawn, first_contacts, models_of
 from shapely_bench import SHIPPED_OBJECTS, place
 
-from palpate.config import load_rig, shipped_rig
+from palpate.config import load_rig
 from palpate.recognizer import Recognition, already_used, plan_grip, recognise
 from palpate.rig.conversion import goals_of, resolution_of
 from palpate.rig.reach.approaches import reach_of
+
+FIRM_RIG = Path(__file__).parent.parent / "examples" / "firm-rig.toml"
 
 _CHUNK = 40
 _HALF_RANGES_DEG = (10.0, 20.0, 45.0, 90.0)
@@ -90,7 +92,7 @@ def recognitions(path: Path, hypotheses: int) -> Iterator[Recognition]:
 
 def timing(path: Path) -> None:
     """Print the time of planning for 50 and 500 hypotheses, the rig's candidates included."""
-    rig = load_rig(shipped_rig())
+    rig = load_rig(FIRM_RIG)
     for hypotheses in (50, 500):
         best, made = [], 0
         for answer in recognitions(path, hypotheses):

@@ -69,7 +69,8 @@ class Stability:
         way = np.where(cosine > 1e-6, self.reach_mm / np.maximum(cosine, 1e-6), np.inf).min(axis=1)
         aside = math.ceil(_TIP_FRICTION_RAD * DIRECTIONS / (2 * np.pi))
         least = np.min([np.roll(way, k) for k in range(-aside, aside + 1)], axis=0)
-        result: Floats = least / (FRICTION_MOST * RESERVE)
+        # Between two directions the edge may be nearer, by up to the cosine of half their angle.
+        result: Floats = least * math.cos(math.pi / DIRECTIONS) / (FRICTION_MOST * RESERVE)
         return result
 
 

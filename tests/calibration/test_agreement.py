@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from firm_rig import firm_rig
 from scipy.stats import chi2
 from truth_calibration import truth_calibration
 
@@ -15,11 +16,11 @@ from palpate.calibration.agreement import (
     contact_uncertainties,
     touch_covariance,
 )
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, load_rig
 from palpate.geometry import Floats
 from palpate.rig.emulated.devices import emulate
 
-RIG: RigFile = load_rig(shipped_rig())
+RIG: RigFile = load_rig(firm_rig())
 PROMISES = [ContactUncertainty(0.012, 0.02, 0.0, 0.03, 3.29)] * 3
 
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 from command import Ended, run, run_here
+from firm_rig import firm_rig
 from repository import EXAMPLES
 
-from palpate.config import shipped_objects, shipped_rig
+from palpate.config import shipped_objects
 
 Here = Callable[..., Ended]
 
@@ -82,7 +83,7 @@ def test_objects_that_cannot_be_used(here: Here, tmp_path: Path, name: str) -> N
     assert os.listdir(tmp_path) == ["parts.json"], "nothing was begun"
 
 
-BENCH = shipped_rig().read_text(encoding="utf-8")
+BENCH = firm_rig().read_text(encoding="utf-8")
 RIGS = {
     "two servos of one id": (BENCH.replace("dxl_id = 22", "dxl_id = 12"), ["12", '"f1"', '"f2"']),
     "unknown key": (

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from command import Ended, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from recorded_ports import Listener
 from rich.console import Console
@@ -224,7 +225,7 @@ def test_an_array_that_is_not_there() -> None:
 
 
 def test_a_port_that_is_not_there_is_one_line(here: Here) -> None:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     head, _, rest = text.partition("[emulation]")
     text = head + rest[rest.index("[[fingers]]") :]
     Path("rig.toml").write_text(text.replace("mock://", "/dev/no-such-"))
@@ -309,7 +310,7 @@ def test_a_port_that_fails_meanwhile_is_an_error() -> None:
 
 
 def test_arrays_on_boards_that_reset_as_their_port_opens(here: Here, tmp_path: Path) -> None:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     slow = tmp_path / "boots.toml"
     slow.write_text(text.replace("[emulation]\n", "[emulation]\narray_boot_s = 2.5\n"), encoding="utf-8")
     done = here("check", "--rig", str(slow), "--json")

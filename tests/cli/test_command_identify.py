@@ -12,10 +12,11 @@ from typing import Any
 
 import pytest
 from command import PALPATE, log_events, run, torque_writes
+from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import quick_bench
 
-from palpate.config import load_objects, shipped_rig
+from palpate.config import load_objects
 from palpate.config.writers import file_text
 from palpate.drivers.dynamixel.packet import BROADCAST_ID
 
@@ -205,7 +206,7 @@ def test_a_port_that_does_not_exist_is_named(tmp_path: Path) -> None:
 
 def test_pressing_too_hard_is_a_safety_stop(tmp_path: Path) -> None:
     """A finger that calls it a contact only just below the limit has pressed too hard before it stands."""
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     for old, new in (
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 40.0"),
         ("contact_force_n = 0.3", "contact_force_n = 5.9"),
@@ -229,7 +230,7 @@ def test_pressing_too_hard_is_a_safety_stop(tmp_path: Path) -> None:
 
 def real_rig(folder: Path, bus: str) -> Path:
     """The shipped bench as a rig file without emulation, on ports of real kinds."""
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     text = re.sub(r"\[emulation\]\n(.+\n)+", "", text)
     text = text.replace("mock://bus", bus).replace("mock://f", "/dev/serial/by-id/no-such-array-")
     path = folder / "real.toml"
@@ -249,7 +250,7 @@ def test_a_signal_in_the_middle_of_a_closing(
     tmp_path: Path, number: signal.Signals, code: int, name: str
 ) -> None:
     """Fingers creep, so that the signal is sure to come while they close."""
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     slow = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0")
     (tmp_path / "slow.toml").write_text(slow)
     process = subprocess.Popen(

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 from command import Ended, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from stacked_parts import L_SHAPE, mirrored, objects, part, polygon, rectangle, section
 
-from palpate.config import shipped_rig
 from palpate.config.schema import schema_text
 
 Ask = Callable[..., Ended]
@@ -46,7 +46,7 @@ def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 def rig_with(*heights: float) -> Path:
     """The shipped rig with its fingers elsewhere; "rig.toml" in the current folder."""
     left = iter(heights)
-    text = re.sub(r"height_mm = [\d.]+", lambda _: f"height_mm = {next(left)}", shipped_rig().read_text())
+    text = re.sub(r"height_mm = [\d.]+", lambda _: f"height_mm = {next(left)}", firm_rig().read_text())
     path = Path("rig.toml")
     path.write_text(text)
     return path

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from command import run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from motor_wire import MotorWire, Person
 from repository import EXAMPLES
@@ -272,7 +273,7 @@ def test_what_people_get_wrong_is_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     (tmp_path / "bench.toml").write_text(text)
     monkeypatch.chdir(tmp_path)
     done = run_here(["setup-motors", *args], monkeypatch, capsys)

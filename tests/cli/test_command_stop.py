@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, Ended, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from motor_wire import MotorWire
 from served_servos import served_servos
@@ -42,7 +43,7 @@ def all_on(servos: list[EmulatedServo]) -> None:
 
 
 def test_a_rig_as_json(here: Here) -> None:
-    Path("bench.toml").write_text(shipped_rig().read_text(encoding="utf-8"))
+    Path("bench.toml").write_text(firm_rig().read_text(encoding="utf-8"))
     done = here("stop", "--rig", "bench.toml", "--json")
     assert done.code == 0
     assert violations(done.json, json.loads(schema_text("stop"))) == []

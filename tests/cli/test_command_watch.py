@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 from command import PALPATE, Ended, log_events, run, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import small, small_parts
 from recorded_ports import Listener
@@ -47,7 +48,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a session of one grip."""
     folder = tmp_path_factory.mktemp("felt")
-    whole = small(shipped_rig())
+    whole = small(firm_rig())
     text, number = re.subn(r"max_grips = \d+", "max_grips = 1", whole)
     assert number == 1
     (folder / "brief.toml").write_text(text)
@@ -97,7 +98,7 @@ def test_one_finger_in_lines_at_another_rate_untared(here: Here) -> None:
 
 
 def test_bad_wires_are_counted(here: Here, tmp_path: Path) -> None:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     text = text.replace("[emulation]\n", "[emulation]\nflipped_bytes = 0.00005\nlost_packets = 0.02\n")
     (tmp_path / "bad.toml").write_text(text)
     last = updates(here("watch", "--rig", "bad.toml", "--for", 3, "--json"))[-1]

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 from command import PALPATE, log_events
+from firm_rig import firm_rig
 from quick_rig import small, small_parts
 from repository import EXAMPLES
 from wording import missing
-
-from palpate.config import shipped_rig
 
 
 def shell(line: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -33,7 +32,7 @@ def test_closed_streams_are_no_error(tmp_path: Path, closed: str) -> None:
 
 
 def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> None:
-    text = small(shipped_rig()).replace("max_grips = 8", "max_grips = 1")
+    text = small(firm_rig()).replace("max_grips = 8", "max_grips = 1")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
     small_parts(tmp_path)
     done = shell("PALPATE identify --rig rig.toml --objects small-parts.json --json 2> /dev/full", tmp_path)

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 from calibrations import empty_calibration, full_calibration
+from firm_rig import firm_rig
 from repository import EXAMPLES
 
 from palpate.config import (
@@ -15,8 +16,8 @@ from palpate.config import (
 )
 from palpate.errors import InputError
 
-BENCH = shipped_rig().read_text(encoding="utf-8")
-RIG = load_rig(shipped_rig())
+BENCH = firm_rig().read_text(encoding="utf-8")
+RIG = load_rig(firm_rig())
 
 
 def rig_with(folder: Path, *changes: tuple[str, str]) -> RigFile:
@@ -126,7 +127,7 @@ def test_how_the_rig_is_used_may_change(tmp_path: Path, change: tuple[str, str])
 
 
 REFUSED = [
-    (('name = "bench"', 'name = "other"'), 'was made for rig "bench"; rig.toml describes "other"'),
+    (('name = "firm-bench"', 'name = "other"'), 'was made for rig "firm-bench"; rig.toml describes "other"'),
     (('name = "f2"', 'name = "left"'), "was made for fingers f1, f2, f3; rig.toml has f1, left, f3"),
     (("base_mm = [0.0, 190.0]", "base_mm = [0.0, 190.5]"), "changed in rig.toml since this calibration was"),
 ]

@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 from calibrations import empty_calibration, full_calibration
+from firm_rig import firm_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 from repository import ROOT
 
-from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig, shipped_rig
+from palpate.config import calibration_path, calibration_toml, load_calibration, load_rig
 from palpate.config.calibration_numbers import Measured, UpLength
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
 
-RIG = load_rig(shipped_rig())
+RIG = load_rig(firm_rig())
 TEXT = calibration_toml(full_calibration(RIG))
 
 

@@ -3,14 +3,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from firm_rig import firm_rig
 
-from palpate.config import load_rig, load_scene, shipped_rig
+from palpate.config import load_rig, load_scene
 from palpate.config.writers import file_text
 from palpate.errors import InputError
 
 
 def rig_file(folder: Path, *lines: str) -> Path:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     table = "\n".join(("[emulation.part]", *lines, "", "[[fingers]]"))
     (folder / "rig.toml").write_text(text.replace("[[fingers]]", table, 1), encoding="utf-8")
     return folder / "rig.toml"

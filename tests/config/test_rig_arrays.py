@@ -4,15 +4,16 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 import pytest
+from firm_rig import firm_rig
 
-from palpate.config import ArrayConfig, MountedArrayConfig, load_rig, shipped_rig
+from palpate.config import ArrayConfig, MountedArrayConfig, load_rig
 from palpate.drivers.tactile.messages import Shape
 from palpate.drivers.tactile.mounting import Corner, Mounting
 from palpate.errors import InputError
 from palpate.rig.conversion import mounting_of
 from palpate.rig.emulated.devices import emulate
 
-BENCH: Traversable = shipped_rig()
+BENCH: Traversable = firm_rig()
 
 
 def rig_text(protocol: str, *lines: str) -> str:

@@ -4,13 +4,14 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
+from firm_rig import firm_rig
 from repository import EXAMPLES, ROOT
 
 from palpate.config import load_rig, shipped_rig
 from palpate.config.schema import FORMATS, schema_text
 from palpate.errors import InputError
 
-BENCH = shipped_rig().read_text(encoding="utf-8")
+BENCH = firm_rig().read_text(encoding="utf-8")
 ARMS = (EXAMPLES / "two-link-rig.toml").read_text(encoding="utf-8")
 FRESH = (EXAMPLES / "fresh-rig.toml").read_text(encoding="utf-8")
 REAL = (EXAMPLES / "real-rig.toml").read_text(encoding="utf-8")
@@ -338,8 +339,8 @@ CASES = [
         changed(STAGED, "offset_counts", "stage_error_deg = 0.1\noffset_counts"),
         "emulation.stage_error_deg: is 0.1, beyond the bound stage.bound_deg = 0.02; widen the bound",
     ),
-    (changed(BENCH, 'name = "bench"', "name = bench"), "not valid TOML: line 5, column 8: "),
-    (changed(BENCH, 'name = "bench"', 'name = "a"\nname = "b"'), "not valid TOML: line 6, column 11: "),
+    (changed(BENCH, 'name = "firm-bench"', "name = bench"), "not valid TOML: line 6, column 8: "),
+    (changed(BENCH, 'name = "firm-bench"', 'name = "a"\nname = "b"'), "not valid TOML: line 7, column 11: "),
     (
         changed(BENCH, "palpate/rig@1", "palpate/rig@2"),
         'format: is "palpate/rig@2"; needed here: "palpate/rig@1"',

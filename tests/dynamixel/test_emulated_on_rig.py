@@ -3,8 +3,9 @@
 from pathlib import Path
 
 import pytest
+from firm_rig import firm_rig
 
-from palpate.config import load_rig, shipped_rig
+from palpate.config import load_rig
 from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.drivers.dynamixel import Bus
 from palpate.drivers.dynamixel.emanual_tables import MODEL_NAMES
@@ -26,12 +27,12 @@ def pinged(rig_text: str, folder: Path) -> set[int]:
 
 @pytest.mark.parametrize("number", MODEL_NAMES)
 def test_the_rig_file_names_the_model(number: int, tmp_path: Path) -> None:
-    text = Path(str(shipped_rig())).read_text()
+    text = firm_rig().read_text()
     assert pinged(text.replace("XM430-W350", MODEL_NAMES[number]), tmp_path) == {number}
 
 
 @pytest.mark.parametrize("rate", BUS_BAUDRATES)
 def test_servos_are_set_to_the_buss_rate(rate: int, tmp_path: Path) -> None:
-    text = Path(str(shipped_rig())).read_text()
+    text = firm_rig().read_text()
     assert "baudrate_bps = 1000000" in text
     assert pinged(text.replace("baudrate_bps = 1000000", f"baudrate_bps = {rate}"), tmp_path) == {1020}

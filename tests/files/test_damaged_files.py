@@ -8,12 +8,13 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from firm_rig import firm_rig
 from hostile_files import FIRST, SQUARE, SVG, dxf
 from repository import EXAMPLES
 from solids import ELL, prism
 
 from palpate.cad.readers import read_drawings, read_solids
-from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects, shipped_rig
+from palpate.config import load_contacts, load_objects, load_rig, load_scene, shipped_objects
 from palpate.config.calibration_file import load_calibration
 from palpate.errors import InputError
 from palpate.rig.session.log_reader import read_session
@@ -47,7 +48,7 @@ def mesh(kind: str) -> Callable[[], bytes]:
 
 
 READERS: dict[str, tuple[Callable[[Path], object], Callable[[], bytes]]] = {
-    "a.toml": (load_rig, shipped_rig().read_bytes),
+    "a.toml": (load_rig, firm_rig().read_bytes),
     "b.json": (load_objects, shipped_objects().read_bytes),
     "c.json": (load_contacts, (EXAMPLES / "contacts.json").read_bytes),
     "d.json": (load_scene, (EXAMPLES / "scene.json").read_bytes),

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 from command import run_here
+from firm_rig import firm_rig
 from plugin_folder import install
 
-from palpate.config import shipped_rig
 from palpate.extensions import SERVO_MODELS
 from palpate.plugins import MotorConstants, ServoSpecification, TableItem, table_of
 from palpate.testing import ServoConformance
@@ -59,7 +59,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def rig_with(model: str) -> Path:
     file = Path("rig.toml")
-    file.write_text(shipped_rig().read_text(encoding="utf-8").replace("XM430-W350", model), encoding="utf-8")
+    file.write_text(firm_rig().read_text(encoding="utf-8").replace("XM430-W350", model), encoding="utf-8")
     return file
 
 

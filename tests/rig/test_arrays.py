@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from firm_rig import firm_rig
 
-from palpate.config import RigFile, shipped_rig
+from palpate.config import RigFile
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
@@ -41,7 +42,7 @@ TAXELS = {
 
 
 def rig(taxels: dict[str, Any] | None) -> RigFile:
-    data = tomllib.loads(shipped_rig().read_text(encoding="utf-8"))
+    data = tomllib.loads(firm_rig().read_text(encoding="utf-8"))
     if taxels is not None:
         data["fingers"][0]["array"]["taxels"] = taxels
     return RigFile.model_validate(data)

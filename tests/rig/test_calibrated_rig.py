@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from calibrations import MADE, full_calibration, true_calibration
 from command import Ended, log_events, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from rich.console import Console
 from wording import missing
@@ -24,7 +25,6 @@ from palpate.config import (
     load_objects,
     load_rig,
     shipped_objects,
-    shipped_rig,
 )
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
@@ -50,7 +50,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 @pytest.fixture
 def loose(tmp_path: Path) -> Path:
     """The shipped rig as a file, its fingers' places hardly known, and with a search of one grip."""
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     for old, new, times in (
         (r"max_grips = \d+", "max_grips = 1", 1),
         (r"base_error_mm = 0\.05", "base_error_mm = 1.5", 1),
@@ -86,7 +86,7 @@ def test_the_calibration_beside_the_file_is_taken(loose: Path) -> None:
 def test_the_shipped_rig_has_none() -> None:
     found = load_calibrated(None)
     assert found.calibration is None
-    assert found.rig == load_rig(shipped_rig())
+    assert found.rig == load_rig(firm_rig())
 
 
 def test_a_session_keeps_its_calibration(loose: Path, here: Here) -> None:
@@ -138,7 +138,7 @@ def test_a_calibration_of_the_rig_before_it_was_changed_is_refused(
 
 
 def test_devices_are_told_apart() -> None:
-    rig = load_rig(shipped_rig())
+    rig = load_rig(firm_rig())
     with connect(set_up(rig, None, SEED)) as hand:
         devices = devices_of(hand)
         file = full_calibration(rig, devices=devices)
@@ -187,12 +187,12 @@ def from_finger(at: BasePose, x_mm: float, y_mm: float, theta_rad: float) -> tup
 
 @pytest.fixture(scope="module")
 def shipped() -> RigFile:
-    return load_rig(shipped_rig())
+    return load_rig(firm_rig())
 
 
 def test_check_says_what_the_calibration_promises(shipped: RigFile, tmp_path: Path) -> None:
     rig_path = tmp_path / "bench.toml"
-    rig_path.write_bytes(shipped_rig().read_bytes())
+    rig_path.write_bytes(firm_rig().read_bytes())
     with connect(set_up(shipped, None, 0)) as hand:
         file = full_calibration(shipped, devices=devices_of(hand))
     put_beside(rig_path, file)

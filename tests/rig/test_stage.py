@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 import shapely
 from emulated_session import EmulatedSession, emulated_session, identify_checked, shape_of
+from firm_rig import firm_rig
 from quick_rig import small, small_objects
 from shapely import affinity
 from touch_check import check_touch
 
-from palpate.config import RigFile, shipped_rig
+from palpate.config import RigFile
 from palpate.errors import DeviceError
 from palpate.recognizer import Catalogue, FingerApproach
 from palpate.rig.bench import connect
@@ -34,14 +35,14 @@ STAGE = {
 
 
 def staged(text: str | None = None, **changes: Any) -> RigFile:
-    data = tomllib.loads(text or shipped_rig().read_text(encoding="utf-8"))
+    data = tomllib.loads(text or firm_rig().read_text(encoding="utf-8"))
     data["emulation"] |= {"stage_backlash_deg": 0.02, "stage_error_deg": 0.02}
     return RigFile.model_validate(data | {"stage": STAGE} | changes)
 
 
 RIG = staged()
 REACH = reach_of(RIG, aims=21)
-SMALL = staged(small(shipped_rig()))
+SMALL = staged(small(firm_rig()))
 
 
 def grip_at(reach: Reach, angle: float, rng: np.random.Generator) -> list[FingerApproach]:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from emulated_session import emulated_session
+from firm_rig import firm_rig
 from repository import EXAMPLES
 from touched import run_checked
 
@@ -15,7 +16,6 @@ from palpate.config import (
     load_objects,
     load_rig,
     shipped_objects,
-    shipped_rig,
 )
 from palpate.drivers.emulators.mechanics import FingerTruth, SlideMechanics
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -30,7 +30,7 @@ from palpate.rig.conversion import (
 from palpate.rig.reach.approaches import reach_of
 
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
-BENCH = load_rig(shipped_rig())
+BENCH = load_rig(firm_rig())
 
 
 def with_all(rig: RigFile, part: str, **changes: float) -> RigFile:

@@ -11,10 +11,11 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from firm_rig import firm_rig
 from shapely_bench import Placed, outlines, place_within, placed_as, turned
 from simulated_touches import SimulatedTouches, as_predicted
 
-from palpate.config import load_rig, shipped_rig
+from palpate.config import load_rig
 from palpate.geometry import ObjectModel
 from palpate.recognizer import (
     Catalogue,
@@ -62,7 +63,7 @@ class Finding:
 @cache
 def reach() -> Reach:
     """Of the shipped rig."""
-    return reach_of(load_rig(shipped_rig()))
+    return reach_of(load_rig(firm_rig()))
 
 
 @cache
@@ -90,7 +91,7 @@ def drawn(path: Path, seed: int, index: int) -> Trial | None:
     rng = np.random.default_rng((seed, index))
     models = list(models_of(path).values())
     placed = place_within(models[int(rng.integers(len(models)))], rng)
-    rig = load_rig(shipped_rig())
+    rig = load_rig(firm_rig())
     contacts = first_contacts(placed, rng)
     if not any(contact.touched for contact in contacts):
         return None
@@ -107,7 +108,7 @@ def checked(path: Path, trial: Trial, seed: int, samples: int) -> Finding:
     """Carry the grip out for every hypothesis, at its own configuration and at `samples` of its region."""
     rng = np.random.default_rng((seed, trial.index, 1))
     found, grip = trial.recognition, trial.grip
-    rig = load_rig(shipped_rig())
+    rig = load_rig(firm_rig())
     same = twins(found, reach(), resolution_of(rig))
     outcomes = undecided = unforeseen = 0
     for number, hypothesis in enumerate(found.hypotheses):

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from firm_rig import firm_rig
 from quick_rig import small_objects, small_rig
 from shapely import affinity
 
-from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import ObjectsFile, RigFile, load_objects, load_rig, shipped_objects
 from palpate.drivers.emulators.bench import Bench
 from palpate.drivers.emulators.faults import FaultyWire
 from palpate.drivers.emulators.servo import EmulatedServo
@@ -166,7 +167,7 @@ def emulated_session(
     empty: bool = False,
 ) -> EmulatedSession:
     """The shipped bench with an object drawn by the seed, unless given or `empty`."""
-    rig = rig or load_rig(shipped_rig())
+    rig = rig or load_rig(firm_rig())
     assert rig.emulation is not None
     if placement is None and not empty:
         objects = objects or load_objects(shipped_objects())

@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from emulated_session import EmulatedSession, emulated_session
 from fault_rows import FAULTS, LOOKED, Fault, Host, shove
+from firm_rig import firm_rig
 from quick_rig import small_objects, small_rig
 from repository import EXAMPLES
 from touched_references import DISC
@@ -27,7 +28,7 @@ from truth_calibration import bench_calibration
 
 from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.prober import Probe
-from palpate.config import RigFile, apply_calibration, load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import RigFile, apply_calibration, load_objects, load_rig, shipped_objects
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment
 from palpate.rig.commissioning.rig_prober import HandProber
@@ -113,7 +114,7 @@ def _rig(path: Path, small: bool) -> RigFile:
 
 
 def _shipped(small: bool, empty: bool = False) -> Host:
-    rig = _rig(shipped_rig(), small)
+    rig = _rig(firm_rig(), small)
     search = rig.search.model_copy(update={"max_grips": 1})
     objects = small_objects() if small else load_objects(shipped_objects())
     rig = rig.model_copy(update={"search": search})

@@ -13,15 +13,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from firm_rig import firm_rig
 from repository import EXAMPLES
 
-from palpate.config import shipped_objects, shipped_rig
+from palpate.config import shipped_objects
 
 __all__ = ["CASES", "FIRST", "SQUARE", "SVG", "Case", "dxf"]
 
 CONTACTS = EXAMPLES / "contacts.json"
 OBJECTS = shipped_objects().read_text(encoding="utf-8")
-RIG = shipped_rig().read_text(encoding="utf-8")
+RIG = firm_rig().read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ OWN_UNITS = ("objects", "import", "FILE")
 SHOW = ("objects", "show", "FILE")
 READERS = {
     "rig.toml": ("check", "--rig", "FILE"),
-    "references.toml": ("calibrate", "--rig", str(shipped_rig()), "--references", "FILE", "--dry-run"),
+    "references.toml": ("calibrate", "--rig", str(firm_rig()), "--references", "FILE", "--dry-run"),
     "objects.json": SHOW,
     "contacts.json": ("recognize", "--objects", str(shipped_objects()), "--contacts", "FILE"),
     "scene.json": ("identify", "--scene", "FILE"),

@@ -7,13 +7,15 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from palpate.config import ObjectsFile, RigFile, load_objects, shipped_rig
+from firm_rig import firm_rig
+
+from palpate.config import ObjectsFile, RigFile, load_objects
 
 
 def quick_rig(path: Path, max_grips: int = 8) -> Path:
     """Write it to `path`, and return that."""
     text = _replaced(
-        shipped_rig().read_text(encoding="utf-8"),
+        firm_rig().read_text(encoding="utf-8"),
         ("radius_mm = 125.0", "radius_mm = 60.0"),
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
         ("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"),
@@ -50,7 +52,7 @@ def _nearer(found: re.Match[str]) -> str:
 
 def small_rig(path: Path | None = None) -> RigFile:
     """The shipped rig, or another one, made small: speeds, frames and arrays are as in the file."""
-    return RigFile.model_validate(tomllib.loads(small(path or shipped_rig())))
+    return RigFile.model_validate(tomllib.loads(small(path or firm_rig())))
 
 
 @cache
@@ -63,7 +65,7 @@ def small_objects() -> ObjectsFile:
 def quick_bench(folder: Path, fingers: int = 3) -> tuple[Path, Path]:
     """Write a rig file of some of the fingers round a small table, and a catalogue of small parts."""
     text = _replaced(
-        small(shipped_rig()),
+        small(firm_rig()),
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 30.0"),
         ("sample_rate_hz = 250.0", "sample_rate_hz = 125.0"),
     )

@@ -4,14 +4,13 @@ from pathlib import Path
 
 import pytest
 from command import run_here
+from firm_rig import firm_rig
 from quick_rig import small, small_parts
-
-from palpate.config import shipped_rig
 
 
 def rig_file(folder: Path, protocol: str, rate_hz: float, *lines: str) -> Path:
     """The small bench with arrays of another protocol, which needs a lower rate."""
-    text = small(shipped_rig())
+    text = small(firm_rig())
     keys = [f'protocol = "{protocol}"', "counts_per_n = 2000.0", *lines]
     text = text.replace('protocol = "palpate"', "\n".join(keys))
     text = text.replace("sample_rate_hz = 250.0", f"sample_rate_hz = {rate_hz}")

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 from command import Ended, run_here
+from firm_rig import firm_rig
 from quick_rig import small
 from wording import missing
 
-from palpate.config import load_objects, shipped_rig
+from palpate.config import load_objects
 from palpate.errors import InputError
 from palpate.rig.catalogue.heights import FingerAtHeight, check_known
 
@@ -107,7 +108,7 @@ def test_a_session_is_not_replayed_with_such_objects(tmp_path: Path, ask: Any) -
     sessions = tmp_path / "sessions"
     objects = write(tmp_path, None)
     rig = tmp_path / "rig.toml"
-    rig.write_text(small(shipped_rig()).replace("max_grips = 8", "max_grips = 1"), encoding="utf-8")
+    rig.write_text(small(firm_rig()).replace("max_grips = 8", "max_grips = 1"), encoding="utf-8")
     words = ("--rig", rig, "--objects", objects, "--sessions", sessions)
     assert ask("identify", *words).code in (0, 1)
     (folder,) = sessions.iterdir()

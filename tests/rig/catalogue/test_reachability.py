@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from firm_rig import firm_rig
 from hypothesis import given
 from hypothesis import strategies as st
 from odd_parts import OUTLINE, objects_file, part
@@ -26,13 +27,13 @@ from palpate.rig.identification.loop import search
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
-BENCH = load_rig(shipped_rig())
+BENCH = load_rig(firm_rig())
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
-RIGS = {"shipped": BENCH, "arms": ARMS}
+RIGS = {"firm": BENCH, "arms": ARMS}
 
 
 def at_heights(*heights_mm: float) -> RigFile:
-    """The shipped rig with its fingers at other heights."""
+    """The firm rig with its fingers at other heights."""
     fingers = [
         finger.model_copy(update={"height_mm": height})
         for finger, height in zip(BENCH.fingers, heights_mm, strict=True)
@@ -125,7 +126,7 @@ def test_a_catalogue_is_refused_only_if_all_of_it_is_hopeless(tmp_path: Path) ->
     low = objects_file(tmp_path / "low.json", part("low", height=5.0), part("m", 0.001, 0.02))
     with pytest.raises(InputError) as refused:
         finding_lines(BENCH, load_objects(low).objects, "low.json")
-    for words in ("low.json", '"bench"', "low, flat (5 mm high)", "10 mm (f1, f2, f3)", "metres", "1000"):
+    for words in ("low.json", '"firm-bench"', "low, flat (5 mm high)", "10 mm (f1, f2, f3)", "metres", "1000"):
         assert words in str(refused.value)
     assert "\n" not in str(refused.value)
     mixed = objects_file(tmp_path / "mixed.json", part("low", height=5.0), part("ok"))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from firm_rig import firm_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from repository import EXAMPLES
@@ -27,7 +28,7 @@ from stacked_parts import (
     section,
 )
 
-from palpate.config import load_objects, load_rig, shipped_rig
+from palpate.config import load_objects, load_rig
 from palpate.errors import InputError
 from palpate.rig.catalogue.finger_model import heights_in_words, rig_fingers
 from palpate.rig.catalogue.region_measures import measures, within_reach
@@ -324,7 +325,7 @@ def test_levels_join_what_is_the_same_and_say_what_meets(states: Any) -> None:
 
 
 def test_the_shipped_rig_has_one_height_and_a_bound_for_its_contacts() -> None:
-    fingers = rig_fingers(load_rig(shipped_rig()))
+    fingers = rig_fingers(load_rig(firm_rig()))
     assert heights_in_words(fingers.at) == "10 mm (f1, f2, f3)"
     assert heights_in_words(fingers_at(5, 8).at) == "5 mm (f1) and 8 mm (f2)"
     assert fingers.slimmest_mm == 5

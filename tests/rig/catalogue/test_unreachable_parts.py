@@ -9,17 +9,18 @@ from typing import Any
 
 import pytest
 from command import Ended, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from odd_parts import objects_file, part, scene_file
 from repository import EXAMPLES
 from sampling import sample
 
-from palpate.config import load_objects, load_rig, load_scene, shipped_rig
+from palpate.config import load_objects, load_rig, load_scene
 from palpate.config.schema import schema_text
 from palpate.rig.emulated.scene import Placement, placement_of
 from palpate.rig.emulated.scene_reachability import scene_lines
 
-RIGS = {"shipped": shipped_rig(), "arms": EXAMPLES / "two-link-rig.toml"}
+RIGS = {"firm": firm_rig(), "arms": EXAMPLES / "two-link-rig.toml"}
 COMMANDS = ("objects check", "identify", "plan")
 REFUSED = {
     "low": (part("p", height=5.0), ["p, flat (5 mm high)", "any finger, 10 mm"]),
@@ -40,7 +41,7 @@ Ask = Callable[..., Ended]
 
 
 ARMS_IDENTIFY = ("identify", "low", "arms")
-ASKED = [*product(("objects check", "plan"), NOTICED, RIGS), ("identify", "low", "shipped"), ARMS_IDENTIFY]
+ASKED = [*product(("objects check", "plan"), NOTICED, RIGS), ("identify", "low", "firm"), ARMS_IDENTIFY]
 
 
 @pytest.fixture
@@ -109,7 +110,7 @@ def test_an_untouched_table_is_answered_with_what_to_look_at(ask: Ask, tmp_path:
     """A scene off the table is allowed, and said; the run ends with region, heights and arrays."""
     objects = objects_file(tmp_path / "parts.json", part("one"))
     scene = scene_file(tmp_path / "scene.json", "one", 400, 0)
-    ended = ask("identify", "shipped", objects, "--scene", scene)
+    ended = ask("identify", "firm", objects, "--scene", scene)
     assert ended.code == 1
     assert "scene: one, flat: lies outside of the workspace" in ended.err
     answer = ended.out.split("emulator's truth")[0]
@@ -134,7 +135,7 @@ def test_scenes_that_fingers_cannot_feel(tmp_path: Path, name: str) -> None:
     entry, at, said = SCENES[name]
     objects = load_objects(objects_file(tmp_path / "parts.json", entry))
     placement: Placement = placement_of(load_scene(scene_file(tmp_path / "scene.json", "p", *at)), objects)
-    lines = scene_lines(load_rig(shipped_rig()), placement)
+    lines = scene_lines(load_rig(firm_rig()), placement)
     assert len(lines) == bool(said)
     for words in said:
         assert words in lines[0]

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emulated_session import EmulatedSession, emulated_session
+from firm_rig import firm_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from json_schema import violations
 from quick_rig import small_objects, small_rig
 
 import palpate
-from palpate.config import shipped_rig
 from palpate.config.check_result import HoldCheckOut
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.schema import schema_text
@@ -87,7 +87,7 @@ def test_a_part_that_stands_is_pushed_no_harder_than_is_said() -> None:
 @pytest.mark.campaign
 def test_the_command_on_the_shipped_bench(tmp_path: Path) -> None:
     part = '[emulation.part]\nengine = "quasi-static"\nmass_kg = 0.15\nfriction = 0.3\n\n[[fingers]]'
-    text = shipped_rig().read_text(encoding="utf-8").replace("[[fingers]]", part, 1)
+    text = firm_rig().read_text(encoding="utf-8").replace("[[fingers]]", part, 1)
     rig = tmp_path / "rig.toml"
     rig.write_text(text, encoding="utf-8")
     said: list[str] = []

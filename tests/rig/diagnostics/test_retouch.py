@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from command import Ended, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import quick_rig
 from rich.console import Console
@@ -17,7 +18,7 @@ from palpate.calibration.agreement import contact_uncertainties
 from palpate.calibration.measurements import TouchMeasurement
 from palpate.calibration.prober import Probe
 from palpate.calibration.reference import Reference, ReferenceDisc
-from palpate.config import apply_calibration, calibration_path, calibration_toml, load_rig, shipped_rig
+from palpate.config import apply_calibration, calibration_path, calibration_toml, load_rig
 from palpate.config.check_result import (
     AdapterCheckOut,
     BusCountsOut,
@@ -31,7 +32,7 @@ from palpate.rig.diagnostics.calibration_check import with_touch
 from palpate.rig.diagnostics.retouch import Retouch, retouch
 from palpate.views.check_table import show
 
-RIG = load_rig(shipped_rig())
+RIG = load_rig(firm_rig())
 DISC = ReferenceDisc("disc", 25.0)
 Here = Callable[..., Ended]
 CHECKED = CheckOut(

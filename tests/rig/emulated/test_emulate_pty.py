@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 from command import log_events, run
+from firm_rig import firm_rig
 from quick_rig import quick_bench, small
 
-from palpate.config import load_objects, load_rig, shipped_rig
+from palpate.config import load_objects, load_rig
 from palpate.rig.bench import place
 from palpate.rig.emulated.scene import Placement
 from palpate.testing import served
@@ -88,7 +89,7 @@ def test_the_vendors_sdk_moves_a_servo_from_its_own_process(tmp_path: Path) -> N
 def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
     """The rig file that the emulator writes has no emulation in it: to the host, the rig is a real one."""
     rig, parts = quick_bench(tmp_path)
-    rig.write_text(small(shipped_rig()))  # as fast, and as often looked at, as the shipped bench
+    rig.write_text(small(firm_rig()))  # as fast, and as often looked at, as the shipped bench
     words = ("--rig", rig, "--objects", parts, "--seed", 5, "--rig-out", "real.toml")
     with served(tmp_path, "--pty", *words) as (process, told):
         text = (tmp_path / "real.toml").read_text(encoding="utf-8")

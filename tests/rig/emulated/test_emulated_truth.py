@@ -4,16 +4,17 @@ import math
 
 import numpy as np
 import pytest
+from firm_rig import firm_rig
 from repository import EXAMPLES
 
-from palpate.config import ArmFingerConfig, SlideFingerConfig, load_rig, shipped_rig
+from palpate.config import ArmFingerConfig, SlideFingerConfig, load_rig
 from palpate.drivers.emulators.mechanics import FingerTruth
 from palpate.errors import InputError
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.emulated_truth import dead_taxels, start_angles_rad
 
 FRESH = load_rig(EXAMPLES / "fresh-rig.toml")
-BENCH = load_rig(shipped_rig())
+BENCH = load_rig(firm_rig())
 
 
 def truths(seed: int) -> list[FingerTruth]:

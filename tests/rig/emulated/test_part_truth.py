@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from firm_rig import firm_rig
 
-from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config import load_objects, load_rig, shipped_objects
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.drivers.emulators.part import Displacement, StillPart
 from palpate.drivers.emulators.quasi_static_part import QuasiStaticPart
@@ -116,7 +117,7 @@ def test_a_displaced_part_lies_where_its_points_are() -> None:
 
 
 def test_no_table_stands_still_as_before_and_draws_nothing() -> None:
-    rig = load_rig(shipped_rig())
+    rig = load_rig(firm_rig())
     made = emulate(rig, draw_placement(OBJECTS, 20.0, np.random.default_rng(1)), 1)
     assert made.part is None
     assert isinstance(made.bench.part, StillPart)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from firm_rig import firm_rig
 from sampling import sample
 from shapely_bench import (
     SHIPPED_OBJECTS,
@@ -21,7 +22,7 @@ from shapely_bench import (
 from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from simulated_touches import SimulatedTouches, as_predicted
 
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, load_rig
 from palpate.errors import OutputError
 from palpate.geometry import ObjectModel
 from palpate.recognizer import Catalogue, FingerApproach, Grip
@@ -31,7 +32,7 @@ from palpate.rig.motion.guarded_approach import GripPhase, Touch
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
-RIG = load_rig(shipped_rig())
+RIG = load_rig(firm_rig())
 REACH = reach_of(RIG)
 SIX = outlines(SHIPPED_OBJECTS)
 SEEDS = sample([12, 40], [12])

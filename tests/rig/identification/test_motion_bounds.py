@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import shapely
+from firm_rig import firm_rig
 from sampling import sample
 from scipy.optimize import linprog
 from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, place_within, turned, unit
 from simulated_touches import SimulatedTouches
 
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, load_rig
 from palpate.recognizer import Catalogue, FingerApproach, Motion
 from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
@@ -28,7 +29,7 @@ from palpate.vocabulary import IdentificationVerdict, Strategy
 
 SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)
-RIG = load_rig(shipped_rig())
+RIG = load_rig(firm_rig())
 REACH = reach_of(RIG)
 HEIGHT_MM = RIG.fingers[0].height_mm
 ANSWERS = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
@@ -113,7 +114,16 @@ def press(
     advance_mm = np.where(pressed, work_mj / max(force_n, 1e-9) / max(pressed.sum(), 1), 0.0)
     hidden = np.full(len(time_s), unnoticed_n)
     force = np.where(pressed, force_n, 0.0)
-    return LoadTrace(time_s, force, np.cumsum(advance_mm), advance_mm, hidden, 1.5, begin_s + 0.8 * last_s)
+    return LoadTrace(
+        time_s,
+        force,
+        np.cumsum(advance_mm),
+        advance_mm,
+        hidden,
+        np.zeros(len(time_s)),
+        1.5,
+        begin_s + 0.8 * last_s,
+    )
 
 
 def test_light_touches_move_nothing_heavier_ones_by_their_work() -> None:
@@ -152,6 +162,26 @@ def test_no_bound_where_loads_are_missing_and_a_wide_one_where_fingers_may_push_
     pushed = bounds.of_grip([touched(creeping)]).within(every)
     assert pushed is not None
     assert pushed[0] > 0.1 * 75.0 / 0.3
+
+
+def test_ways_that_were_free_are_not_of_a_part_that_has_moved_too_far() -> None:
+    """A finger that may push unnoticed on a way that was free, of a part moved by less."""
+    bounds = MotionBounds(declared(0.5), CATALOGUE)
+    states = np.array([0])
+    reach = bounds.supports[0].leverage
+
+    def moved(work_mj: float, within_mm: float) -> float:
+        trace = replace(press(0.3, work_mj), unnoticed_n=np.full(750, 0.2))
+        advance_mm = np.where(trace.force_n > 0, trace.advance_mm, 0.1)
+        trace = replace(trace, advance_mm=advance_mm, free_within_mm=np.full(750, within_mm))
+        found = bounds.of_grip([touched(trace)]).within(states)
+        assert found is not None
+        return found[0]
+
+    for within_mm, work_mj in ((2.0, 0.002), (5.0, 0.3)):
+        assert moved(work_mj, within_mm) * reach < within_mm
+        assert moved(work_mj, within_mm / 4) > 50.0
+        assert moved(work_mj, 0.0) > 50.0
 
 
 @dataclass

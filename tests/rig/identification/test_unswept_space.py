@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import shapely
+from firm_rig import firm_rig
 from hypothesis import given
 from hypothesis import strategies as st
 from repository import EXAMPLES
@@ -13,7 +14,7 @@ from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines
 from simulated_touches import SimulatedTouches
 
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, load_rig
 from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Contact, Finger
 from palpate.rig.identification.loop import Identification, search
@@ -21,7 +22,7 @@ from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, p
 from palpate.rig.reach.approaches import reach_of
 from palpate.vocabulary import IdentificationVerdict
 
-RIG = load_rig(shipped_rig())
+RIG = load_rig(firm_rig())
 REACH = reach_of(RIG)
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 SIX = outlines(SHIPPED_OBJECTS)

@@ -87,15 +87,16 @@ def test_a_finger_is_taken_to_go_forward_until_it_is_stopped_and_not_while_it_st
     assert trace.measured_s == 0.7
 
 
-def test_the_mean_of_quiet_frames_hides_less_and_a_free_way_nothing() -> None:
+def test_the_mean_of_quiet_frames_hides_less_and_a_free_way_is_known() -> None:
     meter = LoadMeter(0.3, PERIOD_S, unnoticed_n=0.05, touch_mm_s=5.0)
-    meter.begin(TouchStage.SLOW, 0.0, free_mm=1.0)
+    meter.begin(TouchStage.SLOW, 0.0, free_mm=1.0, free_within_mm=0.5)
     for k in range(200):
         meter.see(5 * k * PERIOD_S, k * PERIOD_S)
         meter.feel(0.2 if k == 150 else 0.0, (k + 1) * PERIOD_S, 0.01 if k == 120 else 0.0)
     trace = meter.trace()
     assert trace is not None
-    assert not trace.unnoticed_n[:50].any()
+    assert (trace.free_within_mm[:50] == 0.5).all()
+    assert not trace.free_within_mm[53:].any()
     assert trace.unnoticed_n[60] == pytest.approx(0.05 / 8)
     assert trace.unnoticed_n[170] == pytest.approx(0.05 / 7)
     assert np.flatnonzero(trace.force_n).tolist() == [*range(57, 121), 150]

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emulated_session import EmulatedSession, emulated_session
+from firm_rig import firm_rig
 from repository import EXAMPLES
 
-from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.config import RigFile, load_rig
 from palpate.rig.bench import connect
 from palpate.rig.contact_peak import expected_peak_n
 from palpate.rig.motion.contact_load import TouchStage
@@ -36,7 +37,7 @@ def gripped(session: EmulatedSession, fast_mm: float) -> tuple[list[Touch], floa
 @pytest.mark.parametrize(
     "path",
     [
-        pytest.param(shipped_rig(), id="slides"),
+        pytest.param(firm_rig(), id="slides"),
         pytest.param(EXAMPLES / "two-link-rig.toml", id="arms", marks=pytest.mark.campaign),
     ],
 )
@@ -58,7 +59,7 @@ def test_a_finger_is_slow_where_it_may_meet_the_part(path: Path) -> None:
 
 
 def test_every_touch_says_what_it_loaded_the_part_with() -> None:
-    session = emulated_session(seed=7, rig=light(load_rig(shipped_rig())))
+    session = emulated_session(seed=7, rig=light(load_rig(firm_rig())))
     touches, _ = gripped(session, 0.0)
     for touch, finger in zip(touches, session.bench.fingers, strict=True):
         assert [load.stage for load in touch.loads] == [TouchStage.QUICK, TouchStage.SLOW]
@@ -69,7 +70,7 @@ def test_every_touch_says_what_it_loaded_the_part_with() -> None:
 
 def test_a_finger_that_has_touched_does_not_press_while_others_are_under_way() -> None:
     """The finger whose way is longest comes seconds later: until then the others have left the part."""
-    session = emulated_session(seed=7, rig=light(load_rig(shipped_rig())))
+    session = emulated_session(seed=7, rig=light(load_rig(firm_rig())))
     grip = [replace(item, fast_mm=60.0 * (index > 0)) for index, item in enumerate(session.middle())]
     pressed = [0.0] * len(grip)
     last = [session.clock.now()]
@@ -87,7 +88,7 @@ def test_a_finger_that_has_touched_does_not_press_while_others_are_under_way() -
 
 
 def test_the_expected_peak_grows_with_speed_and_threshold() -> None:
-    rig = load_rig(shipped_rig())
+    rig = load_rig(firm_rig())
     peaks = [expected_peak_n(light(rig, contact_force_n=force), 5.0) for force in (0.05, 0.1, 0.3)]
     assert peaks == sorted(peaks)
     assert expected_peak_n(rig, 20.0) == pytest.approx(2.85, abs=0.01)  # as docs/rig-file.md has it
@@ -96,8 +97,8 @@ def test_the_expected_peak_grows_with_speed_and_threshold() -> None:
 
 def test_a_miss_says_nothing_of_the_way_from_where_something_was_felt() -> None:
     """A finger that ends its way pressing on the part, with less than counts as a contact."""
-    rig = light(load_rig(shipped_rig()), contact_force_n=2.0)
-    found, _ = gripped(emulated_session(seed=7, rig=light(load_rig(shipped_rig()))), 0.0)
+    rig = light(load_rig(firm_rig()), contact_force_n=2.0)
+    found, _ = gripped(emulated_session(seed=7, rig=light(load_rig(firm_rig()))), 0.0)
     session = emulated_session(seed=7, rig=rig)
     ways = [math.dist(touch.contact.start_mm, touch.contact.end_mm) for touch in found]
     grip = [replace(item, travel_mm=way + 0.3) for item, way in zip(session.middle(), ways, strict=True)]

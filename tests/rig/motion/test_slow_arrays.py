@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 from command import run_here
+from firm_rig import firm_rig
 from quick_rig import small, small_parts
-
-from palpate.config import shipped_rig
 
 
 @pytest.mark.slow
@@ -15,7 +14,7 @@ def test_a_grip_with_ten_frames_a_second(
 ) -> None:
     """Bus Watchdog is armed with 0.5 s: less than a tare takes here, or five frames."""
     monkeypatch.chdir(tmp_path)
-    text = small(shipped_rig())
+    text = small(firm_rig())
     text = text.replace("sample_rate_hz = 250.0", "sample_rate_hz = 10.0")
     text = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 10.0")
     text = text.replace("max_grips = 8", "max_grips = 1")

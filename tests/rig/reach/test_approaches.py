@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from firm_rig import firm_rig
 
-from palpate.config import RigFile, SlideFingerConfig, load_rig, shipped_rig
+from palpate.config import RigFile, SlideFingerConfig, load_rig
 from palpate.errors import InputError
 from palpate.rig.conversion import kinematics_of, line_of, slide_kinematics
 from palpate.rig.motion.guarded_approach import FingerApproach
@@ -19,18 +20,18 @@ POST = [[30.0, 95.0], [42.0, 95.0], [42.0, 107.0], [30.0, 107.0]]
 
 
 def rig_with(**changes: Any) -> RigFile:
-    data = tomllib.loads(shipped_rig().read_text(encoding="utf-8"))
+    data = tomllib.loads(firm_rig().read_text(encoding="utf-8"))
     return RigFile.model_validate(data | changes)
 
 
 def random_rig(rng: np.random.Generator) -> RigFile:
     """Two to four fingers of different sizes round the table, with a post or two where none stands."""
-    data = tomllib.loads(shipped_rig().read_text(encoding="utf-8"))
+    data = tomllib.loads(firm_rig().read_text(encoding="utf-8"))
     count = int(rng.integers(2, 5))
     bearing = rng.uniform(0, 2 * math.pi) + np.arange(count) * 2 * math.pi / count
     fingers = []
     for k, at in enumerate(bearing + rng.uniform(-0.2, 0.2, count)):
-        finger = tomllib.loads(shipped_rig().read_text(encoding="utf-8"))["fingers"][0]
+        finger = tomllib.loads(firm_rig().read_text(encoding="utf-8"))["fingers"][0]
         away = rng.uniform(185.0, 230.0)
         finger["name"] = f"f{k}"
         finger["base_mm"] = [away * math.cos(at), away * math.sin(at)]
@@ -172,7 +173,7 @@ def test_a_finger_without_room_is_named() -> None:
 
 
 def test_time_grows_with_the_way_and_the_aim() -> None:
-    reach = reach_of(load_rig(shipped_rig()))
+    reach = reach_of(load_rig(firm_rig()))
     own = reach.of_finger(0)
     near, far = (reach.seconds(np.full(len(reach.approaches), travel)) for travel in (50.0, 150.0))
     assert far - near == pytest.approx(2 * 100.0 / 20.0)
@@ -182,7 +183,7 @@ def test_time_grows_with_the_way_and_the_aim() -> None:
 
 def test_every_approach_is_within_its_servos_ranges_from_end_to_end() -> None:
     """Also at the ends of the aim's range, where rounding once put a goal just beyond it."""
-    rig = load_rig(shipped_rig())
+    rig = load_rig(firm_rig())
     reach = reach_of(rig)
     for approach in reach.approaches:
         spec = rig.fingers[approach.finger_index]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command import Ended, run_here
+from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import quick_rig
 from shapely_bench import SHIPPED_OBJECTS, outlines, place_within
@@ -23,7 +24,6 @@ from palpate.config import (
     calibration_path,
     calibration_toml,
     load_rig,
-    shipped_rig,
 )
 from palpate.config.identification_result import CalibrationUsedOut, IdentificationOut
 from palpate.config.schema import schema_text
@@ -38,7 +38,7 @@ from palpate.views.answer import answer_lines
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
 Here = Callable[..., Ended]
-RIG = load_rig(shipped_rig())
+RIG = load_rig(firm_rig())
 SIX = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(SIX)
 SEEDS = range(4)

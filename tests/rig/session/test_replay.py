@@ -14,12 +14,13 @@ from typing import Any
 import pytest
 from command import PALPATE, Ended, log_events, run, run_here
 from emulated_session import small_session
+from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import quick_bench
 from repository import EXAMPLES
 from wording import missing
 
-from palpate.config import load_objects, load_rig, shipped_rig
+from palpate.config import load_objects, load_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
@@ -332,7 +333,7 @@ def test_a_scene_with_an_object_of_its_own_is_kept_in_the_folder(tmp_path: Path)
 
 def slow_rig(folder: Path) -> str:
     """Fingers creep, so that a signal is sure to come while they close."""
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     slow = text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0")
     (folder / "slow.toml").write_text(slow)
     return "slow.toml"
@@ -381,7 +382,7 @@ def test_a_run_that_was_killed(tmp_path: Path, here: Here) -> None:
 
 
 def test_a_run_that_pressed_too_hard_or_was_held(tmp_path: Path, here: Here) -> None:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     for old, new in (
         ("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 70.0"),
         ("max_force_n = 8.0", "max_force_n = 4.0"),
@@ -399,7 +400,7 @@ def test_a_run_that_pressed_too_hard_or_was_held(tmp_path: Path, here: Here) -> 
 
 
 def test_a_run_whose_port_was_not_there(tmp_path: Path, here: Here) -> None:
-    text = shipped_rig().read_text(encoding="utf-8")
+    text = firm_rig().read_text(encoding="utf-8")
     head, _, tail = text.partition("[emulation]\n")
     rest = tail.partition("\n\n")[2]
     (tmp_path / "real.toml").write_text((head + rest).replace("mock://", "/dev/serial/by-id/no-such-"))
