@@ -126,7 +126,14 @@ def test_a_catalogue_is_refused_only_if_all_of_it_is_hopeless(tmp_path: Path) ->
     low = objects_file(tmp_path / "low.json", part("low", height=5.0), part("m", 0.001, 0.02))
     with pytest.raises(InputError) as refused:
         finding_lines(BENCH, load_objects(low).objects, "low.json")
-    for words in ("low.json", '"firm-bench"', "low, flat (5 mm high)", "10 mm (f1, f2, f3)", "metres", "1000"):
+    for words in (
+        "low.json",
+        '"firm-bench"',
+        "low, flat (5 mm high)",
+        "10 mm (f1, f2, f3)",
+        "metres",
+        "1000",
+    ):
         assert words in str(refused.value)
     assert "\n" not in str(refused.value)
     mixed = objects_file(tmp_path / "mixed.json", part("low", height=5.0), part("ok"))
