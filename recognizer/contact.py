@@ -112,10 +112,13 @@ class Contact(ShortRepr):
 
     @property
     def direction_bound_rad(self) -> float:
-        """How far the true direction of travel may be off, given the position bound at both ends."""
-        if self.travel_mm <= 2 * self.position_bound_mm:
+        """How far the true direction of travel may be off: the end is within the position bound, the start
+        within the path's, which may be larger.
+        """
+        both = self.position_bound_mm + max(self.position_bound_mm, self.free_path_bound_mm)
+        if self.travel_mm <= both:
             return math.pi
-        return min(math.asin(2 * self.position_bound_mm / self.travel_mm) + self.turn_bound_rad, math.pi)
+        return min(math.asin(both / self.travel_mm) + self.turn_bound_rad, math.pi)
 
     @property
     def middle_normal_rad(self) -> float:
@@ -130,8 +133,11 @@ class Contact(ShortRepr):
         A finger that came to rest on a surface moved against its outward normal, so the normal lies within
         a quarter turn of −φ; where friction alone held it, within the friction cone, atan μ (memo §2.2.2).
         Where the two ranges meet in two pieces the shorter range stands for both: wider than need be, never
-        too narrow.
+        too narrow. A point on a vertex has the normal of either edge there, and one of these may face away
+        from where the point came: a point's measured normal stands alone.
         """
+        if self.normal is not None and self.finger.tip_radius_mm == 0:
+            return self.normal
         cone = math.pi / 2 if self.friction is None else math.atan(self.friction)
         half = min(math.pi, cone + self.direction_bound_rad + 1e-9)
         against = self.direction_rad + math.pi

@@ -120,8 +120,12 @@ def _chosen_states(catalogue: Catalogue, object_name: str | None) -> Bools:
 def _orientation_sets(catalogue: Catalogue, contact: Contact) -> list[_Arcs]:
     """What the approach, and the normal if there is one, leave of θ for each edge (memo §2.2.2)."""
     edges = catalogue.edges(contact.finger)
-    # Edges that overlap, as those of objects with a tolerance do, have no pockets.
-    sets = [_from_approach(edges, contact)] if edges is catalogue.outlines(contact.finger) else []
+    sets = []
+    # Edges that overlap, as those of objects with a tolerance do, have no pockets. A point on a vertex may
+    # have the normal of the edge that it cannot come to.
+    on_edge = contact.finger.tip_radius_mm > 0 or contact.normal is None
+    if on_edge and edges is catalogue.outlines(contact.finger):
+        sets.append(_from_approach(edges, contact))
     if contact.normal is not None:
         lo = contact.normal.lo_rad - edges.normal_rad - edges.span
         width = contact.normal.hi_rad - contact.normal.lo_rad + 2 * edges.span

@@ -136,6 +136,8 @@ def _met(
     rays = rays_of(edges, cells, anchor_mm, approaches)
     lean = np.array([2 * item.position_bound_mm / max(item.travel_mm, 1e-9) for item in approaches])
     lean = np.pi / 2 + np.maximum(_LEAST_LEAN_RAD, np.arcsin(np.minimum(lean, 1.0)))
+    if approaches[0].finger.tip_radius_mm == 0:
+        lean = np.full(len(approaches), np.pi)  # on a vertex, the normal of either edge there
     against = np.array([item.direction_rad + np.pi for item in approaches])
     row, column = np.divmod(np.arange(len(rays)), len(approaches))
     # Where vertices may be off, so may normals, by anything if edges are short: nothing is said of them.
