@@ -4,11 +4,12 @@
 tests, `segments` distances and intersections of straight segments. Nothing here reads files or knows devices.
 """
 
-from palpate.geometry.arrays import Bools, Counts, Floats, Ints, Singles
+from palpate.geometry.arrays import Bools, Complexes, Counts, Floats, Ints, Singles
 from palpate.geometry.object_model import ObjectModel, Polygon, Section, State
 
 __all__ = [
     "Bools",
+    "Complexes",
     "Counts",
     "Floats",
     "Ints",

@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Bools", "Counts", "Floats", "Ints", "Singles"]
+__all__ = ["Bools", "Complexes", "Counts", "Floats", "Ints", "Singles"]
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -14,11 +14,11 @@ from palpate.geometry import Floats, Ints, ObjectModel, State
 from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edge_sets import outline_set, pairing_set
-from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
+from palpate.recognizer.edges import CatalogueState, EdgeSet
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
 from palpate.recognizer.strip_trees import StripForest, strip_forest
-from palpate.recognizer.symmetry import centroid, symmetry_order
+from palpate.recognizer.symmetry import centroid, rotational_symmetry
 
 __all__ = ["Catalogue"]
 
@@ -126,8 +126,7 @@ def _reach_mm(item: CatalogueState) -> float:
 
 def _prepare(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
-    order = symmetry_order(state, origin, SYMMETRY_TOLERANCE_MM)
-    rounding = ROUNDING_MM + (SYMMETRY_TOLERANCE_MM if order > 1 else 0.0)
+    symmetry = rotational_symmetry(state, origin, SYMMETRY_TOLERANCE_MM)
     return CatalogueState(
-        item.name, state, origin, order, item.tolerance_mm, rounding, item.holds_n, item.support_mm
+        item.name, state, origin, symmetry, item.tolerance_mm, item.holds_n, item.support_mm
     )

@@ -11,7 +11,7 @@ from palpate.geometry import Bools, Floats, Ints, Section
 from palpate.geometry.plane import rotation_matrix
 from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Finger
-from palpate.recognizer.edges import ROUNDING_MM, CatalogueState, EdgeSet
+from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
@@ -25,7 +25,7 @@ MOST_EDGES = 2000
 
 @dataclass(frozen=True, eq=False)
 class _Part(Table):
-    """The grown edges of one state, sorted by normal, and the slack of each (n,) mm."""
+    """The grown edges of one state, sorted by normal, and the slack of each (n,) mm but for rounding."""
 
     edges: GrownSection
     slack_in: Floats
@@ -44,7 +44,7 @@ def outline_set(states: Sequence[CatalogueState], finger: Finger, facet_error_mm
     Arcs bulge by at most `facet_error_mm`. An object with a tolerance δ is grown by r − δ only: its true
     outline is between 0 and 2δ outside of that.
     """
-    return _joined(states, [_outline(state, finger, facet_error_mm) for state in states])
+    return _joined(states, finger, [_outline(state, finger, facet_error_mm) for state in states])
 
 
 def pairing_set(
@@ -55,6 +55,7 @@ def pairing_set(
         return outlines
     return _joined(
         states,
+        finger,
         [
             _touchable(state, finger, facet_error_mm)
             if state.tolerance_mm > 0
@@ -64,11 +65,18 @@ def pairing_set(
     )
 
 
-def _joined(states: Sequence[CatalogueState], parts: Sequence[_Part]) -> EdgeSet:
+def _joined(states: Sequence[CatalogueState], finger: Finger, parts: Sequence[_Part]) -> EdgeSet:
+    """The edges of all states. What is true of one is said of its symmetric images, too: where a symmetry
+    turns normals by some angle, places of the tip's centre are off by its radius times that.
+    """
     part = _Part.joined(parts)
     edges, direction = part.edges, part.edges.direction
     count = [len(each) for each in parts]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
+    rounding = np.repeat([state.rounding_mm for state in states], count)
+    lean = np.repeat([state.symmetry.lean_rad for state in states], count)
+    sunk = rounding + finger.tip_radius_mm * (1 - np.cos(lean))
+    aside = rounding + finger.tip_radius_mm * np.sin(np.minimum(lean, np.pi / 2))
     return EdgeSet(
         state=np.repeat(np.arange(len(states)), count),
         start=edges.start,
@@ -76,14 +84,14 @@ def _joined(states: Sequence[CatalogueState], parts: Sequence[_Part]) -> EdgeSet
         direction=direction,
         normal=normal,
         length=edges.length,
-        slack_in=part.slack_in,
-        slack_out=part.slack_out,
-        slack_along=part.slack_along,
+        slack_in=part.slack_in + sunk,
+        slack_out=part.slack_out + rounding,
+        slack_along=part.slack_along + aside,
         normal_rad=np.arctan2(normal[:, 1], normal[:, 0]) % (2 * np.pi),
-        span=np.minimum(edges.span + 1e-9, np.pi),
+        span=np.minimum(edges.span + lean + ROUNDING_RAD, np.pi),
         feature=edges.feature,
         representative=np.concatenate(
-            [_representative(p.edges, s.symmetry_order) for p, s in zip(parts, states, strict=True)]
+            [_representative(p.edges, s) for p, s in zip(parts, states, strict=True)]
         ),
         first=np.cumsum([0, *count]),
     )
@@ -98,9 +106,9 @@ def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Pa
     grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
     return _Part(
         edges=grown,
-        slack_in=item.rounding_mm + grown.dent + max(0.0, delta - finger.tip_radius_mm),
-        slack_out=item.rounding_mm + grown.bulge + finger.tip_radius_mm + delta - radius,
-        slack_along=item.rounding_mm + grown.dent + 2 * delta,
+        slack_in=grown.dent + max(0.0, delta - finger.tip_radius_mm),
+        slack_out=grown.bulge + finger.tip_radius_mm + delta - radius,
+        slack_along=grown.dent + 2 * delta,
     )
 
 
@@ -112,9 +120,9 @@ def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _
     found = found.select(_normal_order(found.edges))
     return _Part(
         edges=found.edges.moved(-item.origin_mm),
-        slack_in=item.rounding_mm + found.inward,
-        slack_out=item.rounding_mm + found.outward,
-        slack_along=item.rounding_mm + found.along,
+        slack_in=found.inward,
+        slack_out=found.outward,
+        slack_along=found.along,
     )
 
 
@@ -133,15 +141,17 @@ def _normal_order(grown: GrownSection) -> Ints:
     return np.argsort(np.arctan2(-grown.direction[:, 0], grown.direction[:, 1]) % (2 * np.pi), kind="stable")
 
 
-def _representative(part: GrownSection, order: int) -> Bools:
+def _representative(part: GrownSection, item: CatalogueState) -> Bools:
     """One edge of each orbit under the state's rotations: those whose midpoints lie in one sector.
 
     The sector starts in the widest gap between midpoints, so that rounding cannot put two edges of an orbit
-    in it, or none. Where midpoints leave no clear gap, or edges are no exact images of one another (the
-    symmetry itself has a tolerance), every edge is kept: slower, never wrong.
+    in it, or none. Where midpoints leave no clear gap, or edges are no exact images of one another, all are
+    kept: slower, never wrong. So they are where the state as a whole is not exactly symmetric: a finger of
+    another radius or height might meet edges that have no images, as in a notch that it only just enters.
     """
+    order = item.symmetry_order
     everything = np.ones(len(part.length), dtype=bool)
-    if order == 1 or not len(part.length):
+    if order == 1 or not len(part.length) or not item.is_exactly_symmetric:
         return everything
     middle = part.start + part.direction * part.length[:, None] / 2
     sector = 2 * np.pi / order
@@ -166,6 +176,6 @@ def _turned_onto_edges(part: GrownSection, chosen: Bools, order: int) -> bool:
         image = np.column_stack([part.start[chosen] @ turn, part.end[chosen] @ turn])
         away, match = tree.query(image)
         leaning = np.abs(cross(part.direction[chosen] @ turn, part.direction[match]))
-        if float(np.max(away)) > ROUNDING_MM / 2 or float(np.max(leaning)) > 5e-10:
+        if float(np.max(away)) > ROUNDING_MM / 2 or float(np.max(leaning)) > ROUNDING_RAD / 2:
             return False
     return True

@@ -10,13 +10,17 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints, State
+from palpate.recognizer.symmetry import Symmetry
 from palpate.recognizer.tables import expand_ranges
 from palpate.vocabulary.short_repr import ShortRepr
 
-__all__ = ["NULL_EDGE", "ROUNDING_MM", "CatalogueState", "EdgeSet", "ring_order"]
+__all__ = ["NULL_EDGE", "ROUNDING_MM", "ROUNDING_RAD", "CatalogueState", "EdgeSet", "ring_order"]
 
 ROUNDING_MM = 1e-6
 """Allowance for floating-point error in every comparison of lengths; coordinates are below 10⁴ mm."""
+
+ROUNDING_RAD = 1e-9
+"""The same for normals."""
 
 NULL_EDGE = -1
 """Stands for an edge where a contact is taken as spurious: the null branch of the interpretation tree."""
@@ -34,18 +38,31 @@ class CatalogueState(ShortRepr):
 
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the
     origin, so that a symmetry turns the object about its own origin. `tolerance_mm` is by how much the
-    vertices of the true outline may be off, `rounding_mm` the allowance for rounding and for a symmetry that
-    is not quite one. `holds_n` and `support_mm` are the object's.
+    vertices of the true outline may be off. `holds_n` and `support_mm` are the object's.
     """
 
     object_name: str
     state: State
     origin_mm: Floats
-    symmetry_order: int
+    symmetry: Symmetry
     tolerance_mm: float
-    rounding_mm: float
     holds_n: float | None = None
     support_mm: float | None = None
+
+    @property
+    def symmetry_order(self) -> int:
+        """It looks the same after each nth of a turn."""
+        return self.symmetry.order
+
+    @property
+    def rounding_mm(self) -> float:
+        """Allowance for rounding and for a symmetry that is not quite one."""
+        return ROUNDING_MM + self.symmetry.off_mm
+
+    @property
+    def is_exactly_symmetric(self) -> bool:
+        """Whether the allowances for rounding alone cover what the symmetry is off by."""
+        return self.symmetry.off_mm <= ROUNDING_MM / 4 and self.symmetry.lean_rad <= ROUNDING_RAD / 4
 
 
 @dataclass(frozen=True, eq=False)

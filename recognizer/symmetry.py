@@ -1,78 +1,178 @@
-"""Rotational symmetry of a state, from all of its sections together (memo §2.1 and Fig. 4)."""
+"""Rotational symmetry of a state, from all of its sections together (memo §2.1 and Fig. 4).
+
+A turn by 2π/n that moves the boundary onto itself within a tolerance proves little: k such turns may be off
+by k times as much, and an oval of many vertices passes for round. So the whole orbit of every vertex is
+compared. The turn maps vertices onto vertices and keeps neighbours neighbours. Turned back by 2πk/n, the
+k-th vertex of an orbit lies where the first one does, if the symmetry is exact. The points of an orbit that
+are turned back so have some diameter. The turn by 2π(j − k)/n moves the k-th vertex to within that diameter
+of the j-th, for every j and k, so the largest of all orbits' diameters bounds what every power of the turn is
+off by: for vertices, and hence for the edges between them.
+"""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from shapely import affinity
 
-from palpate.geometry import Floats, Section, State
-from palpate.geometry.plane import rotation_matrix
+from palpate.geometry import Complexes, Floats, Ints, Section, State
 
-__all__ = ["centroid", "symmetry_order"]
+__all__ = ["Symmetry", "centroid", "rotational_symmetry"]
 
-_STRAIGHT_MM = 1e-6  # a vertex nearer than this to its neighbours' line is none
+_STRAIGHT_MM = 1e-8  # a vertex nearer than this to its neighbours' line is none
+_ROUNDING_MM = 1e-11
+_WIDTHS = 32  # directions in which an orbit's width is taken
+
+
+@dataclass(frozen=True)
+class Symmetry:
+    """A state looks the same after each nth of a turn, n = `order`; 1: it has no symmetry.
+
+    After any number of these turns no point of a boundary is further than `off_mm` from where the boundary
+    was, and its normal differs by at most `lean_rad`.
+    """
+
+    order: int = 1
+    off_mm: float = 0.0
+    lean_rad: float = 0.0
 
 
 def centroid(state: State) -> Floats:
     """Centre of area of all sections together, shape (2,), mm, in the frame of the object's file."""
-    shapes = [_region(section) for section in state.sections]
+    shapes = [_union(section) for section in state.sections]
     areas = np.array([shape.area for shape in shapes])
     centres = np.array([[shape.centroid.x, shape.centroid.y] for shape in shapes])
     result: Floats = areas @ centres / areas.sum()
     return result
 
 
-def symmetry_order(state: State, about: Floats, tolerance_mm: float) -> int:
-    """Largest n such that turning by 2π/n about `about` moves no boundary further than the tolerance."""
-    shapes = [_Shape.of(_region(section), about) for section in state.sections]
-    limit = min(shape.fewest_vertices for shape in shapes) * math.gcd(*[shape.parts for shape in shapes])
-    for order in range(limit, 1, -1):
-        if all(shape.turns_onto_itself(order, tolerance_mm) for shape in shapes):
-            return order
-    return 1
+def rotational_symmetry(state: State, about: Floats, tolerance_mm: float) -> Symmetry:
+    """Largest n such that no multiple of 2π/n about `about` moves a boundary further than the tolerance."""
+    boundaries = [_Boundary.of(section, about) for section in state.sections]
+    # No vertex is at the centre: every orbit has n vertices.
+    most = math.gcd(*[len(boundary.points) for boundary in boundaries])
+    for order in range(most, 1, -1):
+        if most % order:
+            continue
+        found = _of_order(boundaries, order, tolerance_mm)
+        if found is not None:
+            return found
+    return Symmetry()
 
 
-def _region(section: Section) -> shapely.Geometry:
-    polygons = [shapely.Polygon(p.outer, p.holes) for p in section.polygons]
-    return shapely.union_all(polygons).simplify(_STRAIGHT_MM)
+def _of_order(boundaries: "list[_Boundary]", order: int, tolerance_mm: float) -> Symmetry | None:
+    off_mm = lean_rad = 0.0
+    for boundary in boundaries:
+        orbits = boundary.orbits(order, tolerance_mm)
+        if orbits is None:
+            return None
+        off, lean = boundary.spread(orbits)
+        off_mm, lean_rad = max(off_mm, off), max(lean_rad, lean)
+        if off_mm > tolerance_mm:
+            return None
+    return Symmetry(order, off_mm, lean_rad)
+
+
+def _union(section: Section) -> shapely.Geometry:
+    return shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
 
 
 @dataclass(frozen=True, eq=False)
-class _Shape:
-    """A section moved so that the centre of its possible symmetry is the origin, with its vertices."""
+class _Boundary:
+    """A section's vertices (N,) about the centre of its possible symmetry, as complex numbers, mm.
 
-    region: shapely.Geometry
-    points: Floats
+    Edge k runs to vertex `following`[k] (N,), the solid on its left. `stray_mm`: how far the boundary may be
+    from that of the section; `stray_rad`: the same for its normal.
+    """
+
+    points: Complexes
+    following: Ints
     tree: cKDTree
+    stray_mm: float
+    stray_rad: float
 
     @classmethod
-    def of(cls, region: shapely.Geometry, about: Floats) -> "_Shape":
-        moved = affinity.translate(region, -float(about[0]), -float(about[1]))
-        points = shapely.get_coordinates(moved)
-        furthest_first = points[np.argsort(-np.hypot(*points.T), kind="stable")]
-        return cls(moved, furthest_first, cKDTree(furthest_first))
+    def of(cls, section: Section, about: Floats) -> "_Boundary":
+        whole = _union(section)
+        region = whole.simplify(_STRAIGHT_MM)
+        rings = [
+            np.asarray(ring.coords)[:-1] - about
+            for part in shapely.get_parts(region)
+            for ring in _oriented_rings(part)
+        ]
+        sizes = [len(ring) for ring in rings]
+        following = np.concatenate(
+            [first + np.roll(np.arange(size), -1) for first, size in zip(_begins(sizes), sizes, strict=True)]
+        )
+        points = np.vstack(rings)
+        stray_mm, stray_rad = _stray(whole, region)
+        return cls(points[:, 0] + 1j * points[:, 1], following, cKDTree(points), stray_mm, stray_rad)
 
-    @property
-    def parts(self) -> int:
-        return max(1, len(shapely.get_parts(self.region)))
+    def orbits(self, order: int, tolerance_mm: float) -> Ints | None:
+        """The vertices, (order, N / order): turned by 2π/order, each row comes to lie on the next.
 
-    @property
-    def fewest_vertices(self) -> int:
-        parts = shapely.get_parts(self.region)
-        return min((len(part.exterior.coords) - 1 for part in parts), default=0)
-
-    def turns_onto_itself(self, order: int, tolerance_mm: float) -> bool:
-        """Whether vertices fall on vertices, the furthest of which settles nearly every order, and the areas
-        agree: between vertices that fall on each other edges may still run differently.
+        None if vertices or edges do not come to lie on others within the tolerance, or not one on each.
         """
-        angle = 2 * math.pi / order
-        turn = rotation_matrix(-angle)
-        for some in (self.points[:1], self.points):
-            away, _ = self.tree.query(some @ turn, distance_upper_bound=2 * tolerance_mm)
-            if not np.all(away <= tolerance_mm):
-                return False
-        image = affinity.rotate(self.region, angle, origin=(0, 0), use_radians=True)
-        return bool(self.region.symmetric_difference(image).area <= tolerance_mm * self.region.length)
+        image = self.points * np.exp(2j * np.pi / order)
+        # The furthest vertex settles nearly every order.
+        if self._nearest(image[[np.argmax(np.abs(image))]], tolerance_mm) is None:
+            return None
+        onto = self._nearest(image, tolerance_mm)
+        count = len(self.points)
+        if onto is None or np.any(np.bincount(onto, minlength=count) != 1):
+            return None
+        if np.any(onto[self.following] != self.following[onto]):
+            return None
+        links = coo_array((np.ones(count, dtype=np.int8), (np.arange(count), onto)), shape=(count, count))
+        label = connected_components(links, directed=False)[1]
+        if np.any(np.bincount(label) != order):
+            return None
+        rows = np.empty((order, count // order), dtype=np.int64)
+        rows[0] = np.unique(label, return_index=True)[1]
+        for step in range(1, order):
+            rows[step] = onto[rows[step - 1]]
+        return rows
+
+    def _nearest(self, image: Complexes, tolerance_mm: float) -> Ints | None:
+        """The vertex nearest to each point of an image; None if one is further off than the tolerance."""
+        away, found = self.tree.query(
+            np.column_stack([image.real, image.imag]), distance_upper_bound=2 * tolerance_mm
+        )
+        return np.asarray(found, dtype=np.int64) if np.all(away <= tolerance_mm) else None
+
+    def spread(self, orbits: Ints) -> tuple[float, float]:
+        """How far orbits' vertices (mm) and edges' normals (rad) are from one another, when turned back."""
+        order = len(orbits)
+        back = np.exp(-2j * np.pi * np.arange(order) / order)[:, None]
+        turned = self.points[orbits] * back
+        leg = (self.points[self.following] - self.points)[orbits] * back
+        towards = np.exp(-1j * np.pi * np.arange(_WIDTHS) / _WIDTHS)
+        widest = max(float(np.ptp((turned * direction).real, axis=0).max()) for direction in towards)
+        # The direction of the diameter is within half a step of one of those.
+        off = widest / math.cos(math.pi / (2 * _WIDTHS))
+        lean = float(np.ptp(np.angle(leg / leg[0]), axis=0).max())
+        return off + 2 * self.stray_mm, min(lean + 2 * self.stray_rad, math.pi)
+
+
+def _oriented_rings(part: shapely.Polygon) -> list[shapely.LinearRing]:
+    oriented = shapely.geometry.polygon.orient(part)
+    return [oriented.exterior, *oriented.interiors]
+
+
+def _begins(sizes: list[int]) -> Ints:
+    return np.cumsum([0, *sizes[:-1]])
+
+
+def _stray(whole: shapely.Geometry, region: shapely.Geometry) -> tuple[float, float]:
+    """How far a region's boundary may be from the one that it simplifies (mm), and its normals (rad)."""
+    points = shapely.get_coordinates(whole)
+    boundary = region.boundary
+    shapely.prepare(boundary)
+    if bool(np.all(shapely.dwithin(boundary, shapely.points(points), _ROUNDING_MM))):
+        return 0.0, 0.0
+    length = np.hypot(*np.diff(points, axis=0).T)
+    shortest = float(np.min(length[length > 0]))
+    return _STRAIGHT_MM, math.asin(min(2 * _STRAIGHT_MM / shortest, 1.0))

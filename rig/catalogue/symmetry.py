@@ -7,7 +7,7 @@ import shapely
 
 from palpate.geometry import Floats, Polygon, Section, State
 from palpate.recognizer.catalogue import SYMMETRY_TOLERANCE_MM
-from palpate.recognizer.symmetry import centroid, symmetry_order
+from palpate.recognizer.symmetry import centroid, rotational_symmetry
 from palpate.rig.catalogue.section_stack import StateSections
 
 __all__ = ["SectionSymmetry", "symmetry_of_region", "symmetry_of_state"]
@@ -34,7 +34,7 @@ def symmetry_of_state(state: StateSections) -> SectionSymmetry:
 def _symmetry(parts: list[tuple[float, float, shapely.Geometry]]) -> SectionSymmetry:
     state = State("", tuple(Section((low, high), _polygons(region)) for low, high, region in parts))
     centre = centroid(state)
-    return SectionSymmetry(symmetry_order(state, centre, SYMMETRY_TOLERANCE_MM), centre)
+    return SectionSymmetry(rotational_symmetry(state, centre, SYMMETRY_TOLERANCE_MM).order, centre)
 
 
 def _polygons(region: shapely.Geometry) -> tuple[Polygon, ...]:

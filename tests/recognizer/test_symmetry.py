@@ -4,9 +4,13 @@ import math
 
 import numpy as np
 import pytest
+import shapely
+from shapely import affinity
+from shapely_bench import Placed, flat, grip, holding_truth, place, unit
 
 from palpate.geometry import Polygon, Section, State
-from palpate.recognizer.symmetry import centroid, symmetry_order
+from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
+from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
 
 
 def state(*sections: list[tuple[float, float]] | np.ndarray) -> State:
@@ -20,7 +24,11 @@ def state(*sections: list[tuple[float, float]] | np.ndarray) -> State:
 
 
 def order(of: State) -> int:
-    return symmetry_order(of, centroid(of), 1e-3)
+    return symmetry(of).order
+
+
+def symmetry(of: State) -> Symmetry:
+    return rotational_symmetry(of, centroid(of), 1e-3)
 
 
 def regular(sides: int, radius: float = 30.0, turn: float = 0.3) -> np.ndarray:
@@ -84,3 +92,96 @@ def test_off_by_more_than_the_tolerance() -> None:
 def test_centroid_of_several_sections_is_that_of_area() -> None:
     of = state([(0, 0), (2, 0), (2, 2), (0, 2)], [(10, 0), (14, 0), (14, 3), (10, 3)])
     assert centroid(of) == pytest.approx([(4 * 1 + 12 * 12) / 16, (4 * 1 + 12 * 1.5) / 16])
+
+
+def wavy(vertices: int, lobes: int, depth: float) -> np.ndarray:
+    """A round of many vertices whose radius goes up and down by `depth`, as often as there are lobes."""
+    angle = 0.2 + 2 * math.pi * np.arange(vertices) / vertices
+    radius = 30.0 + depth * np.cos(lobes * angle)
+    return radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]) + (3.0, 11.0)
+
+
+@pytest.mark.parametrize("lobes", [2, 3, 5])
+@pytest.mark.parametrize("vertices", [600, 2400])
+def test_steps_that_are_each_within_the_tolerance_and_together_are_not(lobes: int, vertices: int) -> None:
+    assert order(state(wavy(vertices, lobes, 0.1))) == lobes
+    assert order(state(wavy(vertices, lobes, 4e-4))) == vertices
+
+
+def test_a_round_of_many_vertices_keeps_its_order() -> None:
+    found = symmetry(state(regular(6000)))
+    assert found.order == 6000
+    assert found.off_mm < 1e-9
+
+
+@pytest.mark.parametrize("sides", [5, 8, 12])
+def test_every_turn_is_off_by_no_more_than_is_said(sides: int) -> None:
+    """Coordinates as files have them, with three decimals."""
+    ring = np.round(regular(sides), 3)
+    found = symmetry(state(ring))
+    assert found.order == sides
+    outline = shapely.Polygon(ring).exterior
+    off = [
+        shapely.hausdorff_distance(
+            affinity.rotate(outline, 360 * k / sides, origin=tuple(centroid(state(ring)))), outline
+        )
+        for k in range(1, sides)
+    ]
+    assert max(off) <= found.off_mm <= 1e-3
+    assert found.lean_rad <= 2 * found.off_mm / 10
+
+
+def touching(placed: Placed, name: str, radius: float, point: np.ndarray, normal: float) -> Contact:
+    """Square onto a point (2,) of the outline, where its outward normal is the given one: without errors."""
+    at, out = placed.on_table(point), unit(normal + placed.theta)
+    start, end = (at + (radius + far) * out for far in (90.0, 0.0))
+    angle = normal + placed.theta
+    return Contact(
+        name,
+        Finger(radius, 10.0),
+        True,
+        (float(start[0]), float(start[1])),
+        (float(end[0]), float(end[1])),
+        0.0,
+        NormalRange(angle - 1e-6, angle + 1e-6),
+    )
+
+
+@pytest.mark.parametrize("askew", [0, 1])
+@pytest.mark.parametrize("first", range(4))
+def test_notches_that_are_a_little_askew_on_two_sides(askew: int, first: int) -> None:
+    """A finger that they are too narrow for meets a plain square; a point in one feels the difference."""
+    nick = np.array([(-20.0, -20.0), (-1.5, -20.0), (-1.5, -18.0), (1.5, -18.0), (1.5, -20.0)])
+    sides = [nick.copy() for _ in range(4)]
+    sides[askew][2, 1] = sides[askew + 2][2, 1] = -18.0 + 9e-4
+    ring = np.vstack([points @ np.array(_turn(k)).T for k, points in enumerate(sides)])
+    model = flat("nicked", ring)
+    assert order(model.states[0]) == 4
+    placed = Placed(model, 4.0, -7.0, 0.6)
+    begin, end = ring[5 * first + 2], ring[5 * first + 3]
+    out = (first - 1) * math.pi / 2
+    beside, next_side = 20 * unit(out) + 11 * unit(out + math.pi / 2), out + math.pi / 2
+    contacts = [
+        touching(placed, "side", 6.0, beside, out),
+        touching(placed, "next", 6.0, 20 * unit(next_side) + 9 * unit(out), next_side),
+        touching(placed, "floor", 0.0, (begin + end) / 2, math.atan2(begin[0] - end[0], end[1] - begin[1])),
+    ]
+    assert holding_truth(recognise(Catalogue([model]), contacts), placed) is not None
+
+
+def _turn(quarters: int) -> list[list[float]]:
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[quarters]
+    return [[cos, -sin], [sin, cos]]
+
+
+def test_an_oval_lies_as_it_does() -> None:
+    """Its answers are turned by no more than their bounds say, but for half a turn."""
+    angle = 2 * math.pi * np.arange(1800) / 1800
+    model = flat("oval", np.column_stack([20.2 * np.cos(angle), 19.95 * np.sin(angle)]))
+    catalogue = Catalogue([model])
+    for seed in (0, 2, 6, 8):
+        rng = np.random.default_rng(seed)
+        placed = place(model, rng)
+        contacts = grip(placed, rng, radius=3.0, bound=0.01, half_range=math.radians(1), aim=0.02)
+        bounds = [item.bounds.theta_rad for item in recognise(catalogue, contacts).hypotheses]
+        assert any((placed.theta - lo) % math.pi <= hi - lo for lo, hi in bounds)
