@@ -21,7 +21,7 @@ import shapely
 from palpate.geometry import Bools, Floats, Ints, Section
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.minkowski import GrownSection, OrientedRing, grow, oriented_rings
-from palpate.recognizer.outline_arcs import facet_turn
+from palpate.recognizer.offset_rings import facet_turn
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
 

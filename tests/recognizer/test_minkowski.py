@@ -58,10 +58,10 @@ def test_every_true_boundary_point_is_on_an_edge(name: str, radius: float) -> No
 @pytest.mark.parametrize("radius", [0.0, 1.0, 4.9, 8.0])
 def test_edges_stay_within_the_facet_error(name: str, radius: float) -> None:
     grown = grow(SECTIONS[name], radius, FACET_ERROR_MM)
-    lines = shapely.segmentize(as_lines(grown), 0.2)
-    away = shapely.distance(
-        true_boundary(SECTIONS[name], radius), shapely.points(shapely.get_coordinates(lines))
-    )
+    points = shapely.points(shapely.get_coordinates(shapely.segmentize(as_lines(grown), 0.2)))
+    solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in SECTIONS[name].polygons])
+    # Where a finger just fits, as into a slot of tr-2, it may be in the middle though nothing else is free.
+    away = np.abs(shapely.distance(solid, points) - radius) if radius else solid.boundary.distance(points)
     assert float(away.max()) <= FACET_ERROR_MM + 1e-4
     assert float(grown.bulge.max()) <= FACET_ERROR_MM + 1e-9
 
