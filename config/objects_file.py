@@ -95,12 +95,17 @@ def checked_objects(text: ObjectsFileText, name: str) -> ObjectsFile:
 def _object(entry: ObjectText) -> ObjectModel:
     if entry.states is not None:
         states = tuple(_state(state) for state in entry.states)
-        return ObjectModel(entry.name, states, entry.tolerance, entry.part_holds_n, entry.part_support_mm)
-    assert entry.outline is not None, "checked by _object_problems"
-    assert entry.height is not None, "checked by _object_problems"
-    section = Section((0.0, entry.height), (Polygon(_array(entry.outline)),))
+    else:
+        assert entry.outline is not None, "checked by _object_problems"
+        assert entry.height is not None, "checked by _object_problems"
+        states = (State(FLAT, (Section((0.0, entry.height), (Polygon(_array(entry.outline)),)),)),)
     return ObjectModel(
-        entry.name, (State(FLAT, (section,)),), entry.tolerance, entry.part_holds_n, entry.part_support_mm
+        entry.name,
+        states,
+        entry.tolerance,
+        entry.part_holds_n,
+        entry.part_support_mm,
+        entry.normal_tolerance,
     )
 
 

@@ -66,6 +66,11 @@ class ObjectText(FileModel):
     tolerance: Length = Field(
         default=0.0, description="The part's true outline is within this distance of the model's, mm."
     )
+    normal_tolerance: Annotated[float, Field(ge=0, le=3.2)] | None = Field(
+        default=None,
+        description="Normals of the part's true outline are within this angle of the model's normals within "
+        "`tolerance` of the place, rad; without it they may be off by what `tolerance` does to an edge.",
+    )
     outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
     height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
     states: Items[StateText] | None = Field(default=None, min_length=1)

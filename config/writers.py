@@ -68,6 +68,7 @@ file_text.register(CalibrationFile)(calibration_toml)
 def _object(model: ObjectModel) -> dict[str, Any]:
     optional = {
         "tolerance": model.tolerance_mm or None,
+        "normal_tolerance": model.normal_tolerance_rad,
         "part_holds_n": model.holds_n,
         "part_support_mm": model.support_mm,
     }

@@ -92,7 +92,9 @@ class ObjectModel:
     """Known object; its true outline is within `tolerance_mm` of the modelled one.
 
     `holds_n`: horizontal force at its middle below which it does not slide. `support_mm`: lower bound on the
-    mean distance of its support from the support's geometric median. None: not declared.
+    mean distance of its support from the support's geometric median. `normal_tolerance_rad`: every normal
+    that the true outline has at a point, at a vertex all between its edges', is within this of one that the
+    modelled outline has within `tolerance_mm` of the point. None: not declared.
     """
 
     name: str
@@ -100,6 +102,7 @@ class ObjectModel:
     tolerance_mm: float = 0.0
     holds_n: float | None = None
     support_mm: float | None = None
+    normal_tolerance_rad: float | None = None
 
     def __repr__(self) -> str:
         names = ", ".join(state.name for state in self.states[:4])

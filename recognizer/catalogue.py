@@ -128,5 +128,12 @@ def _prepare(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
     symmetry = rotational_symmetry(state, origin, SYMMETRY_TOLERANCE_MM)
     return CatalogueState(
-        item.name, state, origin, symmetry, item.tolerance_mm, item.holds_n, item.support_mm
+        item.name,
+        state,
+        origin,
+        symmetry,
+        item.tolerance_mm,
+        item.holds_n,
+        item.support_mm,
+        item.normal_tolerance_rad,
     )

@@ -15,7 +15,7 @@ from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, 
 from palpate.recognizer.minkowski import GrownSection, grow
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
-from palpate.recognizer.tolerance_band import touchable_edges
+from palpate.recognizer.tolerance_band import ToleranceBand, touchable_edges
 
 __all__ = ["MOST_EDGES", "outline_set", "pairing_set"]
 
@@ -102,7 +102,7 @@ def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Pa
     if section is None:
         return _NOTHING
     delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
-    grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES)
+    grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES, facet_error_mm / 4)
     grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
     return _Part(
         edges=grown,
@@ -116,7 +116,8 @@ def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _
     section = _section_at(item, finger.height_mm)
     if section is None:
         return _NOTHING
-    found = touchable_edges(section, finger.tip_radius_mm, item.tolerance_mm, facet_error_mm)
+    band = ToleranceBand(item.tolerance_mm, item.normal_tolerance_rad)
+    found = touchable_edges(section, finger.tip_radius_mm, band, facet_error_mm)
     found = found.select(_normal_order(found.edges))
     return _Part(
         edges=found.edges.moved(-item.origin_mm),

@@ -38,7 +38,8 @@ class CatalogueState(ShortRepr):
 
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the
     origin, so that a symmetry turns the object about its own origin. `tolerance_mm` is by how much the
-    vertices of the true outline may be off. `holds_n` and `support_mm` are the object's.
+    vertices of the true outline may be off. `holds_n`, `support_mm` and `normal_tolerance_rad` are the
+    object's.
     """
 
     object_name: str
@@ -48,6 +49,7 @@ class CatalogueState(ShortRepr):
     tolerance_mm: float
     holds_n: float | None = None
     support_mm: float | None = None
+    normal_tolerance_rad: float | None = None
 
     @property
     def symmetry_order(self) -> int:

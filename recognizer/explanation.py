@@ -163,7 +163,12 @@ def _only(catalogue: Catalogue, object_name: str, state_name: str | None) -> Cat
     if not chosen:
         known = ", ".join(item.state.name for item in named)
         raise InputError(f'object "{object_name}" has no state "{state_name}"; it has: {known}')
-    model = ObjectModel(object_name, tuple(chosen), named[0].tolerance_mm)
+    model = ObjectModel(
+        object_name,
+        tuple(chosen),
+        named[0].tolerance_mm,
+        normal_tolerance_rad=named[0].normal_tolerance_rad,
+    )
     return Catalogue([model], facet_error_mm=catalogue.facet_error_mm, flat_edges=catalogue.flat_edges)
 
 

@@ -11,7 +11,7 @@ import shapely
 
 from palpate.geometry import Floats, Ints
 from palpate.geometry.plane import wrap_angle
-from palpate.geometry.segments import point_segment_distance
+from palpate.geometry.segments import cross
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tables import expand_ranges
 
@@ -21,20 +21,27 @@ _FINEST_MM = 1e-3
 _ROUGH_MM = 0.1
 
 
-def simplify_outline(grown: GrownSection, most: int) -> GrownSection:
+def simplify_outline(grown: GrownSection, most: int, fine_mm: float = 0.0) -> GrownSection:
     """The same outline in no more than `most` edges, if it has more and that can be done.
 
     Each ring keeps four edges at least. The stray allowed is doubled until the edges are few enough, up to
-    the size of the outline. Where it has to be coarser than a rough surface is, a quarter as many edges are
-    enough: more would only pair every contact with noise.
+    the size of the outline. As long as it is no more than `fine_mm`, only a tenth of them are few enough.
+    Where it has to be coarser than a rough surface is, a quarter as many edges are enough: more would only
+    pair every contact with noise.
     """
     stray = _FINEST_MM
     size = float(np.ptp(grown.start, axis=0).max(initial=0.0))
     result = grown
-    while len(result.length) > (most if stray < _ROUGH_MM else most // 4) and stray < size:
+    while len(result.length) > _enough(most, stray, fine_mm) and stray < size:
         result = _merged(grown, stray)
         stray *= 2
     return result
+
+
+def _enough(most: int, stray_mm: float, fine_mm: float) -> int:
+    if stray_mm <= fine_mm:
+        return most // 10
+    return most if stray_mm < _ROUGH_MM else most // 4
 
 
 def _merged(grown: GrownSection, stray_mm: float) -> GrownSection:
@@ -82,10 +89,14 @@ def _chords(grown: GrownSection, first: Ints, count: Ints) -> GrownSection:
     safe = np.where(length > 0, length, 1.0)
     direction = np.where(length[:, None] > 0, along / safe[:, None], grown.direction[first])
     run, edge = expand_ranges(first, count)
-    away = point_segment_distance(grown.start[edge], start[run], direction[run], length[run])
+    rel = grown.start[edge] - start[run]
+    along, inward = np.sum(rel * direction[run], axis=1), cross(direction[run], rel)
     turned = wrap_angle(_angle(grown.direction[edge]) - _angle(direction)[run])
-    stray, bulge, dent, span = (np.zeros(len(first)) for _ in range(4))
-    np.maximum.at(stray, run, away)
+    # An arc over a facet that is turned stands out along the chord, too.
+    beyond = np.maximum(-along, along - length[run]) + grown.bulge[edge] * np.abs(np.sin(turned))
+    out, back, bulge, dent, span = (np.zeros(len(first)) for _ in range(5))
+    np.maximum.at(out, run, -inward)
+    np.maximum.at(back, run, np.maximum(inward, beyond))
     np.maximum.at(bulge, run, grown.bulge[edge])
     np.maximum.at(dent, run, grown.dent[edge])
     np.maximum.at(span, run, np.abs(turned) + grown.span[edge])
@@ -95,8 +106,8 @@ def _chords(grown: GrownSection, first: Ints, count: Ints) -> GrownSection:
         end=end,
         direction=direction,
         length=length,
-        bulge=bulge + stray,
-        dent=dent + stray,
+        bulge=bulge + out,
+        dent=dent + back,
         span=np.minimum(span, np.pi),
         feature=grown.feature[middle],
     )

@@ -10,6 +10,9 @@ length L tilts by up to asin(2δ/L). Where the true outline is a round of sagitt
 off by nearly twice that, so asin(4δ/L) is allowed. A finger of radius r that touches the edge has its centre
 r along the true normal from such a point; one that touches a vertex has it r from a point within δ of the
 nominal vertex, along a normal between those of the two true edges. Nothing else is assumed.
+
+An edge much shorter than δ may then point anywhere, and a fine outline says nothing of its normals. So a
+model may state by how much they are off at most: then that takes the place of asin(4δ/L).
 """
 
 import math
@@ -25,9 +28,24 @@ from palpate.recognizer.offset_rings import facet_turn
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
 
-__all__ = ["Touchable", "touchable_edges"]
+__all__ = ["ToleranceBand", "Touchable", "touchable_edges"]
 
 _MOST_SIDES = 1000  # of a ring; finer ones are replaced by chords
+
+
+@dataclass(frozen=True)
+class ToleranceBand:
+    """By how much an outline may be off: points by `off_mm`, normals by `turn_rad` if that is stated."""
+
+    off_mm: float
+    turn_rad: float | None = None
+
+    def turns_rad(self, length_mm: Floats) -> Floats:
+        """By how much the normals of edges of some lengths (n,) may be off, (n,)."""
+        if self.turn_rad is not None:
+            return np.full(len(length_mm), self.turn_rad)
+        ratio = 4 * self.off_mm / length_mm
+        return np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +62,7 @@ class Touchable(Table):
 
 
 def touchable_edges(
-    section: Section, radius_mm: float, tolerance_mm: float, facet_error_mm: float
+    section: Section, radius_mm: float, band: ToleranceBand, facet_error_mm: float
 ) -> Touchable:
     """Places of a tip's centre at every feature, except for those that the object is certain to cover.
 
@@ -52,14 +70,14 @@ def touchable_edges(
     """
     parts = []
     for ring in oriented_rings(section):
-        sides = _uncertain_edges(ring, tolerance_mm)
+        sides = _uncertain_edges(ring, band, facet_error_mm / 4)
         parts.append(_along_edges(sides, radius_mm))
         if radius_mm > 0:
             parts.append(_about_vertices(sides, radius_mm, facet_turn(radius_mm, facet_error_mm)))
     found = Touchable.joined(parts)
-    if radius_mm <= tolerance_mm:
+    if radius_mm <= band.off_mm:
         return found
-    return found.select(~_covered(found, section, radius_mm - tolerance_mm, facet_error_mm))
+    return found.select(~_covered(found, section, radius_mm - band.off_mm, facet_error_mm))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,12 +94,10 @@ class _UncertainEdges:
     tilt: Floats
 
 
-def _uncertain_edges(ring: OrientedRing, tolerance_mm: float) -> _UncertainEdges:
-    """A ring's edges; of a very fine ring, chords of its runs of edges."""
+def _uncertain_edges(ring: OrientedRing, band: ToleranceBand, fine_mm: float) -> _UncertainEdges:
+    """A ring's edges; of a fine ring, chords of its runs of edges."""
     leg = np.roll(ring.points, -1, axis=0) - ring.points
     length = np.hypot(*leg.T)
-    ratio = 4 * tolerance_mm / length
-    tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
     nothing = np.zeros(len(length))
     traced = GrownSection(
         start=ring.points,
@@ -90,12 +106,16 @@ def _uncertain_edges(ring: OrientedRing, tolerance_mm: float) -> _UncertainEdges
         length=length,
         bulge=nothing,
         dent=nothing,
-        span=tilt,
+        span=band.turns_rad(length),
         feature=ring.vertex,
     )
-    traced = simplify_outline(traced, _MOST_SIDES)
+    traced = simplify_outline(traced, _MOST_SIDES, fine_mm)
     return _UncertainEdges(
-        traced.start, traced.end - traced.start, traced.feature, tolerance_mm + traced.dent, traced.span
+        traced.start,
+        traced.end - traced.start,
+        traced.feature,
+        band.off_mm + np.maximum(traced.dent, traced.bulge),
+        traced.span,
     )
 
 
