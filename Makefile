@@ -54,6 +54,7 @@ test: check firmware
 
 campaign: $(DEV)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m campaign
+	$(BIN)/python benchmarks/bench_completeness.py
 	$(BIN)/python benchmarks/bench_recognizer.py
 	$(BIN)/python benchmarks/bench_identify.py
 	$(BIN)/python benchmarks/bench_firmware.py

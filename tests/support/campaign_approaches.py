@@ -18,7 +18,8 @@ def approach_to(
 ) -> tuple[Floats, Floats, float]:
     """Start, unit heading and longest travel: mostly roughly to the middle of the object."""
     kind = rng.choice(
-        ["middle", "off", "vertex", "edge", "slot", "inside"], p=[0.5, 0.1, 0.12, 0.1, 0.08, 0.1]
+        ["middle", "off", "vertex", "edge", "slot", "inside", "graze"],
+        p=[0.45, 0.1, 0.12, 0.1, 0.08, 0.1, 0.05],
     )
     if kind == "inside":
         start = _inside(shape, radius, rng)
@@ -39,6 +40,10 @@ def approach_to(
         heading, target = (-outward, begin[k] + short * along)
         if rng.random() < 0.3:
             heading, target = along * rng.choice([-1, 1]), begin[k] + aside * outward
+    elif kind == "graze":
+        lean = float(rng.choice([1e-4, 0.003, 0.02]))
+        heading = math.cos(lean) * float(rng.choice([-1, 1])) * along - math.sin(lean) * outward
+        target = (begin[k] + end[k]) / 2 + radius * outward
     elif kind == "slot":
         heading, target = _into_slot(begin, end, rng)
     else:

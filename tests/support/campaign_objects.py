@@ -1,7 +1,8 @@
 """Objects of the campaign, and how one of them really lies there: displaced within its tolerance.
 
 Used by campaign_trials, which draws them. Families: "memo" (shipped), "parts" (shared outlines), "own" (drawn
-here: steps, holes, slots, symmetry) and "loose" (some of them with a tolerance).
+here: steps, holes, slots, symmetry), "loose" (some of them with a tolerance), and "drawn": anew for every
+grip, by campaign_outlines. A source is one catalogue: a family, or one set of the shared outlines.
 """
 
 import math
@@ -11,34 +12,63 @@ from functools import cache, partial
 
 import numpy as np
 import shapely
+from campaign_outlines import KINDS, random_model
 from shapely_bench import SHIPPED_OBJECTS, Placed, flat, outlines, unit
-from shared_files import SHARED_OUTLINES
+from shared_files import SHARED_OUTLINE_SETS
 
 from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue
 
-FAMILIES = ("memo", "parts", "own", "loose")
+FAMILIES = ("memo", "parts", "own", "loose", "drawn")
+DRAWN = "drawn"
 TOLERANCE_MM = 0.25  # of the family "loose"
+_TOLERANCES_MM = (0.0, 0.0, 0.0, 0.05, 0.25)
+_FINE = 40  # vertices
+_SETS = {file.stem: file for file in SHARED_OUTLINE_SETS}
 
 
 @cache
-def objects_of(family: str) -> tuple[ObjectModel, ...]:
-    """The models of a family: shipped, shared outlines, own ones, or some of them with a tolerance."""
-    if family == "parts":
-        return tuple(outlines(SHARED_OUTLINES))
-    if family == "own":
+def objects_of(source: str) -> tuple[ObjectModel, ...]:
+    """The models of a source: shipped, a set of shared outlines, own ones, or some with a tolerance."""
+    if source in _SETS:
+        return tuple(outlines(_SETS[source]))
+    if source == "own":
         return (_stepped(), _islands(), _frame(), _comb(), _square())
     models = tuple(outlines(SHIPPED_OBJECTS))
-    if family == "memo":
+    if source == "memo":
         return models
     loose = (*models, _comb(), _frame(), _square())
     return tuple(replace(model, tolerance_mm=TOLERANCE_MM) for model in loose)
 
 
 @cache
-def catalogue_of(family: str) -> Catalogue:
+def catalogue_of(source: str) -> Catalogue:
     """Built once in each process."""
-    return Catalogue(objects_of(family))
+    return Catalogue(objects_of(source))
+
+
+def drawn_source(family: str, rng: np.random.Generator) -> str:
+    """The family itself, or one of the sets that it consists of."""
+    return str(rng.choice(sorted(_SETS))) if family == "parts" else family
+
+
+def drawn_objects(rng: np.random.Generator, radius_mm: float) -> tuple[ObjectModel, ...]:
+    """A random object, one that is nearly the same, and one of any kind; some with a tolerance.
+
+    Of edges that are shorter than the tolerance nothing is known, and no answer comes soon.
+    """
+    kinds = sorted(KINDS)
+    first = random_model(str(rng.choice(kinds)), rng, radius_mm)
+    near = _mapped(first, partial(np.multiply, 1.0 + float(rng.choice([0.002, 0.03]))))
+    third = random_model(str(rng.choice(kinds)), rng, radius_mm)
+    delta = float(rng.choice(_TOLERANCES_MM))
+    if any(len(ring) > _FINE for ring in _rings_of(first)):
+        delta = 0.0
+    return (
+        replace(first, tolerance_mm=delta),
+        replace(near, name=f"near {first.name}"),
+        replace(third, name=f"other {third.name}"),
+    )
 
 
 def placed_anyhow(model: ObjectModel, rng: np.random.Generator) -> Placed:
@@ -53,15 +83,15 @@ def placed_anyhow(model: ObjectModel, rng: np.random.Generator) -> Placed:
     return Placed(model, x, y, theta)
 
 
-def displaced(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
-    """The true object: its outline is off the model's by up to the tolerance, often by all of it somewhere.
+def displaced(model: ObjectModel, rng: np.random.Generator, *, at_bound: bool) -> ObjectModel:
+    """The true object: its outline is off the model's by up to the tolerance, by all of it if at the bound.
 
     Moved as a whole, or scaled, or every vertex moved on its own as long as nothing crosses.
     """
     tolerance = model.tolerance_mm
     if tolerance == 0.0 or rng.random() < 0.2:
         return model
-    size = tolerance if rng.random() < 0.5 else float(rng.uniform(0.0, tolerance))
+    size = tolerance if at_bound else float(rng.uniform(0.0, tolerance))
     points = np.concatenate(list(_rings_of(model)))
     reach = float(np.max(np.linalg.norm(points, axis=1)))
     kind = int(rng.integers(3))

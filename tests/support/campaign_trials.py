@@ -1,7 +1,7 @@
 """Seeded grips of every kind, simulated with shapely alone.
 
-Shared by tests/recognizer/test_recognition_campaign.py and benchmarks/campaign.py. A trial (object,
-configuration, grip) depends on nothing but (seed, index), so that each can be repeated alone. Nothing here is
+Shared by tests/recognizer/test_recognition_campaign.py and benchmarks/bench_completeness.py. A trial (object,
+configuration, grip) depends on nothing but its seed, so that each can be repeated alone. Nothing here is
 shared with the recogniser but the types in which it is asked and answers. What it answers is judged in
 campaign_checks.
 """
@@ -14,30 +14,50 @@ from itertools import pairwise
 import numpy as np
 import shapely
 from campaign_approaches import CLEAR_MM, REACH_MM, RING_MM, approach_to
-from campaign_objects import FAMILIES, displaced, objects_of, placed_anyhow
+from campaign_objects import (
+    DRAWN,
+    FAMILIES,
+    catalogue_of,
+    displaced,
+    drawn_objects,
+    drawn_source,
+    objects_of,
+    placed_anyhow,
+)
 from shapely_bench import Placed, unit
 from shapely_contacts import first_contact, true_normal
 
-from palpate.geometry import Floats
-from palpate.recognizer import Contact, Finger, NormalRange
+from palpate.geometry import Floats, ObjectModel
+from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
 
 BOUNDS_MM = (0.0, 0.01, 0.1, 0.3, 1.0, 2.0)
-NORMALS_DEG = (1.0, 3.0, 10.0, 25.0, 45.0, 90.0, None)
-_NORMALS_SHARES = (0.17, 0.17, 0.3, 0.14, 0.1, 0.05, 0.07)
+NORMALS_DEG = (0.0, 1e-4, 1.0, 3.0, 10.0, 25.0, 45.0, 90.0, None)
+_NORMALS_SHARES = (0.05, 0.05, 0.15, 0.15, 0.28, 0.12, 0.08, 0.05, 0.07)
 RADII_MM = (0.0, 1.0, 5.0, 8.0)
-_SHARES = {"memo": 0.4, "parts": 0.35, "own": 0.15, "loose": 0.1}
-_HEIGHTS_MM = {"own": (5.0, 10.0, 18.0)}  # 10: where two sections meet, both count
+FURTHER_MM = (0.0, 0.0, 0.0, 0.5, 2.0, 5.0)
+_SHARES = {"memo": 0.25, "parts": 0.2, "own": 0.12, "loose": 0.08, "drawn": 0.35}
+_HEIGHTS_MM = {
+    "own": (5.0, 10.0, 18.0),
+    "stack": (5.0, 10.0, 18.0),
+}  # 10: where two sections meet, both count
 _FIRST_TOUCHES, _MOST_MISSES = 2, 3
+_COARSE, _FINE = 12, 100  # vertices, from which on only narrow ranges are drawn
+_MOST_DRAWS = 40
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a trial is counted under. `normals_deg`: half of the normal range, None if nothing is known."""
+    """What a trial is counted under. `kind`: of the object; `normals_deg`: half of the normal range, None if
+    nothing is known; `further_mm`: by how much the path's bound is beyond that of the position.
+    """
 
     family: str
+    kind: str
     normals_deg: float | None
     bound_mm: float
+    further_mm: float
     radius_mm: float
+    tolerance_mm: float
     touches: int
     at_bound: bool
     extended: bool
@@ -45,69 +65,117 @@ class Setting:
 
 @dataclass(frozen=True)
 class Trial:
-    """One object on the table and what was felt of it; `steps`: the first grip, then those that extend it."""
+    """One object on the table and what was felt of it; `steps`: the first grip, then those that extend it.
 
-    index: int
+    `model`: the object as the catalogue has it; `placed`: as it is.
+    """
+
+    seed: int
     setting: Setting
+    source: str
+    models: tuple[ObjectModel, ...]
+    model: ObjectModel
     placed: Placed
     steps: tuple[tuple[Contact, ...], ...]
 
+    def catalogue(self) -> Catalogue:
+        """That of the source, or one for this grip alone."""
+        return Catalogue(self.models) if self.source == DRAWN else catalogue_of(self.source)
 
-def drawn(seed: int, index: int, families: tuple[str, ...] = FAMILIES) -> Trial:
-    """Trial `index` of a campaign: its randomness depends on (seed, index) and on `families` only."""
-    rng = np.random.default_rng((seed, index))
+
+def drawn(seed: int, families: tuple[str, ...] = FAMILIES) -> Trial:
+    """The trial of a seed: its randomness depends on that and on `families` only."""
+    rng = np.random.default_rng((705, seed))
+    while True:
+        trial = _attempt(seed, rng, families)
+        if trial is not None:
+            return trial
+
+
+def _attempt(seed: int, rng: np.random.Generator, families: tuple[str, ...]) -> Trial | None:
+    """A trial; None if hardly anything touched the object."""
     weight = np.array([_SHARES[name] for name in families])
     family = str(rng.choice(families, p=weight / weight.sum()))
-    setting = _setting(rng, family)
-    models = objects_of(family)
-    model = models[int(rng.integers(len(models)))]
-    placed = placed_anyhow(displaced(model, rng), rng)
+    source = drawn_source(family, rng)
+    radius = _radius(rng, family)
+    models = drawn_objects(rng, radius) if family == DRAWN else objects_of(source)
+    model = models[0] if family == DRAWN else models[int(rng.integers(len(models)))]
+    setting = _setting(rng, family, radius, model, _vertices(models))
+    placed = placed_anyhow(displaced(model, rng, at_bound=setting.at_bound), rng)
     felt = _felt(placed, setting, rng)
-    return Trial(index, setting, placed, tuple(_steps(felt, setting.extended, rng)))
+    if felt is None:
+        return None
+    return Trial(seed, setting, source, models, model, placed, tuple(_steps(felt, setting.extended, rng)))
 
 
-def _setting(rng: np.random.Generator, family: str) -> Setting:
+def _radius(rng: np.random.Generator, family: str) -> float:
+    """Edges for a radius are made anew: any one for the few models that are drawn, some for all others."""
+    if family == DRAWN and rng.random() < 0.6:
+        return float(rng.uniform(0.2, 8.0))
+    return float(rng.choice(RADII_MM))
+
+
+def _vertices(models: tuple[ObjectModel, ...]) -> int:
+    return max(
+        len(ring) for model in models for section in model.states[0].sections for ring in section.rings
+    )
+
+
+def _setting(
+    rng: np.random.Generator, family: str, radius: float, model: ObjectModel, vertices: int
+) -> Setting:
     while True:
         touches = int(rng.choice([1, 2, 3, 4, 5, 6], p=[0.03, 0.2, 0.4, 0.22, 0.1, 0.05]))
         setting = Setting(
             family=family,
+            kind=model.name if family == DRAWN else family,
             normals_deg=NORMALS_DEG[int(rng.choice(len(NORMALS_DEG), p=_NORMALS_SHARES))],
             bound_mm=float(rng.choice(BOUNDS_MM)),
-            radius_mm=float(rng.choice(RADII_MM)),
+            further_mm=float(rng.choice(FURTHER_MM)),
+            radius_mm=radius,
+            tolerance_mm=model.tolerance_mm,
             touches=touches,
             at_bound=bool(rng.random() < 0.5),
             extended=bool(touches > 1 and rng.random() < 0.25),
         )
-        if not _too_wide(setting, min(touches, _FIRST_TOUCHES) if setting.extended else touches):
+        first = min(touches, _FIRST_TOUCHES) if setting.extended else touches
+        if not _too_wide(setting, first, vertices):
             return setting
 
 
-def _too_wide(setting: Setting, first: int) -> bool:
+def _too_wide(setting: Setting, first: int, vertices: int) -> bool:
     """Whether `first` touches would leave so much that the answer takes seconds: kept out by design.
 
-    What they would show is shown by the few models of the family "own" as well, or with a touch more.
+    What they would show is shown by the few models of other families as well, or with a touch more.
     """
     half = 180.0 if setting.normals_deg is None else setting.normals_deg
     if setting.family == "own":
         return False
+    if setting.family == DRAWN:
+        if vertices > _FINE:
+            return half > 3.0 or setting.bound_mm > 0.1 or first < 2
+        loose = first < 3 or setting.bound_mm > 0.3 or setting.tolerance_mm > 0
+        return half > (45.0 if vertices <= _COARSE else 10.0) / (3.0 if loose else 1.0)
     if setting.bound_mm > 0.3 and setting.family != "memo" and half > 10.0:
         return True
     if setting.bound_mm > (0.3 if setting.family == "loose" else 1.0):
         return first < 3
-    most = {1: 10.0, 2: 25.0} if setting.family == "memo" else {1: 3.0, 2: 10.0, 3: 25.0}
-    return half > most.get(first, 180.0)
+    most_of = {1: 10.0, 2: 25.0} if setting.family == "memo" else {1: 3.0, 2: 10.0, 3: 25.0}
+    return half > most_of.get(first, 180.0)
 
 
-def _felt(placed: Placed, setting: Setting, rng: np.random.Generator) -> list[Contact]:
+def _felt(placed: Placed, setting: Setting, rng: np.random.Generator) -> list[Contact] | None:
     """Approaches until enough of them touched; the misses among them stay, but not too many."""
     contacts: list[Contact] = []
     touches = misses = 0
-    while touches < setting.touches:
+    for _ in range(_MOST_DRAWS):
         contact = _contact(placed, setting, rng, f"f{len(contacts)}")
         touches, misses = touches + contact.touched, misses + (not contact.touched)
         if contact.touched or misses <= _MOST_MISSES:
             contacts.append(contact)
-    return contacts
+        if touches == setting.touches:
+            return contacts
+    return None
 
 
 def _steps(
@@ -126,8 +194,10 @@ def _steps(
 
 def _contact(placed: Placed, setting: Setting, rng: np.random.Generator, name: str) -> Contact:
     """One approach, carried out and mismeasured."""
-    radius = setting.radius_mm if rng.random() < 0.9 else float(rng.choice(RADII_MM))
-    height = float(rng.choice(_HEIGHTS_MM.get(setting.family, (10.0,))))
+    radius = setting.radius_mm
+    if rng.random() < 0.1:
+        radius = float(rng.choice(RADII_MM))
+    height = float(rng.choice(_HEIGHTS_MM.get(setting.kind, (10.0,))))
     shape = placed.shape_at(height)
     if shape.is_empty:
         start, heading, reach = np.array([RING_MM, 0.0]), np.array([-1.0, 0.0]), REACH_MM
@@ -141,15 +211,10 @@ def _contact(placed: Placed, setting: Setting, rng: np.random.Generator, name: s
         # The path ends just before the object, or somewhere on the way to it.
         touched, reach = False, travel * float(rng.choice([1 - 1e-9, 0.999, rng.uniform(0.1, 1.0)]))
     centre = start + (travel if touched else reach) * heading
-    bound = setting.bound_mm
-    end_error = _error(bound, setting.at_bound, rng)
-    start_error = end_error if rng.random() < 0.6 else _error(bound, setting.at_bound, rng)
-    normal = None
-    if touched and setting.normals_deg is not None:
-        half = math.radians(setting.normals_deg)
-        shift = float(rng.choice([-1, 1])) * half if setting.at_bound else float(rng.uniform(-half, half))
-        middle = true_normal(shape, centre, heading, radius, rng) + shift
-        normal = NormalRange(middle - half, middle + half)
+    end_error = _error(setting.bound_mm, setting.at_bound, rng)
+    start_error = end_error
+    if setting.further_mm > 0 or rng.random() < 0.4:
+        start_error = _error(setting.bound_mm + setting.further_mm, setting.at_bound, rng)
     begin, end = start + start_error, centre + end_error
     return Contact(
         name,
@@ -157,10 +222,22 @@ def _contact(placed: Placed, setting: Setting, rng: np.random.Generator, name: s
         touched,
         (float(begin[0]), float(begin[1])),
         (float(end[0]), float(end[1])),
-        bound,
-        normal,
-        path_bound_mm=bound + float(rng.uniform(0.0, 0.5)) if rng.random() < 0.1 else None,
+        setting.bound_mm,
+        _normal(shape, centre, radius, setting, rng) if touched else None,
+        path_bound_mm=setting.bound_mm + setting.further_mm if setting.further_mm > 0 else None,
     )
+
+
+def _normal(
+    shape: shapely.Geometry, centre: Floats, radius: float, setting: Setting, rng: np.random.Generator
+) -> NormalRange | None:
+    """A range that holds a true normal, sometimes said a whole turn further on."""
+    if setting.normals_deg is None:
+        return None
+    half = math.radians(setting.normals_deg)
+    shift = float(rng.choice([-1, 1])) * half if setting.at_bound else float(rng.uniform(-half, half))
+    middle = true_normal(shape, centre, radius, rng) + shift + 2 * math.pi * float(rng.choice([0, 0, 1, -1]))
+    return NormalRange(middle - half, middle + half)
 
 
 def _error(bound: float, at_bound: bool, rng: np.random.Generator) -> Floats:

@@ -36,15 +36,12 @@ def first_contact(
     return touching
 
 
-def true_normal(
-    shape: shapely.Geometry, centre: Floats, heading: Floats, radius: float, rng: np.random.Generator
-) -> float:
+def true_normal(shape: shapely.Geometry, centre: Floats, radius: float, rng: np.random.Generator) -> float:
     """Direction of an outward normal where a tip at `centre` touches.
 
     For a disc: of the edge that it is on, or from the vertex that it is at (shapely's nearest point is not
     exact enough near the end of an edge). For a point (r = 0): of the edge that it is on; at a vertex, of
-    either of the two edges there, drawn from those against which the tip moved. The cone between the two is
-    not drawn from, because the recogniser pairs a point with edges only.
+    either of the two edges there, also of the one that faces away from where the point came.
     """
     begin, end = edges_of(shape)
     along = end - begin
@@ -58,10 +55,7 @@ def true_normal(
         faced = near[(free[near] >= 0.0) & (free[near] <= 1.0)]
         normal = outward[faced[0]] if len(faced) else from_foot[near[0]]
     else:
-        against = outward @ heading / np.linalg.norm(outward, axis=1)
-        near = np.flatnonzero(gap <= gap.min() + 2 * _GRAZING_MM)
-        facing = near[against[near] < 0]
-        normal = outward[rng.choice(facing) if len(facing) else near[np.argmin(against[near])]]
+        normal = outward[rng.choice(np.flatnonzero(gap <= gap.min() + 2 * _GRAZING_MM))]
     return math.atan2(normal[1], normal[0])
 
 

@@ -10,13 +10,16 @@ from pathlib import Path
 import pytest
 from repository import ROOT
 
-__all__ = ["SHARED_OUTLINES", "cad_file", "needs_shared_outlines"]
+__all__ = ["SHARED_OUTLINES", "SHARED_OUTLINE_SETS", "cad_file", "needs_shared_outlines"]
 
 _VARIABLE = "PALPATE_SHARED_DATA"
 _FOLDER = Path(os.environ.get(_VARIABLE) or ROOT.parent / "shared" / "data")
 
 SHARED_OUTLINES = _FOLDER / "outlines" / "classic.json"
 """Outlines of cut parts as an objects file."""
+
+SHARED_OUTLINE_SETS = tuple(sorted(SHARED_OUTLINES.parent.glob("*.json")))
+"""All sets of outlines that there are, that one among them."""
 
 needs_shared_outlines = pytest.mark.skipif(
     not SHARED_OUTLINES.is_file(), reason=f"no file {SHARED_OUTLINES}: set {_VARIABLE}"
