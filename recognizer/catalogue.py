@@ -19,6 +19,7 @@ from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
 from palpate.recognizer.strip_trees import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, rotational_symmetry
+from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
 
 __all__ = ["Catalogue"]
 
@@ -62,6 +63,7 @@ class Catalogue:
         self._outline_strips: dict[Finger, StripForest] = {}
         self._pairs: dict[tuple[Finger, Finger], PairTable] = {}
         self._strips: dict[Finger, StripForest] = {}
+        self._boundaries: dict[Finger, TrueBoundary] = {}
         self._pockets: dict[tuple[Finger, float, float], Pockets] = {}
 
     def __repr__(self) -> str:
@@ -80,6 +82,12 @@ class Catalogue:
         if finger not in self._outlines:
             self._outlines[finger] = outline_set(self.states, finger, self.facet_error_mm)
         return self._outlines[finger]
+
+    def boundary(self, finger: Finger) -> TrueBoundary:
+        """Where the centre of `finger` can be when it touches, with true arcs: for `verification`."""
+        if finger not in self._boundaries:
+            self._boundaries[finger] = true_boundary(self.states, finger)
+        return self._boundaries[finger]
 
     def pairs(self, first: Finger, second: Finger) -> PairTable:
         """Pairs of an edge for `first` and one for `second`, by relative normal and distance."""

@@ -12,11 +12,12 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import cross
+from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
-from palpate.recognizer.witness_search import Constraints, Regions, position_boxes
+from palpate.recognizer.witness_search import Regions, position_boxes
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
@@ -68,9 +69,10 @@ class Slide:
 class Hypothesis(ShortRepr):
     """One way to understand all contacts.
 
-    `verified`: `configuration` satisfies every contact and every free path exactly, except for contacts that
-    `spurious` names; `witness_mm` (2,) is its position s as in `cells`, the region itself, and `witness_node`
-    the interpretation. `weight`: share of the feasible volume of all hypotheses.
+    `verified`: `configuration` satisfies every contact and every free path, on true arcs and with round
+    bounds (`verify`), except for contacts that `spurious` names; `witness_mm` (2,) is its position s as in
+    `cells`, the region itself, and `witness_node` the interpretation. `weight`: share of the feasible volume
+    of all hypotheses.
     """
 
     state_index: int

@@ -13,6 +13,7 @@ import numpy as np
 from palpate.errors import InputError
 from palpate.geometry import Floats
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.extension import contact_in_object, split_into_runs
 from palpate.recognizer.hypotheses import Hypotheses, hypotheses_of
@@ -28,7 +29,7 @@ from palpate.recognizer.null_branch import (
 )
 from palpate.recognizer.region import Cells, Intervals, divide_orientations
 from palpate.recognizer.tree import Interpretations, LevelCount
-from palpate.recognizer.witness_search import Constraints, connected_regions, find_witnesses
+from palpate.recognizer.witness_search import connected_regions, find_witnesses
 from palpate.vocabulary import RecognitionVerdict
 from palpate.vocabulary.short_repr import ShortRepr
 

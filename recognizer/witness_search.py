@@ -1,63 +1,31 @@
 """Witness search: connected regions of cells, each with a configuration that satisfies everything exactly.
 
-Everything is done for all regions at once. Cells are a little larger than
-what they enclose. Where no configuration in a region is found to hold, its cells are cut finer: one comes to
-light, or nothing is left, or the doubt stays and the region remains unverified.
+Everything is done for all regions at once. Cells are a little larger than what they enclose, so candidates
+are judged by `verification`. Where none in a region holds, its cells are cut finer, unless none of them can
+hold one: a configuration comes to light, or nothing is left, or the region remains unverified.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
-from palpate.recognizer.contact import Contact
+from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.null_branch import null_mask
 from palpate.recognizer.region import Cells, Intervals, probe_cells, refine_intervals
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
-from palpate.recognizer.sweep import free_path_test, path_outside_outline
 from palpate.recognizer.tables import Table, expand_ranges
-from palpate.recognizer.tree import Interpretations
+from palpate.recognizer.verification import Poses
+from palpate.recognizer.witness_polish import can_be_verified, polish
 
-__all__ = ["Constraints", "Regions", "connected_regions", "find_witnesses", "position_boxes"]
+__all__ = ["Regions", "connected_regions", "find_witnesses", "position_boxes"]
 
 _REFINEMENTS, _PARTS, _MOST_REFINED = 2, 4, 2048
+_CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
 _OUT = 0.9  # of the way from the middle of the positions to their corners
-
-
-@dataclass(frozen=True, eq=False)
-class Constraints:
-    """Constraints on every region: pairings of `touched`, and free paths of all contacts and misses.
-
-    A contact that an interpretation takes as spurious is no evidence for its cells.
-    """
-
-    catalogue: Catalogue
-    nodes: Interpretations
-    touched: list[Contact]
-    evidence: list[Contact]
-    anchor_mm: Floats
-
-    @cached_property
-    def nulls(self) -> Ints:
-        """Number of null contacts of each interpretation, (n,)."""
-        count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
-        return count
-
-    def allow(self, cells: Cells) -> Bools:
-        """Cells (k,) that the free paths do not rule out."""
-        skipped = null_mask(self.nodes, cells.node, self.evidence)
-        if skipped is None:
-            skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
-        columns = [column for column, contact in enumerate(self.evidence) if contact.touched]
-        skipped[:, columns] |= path_outside_outline(
-            self.catalogue, cells, self.anchor_mm, self.nodes.edges[cells.node], self.touched
-        )
-        return free_path_test(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +62,7 @@ class Regions:
 
 @dataclass(frozen=True, eq=False)
 class WitnessedCells(Table):
-    """k cells; where `holds` (k,), everything does at position `spot` s (k, 2) and the middle orientation."""
+    """k cells; where `holds` (k,), position `spot` s (k, 2) and the middle orientation are a candidate."""
 
     cells: Cells
     spot: Floats
@@ -104,7 +72,7 @@ class WitnessedCells(Table):
 def find_witnesses(
     constraints: Constraints, intervals: Intervals, *, corners: bool = False
 ) -> WitnessedCells:
-    """Cells of the intervals that the free paths leave, some of them with a position that holds.
+    """Cells of the intervals that the free paths leave, some of them with a candidate for a witness.
 
     What satisfies the contacts may still be blocked: tried are the middle of these positions and, with
     `corners`, places towards their corners as well.
@@ -142,10 +110,15 @@ def connected_regions(
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
     refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
-    regions = _with_witnesses(
-        found, first, label, branch, _witness_priority(constraints, found, first, label, refinable)
+    regions, doubtful = _with_witnesses(
+        constraints,
+        found,
+        first,
+        label,
+        branch,
+        _witness_priority(constraints, found, first, label, refinable),
     )
-    doubtful = ~regions.verified & refinable
+    doubtful &= refinable
     if not doubtful.any():
         return regions
     again = cells.select(doubtful[label])
@@ -230,30 +203,87 @@ def _witness_priority(
 
 
 def _with_witnesses(
-    found: WitnessedCells, first: Ints, label: Ints, branch: _SymmetryShift, eligible: Ints
-) -> Regions:
-    """Regions with a configuration that satisfies everything exactly, as near their middle as there is one.
+    constraints: Constraints,
+    found: WitnessedCells,
+    first: Ints,
+    label: Ints,
+    branch: _SymmetryShift,
+    eligible: Ints,
+) -> tuple[Regions, Bools]:
+    """Regions with a configuration that is verified, as near their middle as there is one.
 
-    If none was found, the middle of the largest cell is given, unverified. `eligible` (k,): priorities of
-    `_witness_priority`.
+    If none of those tried is, the middle of the largest cell is given, unverified. `eligible` (k,):
+    priorities of `_witness_priority`. Also returned: which regions (h,) have none, and may have one.
     """
     turned = _shifted_cells(found.cells, branch)
     begin = first[:-1]
     share = turned.volume + 1e-300
     if not len(begin):
         none = np.empty(0, np.int64)
-        return Regions(turned, first, np.empty(0), np.empty((0, 2)), np.empty(0, dtype=bool), none)
+        no = np.empty(0, dtype=bool)
+        return Regions(turned, first, np.empty(0), np.empty((0, 2)), no, none), no
     middle = turned.middle
     spot = rotate(np.where(found.holds[:, None], found.spot, found.cells.centre), branch.angle)
     place = np.column_stack([middle * _LEVER_MM, rotate(turned.centre, middle)])
     mean = np.add.reduceat(share[:, None] * place, begin) / np.add.reduceat(share, begin)[:, None]
     tried = np.column_stack([middle * _LEVER_MM, rotate(spot, middle)])
     off = np.linalg.norm(tried - mean[label], axis=1)
-    # Any cell that holds comes before all that do not; of those the largest comes first.
+    # Any cell that may hold comes before all that do not; of those the largest comes first.
     rank = np.where(found.holds, 1.0 + eligible - off / (1.0 + off), share / (1.0 + share))
-    chosen = _best_by_region(np.where(eligible > 0, rank, -1.0), first, label)
-    verified = found.holds[chosen]
-    return Regions(turned, first, middle[chosen], spot[chosen], verified, found.cells.node[chosen])
+    rank = np.where(eligible > 0, rank, -1.0)
+    chosen = _best_by_region(rank, first, label)
+    regions = Regions(
+        turned, first, middle[chosen], spot[chosen], np.zeros(len(begin), dtype=bool), turned.node[chosen]
+    )
+    search = _Search(constraints, regions, label)
+    search.try_cells(chosen, spot[chosen])
+    doubtful = ~regions.verified
+    some = np.flatnonzero(doubtful[label])
+    some = some[can_be_verified(constraints, turned.select(some))]
+    doubtful[:] = False
+    doubtful[label[some]] = True
+    some = some[rank[some] >= 0]
+    other = _spread(label[some], rank[some], some)
+    search.try_cells(np.tile(other, 2), np.concatenate([spot[other], turned.centre[other]]))
+    return regions, doubtful & ~regions.verified
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for witnesses of `regions`; `label` (k,): the region of each of their cells."""
+
+    constraints: Constraints
+    regions: Regions
+    label: Ints
+
+    def try_cells(self, cell: Ints, spot: Floats) -> None:
+        """Take for each region the first of its candidates that is verified once it is polished.
+
+        They are in the middle orientations of cells (n,), at positions `spot` (n, 2).
+        """
+        regions, cells = self.regions, self.regions.cells
+        region = self.label[cell]
+        poses = Poses(cells.state[cell], cells.middle[cell], spot)
+        polished, holds = polish(self.constraints, cells, regions.first, region, cell, poses)
+        good = np.flatnonzero(holds)
+        rows, nth = np.unique(region[good], return_index=True)
+        good = good[nth]
+        regions.theta[rows], regions.position[rows] = polished.theta[good], polished.position[good]
+        regions.verified[rows], regions.node[rows] = True, cells.node[cell[good]]
+
+
+def _spread(label: Ints, rank: Floats, cell: Ints) -> Ints:
+    """Up to `_CANDIDATES` of the cells (n,) of each region, evenly among its rows; the best come first."""
+    first = np.flatnonzero(np.diff(label, prepend=-1))
+    size = np.diff(np.append(first, len(label)))
+    owner = np.repeat(np.arange(len(first)), size)
+    nth = np.arange(len(label)) - first[owner]
+    # The nth is taken where a multiple of size / _CANDIDATES is passed.
+    share = np.minimum(size, _CANDIDATES)[owner]
+    taken = (nth * share) // size[owner] != ((nth - 1) * share) // size[owner]
+    kept = np.flatnonzero(taken)
+    order = np.lexsort((-rank[kept], label[kept]))
+    return cell[kept[order]]
 
 
 def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[Floats, Floats]:

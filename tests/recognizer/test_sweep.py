@@ -13,12 +13,13 @@ from shapely_bench import SHIPPED_OBJECTS, flat, grip, outlines, place, stop, un
 from palpate.geometry import ObjectModel
 from palpate.recognizer import recognise
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact, Finger
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import intervals_of
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sweep import free_path_test, sweep
-from palpate.recognizer.witness_search import Constraints, connected_regions, find_witnesses
+from palpate.recognizer.witness_search import connected_regions, find_witnesses
 
 MODELS = outlines(SHIPPED_OBJECTS)
 CATALOGUE = Catalogue(MODELS)

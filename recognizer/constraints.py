@@ -1,0 +1,47 @@
+"""Constraints: what all contacts and free paths together ask of the cells of interpretations."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from palpate.geometry import Bools, Floats, Ints
+from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.contact import Contact
+from palpate.recognizer.null_branch import null_mask
+from palpate.recognizer.region import Cells
+from palpate.recognizer.sweep import free_path_test, path_outside_outline
+from palpate.recognizer.tree import Interpretations
+
+__all__ = ["Constraints"]
+
+
+@dataclass(frozen=True, eq=False)
+class Constraints:
+    """Constraints on every region: pairings of `touched`, and free paths of all contacts and misses.
+
+    A contact that an interpretation takes as spurious is no evidence for its cells.
+    """
+
+    catalogue: Catalogue
+    nodes: Interpretations
+    touched: list[Contact]
+    evidence: list[Contact]
+    anchor_mm: Floats
+
+    @cached_property
+    def nulls(self) -> Ints:
+        """Number of null contacts of each interpretation, (n,)."""
+        count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
+        return count
+
+    def allow(self, cells: Cells) -> Bools:
+        """Cells (k,) that the free paths do not rule out."""
+        skipped = null_mask(self.nodes, cells.node, self.evidence)
+        if skipped is None:
+            skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
+        columns = [column for column, contact in enumerate(self.evidence) if contact.touched]
+        skipped[:, columns] |= path_outside_outline(
+            self.catalogue, cells, self.anchor_mm, self.nodes.edges[cells.node], self.touched
+        )
+        return free_path_test(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)

@@ -1,0 +1,129 @@
+"""True boundary of grown sections: where the centre of a tip that touches an object can be.
+
+For `verification`, which asks whether a configuration is one; nothing here is used by the search, which has
+facets instead of arcs. Of an object that is exact, what lies nearer than the radius to another part of the
+section is left out. An object with a tolerance has a wider piece at every feature (`tolerance_band` says
+why); none of it is left out, because what covers it may be off as well.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from palpate.geometry import Floats, Ints
+from palpate.geometry.plane import wrap_angle
+from palpate.recognizer.boundary_pieces import Pieces, Sides
+from palpate.recognizer.contact import Finger
+from palpate.recognizer.edges import CatalogueState
+from palpate.recognizer.uncovered_pieces import uncovered
+
+__all__ = ["TrueBoundary", "true_boundary"]
+
+_NOTHING_MM = 1e-9  # shorter sides are none
+
+
+@dataclass(frozen=True, eq=False)
+class TrueBoundary:
+    """Of all S states, for one kind of finger: `pieces` and `sides`, and where each state's begin (S + 1,).
+
+    `clearance_mm` (S,): how near the tip's centre may come to the nominal section; negative: how deep into
+    it.
+    """
+
+    radius_mm: float
+    pieces: Pieces
+    sides: Sides
+    first_piece: Ints
+    first_side: Ints
+    clearance_mm: Floats
+
+
+def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBoundary:
+    """The pieces that `finger` can be on, and the sides that can be in its way."""
+    pieces, sides = [], []
+    for number, item in enumerate(states):
+        outlines = _outlines_at(item, finger.height_mm)
+        outer = _sides(number, [shapely.union_all(outlines)] if len(outlines) > 1 else outlines)
+        sides.append(outer)
+        if item.tolerance_mm > 0:
+            own = [_sides(number, [outline]) for outline in outlines]
+            pieces += [_uncertain_pieces(part, finger.tip_radius_mm, item.tolerance_mm) for part in own]
+        else:
+            pieces.append(_visible_pieces(outer, finger.tip_radius_mm))
+    whole, every = Pieces.joined([_NO_PIECES, *pieces]), Sides.joined([_NO_SIDES, *sides])
+    numbers = np.arange(len(states) + 1)
+    return TrueBoundary(
+        finger.tip_radius_mm,
+        whole,
+        every,
+        np.searchsorted(whole.state, numbers),
+        np.searchsorted(every.state, numbers),
+        np.array([finger.tip_radius_mm - item.tolerance_mm for item in states]),
+    )
+
+
+_NONE, _NOWHERE, _NO_STATE = np.empty(0), np.empty((0, 2)), np.empty(0, np.int64)
+_NO_SIDES = Sides(_NO_STATE, _NO_STATE, _NOWHERE, _NOWHERE)
+_NO_PIECES = Pieces(_NO_STATE, _NOWHERE, _NOWHERE, _NONE, _NONE, _NONE, _NONE)
+
+
+def _outlines_at(item: CatalogueState, height_mm: float) -> list[shapely.Polygon]:
+    """The state's polygons at a height, its centroid at the origin."""
+    return [
+        shapely.Polygon(polygon.outer - item.origin_mm, [hole - item.origin_mm for hole in polygon.holes])
+        for section in item.state.sections_at(height_mm)
+        for polygon in section.polygons
+    ]
+
+
+def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
+    """Sides of all rings, ring after ring."""
+    rings = []
+    for part in shapely.get_parts(shapes):
+        if isinstance(part, shapely.Polygon) and not part.is_empty:
+            oriented = shapely.orient_polygons(part)
+            rings += [shapely.get_coordinates(ring)[:-1] for ring in (oriented.exterior, *oriented.interiors)]
+    parts = [_NO_SIDES]
+    for number, ring in enumerate(rings):
+        points = ring[np.hypot(*(np.roll(ring, -1, axis=0) - ring).T) > _NOTHING_MM]
+        whole = np.full(len(points), 1)
+        parts.append(Sides(state * whole, number * whole, points, np.roll(points, -1, axis=0)))
+    return Sides.joined(parts)
+
+
+def _uncertain_pieces(sides: Sides, radius_mm: float, tolerance_mm: float) -> Pieces:
+    """Pieces of an outline of which every point may be off by the tolerance, and normals tilted."""
+    normal, ratio = sides.normal_rad, 4 * tolerance_mm / sides.length
+    tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
+    off = np.full(len(normal), tolerance_mm)
+    faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal - tilt, 2 * tilt, off)
+    if not radius_mm > 0 or not len(normal):
+        return faces
+    before = sides.before
+    turn = wrap_angle(normal - normal[before]) + tilt + tilt[before]
+    arcs = Pieces(
+        sides.state,
+        sides.start,
+        sides.along,
+        np.zeros(len(normal)),
+        (normal - tilt)[before],
+        np.minimum(turn, 2 * np.pi),
+        off,
+    )
+    # What touches the end of a side that may point anywhere has a piece of that side.
+    return Pieces.joined([faces, arcs.select((turn > 0) & (np.maximum(tilt, tilt[before]) < np.pi))])
+
+
+def _visible_pieces(sides: Sides, radius_mm: float) -> Pieces:
+    """Pieces of an outline that is exact, without what is nearer than the radius to another side."""
+    normal, nothing = sides.normal_rad, np.zeros(len(sides))
+    faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal, nothing, nothing)
+    if not radius_mm > 0 or not len(sides):
+        return faces
+    before = sides.before
+    bend = wrap_angle(normal - normal[before])
+    arcs = Pieces(sides.state, sides.start, sides.along, nothing, normal[before], bend, nothing)
+    whole = Pieces.joined([faces, arcs.select(bend > 0)])
+    return uncovered(whole, sides, radius_mm)
