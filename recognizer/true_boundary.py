@@ -49,7 +49,7 @@ def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBound
         sides.append(outer)
         if item.tolerance_mm > 0:
             own = [_sides(number, [outline]) for outline in outlines]
-            pieces += [_uncertain_pieces(part, finger.tip_radius_mm, item.tolerance_mm) for part in own]
+            pieces += [_uncertain_pieces(part, finger.tip_radius_mm, item) for part in own]
         else:
             pieces.append(_visible_pieces(outer, finger.tip_radius_mm))
     whole, every = Pieces.joined([_NO_PIECES, *pieces]), Sides.joined([_NO_SIDES, *sides])
@@ -93,11 +93,13 @@ def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
     return Sides.joined(parts)
 
 
-def _uncertain_pieces(sides: Sides, radius_mm: float, tolerance_mm: float) -> Pieces:
+def _uncertain_pieces(sides: Sides, radius_mm: float, item: CatalogueState) -> Pieces:
     """Pieces of an outline of which every point may be off by the tolerance, and normals tilted."""
-    normal, ratio = sides.normal_rad, 4 * tolerance_mm / sides.length
+    normal, ratio = sides.normal_rad, 4 * item.tolerance_mm / sides.length
     tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
-    off = np.full(len(normal), tolerance_mm)
+    if item.normal_tolerance_rad is not None:
+        tilt = np.full(len(normal), item.normal_tolerance_rad)
+    off = np.full(len(normal), item.tolerance_mm)
     faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal - tilt, 2 * tilt, off)
     if not radius_mm > 0 or not len(normal):
         return faces

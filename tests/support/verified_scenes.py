@@ -67,7 +67,8 @@ def drawn(seed: int, index: int, families: tuple[str, ...]) -> Scene:
     radius, bound = float(rng.choice(RADII_MM)), float(rng.choice(BOUNDS_MM))
     half = float(rng.choice(NORMALS_DEG))
     models = models_of(family, tolerance)
-    placed = place(displaced(models[int(rng.integers(len(models)))], rng), rng)
+    at_bound = bool(rng.random() < 0.5)
+    placed = place(displaced(models[int(rng.integers(len(models)))], rng, at_bound=at_bound), rng)
     contacts = until_touched(
         grip,
         placed,
@@ -76,7 +77,7 @@ def drawn(seed: int, index: int, families: tuple[str, ...]) -> Scene:
         radius=radius,
         bound=bound,
         half_range=math.radians(half),
-        at_bound=bool(rng.random() < 0.5),
+        at_bound=at_bound,
         aim=float(rng.choice([0.15, 0.4])),
     )
     felt = [_with_normal(contact, placed.shape, math.radians(half), rng) for contact in contacts]
@@ -87,9 +88,7 @@ def _with_normal(contact: Contact, shape: shapely.Geometry, half: float, rng: np
     """Point fingers are given a normal as well."""
     if not contact.touched or contact.normal is not None:
         return contact
-    begin, end = np.array(contact.start_mm), np.array(contact.end_mm)
-    heading = (end - begin) / np.hypot(*(end - begin))
-    normal = true_normal(shape, end, heading, 0.0, rng) + rng.uniform(-half, half)
+    normal = true_normal(shape, np.array(contact.end_mm), 0.0, rng) + rng.uniform(-half, half)
     return replace(contact, normal=NormalRange(normal - half, normal + half))
 
 
