@@ -104,7 +104,9 @@ def connected_regions(
 ) -> Regions:
     """The connected regions of cells, without those that prove to be empty."""
     label = connected(_boxes(constraints, found.cells))
-    order = np.argsort(label, kind="stable")
+    # By what they are, not by how they were found: which are tried must not depend on that.
+    x, y = found.cells.centre.T.round(6)
+    order = np.lexsort((y, x, found.cells.middle.round(9), label))
     found, label = found.select(order), label[order]
     cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
