@@ -25,6 +25,7 @@ from palpate.config import (
     load_objects,
     load_rig,
     shipped_objects,
+    shipped_rig,
 )
 from palpate.config.schema import schema_text
 from palpate.errors import InputError
@@ -86,7 +87,7 @@ def test_the_calibration_beside_the_file_is_taken(loose: Path) -> None:
 def test_the_shipped_rig_has_none() -> None:
     found = load_calibrated(None)
     assert found.calibration is None
-    assert found.rig == load_rig(firm_rig())
+    assert found.rig == load_rig(shipped_rig())
 
 
 def test_a_session_keeps_its_calibration(loose: Path, here: Here) -> None:
@@ -111,7 +112,7 @@ def test_other_arrays_than_were_calibrated_are_refused(loose: Path, here: Here) 
     put_beside(loose, file)
     done = here("identify", "--rig", loose.name, "--seed", SEED + 1)
     assert done.code == 2
-    assert done.err.startswith('error: the calibration of rig "bench" was made with array 66310000')
+    assert done.err.startswith('error: the calibration of rig "firm-bench" was made with array 66310000')
     assert "calibrate again with `palpate calibrate`, or move the calibration file away" in done.err
     assert here("watch", "--rig", loose.name, "--for", 0.1).code == 2
     assert here("watch", "--rig", loose.name, "--for", 0.1, "--no-calibration").code == 0

@@ -168,7 +168,7 @@ def test_a_post_beside_the_way_cuts_off_the_aims_behind_it() -> None:
 
 def test_a_finger_without_room_is_named() -> None:
     post = {"name": "post", "outline_mm": [[9.1, 150.0], [20.0, 150.0], [20.0, 170.0]]}
-    with pytest.raises(InputError, match='rig "bench": finger "f1" has no room where it waits'):
+    with pytest.raises(InputError, match='rig "firm-bench": finger "f1" has no room where it waits'):
         reach_of(rig_with(obstacles=[post]))
 
 
