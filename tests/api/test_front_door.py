@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from command import run, torque_writes
+from firm_rig import firm_rig
 from quick_rig import quick_bench
 from repository import EXAMPLES, ROOT
 from sampling import sample
@@ -103,7 +104,7 @@ def test_each_run_on_one_rig_draws_the_next_part_and_replays(
 
 
 def test_reprs_are_one_short_line(answer: palpate.Answer) -> None:
-    rig, objects = palpate.open_rig(seed=7), palpate.load_objects()
+    rig, objects = palpate.open_rig(firm_rig(), seed=7), palpate.load_objects()
     replayed = palpate.open_session(answer.session or "").replay()
     events: list[Event] = [StageEvent(1, GripPhase.CLOSING)]
     with rig.watch(["f1"], speed=None) as monitor, rig.connect() as hand:
@@ -191,7 +192,7 @@ def test_an_observer_that_raises_ends_the_run_in_order(tmp_path: Path) -> None:
         raise RuntimeError("out of paper")
 
     with pytest.raises(palpate.OutputError, match="out of paper"):
-        palpate.open_rig(seed=7).identify(sessions=tmp_path, on_event=fail)
+        palpate.open_rig(firm_rig(), seed=7).identify(sessions=tmp_path, on_event=fail)
     (session,) = tmp_path.iterdir()
     switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
     assert set(switched.values()) == {0}
@@ -202,7 +203,7 @@ def test_a_callback_stops_a_run_at_once_as_ctrl_c_does(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        palpate.open_rig(seed=7).identify(sessions=tmp_path, on_event=stop)
+        palpate.open_rig(firm_rig(), seed=7).identify(sessions=tmp_path, on_event=stop)
     (session,) = tmp_path.iterdir()
     switched = dict(torque_writes(bytes_sent(session, palpate.load_rig().bus.port)))
     assert set(switched.values()) == {0}
