@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from exact_contacts import exact_contact
 from shapely_bench import Placed, flat, holding_truth, place, turned, unit
 from shapely_contacts import first_contact
 
@@ -37,20 +38,8 @@ def middles_touched(placed: Placed, radius: float) -> list[Contact]:
         normal = normal_of(placed, edge)
         end = (points[edge] + points[edge + 1 - 4]) / 2 + radius * unit(normal)
         start = end + 70.0 * unit(normal)
-        found.append(exact(f"middle {edge}", radius, start, end, normal, 0.02))
+        found.append(exact_contact(f"middle {edge}", radius, start, end, normal, 0.02))
     return found
-
-
-def exact(name: str, radius: float, start: Floats, end: Floats, normal: float, half: float) -> Contact:
-    return Contact(
-        name,
-        Finger(radius, 10.0),
-        True,
-        (float(start[0]), float(start[1])),
-        (float(end[0]), float(end[1])),
-        0.0,
-        NormalRange(normal - half, normal + half),
-    )
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -92,7 +81,7 @@ def on_a_vertex(placed: Placed, vertex: int, half: float = 0.03) -> tuple[Contac
     end = corners(placed)[vertex]
     heading = turned(unit(near + math.pi), 0.5)
     away = math.acos(np.clip(np.dot(unit(far), -heading), -1.0, 1.0)) - math.pi / 2
-    return exact(f"vertex {vertex}", 0.0, end - 80.0 * heading, end, far, half), away
+    return exact_contact(f"vertex {vertex}", 0.0, end - 80.0 * heading, end, far, half), away
 
 
 @pytest.mark.parametrize("vertex", range(4))

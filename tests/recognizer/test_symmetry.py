@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 import shapely
+from exact_contacts import exact_contact
 from shapely import affinity
 from shapely_bench import Placed, flat, grip, holding_truth, place, unit
 
 from palpate.geometry import Polygon, Section, State
-from palpate.recognizer import Catalogue, Contact, Finger, NormalRange, recognise
+from palpate.recognizer import Catalogue, Contact, recognise
 from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
 
 
@@ -135,16 +136,7 @@ def touching(placed: Placed, name: str, radius: float, point: np.ndarray, normal
     """Square onto a point (2,) of the outline, where its outward normal is the given one: without errors."""
     at, out = placed.on_table(point), unit(normal + placed.theta)
     start, end = (at + (radius + far) * out for far in (90.0, 0.0))
-    angle = normal + placed.theta
-    return Contact(
-        name,
-        Finger(radius, 10.0),
-        True,
-        (float(start[0]), float(start[1])),
-        (float(end[0]), float(end[1])),
-        0.0,
-        NormalRange(angle - 1e-6, angle + 1e-6),
-    )
+    return exact_contact(name, radius, start, end, normal + placed.theta, 1e-6)
 
 
 @pytest.mark.parametrize("askew", [0, 1])

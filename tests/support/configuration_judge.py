@@ -70,10 +70,13 @@ def _is_contact(
         if shapely.distance(shapely.LineString([begin, end]), shapely.Point(point)) > near:
             continue
         for first, width in _common((normal, turn), allowed):
+            swept, place = _swept(begin, end, first, width, radius), shapely.Point(point)
+            if shapely.distance(swept, place) > bound + tolerance + _ROUND_MM:
+                continue
             if tolerance > 0:
-                fits = _loosely_near(shape, begin, end, first, width, point, radius, bound, tolerance)
+                fits = _loosely_near(shape, swept, place, radius, bound, tolerance)
             else:
-                fits = _near(shape, begin, end, first, width, point, radius, bound)
+                fits = _near(shape, swept, place, radius, bound)
             if fits:
                 return True
     return False
@@ -130,20 +133,9 @@ def _swept(begin: Floats, end: Floats, first: float, width: float, radius: float
 
 
 def _near(
-    shape: shapely.Geometry,
-    begin: Floats,
-    end: Floats,
-    first: float,
-    width: float,
-    point: Floats,
-    radius: float,
-    bound: float,
+    shape: shapely.Geometry, swept: shapely.Geometry, at: shapely.Point, radius: float, bound: float
 ) -> bool:
     """Whether the tip may be on this feature within the bound: there, the object is just a radius away."""
-    swept = _swept(begin, end, first, width, radius)
-    at = shapely.Point(point)
-    if shapely.distance(swept, at) > bound + _ROUND_MM:
-        return False
     nearest = shapely.shortest_line(swept, at).coords[0]
     reach = at.buffer(bound + _ROUND_MM + _POLYGONAL_MM, quad_segs=_SEGMENTS)
     around = swept.intersection(reach)
@@ -159,20 +151,13 @@ def _near(
 
 def _loosely_near(
     shape: shapely.Geometry,
-    begin: Floats,
-    end: Floats,
-    first: float,
-    width: float,
-    point: Floats,
+    swept: shapely.Geometry,
+    at: shapely.Point,
     radius: float,
     bound: float,
     tolerance: float,
 ) -> bool:
     """The same of a feature that is off by up to the tolerance: the object is a radius less that away."""
-    swept = _swept(begin, end, first, width, radius)
-    at = shapely.Point(point)
-    if shapely.distance(swept, at) > bound + tolerance + _ROUND_MM:
-        return False
     if radius <= tolerance:
         return True
     reach = at.buffer(bound + _POLYGONAL_MM, quad_segs=_SEGMENTS)
