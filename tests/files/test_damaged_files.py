@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import trimesh
 from firm_rig import firm_rig
-from hostile_files import FIRST, SQUARE, SVG, dxf
+from hostile_cad_files import SQUARE, SVG, dxf
+from hostile_files import FIRST
 from repository import EXAMPLES
 from solids import ELL, prism
 
