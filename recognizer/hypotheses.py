@@ -17,7 +17,8 @@ from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE, CatalogueState
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
-from palpate.recognizer.witness_search import Regions, position_boxes
+from palpate.recognizer.tight_bounds import enclosures
+from palpate.recognizer.witness_search import Regions
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["Bounds", "Configuration", "Hypotheses", "Hypothesis", "Slide", "hypotheses_of"]
@@ -213,37 +214,24 @@ class Hypotheses(ShortRepr, Sequence[Hypothesis]):
 
 def hypotheses_of(constraints: Constraints, regions: Regions) -> Hypotheses:
     """Bounds and weights of the regions, in the order of `Hypotheses`."""
-    catalogue, cells = constraints.catalogue, regions.cells
-    begin = regions.first[:-1]
-    state = cells.state[begin]
-    volume = _per_region(np.add, cells.volume, begin)
-    rows = np.lexsort((state, -volume, constraints.nulls[regions.node]))
-    regions, state, volume = regions.select(rows), state[rows], volume[rows]
-    cells, begin = regions.cells, regions.first[:-1]
-    origin = catalogue.origins_mm[cells.state]
-    low, high = position_boxes(cells, origin, constraints.anchor_mm)
-    lo = np.column_stack([low, cells.lo - 1e-12])
-    hi = np.column_stack([high, cells.hi + 1e-12])
+    catalogue = constraints.catalogue
+    state = regions.cells.state[regions.first[:-1]]
+    found = enclosures(constraints, regions)
     cos, sin = np.cos(regions.theta), np.sin(regions.theta)
     x, y = (regions.position - catalogue.origins_mm[state]).T
     position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + constraints.anchor_mm
+    witness = np.column_stack([position, regions.theta])
+    rows = np.lexsort((state, -found.volume, constraints.nulls[regions.node]))
     return Hypotheses(
         constraints,
-        regions,
-        state,
-        position,
-        _per_region(np.minimum, lo, begin),
-        _per_region(np.maximum, hi, begin),
-        volume / (float(volume.sum()) or 1.0),
+        regions.select(rows),
+        state[rows],
+        position[rows],
+        np.minimum(found.lo, witness)[rows],
+        np.maximum(found.hi, witness)[rows],
+        found.volume[rows] / (float(found.volume.sum()) or 1.0),
     )
 
 
 def _fewest_nulls_first(row: tuple[int | None, ...]) -> tuple[int, tuple[tuple[bool, int], ...]]:
     return row.count(None), tuple((feature is None, feature or 0) for feature in row)
-
-
-def _per_region(combine: np.ufunc, value: Floats, begin: Ints) -> Floats:
-    """One value for each region of those of its cells."""
-    if not len(begin):
-        return np.empty((0, *value.shape[1:]))
-    return combine.reduceat(value, begin, axis=0)

@@ -146,7 +146,8 @@ def _search(
     contacts = (*known, *new)
     nodes = join_branches(branches, len(touched))
     constraints = Constraints(catalogue, nodes, touched, list(contacts), anchor_mm)
-    found = find_witnesses(constraints, intervals_of(nodes))
-    hypotheses = hypotheses_of(constraints, connected_regions(constraints, found))
-    left, cells = split_into_runs(nodes, found.cells)
+    regions = connected_regions(constraints, find_witnesses(constraints, intervals_of(nodes)))
+    hypotheses = hypotheses_of(constraints, regions)
+    cells = regions.unturned
+    left, cells = split_into_runs(nodes, cells.select(np.lexsort((cells.lo, cells.node))))
     return Recognition(catalogue, contacts, left, cells, anchor_mm, hypotheses, levels, max_spurious)

@@ -28,6 +28,8 @@ __all__ = [
     "Intervals",
     "ProbedCells",
     "build_cells",
+    "cut_cells",
+    "divide_longest",
     "divide_orientations",
     "probe_cells",
     "refine_intervals",
@@ -153,7 +155,7 @@ def build_cells(
     intervals: Intervals,
 ) -> Cells:
     """Cells of the intervals, empty ones left out."""
-    return _cut(catalogue, nodes, contacts, anchor_mm, intervals)[0]
+    return cut_cells(catalogue, nodes, contacts, anchor_mm, intervals)[0]
 
 
 def refine_intervals(
@@ -162,32 +164,63 @@ def refine_intervals(
     cells: Cells,
     contacts: list[Contact],
     anchor_mm: Floats,
-    parts: int,
-) -> Intervals:
-    """The intervals of cells, each in `parts`: to be cut anew, never larger together, often smaller or empty.
+    parts: int | Ints,
+) -> tuple[Intervals, Ints]:
+    """The intervals of cells (k,), each in `parts`: to be cut anew, never larger together, often smaller.
 
-    Each is first narrowed to the orientations that the closed-form test leaves for the contacts, taken in
-    threes as long as they are few: their triples are many, and narrow cells say nearly as much.
+    Also returned: which cell each is of, (m,). An interval is first narrowed to the orientations that the
+    closed-form test leaves for the contacts, taken in threes as long as they are few: their triples are many,
+    and narrow cells say nearly as much.
     """
-    owner, part = expand_ranges(np.zeros(len(cells), np.int64), np.full(len(cells), parts))
-    width = (cells.hi - cells.lo)[owner] / parts
+    count = np.broadcast_to(parts, len(cells))
+    owner, part = expand_ranges(np.zeros(len(cells), np.int64), count)
+    width = (cells.hi - cells.lo)[owner] / count[owner]
     lo = cells.lo[owner] + part * width
-    hi = np.where(part == parts - 1, cells.hi[owner], lo + width)
+    hi = np.where(part == count[owner] - 1, cells.hi[owner], lo + width)
     node = cells.node[owner]
     for pair in combinations(range(len(contacts)), 2):
         lo, hi = two_contact_hull(catalogue, nodes.edges[node][:, pair], [contacts[k] for k in pair], lo, hi)
-        node, lo, hi = _left(node, lo, hi)
+        owner, node, lo, hi = _left(owner, node, lo, hi)
     if len(contacts) <= _TRIPLED:
         for group in combinations(range(len(contacts)), 3):
             some = [contacts[k] for k in group]
             lo, hi = three_contact_hull(catalogue, nodes.edges[node][:, group], some, anchor_mm, lo, hi)
-            node, lo, hi = _left(node, lo, hi)
-    return Intervals(node, lo, hi)
+            owner, node, lo, hi = _left(owner, node, lo, hi)
+    return Intervals(node, lo, hi), owner
 
 
-def _left(node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Floats, Floats]:
+def _left(owner: Ints, node: Ints, lo: Floats, hi: Floats) -> tuple[Ints, Ints, Floats, Floats]:
     left = lo <= hi
-    return node[left], lo[left], hi[left]
+    return owner[left], node[left], lo[left], hi[left]
+
+
+def divide_longest(cells: Cells, lever_mm: float, parts: int) -> tuple[Cells, Ints]:
+    """Each cell in `parts` along whichever is longest: its orientations, times the lever, or its polygon.
+
+    Also returned: which cell each is of, (m,).
+    """
+    leg = cells.polygon - cells.centre[:, None]
+    away = np.hypot(leg[..., 0], leg[..., 1])
+    end = leg[np.arange(len(cells)), np.argmax(away, axis=1)]
+    size = away.max(axis=1)
+    turned = size <= cells.half_width * lever_mm
+    owner, part = expand_ranges(np.zeros(len(cells), np.int64), np.full(len(cells), parts))
+    fine = cells.select(owner)
+    width = (fine.hi - fine.lo) / parts
+    lo = np.where(turned[owner], fine.lo + part * width, fine.lo)
+    hi = np.where(turned[owner] & (part < parts - 1), lo + width, fine.hi)
+    fine = replace(fine, lo=lo, hi=hi)
+    along = end / np.maximum(size, 1e-300)[:, None]
+    height = np.einsum("kvj,kj->kv", cells.polygon, along)
+    least, step = height.min(axis=1), np.ptp(height, axis=1) / parts
+    polygon, row = fine.polygon, np.arange(len(fine))
+    for sign, edge, outermost in ((1.0, part + 1, parts), (-1.0, part, 0)):
+        # The outermost parts have no limit, and what is divided by orientation has none at all.
+        cut = sign * (least[owner] + edge * step[owner])
+        cut = np.where(turned[owner] | (edge == outermost), np.inf, cut)
+        polygon, kept = _clip(polygon, sign * along[owner[row]], cut[row])
+        row = row[kept]
+    return replace(fine.select(row), polygon=polygon), owner[row]
 
 
 def probe_cells(
@@ -206,7 +239,7 @@ def probe_cells(
     tried = np.arange(count)
     if count > _ALL_PROBED:
         tried = _middles(intervals.node)
-    found, alive = _cut(
+    found, alive = cut_cells(
         catalogue,
         nodes,
         contacts,
@@ -231,7 +264,7 @@ def _middles(node: Ints) -> Ints:
     return middles
 
 
-def _cut(
+def cut_cells(
     catalogue: Catalogue,
     nodes: Interpretations,
     contacts: list[Contact],

@@ -1,11 +1,11 @@
 """Witness search: connected regions of cells, each with a configuration that satisfies everything exactly.
 
 Everything is done for all regions at once. Cells are a little larger than what they enclose, so candidates
-are judged by `verification`. Where none in a region holds, its cells are cut finer, unless none of them can
-hold one: a configuration comes to light, or nothing is left, or the region remains unverified.
+are judged by `verification`. Where none in a region holds, cells that prove to hold none are dropped and the
+others are cut finer: a configuration comes to light, or nothing is left, or the region remains unverified.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.region import Cells, Intervals, probe_cells, refine_intervals
+from palpate.recognizer.region import Cells, Intervals, divide_longest, probe_cells, refine_intervals
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.verification import Poses
@@ -22,7 +22,7 @@ from palpate.recognizer.witness_polish import can_be_verified, polish
 
 __all__ = ["Regions", "connected_regions", "find_witnesses", "position_boxes"]
 
-_REFINEMENTS, _PARTS, _MOST_REFINED = 2, 4, 2048
+_REFINEMENTS, _PARTS, _MOST_REFINED = 4, 4, 2048
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
 _OUT = 0.9  # of the way from the middle of the positions to their corners
@@ -31,12 +31,13 @@ _OUT = 0.9  # of the way from the middle of the positions to their corners
 @dataclass(frozen=True, eq=False)
 class Regions:
     """h regions: `cells` (k) ordered by region, each on one branch of the symmetry; region i has those from
-    `first`[i] to `first`[i + 1]. `theta` (h,) rad and `position` s (h, 2) mm of a configuration in it, which
-    satisfies everything exactly where `verified` (h,), except for what its interpretation, `node` (h,), takes
-    as spurious.
+    `first`[i] to `first`[i + 1]. `unturned` (k): the same on the branches of their interpretations. `theta`
+    (h,) rad and `position` s (h, 2) mm of a configuration in it, which satisfies everything exactly where
+    `verified` (h,), except for what its interpretation, `node` (h,), takes as spurious.
     """
 
     cells: Cells
+    unturned: Cells
     first: Ints
     theta: Floats
     position: Floats
@@ -50,14 +51,28 @@ class Regions:
         """Those at `rows` (n,), in that order."""
         count = np.diff(self.first)[rows]
         _, cell = expand_ranges(self.first[rows], count)
-        return Regions(
-            self.cells.select(cell),
-            np.cumsum(np.append(0, count)),
-            self.theta[rows],
-            self.position[rows],
-            self.verified[rows],
-            self.node[rows],
+        return replace(
+            self,
+            theta=self.theta[rows],
+            position=self.position[rows],
+            verified=self.verified[rows],
+            node=self.node[rows],
+            cells=self.cells.select(cell),
+            unturned=self.unturned.select(cell),
+            first=np.cumsum(np.append(0, count)),
         )
+
+    def with_cells(self, kept: Bools) -> "Regions":
+        """The same with only some of the cells (k,); regions that have none left are gone."""
+        size = np.add.reduceat(kept, self.first[:-1], dtype=np.int64) if len(self) else np.empty(0, np.int64)
+        rows = np.flatnonzero(kept)
+        some = replace(
+            self,
+            cells=self.cells.select(rows),
+            unturned=self.unturned.select(rows),
+            first=np.cumsum(np.append(0, size)),
+        )
+        return some.select(np.flatnonzero(size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +95,22 @@ def find_witnesses(
     found = probe_cells(
         constraints.catalogue, constraints.nodes, constraints.touched, constraints.anchor_mm, intervals
     )
-    cells = found.cells
-    middle = found.section.mean(axis=1, keepdims=True)
-    places = np.concatenate([middle, middle + _OUT * (found.section - middle)], axis=1) if corners else middle
-    spots = _cells_at(cells, np.repeat(found.tried, places.shape[1]), places.reshape(-1, 2))
+    return _witnessed(constraints, found.cells, found.tried, found.section, corners=corners)
+
+
+def _witnessed(
+    constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
+) -> WitnessedCells:
+    """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
+    middle = section.mean(axis=1, keepdims=True)
+    places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
+    spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     free = constraints.allow(Cells.joined([cells, spots]))
     count = len(cells)
     open_to = free[count:].reshape(places.shape[:2])
     holds, spot = np.zeros(count, dtype=bool), np.zeros((count, 2))
-    holds[found.tried] = open_to.any(axis=1)
-    spot[found.tried] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
+    holds[probed] = open_to.any(axis=1)
+    spot[probed] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
     return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
 
 
@@ -112,7 +133,7 @@ def connected_regions(
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
     refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
-    regions, doubtful = _with_witnesses(
+    regions, kept = _with_witnesses(
         constraints,
         found,
         first,
@@ -120,20 +141,35 @@ def connected_regions(
         branch,
         _witness_priority(constraints, found, first, label, refinable),
     )
-    doubtful &= refinable
-    if not doubtful.any():
+    doubtful = refinable & ~regions.verified
+    again = cells.select(kept & doubtful[label])
+    regions = regions.with_cells(kept & ~doubtful[label])
+    if not len(again):
         return regions
-    again = cells.select(doubtful[label])
-    finer = refine_intervals(
-        constraints.catalogue, constraints.nodes, again, constraints.touched, constraints.anchor_mm, _PARTS
-    )
-    rest = connected_regions(constraints, find_witnesses(constraints, finer, corners=True), refinements - 1)
-    return _joined_regions(regions.select(np.flatnonzero(~doubtful)), rest)
+    finer = _cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
+    return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
+
+
+def _cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:
+    """Cells in parts: at first by orientation and cut anew, then by whichever of their sides is longest."""
+    if at_first:
+        finer, _ = refine_intervals(
+            constraints.catalogue,
+            constraints.nodes,
+            cells,
+            constraints.touched,
+            constraints.anchor_mm,
+            _PARTS,
+        )
+        return find_witnesses(constraints, finer, corners=True)
+    parts, _ = divide_longest(cells, _LEVER_MM, _PARTS)
+    return _witnessed(constraints, parts, np.arange(len(parts)), parts.polygon, corners=False)
 
 
 def _joined_regions(one: Regions, two: Regions) -> Regions:
     return Regions(
         Cells.joined([one.cells, two.cells]),
+        Cells.joined([one.unturned, two.unturned]),
         np.concatenate([one.first, one.first[-1] + two.first[1:]]),
         np.concatenate([one.theta, two.theta]),
         np.concatenate([one.position, two.position]),
@@ -215,15 +251,15 @@ def _with_witnesses(
     """Regions with a configuration that is verified, as near their middle as there is one.
 
     If none of those tried is, the middle of the largest cell is given, unverified. `eligible` (k,):
-    priorities of `_witness_priority`. Also returned: which regions (h,) have none, and may have one.
+    priorities of `_witness_priority`. Also returned: which cells (k,) may hold one, as far as it was asked.
     """
     turned = _shifted_cells(found.cells, branch)
-    begin = first[:-1]
+    begin, kept = first[:-1], np.ones(len(label), dtype=bool)
     share = turned.volume + 1e-300
     if not len(begin):
         none = np.empty(0, np.int64)
         no = np.empty(0, dtype=bool)
-        return Regions(turned, first, np.empty(0), np.empty((0, 2)), no, none), no
+        return Regions(turned, found.cells, first, np.empty(0), np.empty((0, 2)), no, none), kept
     middle = turned.middle
     spot = rotate(np.where(found.holds[:, None], found.spot, found.cells.centre), branch.angle)
     place = np.column_stack([middle * _LEVER_MM, rotate(turned.centre, middle)])
@@ -235,19 +271,24 @@ def _with_witnesses(
     rank = np.where(eligible > 0, rank, -1.0)
     chosen = _best_by_region(rank, first, label)
     regions = Regions(
-        turned, first, middle[chosen], spot[chosen], np.zeros(len(begin), dtype=bool), turned.node[chosen]
+        turned,
+        found.cells,
+        first,
+        middle[chosen],
+        spot[chosen],
+        np.zeros(len(begin), dtype=bool),
+        turned.node[chosen],
     )
     search = _Search(constraints, regions, label)
     search.try_cells(chosen, spot[chosen])
-    doubtful = ~regions.verified
-    some = np.flatnonzero(doubtful[label])
-    some = some[can_be_verified(constraints, turned.select(some))]
-    doubtful[:] = False
-    doubtful[label[some]] = True
+    some = np.flatnonzero(~regions.verified[label])
+    kept[some] = can_be_verified(constraints, found.cells.select(some))
+    some = some[kept[some]]
+    search.place(_best_by_region(np.where(kept, rank, -2.0), first, label), middle, spot)
     some = some[rank[some] >= 0]
     other = _spread(label[some], rank[some], some)
     search.try_cells(np.tile(other, 2), np.concatenate([spot[other], turned.centre[other]]))
-    return regions, doubtful & ~regions.verified
+    return regions, kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,6 +313,13 @@ class _Search:
         good = good[nth]
         regions.theta[rows], regions.position[rows] = polished.theta[good], polished.position[good]
         regions.verified[rows], regions.node[rows] = True, cells.node[cell[good]]
+
+    def place(self, cell: Ints, theta: Floats, spot: Floats) -> None:
+        """Put regions without a witness where one of their cells (h,) is; angles (k,), positions (k, 2)."""
+        rows = np.flatnonzero(~self.regions.verified)
+        cell = cell[rows]
+        self.regions.theta[rows], self.regions.position[rows] = theta[cell], spot[cell]
+        self.regions.node[rows] = self.regions.cells.node[cell]
 
 
 def _spread(label: Ints, rank: Floats, cell: Ints) -> Ints:

@@ -134,7 +134,7 @@ def test_likeness_is_one_for_equal_poses_and_small_for_perceptible_ones() -> Non
 
 def test_a_plan_promises_what_its_predictions_say() -> None:
     decisive = planned = 0
-    for seed in range(24):
+    for seed in range(30):
         _, found = some_recognition(seed, half_deg=20.0)
         chosen = plan_grip(found, ring(), RESOLUTION, GOALS)
         if chosen is None or len(found.hypotheses) < 2:

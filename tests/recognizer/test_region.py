@@ -13,6 +13,7 @@ from palpate.recognizer.region import (
     Cells,
     Intervals,
     build_cells,
+    divide_longest,
     divide_orientations,
     probe_cells,
     refine_intervals,
@@ -63,6 +64,29 @@ def feasible(
     return ok
 
 
+@pytest.mark.parametrize("lever_mm", [1.0, 1e4])
+def test_the_parts_of_a_cell_hold_all_of_it_and_no_more(lever_mm: float) -> None:
+    polygon = np.array(
+        [[[0.0, 0.0], [9.0, 1.0], [8.0, 3.0], [1.0, 2.0]], [[0.0, 0.0], [0.2, 0.0], [0.1, 7.0], [0.0, 0.0]]]
+    )
+    cells = Cells(np.array([3, 4]), np.array([0, 1]), np.array([0.1, 1.0]), np.array([0.2, 1.4]), polygon)
+    parts, owner = divide_longest(cells, lever_mm, 4)
+    assert np.bincount(owner).tolist() == [4, 4]
+    assert np.array_equal(parts.node, cells.node[owner])
+    assert np.bincount(owner, parts.volume) == pytest.approx(cells.volume)
+    by_orientation = np.all(parts.polygon.reshape(8, -1)[0] == parts.polygon.reshape(8, -1), axis=1)[:4].all()
+    assert by_orientation == (lever_mm > 1.0)
+    rng = np.random.default_rng(0)
+    for row in range(2):
+        share = rng.dirichlet(np.ones(4), 200)
+        for theta, position in zip(
+            rng.uniform(cells.lo[row], cells.hi[row], 200), share @ polygon[row], strict=True
+        ):
+            assert (
+                sum(contains(parts, int(part), theta, position) for part in np.flatnonzero(owner == row)) >= 1
+            )
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("fingers", [2, 3])
 def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int) -> None:
@@ -76,7 +100,7 @@ def test_cells_hold_every_sampled_feasible_configuration(seed: int, fingers: int
     cells = build_cells(
         catalogue, nodes, contacts, anchor, divide_orientations(nodes, step_rad=0.015, least=3)
     )
-    parts = refine_intervals(catalogue, nodes, cells, contacts, anchor, 3)
+    parts, _ = refine_intervals(catalogue, nodes, cells, contacts, anchor, 3)
     finer = build_cells(catalogue, nodes, contacts, anchor, parts)
     hits = 0
     for node in rng.permutation(len(nodes))[:12]:

@@ -1,0 +1,91 @@
+"""Tight bounds: what the regions that are reported can be in, from cells cut as finely as it takes.
+
+A cell takes every half-plane at its largest value over the cell's orientations. That is of no account while
+hypotheses are told apart, but widens what is said of the last ones: these are enclosed once more, in narrower
+cells, from which goes what cannot hold a configuration that satisfies every contact exactly.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from palpate.geometry import Floats, Ints
+from palpate.geometry.plane import rotate
+from palpate.recognizer.constraints import Constraints
+from palpate.recognizer.region import Cells, cut_cells, refine_intervals
+from palpate.recognizer.witness_polish import can_be_verified
+from palpate.recognizer.witness_search import Regions, position_boxes
+
+__all__ = ["Enclosures", "enclosures"]
+
+_CELLS, _IN_ALL = 64, 512  # of one region, and of all that there are
+_WORTH = 16  # cells of a region: with fewer little is gained
+
+
+@dataclass(frozen=True, eq=False)
+class Enclosures:
+    """Of h regions: bounds `lo` and `hi` (h, 3) on x and y (mm) and θ (rad), and `volume` (h,) mm²·rad."""
+
+    lo: Floats
+    hi: Floats
+    volume: Floats
+
+
+def enclosures(constraints: Constraints, regions: Regions) -> Enclosures:
+    """Bounds and volumes of all regions; of finer cells for those with a witness, where there are few."""
+    found = _of_cells(constraints, regions.cells, regions.first)
+    rows = np.flatnonzero(regions.verified)
+    if len(regions) * _WORTH > _IN_ALL or not len(rows):
+        return found
+    fine = _refined(constraints, regions.select(rows))
+    kept = np.flatnonzero(np.diff(fine.first))
+    rows, some = rows[kept], _of_cells(constraints, fine.cells, fine.first[np.append(kept, -1)])
+    found.lo[rows] = np.maximum(found.lo[rows], some.lo)
+    found.hi[rows] = np.minimum(found.hi[rows], some.hi)
+    found.volume[rows] = np.minimum(found.volume[rows], some.volume)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _FineCells:
+    """`cells` ordered by region; those of region i from `first`[i] to `first`[i + 1]."""
+
+    cells: Cells
+    first: Ints
+
+
+def _refined(constraints: Constraints, regions: Regions) -> _FineCells:
+    """The regions' cells in so many narrower ones, on the regions' branches of the symmetry."""
+    catalogue, nodes, touched = constraints.catalogue, constraints.nodes, constraints.touched
+    size = np.diff(regions.first)
+    region = np.repeat(np.arange(len(size)), size)
+    wanted = min(_CELLS, _IN_ALL // len(size))
+    parts = np.ceil(wanted / size).astype(np.int64)[region]
+    unturned, anchor = regions.unturned, constraints.anchor_mm
+    intervals, owner = refine_intervals(catalogue, nodes, unturned, touched, anchor, parts)
+    cells, of = cut_cells(catalogue, nodes, touched, anchor, intervals)
+    owner = owner[of]
+    for test in (constraints.allow, partial(can_be_verified, constraints)):
+        left = np.flatnonzero(test(cells))
+        cells, owner = cells.select(left), owner[left]
+    shift = (unturned.lo - regions.cells.lo)[owner]
+    turned = replace(
+        cells, lo=cells.lo - shift, hi=cells.hi - shift, polygon=rotate(cells.polygon, shift[:, None])
+    )
+    return _FineCells(turned, np.searchsorted(region[owner], np.arange(len(size) + 1)))
+
+
+def _of_cells(constraints: Constraints, cells: Cells, first: Ints) -> Enclosures:
+    """Of regions that all have cells."""
+    begin = first[:-1]
+    low, high = position_boxes(cells, constraints.catalogue.origins_mm[cells.state], constraints.anchor_mm)
+    lo = np.column_stack([low, cells.lo - 1e-12])
+    hi = np.column_stack([high, cells.hi + 1e-12])
+    if not len(begin):
+        return Enclosures(lo, hi, np.empty(0))
+    return Enclosures(
+        np.minimum.reduceat(lo, begin),
+        np.maximum.reduceat(hi, begin),
+        np.add.reduceat(cells.volume, begin),
+    )
