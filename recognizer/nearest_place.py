@@ -12,15 +12,17 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.boundary_pieces import Pieces
 from palpate.recognizer.free_line import ALLOWANCE_MM, clearances
-from palpate.recognizer.tables import Table, expand_ranges
+from palpate.recognizer.tables import Table
 from palpate.recognizer.true_boundary import TrueBoundary
 
-__all__ = ["ALLOWANCE_RAD", "Places", "nearest_places"]
+__all__ = ["ALLOWANCE_RAD", "NEAR_MM", "Places", "nearest_places"]
 
 ALLOWANCE_RAD = 1e-9
-_NEAR_MM = 1.0  # beyond the bound: so far places are looked for, to be moved to
+NEAR_MM = 1.0
+"""So far beyond bounds places are looked for, to be moved to."""
+
 _AT_END_RAD = 1e-6
-_AT_ONCE = 2_000_000
+_AT_ONCE = 20_000  # points
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,25 +54,35 @@ class Places(Table):
 
 
 def nearest_places(
-    boundary: TrueBoundary, state: Ints, point: Floats, lo_rad: Floats, width_rad: Floats, bound: Floats
+    boundary: TrueBoundary,
+    state: Ints,
+    point: Floats,
+    lo_rad: Floats,
+    width_rad: Floats,
+    bound: Floats,
+    beyond_mm: float = NEAR_MM,
 ) -> Places:
     """The place next to each point (q, 2) with a normal in [lo, lo + width] (q,); object's frame.
 
-    A negative width allows no normal.
+    A negative width allows no normal. Looked for are places up to `beyond_mm` beyond the bound (q,) mm.
     """
-    count = np.diff(boundary.first_piece)[state]
-    chunks = np.flatnonzero(np.diff(np.cumsum(count) // _AT_ONCE)) + 1
     parts = [
-        _nearest(boundary, state[rows], point[rows], lo_rad[rows], width_rad[rows], bound[rows])
-        for rows in np.split(np.arange(len(state)), chunks)
+        _nearest(boundary, state[rows], point[rows], lo_rad[rows], width_rad[rows], bound[rows], beyond_mm)
+        for rows in np.array_split(np.arange(len(state)), len(state) // _AT_ONCE + 1)
     ]
     return Places.joined(parts)
 
 
 def _nearest(
-    boundary: TrueBoundary, state: Ints, point: Floats, lo: Floats, width: Floats, bound: Floats
+    boundary: TrueBoundary,
+    state: Ints,
+    point: Floats,
+    lo: Floats,
+    width: Floats,
+    bound: Floats,
+    beyond_mm: float,
 ) -> Places:
-    owner, piece = _near_pieces(boundary, state, point, bound)
+    owner, piece = _near_pieces(boundary, state, point, bound, beyond_mm)
     pieces = boundary.pieces.select(piece)
     which, begin, turn = _common_normals(pieces, lo[owner], width[owner])
     owner, pieces = owner[which], pieces.select(which)
@@ -103,15 +115,17 @@ def _nearest(
     return found
 
 
-def _near_pieces(boundary: TrueBoundary, state: Ints, point: Floats, bound: Floats) -> tuple[Ints, Ints]:
-    """Pairs of a point and a piece that has places near it."""
-    pieces, first = boundary.pieces, boundary.first_piece
-    owner, piece = expand_ranges(first[state], np.diff(first)[state])
+def _near_pieces(
+    boundary: TrueBoundary, state: Ints, point: Floats, bound: Floats, beyond_mm: float
+) -> tuple[Ints, Ints]:
+    """Pairs of a point and a piece that has places within its bound, or not far beyond."""
+    pieces = boundary.pieces
+    owner, piece = boundary.pieces_near(state, point, bound + beyond_mm)
     x, y = (point[owner] - pieces.start[piece]).T
     u, v = pieces.along[piece].T
     along = np.clip(x * u + y * v, 0.0, pieces.length[piece])
     away = np.hypot(x - along * u, y - along * v)
-    reach = bound[owner] + pieces.off[piece] + _NEAR_MM
+    reach = bound[owner] + pieces.off[piece] + beyond_mm
     near = (away <= boundary.radius_mm + reach) & (
         (away >= boundary.radius_mm - reach) | (pieces.off[piece] > 0)
     )

@@ -13,7 +13,8 @@ from palpate.recognizer.boundary_pieces import Pieces, Sides
 __all__ = ["uncovered"]
 
 _COVERED_MM = 1e-7  # a place must be covered by more than this to be left out
-_NOTHING_MM = 1e-9  # shorter parts are none
+_NOTHING_MM = 1e-9  # shorter parts of faces are none
+_NOTHING_RAD = 1e-10  # and of arcs: well below what normals are rounded by
 
 
 def uncovered(pieces: Pieces, sides: Sides, radius_mm: float) -> Pieces:
@@ -24,8 +25,8 @@ def uncovered(pieces: Pieces, sides: Sides, radius_mm: float) -> Pieces:
     at = np.concatenate([np.zeros(len(pieces)), pieces.size, at])
     order = np.lexsort((at, piece))
     piece, at = piece[order], at[order]
-    scale = np.where(pieces.is_face, 1.0, radius_mm)
-    part = np.flatnonzero((piece[1:] == piece[:-1]) & (np.diff(at) * scale[piece[:-1]] > _NOTHING_MM))
+    least = np.where(pieces.is_face, _NOTHING_MM, _NOTHING_RAD)
+    part = np.flatnonzero((piece[1:] == piece[:-1]) & (np.diff(at) > least[piece[:-1]]))
     of, begin, end = piece[part], at[part], at[part + 1]
     lines = shapely.linestrings(np.stack([sides.start, sides.end], axis=1))
     middle = shapely.points(pieces.select(of).centres((begin + end) / 2, radius_mm))

@@ -18,7 +18,7 @@ from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.free_line import ALLOWANCE_MM, lines_are_free
-from palpate.recognizer.nearest_place import Places, nearest_places
+from palpate.recognizer.nearest_place import NEAR_MM, Places, nearest_places
 from palpate.recognizer.tables import Table
 from palpate.recognizer.true_boundary import TrueBoundary
 
@@ -149,6 +149,7 @@ def _places(
             lo[row, column],
             width[row, column],
             bound[row, column],
+            NEAR_MM if more_mm is None else 10 * ALLOWANCE_MM,
         )
         found.place(row * asked.shape[1] + column, some)
     return found

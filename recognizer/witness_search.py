@@ -23,6 +23,7 @@ from palpate.recognizer.witness_polish import can_be_verified, polish
 __all__ = ["Regions", "connected_regions", "find_witnesses", "position_boxes"]
 
 _REFINEMENTS, _PARTS, _MOST_REFINED = 4, 4, 2048
+_ROOM = 32_768  # for cells that are cut finer at once, each with all contacts
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
 _OUT = 0.9  # of the way from the middle of the positions to their corners
@@ -141,13 +142,22 @@ def connected_regions(
         branch,
         _witness_priority(constraints, found, first, label, refinable),
     )
-    doubtful = refinable & ~regions.verified
+    size = np.bincount(label[kept], minlength=len(refinable))
+    doubtful = _some(refinable & ~regions.verified, size * max(len(constraints.touched), 1))
     again = cells.select(kept & doubtful[label])
     regions = regions.with_cells(kept & ~doubtful[label])
     if not len(again):
         return regions
     finer = _cut_finer(constraints, again, at_first=refinements == _REFINEMENTS)
     return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
+
+
+def _some(wanted: Bools, size: Ints) -> Bools:
+    """Those of the regions (h,) that are cut finer: as many as there is room for, the smallest first."""
+    order = np.argsort(np.where(wanted, size, np.iinfo(np.int64).max), kind="stable")
+    result = wanted.copy()
+    result[order] &= np.cumsum(np.where(wanted, size, 0)[order]) <= _ROOM
+    return result
 
 
 def _cut_finer(constraints: Constraints, cells: Cells, *, at_first: bool) -> WitnessedCells:

@@ -1,4 +1,4 @@
-"""Edges that contacts are paired with cover the true boundary of a grown section, judged by shapely."""
+"""Edges, and pieces of the true boundary, cover all of the boundary of a grown section, judged by shapely."""
 
 from functools import cache
 
@@ -13,6 +13,9 @@ from shared_files import SHARED_OUTLINES, needs_shared_outlines
 from palpate.config import load_objects
 from palpate.geometry import ObjectModel, Polygon, Section, State
 from palpate.recognizer import Catalogue, Finger
+from palpate.recognizer.free_line import ALLOWANCE_MM
+from palpate.recognizer.nearest_place import nearest_places
+from palpate.recognizer.true_boundary import TrueBoundary
 
 RADII_MM = (0.0, 0.05, 0.5, 2.0, 5.0, 8.0)
 HEIGHT_MM = 10.0
@@ -72,8 +75,18 @@ def drawn(count: int) -> list[ObjectModel]:
     return [item for item in made if shapely.Polygon(item.states[0].sections[0].polygons[0].outer).is_valid]
 
 
+def unknown(boundary: TrueBoundary, row: int, centre: np.ndarray, normal: np.ndarray) -> int:
+    """Of how many places (n,) the boundary that configurations are verified by knows nothing.
+
+    Cells that cannot be verified are dropped, so that it may leave out none.
+    """
+    state, nothing = np.full(len(centre), row), np.zeros(len(centre))
+    found = nearest_places(boundary, state, centre, normal, nothing, nothing)
+    return int(np.count_nonzero(found.distance > ALLOWANCE_MM))
+
+
 def lost(model: ObjectModel, each: int) -> dict[float, int]:
-    """How many places at which a tip of each radius rests no edge covers."""
+    """How many places at which a tip of each radius rests no edge covers, or no piece is at."""
     catalogue, found = Catalogue([model]), {}
     for radius in RADII_MM:
         edges = catalogue.edges(Finger(radius, HEIGHT_MM))
@@ -82,7 +95,9 @@ def lost(model: ObjectModel, each: int) -> dict[float, int]:
             section = Section((HEIGHT_MM, HEIGHT_MM), polygons)
             centre, normal = places_of_rest(section, radius, each, np.random.default_rng(row))
             assert len(centre) > each
-            found[radius] = int(uncovered(edges, row, centre - item.origin_mm, normal).sum())
+            seen = centre - item.origin_mm
+            found[radius] = int(uncovered(edges, row, seen, normal).sum())
+            found[radius] += unknown(catalogue.boundary(Finger(radius, HEIGHT_MM)), row, seen, normal)
     return found
 
 

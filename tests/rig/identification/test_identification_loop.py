@@ -121,7 +121,7 @@ def test_every_search_ends_and_none_ends_wrongly(strategy: Strategy, seeds: int)
 
 
 @needs_shared_outlines
-@pytest.mark.parametrize("seeds", SEEDS)
+@pytest.mark.parametrize("seeds", sample([60, 24], [24]))
 def test_planned_touches_are_fewer_than_random_ones(seeds: int) -> None:
     models = outlines(SHARED_OUTLINES)
     catalogue = Catalogue(models)
