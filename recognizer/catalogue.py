@@ -6,6 +6,7 @@ by normal within a state (`edges`), and the ranges of distance between the edges
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,13 +19,14 @@ from palpate.recognizer.edges import CatalogueState, EdgeSet
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
 from palpate.recognizer.strip_trees import StripForest, strip_forest
-from palpate.recognizer.symmetry import centroid, rotational_symmetry
+from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrised
 from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
 
 __all__ = ["Catalogue"]
 
 SYMMETRY_TOLERANCE_MM = 1e-3
 _TRAVEL_STEP_MM = 20.0
+_LITTLE_MORE = 0.01  # of a state's tolerance
 _FLAT_EDGES = 600  # of a state: the table of pairs of larger ones would only grow
 
 
@@ -135,7 +137,7 @@ def _reach_mm(item: CatalogueState) -> float:
 def _prepare(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
     symmetry = rotational_symmetry(state, origin, SYMMETRY_TOLERANCE_MM)
-    return CatalogueState(
+    prepared = CatalogueState(
         item.name,
         state,
         origin,
@@ -145,3 +147,28 @@ def _prepare(item: ObjectModel, state: State) -> CatalogueState:
         item.support_mm,
         item.normal_tolerance_rad,
     )
+    return _with_exact_symmetry(prepared) if symmetry.order > 1 else prepared
+
+
+def _with_exact_symmetry(item: CatalogueState) -> CatalogueState:
+    """The state made exactly symmetric, at the price of a little more tolerance, where it has much already.
+
+    Only then is one edge of each orbit enough. A vertex that is off by e more, on an edge of length L, turns
+    its normals by up to 2e / L more: with twice e added to the tolerance δ, asin(4δ/L) covers that.
+    """
+    off = 2 * item.symmetry.off_mm
+    if item.is_exactly_symmetric or off > _LITTLE_MORE * item.tolerance_mm:
+        return item
+    order = item.symmetry_order
+    state = symmetrised(item.state, item.origin_mm, order, SYMMETRY_TOLERANCE_MM)
+    if state is None:
+        return item
+    turn = item.normal_tolerance_rad
+    exact = replace(
+        item,
+        state=state,
+        symmetry=rotational_symmetry(state, item.origin_mm, SYMMETRY_TOLERANCE_MM),
+        tolerance_mm=item.tolerance_mm + off,
+        normal_tolerance_rad=None if turn is None else turn + item.symmetry.lean_rad,
+    )
+    return exact if exact.is_exactly_symmetric and exact.symmetry_order == order else item

@@ -10,7 +10,7 @@ off by: for vertices, and hence for the edges between them.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -18,9 +18,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from palpate.geometry import Complexes, Floats, Ints, Section, State
+from palpate.geometry import Complexes, Floats, Ints, Polygon, Section, State
 
-__all__ = ["Symmetry", "centroid", "rotational_symmetry"]
+__all__ = ["Symmetry", "centroid", "rotational_symmetry", "symmetrised"]
 
 _STRAIGHT_MM = 1e-8  # a vertex nearer than this to its neighbours' line is none
 _ROUNDING_MM = 1e-11
@@ -61,6 +61,34 @@ def rotational_symmetry(state: State, about: Floats, tolerance_mm: float) -> Sym
         if found is not None:
             return found
     return Symmetry()
+
+
+def symmetrised(state: State, about: Floats, order: int, tolerance_mm: float) -> State | None:
+    """The state with every orbit of vertices replaced by the regular one at its mean; vertices keep numbers.
+
+    Each vertex is moved by less than the symmetry's `off_mm`. None where vertices of the sections are not
+    those of their unions: where polygons overlap, and where some lie on a straight line.
+    """
+    sections = []
+    for section in state.sections:
+        boundary = _Boundary.of(section, about)
+        points = np.vstack([ring - about for ring in section.rings])
+        away, number = boundary.tree.query(points)
+        orbits = boundary.orbits(order, tolerance_mm)
+        if orbits is None or len(points) != len(boundary.points) or float(np.max(away)) > 0:
+            return None
+        turns = np.exp(2j * np.pi * np.arange(order) / order)[:, None]
+        mean = np.mean(boundary.points[orbits] / turns, axis=0)
+        regular = np.empty_like(boundary.points)
+        regular[orbits] = mean * turns
+        moved = iter(np.column_stack([regular.real, regular.imag])[number] + about)
+        polygons = [
+            [np.array([next(moved) for _ in ring]) for ring in polygon.rings] for polygon in section.polygons
+        ]
+        sections.append(
+            replace(section, polygons=tuple(Polygon(outer, tuple(holes)) for outer, *holes in polygons))
+        )
+    return replace(state, sections=tuple(sections))
 
 
 def _of_order(boundaries: "list[_Boundary]", order: int, tolerance_mm: float) -> Symmetry | None:

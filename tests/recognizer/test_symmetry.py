@@ -1,6 +1,7 @@
 """Rotational symmetry, with shapes made to be mistaken for symmetric ones."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,8 @@ from shapely import affinity
 from shapely_bench import Placed, flat, grip, holding_truth, place, unit
 
 from palpate.geometry import Polygon, Section, State
-from palpate.recognizer import Catalogue, Contact, recognise
-from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry
+from palpate.recognizer import Catalogue, Contact, Finger, recognise
+from palpate.recognizer.symmetry import Symmetry, centroid, rotational_symmetry, symmetrised
 
 
 def state(*sections: list[tuple[float, float]] | np.ndarray) -> State:
@@ -177,3 +178,53 @@ def test_an_oval_lies_as_it_does() -> None:
         contacts = grip(placed, rng, radius=3.0, bound=0.01, half_range=math.radians(1), aim=0.02)
         bounds = [item.bounds.theta_rad for item in recognise(catalogue, contacts).hypotheses]
         assert any((placed.theta - lo) % math.pi <= hi - lo for lo, hi in bounds)
+
+
+def shaken(ring: np.ndarray, size: float, seed: int) -> np.ndarray:
+    """Every vertex off by at most a size, as a mesh has it that was stored in single precision."""
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(0, 2 * math.pi, len(ring))
+    return ring + size * np.sqrt(rng.random(len(ring)))[:, None] * np.column_stack(
+        [np.cos(turn), np.sin(turn)]
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_state_made_symmetric_is_so_and_hardly_off(seed: int) -> None:
+    outer, hole = shaken(regular(24), 2e-4, seed), shaken(regular(8, 12.0), 2e-4, seed + 100)
+    given = State("flat", (Section((0.0, 20.0), (Polygon(outer, (hole[::-1],)),)),))
+    before, about = symmetry(given), centroid(given)
+    assert before.order == 8
+    made = symmetrised(given, about, before.order, 1e-3)
+    assert made is not None
+    after = rotational_symmetry(made, about, 1e-3)
+    assert after.order == 8
+    assert after.off_mm < 1e-12
+    assert before.off_mm > 1e-5
+    for ring, other in zip(made.sections[0].rings, given.sections[0].rings, strict=True):
+        assert np.hypot(*(ring - other).T).max() <= before.off_mm
+
+
+def test_what_has_vertices_on_straight_lines_is_left_as_it_is() -> None:
+    ring = np.insert(regular(6), 1, regular(6)[:2].mean(axis=0), axis=0)
+    given = state(shaken(ring, 1e-10, 0))
+    assert symmetry(given).order == 6
+    assert symmetrised(given, centroid(given), 6, 1e-3) is None
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_one_edge_of_each_orbit_is_enough_for_a_round_part_of_some_tolerance(seed: int) -> None:
+    rng = np.random.default_rng([5, seed])
+    outline = shaken(regular(32, float(rng.uniform(10, 30))), 1e-6, seed)
+    model = replace(flat("round", outline), tolerance_mm=0.05)
+    catalogue = Catalogue([model])
+    item, edges = catalogue.states[0], catalogue.edges(Finger(5.0, 10.0))
+    assert item.symmetry_order == 32
+    assert np.count_nonzero(edges.representative) * 32 == len(edges.state)
+    assert 0.05 < item.tolerance_mm < 0.0501
+    true = flat(
+        "round", outline + 0.05 * np.column_stack([np.cos(turn := rng.uniform(0, 7, 32)), np.sin(turn)])
+    )
+    placed = place(true, rng)
+    found = recognise(catalogue, grip(placed, rng, bound=0.1, half_range=math.radians(10), at_bound=True))
+    assert holding_truth(found, placed) is not None
