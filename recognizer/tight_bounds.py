@@ -13,13 +13,15 @@ import numpy as np
 from palpate.geometry import Floats, Ints
 from palpate.geometry.plane import rotate
 from palpate.recognizer.constraints import Constraints
-from palpate.recognizer.region import Cells, cut_cells, refine_intervals
+from palpate.recognizer.region import Cells, cut_cells, divide_longest, refine_intervals
 from palpate.recognizer.witness_polish import can_be_verified
 from palpate.recognizer.witness_search import Regions, position_boxes
 
 __all__ = ["Enclosures", "enclosures"]
 
 _CELLS, _IN_ALL = 64, 512  # of one region, and of all that there are
+_PARTS = 4  # of these, along their longest sides
+_LEVER_MM = 40.0  # what a turn counts for against a shift
 _WORTH = 16  # cells of a region: with fewer little is gained
 
 
@@ -65,15 +67,22 @@ def _refined(constraints: Constraints, regions: Regions) -> _FineCells:
     unturned, anchor = regions.unturned, constraints.anchor_mm
     intervals, owner = refine_intervals(catalogue, nodes, unturned, touched, anchor, parts)
     cells, of = cut_cells(catalogue, nodes, touched, anchor, intervals)
-    owner = owner[of]
-    for test in (constraints.allow, partial(can_be_verified, constraints)):
-        left = np.flatnonzero(test(cells))
-        cells, owner = cells.select(left), owner[left]
+    cells, owner = _possible(constraints, cells, owner[of])
+    cells, of = divide_longest(cells, _LEVER_MM, _PARTS)
+    cells, owner = _possible(constraints, cells, owner[of])
     shift = (unturned.lo - regions.cells.lo)[owner]
     turned = replace(
         cells, lo=cells.lo - shift, hi=cells.hi - shift, polygon=rotate(cells.polygon, shift[:, None])
     )
     return _FineCells(turned, np.searchsorted(region[owner], np.arange(len(size) + 1)))
+
+
+def _possible(constraints: Constraints, cells: Cells, owner: Ints) -> tuple[Cells, Ints]:
+    """Those cells that may hold a configuration that satisfies everything."""
+    for test in (constraints.allow, partial(can_be_verified, constraints)):
+        left = np.flatnonzero(test(cells))
+        cells, owner = cells.select(left), owner[left]
+    return cells, owner
 
 
 def _of_cells(constraints: Constraints, cells: Cells, first: Ints) -> Enclosures:
