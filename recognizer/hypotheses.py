@@ -160,16 +160,13 @@ class Hypothesis(ShortRepr):
 class Hypotheses(ShortRepr, Sequence[Hypothesis]):
     """h hypotheses: those with the fewest null contacts first, the heaviest of them before the others.
 
-    `regions` (h); `lo` and `hi` (h, 3) bound x and y (mm) and θ (rad); `state` (h,); `position_mm` (h, 2) of
-    the file's origin in W; `weight` (h,) sums to 1.
+    `regions` (h); `state` (h,); `position_mm` (h, 2) of the file's origin in W; `weight` (h,) sums to 1.
     """
 
     constraints: Constraints
     regions: Regions
     state: Ints
     position_mm: Floats
-    lo: Floats
-    hi: Floats
     weight: Floats
 
     def __len__(self) -> int:
@@ -189,6 +186,22 @@ class Hypotheses(ShortRepr, Sequence[Hypothesis]):
     def verified(self) -> Bools:
         """Which have a witness, (h,)."""
         return self.regions.verified
+
+    @property
+    def lo(self) -> Floats:
+        """Least x, y (mm) and θ (rad), (h, 3)."""
+        return self._bounds[0]
+
+    @property
+    def hi(self) -> Floats:
+        """Largest x, y (mm) and θ (rad), (h, 3)."""
+        return self._bounds[1]
+
+    @cached_property
+    def _bounds(self) -> tuple[Floats, Floats]:
+        lo, hi = enclosures(self.constraints, self.regions)
+        witness = np.column_stack([self.position_mm, self.regions.theta])
+        return np.minimum(lo, witness), np.maximum(hi, witness)
 
     @cached_property
     def _views(self) -> tuple[Hypothesis, ...]:
@@ -213,24 +226,16 @@ class Hypotheses(ShortRepr, Sequence[Hypothesis]):
 
 
 def hypotheses_of(constraints: Constraints, regions: Regions) -> Hypotheses:
-    """Bounds and weights of the regions, in the order of `Hypotheses`."""
-    catalogue = constraints.catalogue
-    state = regions.cells.state[regions.first[:-1]]
-    found = enclosures(constraints, regions)
+    """The regions with their weights, in the order of `Hypotheses`."""
+    begin = regions.first[:-1]
+    state = regions.cells.state[begin]
+    volume = np.add.reduceat(regions.cells.volume, begin) if len(begin) else np.empty(0)
     cos, sin = np.cos(regions.theta), np.sin(regions.theta)
-    x, y = (regions.position - catalogue.origins_mm[state]).T
+    x, y = (regions.position - constraints.catalogue.origins_mm[state]).T
     position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + constraints.anchor_mm
-    witness = np.column_stack([position, regions.theta])
-    rows = np.lexsort((state, -found.volume, constraints.nulls[regions.node]))
-    return Hypotheses(
-        constraints,
-        regions.select(rows),
-        state[rows],
-        position[rows],
-        np.minimum(found.lo, witness)[rows],
-        np.maximum(found.hi, witness)[rows],
-        found.volume[rows] / (float(found.volume.sum()) or 1.0),
-    )
+    rows = np.lexsort((state, -volume, constraints.nulls[regions.node]))
+    weight = volume / (float(volume.sum()) or 1.0)
+    return Hypotheses(constraints, regions.select(rows), state[rows], position[rows], weight[rows])
 
 
 def _fewest_nulls_first(row: tuple[int | None, ...]) -> tuple[int, tuple[tuple[bool, int], ...]]:

@@ -17,7 +17,7 @@ from palpate.recognizer.region import Cells, cut_cells, divide_longest, refine_i
 from palpate.recognizer.witness_polish import can_be_verified
 from palpate.recognizer.witness_search import Regions, position_boxes
 
-__all__ = ["Enclosures", "enclosures"]
+__all__ = ["enclosures"]
 
 _CELLS, _IN_ALL = 64, 512  # of one region, and of all that there are
 _PARTS = 4  # of these, along their longest sides
@@ -25,28 +25,21 @@ _LEVER_MM = 40.0  # what a turn counts for against a shift
 _WORTH = 16  # cells of a region: with fewer little is gained
 
 
-@dataclass(frozen=True, eq=False)
-class Enclosures:
-    """Of h regions: bounds `lo` and `hi` (h, 3) on x and y (mm) and θ (rad), and `volume` (h,) mm²·rad."""
+def enclosures(constraints: Constraints, regions: Regions) -> tuple[Floats, Floats]:
+    """Least and largest x and y (mm) and θ (rad) of all regions, (h, 3) each, rounded outward.
 
-    lo: Floats
-    hi: Floats
-    volume: Floats
-
-
-def enclosures(constraints: Constraints, regions: Regions) -> Enclosures:
-    """Bounds and volumes of all regions; of finer cells for those with a witness, where there are few."""
-    found = _of_cells(constraints, regions.cells, regions.first)
+    Of finer cells for those with a witness, where there are few.
+    """
+    lo, hi = _of_cells(constraints, regions.cells, regions.first)
     rows = np.flatnonzero(regions.verified)
     if len(regions) * _WORTH > _IN_ALL or not len(rows):
-        return found
+        return lo, hi
     fine = _refined(constraints, regions.select(rows))
     kept = np.flatnonzero(np.diff(fine.first))
-    rows, some = rows[kept], _of_cells(constraints, fine.cells, fine.first[np.append(kept, -1)])
-    found.lo[rows] = np.maximum(found.lo[rows], some.lo)
-    found.hi[rows] = np.minimum(found.hi[rows], some.hi)
-    found.volume[rows] = np.minimum(found.volume[rows], some.volume)
-    return found
+    low, high = _of_cells(constraints, fine.cells, fine.first[np.append(kept, -1)])
+    lo[rows[kept]] = np.maximum(lo[rows[kept]], low)
+    hi[rows[kept]] = np.minimum(hi[rows[kept]], high)
+    return lo, hi
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +78,10 @@ def _possible(constraints: Constraints, cells: Cells, owner: Ints) -> tuple[Cell
     return cells, owner
 
 
-def _of_cells(constraints: Constraints, cells: Cells, first: Ints) -> Enclosures:
-    """Of regions that all have cells."""
-    begin = first[:-1]
+def _of_cells(constraints: Constraints, cells: Cells, first: Ints) -> tuple[Floats, Floats]:
+    """Boxes of regions that all have cells."""
     low, high = position_boxes(cells, constraints.catalogue.origins_mm[cells.state], constraints.anchor_mm)
     lo = np.column_stack([low, cells.lo - 1e-12])
     hi = np.column_stack([high, cells.hi + 1e-12])
-    if not len(begin):
-        return Enclosures(lo, hi, np.empty(0))
-    return Enclosures(
-        np.minimum.reduceat(lo, begin),
-        np.maximum.reduceat(hi, begin),
-        np.add.reduceat(cells.volume, begin),
-    )
+    begin = first[:-1]
+    return (np.minimum.reduceat(lo, begin), np.maximum.reduceat(hi, begin)) if len(begin) else (lo, hi)
