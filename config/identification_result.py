@@ -119,13 +119,15 @@ class IdentificationOut(Out):
     """Answer of `palpate identify`.
 
     object, state, configuration and bounds are null if no hypothesis is left, `truth` on a real rig.
-    `predicted`: touches that came out as all that was left had predicted. `moved_before`: grips (from 1)
-    before which the part seems to have been moved; what was felt before the last of them does not
-    count. `detectable_shift` (mm): had the part been shifted before the last grip by more, that would surely
-    have been noticed; null if that cannot be said. `calibration` is null if the run used none. `contacts`: so
-    many of the touches met something. `swept`: none did, or none since the part was moved, and they leave no
-    room in the workspace for any state of the catalogue that fingers can feel. `touch_records`: what
-    loaded the part, touch by touch.
+    `predicted`: touches that came out as all that was left had predicted. `stranger_probability`: that
+    something outside the catalogue, different by 2 mm or more over a fifth of its outline from every part,
+    would have agreed with all of these, had it agreed with the first contacts; null if none is left to agree
+    with. `moved_before`: grips (from 1) before which the part seems to have been moved; what was felt before
+    the last of them does not count. `detectable_shift` (mm): had the part been shifted before the last grip
+    by more, that would surely have been noticed; null if that cannot be said. `calibration` is null if the
+    run used none. `contacts`: so many of the touches met something. `swept`: none did, or none since the part
+    was moved, and they leave no room in the workspace for any state of the catalogue that fingers can feel.
+    `touch_records`: what loaded the part, touch by touch.
     `assumed_holds_n`: the declared force below which the part does not slide, on which the bounds rest; null
     if none is declared: then they rest on its lying still. `motion_bounds`: of every grip; empty if none is
     declared. `hold_contradicted`: the part was moved by more than that force allows, or it is none of the
@@ -149,6 +151,7 @@ class IdentificationOut(Out):
     contacts: int = 0
     swept: bool = False
     predicted: int
+    stranger_probability: Rounded | None = None
     moved_before: tuple[int, ...]
     detectable_shift: Rounded | None
     emulated: bool

@@ -129,8 +129,9 @@ class SearchConfig(FileModel):
     )
     false_match_probability: Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0, le=1)] = Field(
         default=0.01,
-        description="No answer is given while something that is not in the catalogue would have agreed with "
-        "all that was predicted with a greater chance than this.",
+        description="No answer is given while something that is not in the catalogue, different by 2 mm or "
+        "more over a fifth of its outline from every part, would have agreed with all that was predicted "
+        "with a greater probability than this.",
     )
     detectable_shift_mm: Positive = Field(
         default=10.0,

@@ -4,8 +4,9 @@ Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock,
 """
 
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.confirmation import Confirmation, checking_grip
 from palpate.recognizer.contact import Contact, Finger, NormalRange
-from palpate.recognizer.evidence import detectable_shift_mm, false_match_probability
+from palpate.recognizer.evidence import detectable_shift_mm
 from palpate.recognizer.explanation import is_explained
 from palpate.recognizer.grips import FREE_MARGIN_MM, FingerApproach, Grip, Reachable, twins
 from palpate.recognizer.hypotheses import Bounds, Configuration, Hypothesis, Slide
@@ -17,7 +18,8 @@ from palpate.recognizer.prediction import Prediction, Predictions, predict
 from palpate.recognizer.push_limits import PushLimits
 from palpate.recognizer.rays import Approach
 from palpate.recognizer.recognition import Recognition, recognise
-from palpate.recognizer.strategy import already_used, checking_grip, next_grip
+from palpate.recognizer.strangers import StrangerEvidence, stranger_terms
+from palpate.recognizer.strategy import already_used, next_grip
 
 __all__ = [
     "FREE_MARGIN_MM",
@@ -25,6 +27,7 @@ __all__ = [
     "Bounds",
     "Catalogue",
     "Configuration",
+    "Confirmation",
     "Contact",
     "Finger",
     "FingerApproach",
@@ -40,16 +43,17 @@ __all__ = [
     "Recognition",
     "Resolution",
     "Slide",
+    "StrangerEvidence",
     "already_used",
     "carried_by",
     "checking_grip",
     "detectable_shift_mm",
-    "false_match_probability",
     "felt_in_motion",
     "is_explained",
     "next_grip",
     "plan_grip",
     "predict",
     "recognise",
+    "stranger_terms",
     "twins",
 ]

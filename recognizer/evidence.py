@@ -1,40 +1,20 @@
-"""Evidence beside bounds: false-match probability, and the smallest detectable shift of the part.
+"""Evidence beside bounds: the smallest detectable shift of the part.
 
-Bounds prove which of the catalogue's objects lies there, but not that it is one of these, nor that it stayed
-where it was. Evidence for that are touches that agreed with their predictions though they need not have.
+Bounds prove which of the catalogue's objects lies there, but not that it stayed where it was. Evidence for
+that are touches that agreed with their predictions though they need not have. That it is one of the catalogue
+at all: see `strangers`.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from palpate.geometry import Floats
-from palpate.recognizer.contact import Contact
 from palpate.recognizer.prediction import Predictions
 
-__all__ = ["detectable_shift_mm", "false_match_probability"]
+__all__ = ["detectable_shift_mm"]
 
-_ACROSS_MM = 40.0  # a stop might have come anywhere within this, as far as an unknown part's size is known
-_FACING_RAD = math.pi  # and normals within this
 _SHIFTS = 90
-
-
-def false_match_probability(
-    predictions: Predictions, contacts: Sequence[Contact], normal_half_rad: float
-) -> float:
-    """False-match probability: share of a grip's possible outcomes that agree with some hypothesis, 0 to 1.
-
-    `predictions` (a, h) for the a contacts, in order. Stops and normals count as independent and equally
-    likely everywhere; misses say nothing, because a smaller thing would have been missed as well. So it is a
-    measure, and no proof.
-    """
-    touched = np.array([contact.touched for contact in contacts], dtype=bool)
-    possible = np.isfinite(predictions.earliest[touched])
-    stop = np.where(possible, predictions.furthest[touched] - predictions.earliest[touched], 0.0)
-    normal = (predictions.normal_hi - predictions.normal_lo)[touched] + 2 * normal_half_rad
-    share = np.clip(stop / _ACROSS_MM, 0.0, 1.0) * np.clip(normal / _FACING_RAD, 0.0, 1.0)
-    return float(min(1.0, share.prod(axis=0).sum()))
 
 
 def detectable_shift_mm(predictions: Predictions, normal_rad: Floats, direction_rad: Floats) -> float:

@@ -10,6 +10,7 @@ from palpate.vocabulary import IdentificationVerdict
 __all__ = ["answer_lines", "picture_facts"]
 
 _ALTERNATIVES_SHOWN = 12
+_LEAST_SHOWN = 1e-4  # the model of what is not in the catalogue is no better than that
 _RETOUCH = "`palpate check --touch` shows"
 
 
@@ -28,6 +29,8 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         )
     if out.verdict == IdentificationVerdict.IDENTIFIED and out.predicted:
         lines.append(f"  {counted(out.predicted, 'touch', 'touches')} matched the prediction")
+        if out.stranger_probability is not None:
+            lines.append(f"  {_stranger_words(out.stranger_probability)}")
         if out.detectable_shift is not None:
             lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
@@ -54,6 +57,13 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
         off, turned = out.truth.position_error_mm or 0.0, math.degrees(out.truth.orientation_error_rad or 0.0)
         rows.append(("off the truth", f"{off:.2f} mm, {turned:.2f}°"))
     return rows
+
+
+def _stranger_words(probability: float) -> str:
+    share = (
+        f"{100 * probability:.2g} %" if probability >= _LEAST_SHOWN else f"less than {100 * _LEAST_SHOWN:g} %"
+    )
+    return f"something else, clearly different, would have matched it, too, with probability {share}"
 
 
 def _place_lines(out: IdentificationOut) -> list[str]:

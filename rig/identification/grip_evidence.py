@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from palpate.geometry import Floats
 from palpate.recognizer import (
     Approach,
     Catalogue,
@@ -17,14 +18,15 @@ from palpate.recognizer import (
     Predictions,
     Recognition,
     Resolution,
+    StrangerEvidence,
     carried_by,
     detectable_shift_mm,
-    false_match_probability,
     predict,
     recognise,
+    stranger_terms,
 )
 
-__all__ = ["GripEvidence"]
+__all__ = ["GripEvidence", "normal_halves_rad", "paths_of"]
 
 _FIRST_CONTACTS = 3  # fewer leave too much for a plan to be worth its time
 _LEAST_GAIN = 0.1
@@ -36,8 +38,9 @@ class GripEvidence:
     """What some grips say, those before a move of the part left out.
 
     `recognition`: None before enough contacts were made. `idle`: touches in a row without gain. `predicted`:
-    touches that came out as the hypotheses had predicted, and `chance`: how probable that is if the part is
-    none of the catalogue. `narrowest`: the least extent that the present hypotheses had.
+    touches that came out as the hypotheses had predicted, and `strangers`: how probable that is if the part
+    is none of the catalogue; None before `recognition`. `narrowest`: the least extent that the present
+    hypotheses had.
     `detectable_shift_mm`: a shift of the part by more before the last grip would have been detected for
     certain. `is_bounded`: how far touches shift it is known. `checks`: grips in a row that were made to
     confirm an answer.
@@ -49,7 +52,7 @@ class GripEvidence:
     recognition: Recognition | None = None
     idle: int = 0
     predicted: int = 0
-    chance: float = 1.0
+    strangers: StrangerEvidence | None = None
     detectable_shift_mm: float = math.inf
     is_bounded: bool = False
     checks: int = 0
@@ -72,7 +75,27 @@ class GripEvidence:
         self.contacts += contacts
         if sum(contact.touched for contact in self.contacts) >= _FIRST_CONTACTS:
             self.recognition = recognise(self.catalogue, self.contacts)
+            self.strangers = StrangerEvidence.none()
         return []
+
+    @property
+    def stranger_probability(self) -> float | None:
+        """Probability that something outside the catalogue which agreed with the first contacts would have
+        agreed with all touches since; None where nothing is left to agree with.
+        """
+        if self.recognition is None or self.strangers is None or not self.recognition.hypotheses:
+            return None
+        return self.strangers.probability
+
+    def _with_strangers(
+        self, moved: Recognition, contacts: Sequence[Contact], predictions: Predictions
+    ) -> StrangerEvidence | None:
+        """What is known of strangers once contacts have agreed."""
+        if self.strangers is None or not moved.hypotheses:
+            return self.strangers
+        halves = normal_halves_rad(contacts, self.resolution.normal_half_rad)
+        terms = stranger_terms(moved, paths_of(contacts), halves, predictions)
+        return self.strangers.after(terms.with_any())
 
     def _compare(
         self, before: Recognition, moved: Recognition, after: Recognition, contacts: Sequence[Contact]
@@ -90,15 +113,15 @@ class GripEvidence:
         self.idle = 0 if fewer or narrower else self.idle + len(contacts)
         self.predicted += sum(contact.touched for contact in contacts)
         predictions = _predictions(moved, contacts)
-        self.chance *= false_match_probability(predictions, contacts, self.resolution.normal_half_rad)
+        self.strangers = self._with_strangers(moved, contacts, predictions)
         self.detectable_shift_mm = math.inf if eliminated else _detectable_shift_mm(predictions, contacts)
         self.checks = 0 if eliminated else self.checks
         return eliminated
 
 
-def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Predictions:
-    """Predictions of the contacts by the recognition before them, along the paths as they were measured."""
-    approaches = [
+def paths_of(contacts: Sequence[Contact]) -> list[Approach]:
+    """The paths of contacts as they were measured, and further than they got."""
+    return [
         Approach(
             contact.finger,
             contact.start_mm,
@@ -108,7 +131,17 @@ def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Prediction
         )
         for contact in contacts
     ]
-    return predict(before.catalogue, before.hypotheses, before.anchor_mm, approaches)
+
+
+def _predictions(before: Recognition, contacts: Sequence[Contact]) -> Predictions:
+    """Predictions of the contacts by the recognition before them."""
+    return predict(before.catalogue, before.hypotheses, before.anchor_mm, paths_of(contacts))
+
+
+def normal_halves_rad(contacts: Sequence[Contact], unknown_rad: float) -> Floats:
+    """Halves (t,) of the contacts' normal ranges (rad); `unknown_rad` where a contact has none."""
+    ranges = [contact.normal for contact in contacts]
+    return np.array([unknown_rad if item is None else (item.hi_rad - item.lo_rad) / 2 for item in ranges])
 
 
 def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) -> float:

@@ -68,6 +68,8 @@ class Identification:
     feel has room in the rest of the workspace. `motions`: how far (mm, rad) each grip may have moved the
     part at most, None where that has no bound; empty if `assumed_holds_n` is None: the part is taken to lie
     still. `hold_contradicted`: it was moved by more than that force allows, or it is none of the catalogue.
+    `stranger_probability`: that something outside the catalogue which agreed with the first contacts would
+    have agreed with all touches since; None if nothing was predicted or nothing agrees.
     """
 
     outcome: IdentificationVerdict
@@ -81,6 +83,7 @@ class Identification:
     motions: tuple[tuple[float, float] | None, ...] = ()
     assumed_holds_n: float | None = None
     hold_contradicted: bool = False
+    stranger_probability: float | None = None
 
     @property
     def touches(self) -> int:
@@ -131,6 +134,7 @@ class _Search:
             () if assumed is None else tuple(item.within(states) for item in self._motions),
             assumed,
             self._hold_contradicted,
+            self._evidence.stranger_probability,
         )
 
     def _no_evidence(self) -> GripEvidence:

@@ -11,11 +11,13 @@ from palpate.errors import InputError
 from palpate.geometry import Bools
 from palpate.recognizer import (
     Catalogue,
+    Confirmation,
     Contact,
     Grip,
     PushLimits,
     Recognition,
     Resolution,
+    StrangerEvidence,
     already_used,
     checking_grip,
     next_grip,
@@ -68,7 +70,7 @@ class GripChooser:
             return Choice(None, grip)
         if self.is_confirmed(evidence):
             return Choice(answer or IdentificationVerdict.UNRESOLVED)
-        grip = self._check(recognition)
+        grip = self._check(evidence, recognition)
         return Choice(IdentificationVerdict.UNRESOLVED if grip is None else None, grip, is_check=True)
 
     def answer(self, recognition: Recognition) -> IdentificationVerdict | None:
@@ -96,7 +98,8 @@ class GripChooser:
         limits = self.rig.search
         steady = evidence.detectable_shift_mm <= limits.detectable_shift_mm or evidence.checks >= _MOST_CHECKS
         steady |= evidence.is_bounded
-        return steady and evidence.chance <= limits.false_match_probability
+        strangers = evidence.strangers
+        return steady and strangers is not None and strangers.probability <= limits.false_match_probability
 
     def _plan(self, recognition: Recognition, *, one_class: bool) -> Grip | None:
         # A grip that may be the last one has to meet the part from two sides.
@@ -115,12 +118,16 @@ class GripChooser:
         """Whether even the best grip would hardly place things more finely."""
         return self.strategy is Strategy.PLANNED and grip.remaining > _VAIN
 
-    def _check(self, recognition: Recognition) -> Grip | None:
+    def _check(self, evidence: GripEvidence, recognition: Recognition) -> Grip | None:
         """Touches to confirm what seems to be the answer."""
         if self.strategy is Strategy.PLANNED:
+            wanted = Confirmation(
+                self.rig.search.detectable_shift_mm,
+                evidence.strangers or StrangerEvidence.none(),
+                self.rig.search.false_match_probability,
+            )
             limits = self._limits(recognition)
-            shift_mm = self.rig.search.detectable_shift_mm
-            return checking_grip(recognition, self.reach, resolution_of(self.rig), shift_mm, limits)
+            return checking_grip(recognition, self.reach, resolution_of(self.rig), wanted, limits)
         return self._plan(recognition, one_class=True)
 
     def _limits(self, recognition: Recognition) -> PushLimits:

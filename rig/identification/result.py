@@ -59,6 +59,7 @@ def identification_out(
         contacts=sum(touch.contact.touched for grip in result.grips for touch in grip),
         swept=result.swept,
         predicted=result.predicted,
+        stranger_probability=result.stranger_probability,
         moved_before=result.moved_before,
         detectable_shift=result.detectable_shift_mm if math.isfinite(result.detectable_shift_mm) else None,
         emulated=emulated,

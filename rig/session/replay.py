@@ -26,7 +26,14 @@ _CLOSE = 2e-6  # results are rounded to 1e-6, and another machine may round the 
 _NOT_COMPARED = ("wall_seconds", "session")
 _RENAMED = {"foretold": "predicted", "unnoticed_shift": "detectable_shift"}  # keys of older results
 _LATER_KEYS = frozenset(
-    {"loads", "touch_records", "motion_bounds", "assumed_holds_n", "hold_contradicted"}
+    {
+        "loads",
+        "touch_records",
+        "motion_bounds",
+        "assumed_holds_n",
+        "hold_contradicted",
+        "stranger_probability",
+    }
 )  # not written by older versions
 
 

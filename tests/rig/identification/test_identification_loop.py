@@ -134,7 +134,7 @@ def test_planned_touches_are_fewer_than_random_ones(seeds: int) -> None:
             assert held(result, table.placed)
             counts.append(result.touches - len(result.grips[0]))
         beyond[strategy] = float(np.mean(counts))
-    assert beyond[Strategy.PLANNED] <= 0.6 * beyond[Strategy.RANDOM], beyond
+    assert beyond[Strategy.PLANNED] <= 0.75 * beyond[Strategy.RANDOM], beyond
 
 
 @pytest.mark.parametrize("seeds", SEEDS)

@@ -14,7 +14,7 @@ from shapely_bench import SHIPPED_OBJECTS, Placed, holding_truth, outlines, plac
 from simulated_touches import SimulatedTouches
 
 from palpate.config import RigFile, load_rig
-from palpate.recognizer import Catalogue, FingerApproach, Motion
+from palpate.recognizer import Catalogue, FingerApproach, Motion, StrangerEvidence
 from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.loop import search
@@ -265,7 +265,8 @@ def test_a_part_that_is_pushed_before_every_grip_is_moving_and_contradicts_what_
 
 def test_where_a_force_is_declared_no_grip_is_spent_on_detecting_shifts() -> None:
     chooser = GripChooser(RIG, REACH, Strategy.PLANNED, np.random.default_rng(0))
-    evidence = GripEvidence(CATALOGUE, resolution_of(RIG), chance=0.0)
+    evidence = GripEvidence(CATALOGUE, resolution_of(RIG))
+    evidence.strangers = StrangerEvidence(0.0 * StrangerEvidence.none().agreed)
     assert not chooser.is_confirmed(evidence)
     assert chooser.is_confirmed(replace(evidence, is_bounded=True))
 

@@ -1,0 +1,155 @@
+"""Fit what `recognizer/strangers.py` takes for granted: weights of the kinds, overlap, and free paths.
+
+    python benchmarks/fit_strangers.py --runs 400
+
+Strangers are drawn polygons that lie there instead of a catalogue's, which are drawn the same way, or are its
+parts scaled or with their vertices displaced. Of each touch that a stranger got to is kept how probably each
+kind would have agreed with each hypothesis, and whether it agreed; the constants are those of the greatest
+likelihood; they are judged on other outlines (bench_strangers.py). Prints them, and ten bins of what they
+state.
+"""
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+
+import numpy as np
+import shapely
+from bench_strangers import print_bins, ring_of, simulated, stranger
+from scipy.optimize import minimize
+from scipy.special import expit, log_softmax
+from shapely_bench import flat
+
+from palpate.geometry import Floats, ObjectModel
+from palpate.recognizer import Catalogue
+from palpate.recognizer.strangers import KINDS, StrangerTerms
+
+SIZES = (100, 30, 12)
+TURNS = ("other", "scaled", "other", "altered", "other", "scaled")
+_FLATTEN = 5e-5  # keeps weights of kinds that hardly occur from vanishing
+
+
+def outline(rng: np.random.Generator) -> Floats:
+    """A drawn polygon, 18 to 120 mm large: a hull, a star, an angle or a trapezium, or a triangle."""
+    while True:
+        ring = _some_ring(rng, float(rng.uniform(18, 60)))
+        shape = shapely.Polygon(ring)
+        if shape.is_valid and shape.area > 500 and shape.area / shape.length > 5:
+            return ring - np.array(shape.centroid.coords[0])
+
+
+def _some_ring(rng: np.random.Generator, size: float) -> Floats:
+    kind = int(rng.integers(4))
+    if kind == 1:
+        angle = np.sort(rng.uniform(0, 2 * math.pi, int(rng.integers(5, 14))))
+        radius = size * rng.uniform(0.45, 1, len(angle))
+        return radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    if kind == 2:
+        w, h = 2 * size, 2 * size * float(rng.uniform(0.4, 1))
+        a, c = w * float(rng.uniform(0.2, 0.8)), h * float(rng.uniform(0.2, 0.8))
+        angle = [(0, 0), (w, 0), (w, c), (a, c), (a, h), (0, h)]
+        trapezium = [(0, 0), (w, 0), (w - a / 4, h), (a / 3, h)]
+        return np.array(angle if rng.random() < 0.6 else trapezium)
+    count, slim = (3, 1.0) if kind == 3 else (int(rng.integers(4, 10)), float(rng.uniform(0.4, 1)))
+    points = rng.uniform(-1, 1, (count, 2)) * [size, size * slim]
+    return shapely.get_coordinates(shapely.MultiPoint(points).convex_hull)[:-1]
+
+
+@cache
+def drawn(size: int, which: int) -> tuple[Catalogue, tuple[ObjectModel, ...], tuple[ObjectModel, ...]]:
+    """A catalogue with its parts, and others."""
+    rng = np.random.default_rng([size, which, 99])
+    own = tuple(flat(f"part {k}", outline(rng)) for k in range(size))
+    return Catalogue(own), own, tuple(flat(f"other {k}", outline(rng)) for k in range(200))
+
+
+def some_stranger(
+    own: Sequence[ObjectModel], others: Sequence[ObjectModel], kind: str, rng: np.random.Generator
+) -> ObjectModel:
+    """What lies there."""
+    if kind != "altered":
+        return stranger(own, others, kind, rng)
+    part = own[int(rng.integers(len(own)))]
+    while True:
+        ring = ring_of(part)
+        moved = ring + rng.normal(0, rng.uniform(0.5, 6), ring.shape)
+        if shapely.Polygon(moved).is_valid:
+            return flat(f"{part.name} altered", moved)
+
+
+@dataclass(frozen=True)
+class Touched:
+    """Touches of one stranger since a first recognition, in order, and whether each agreed."""
+
+    terms: tuple[StrangerTerms, ...]
+    agreed: tuple[bool, ...]
+
+    def stated(self, weight: Floats, clear: Floats, overlap: float) -> Floats:
+        """Probability of each to agree."""
+        found = []
+        for item in self.terms:
+            some = item.with_any(clear, overlap)[0]
+            found.append(float(weight @ some / weight.sum()))
+            weight = weight * np.maximum(some, 1e-9)
+        return np.array(found)
+
+
+def runs_of(size: int, seeds: range) -> list[Touched]:
+    """Sequences of touches that ended with one that did not agree, or with an answer."""
+    found = []
+    for seed in seeds:
+        rng = np.random.default_rng([size, seed])
+        catalogue, own, others = drawn(size, seed % 6)
+        model = some_stranger(own, others, TURNS[seed % len(TURNS)], rng)
+        _, watch = simulated(catalogue, model, rng, seed)
+        begin = 0
+        ends = [k + 1 for k, (_, agrees) in enumerate(watch.terms) if not agrees or k + 1 == len(watch.terms)]
+        for end in ends:
+            part = watch.terms[begin:end]
+            found.append(Touched(tuple(item for item, _ in part), tuple(agrees for _, agrees in part)))
+            begin = end
+    return found
+
+
+def constants(x: Floats) -> tuple[Floats, Floats, float]:
+    """Weights (m,), probabilities of free paths (m,), and overlap, from what is varied."""
+    count = len(KINDS.scale)
+    clear = np.ones(count)
+    clear[0] = expit(x[count])
+    return np.exp(log_softmax(x[:count])), clear, float(expit(x[count + 1]))
+
+
+def loss(x: Floats, runs: Sequence[Touched]) -> float:
+    """Mean negative log likelihood of what agreed."""
+    stated = np.clip(np.concatenate([item.stated(*constants(x)) for item in runs]), 1e-3, 1 - 1e-3)
+    agreed = np.concatenate([item.agreed for item in runs])
+    return float(-np.mean(np.where(agreed, np.log(stated), np.log1p(-stated)))) + _FLATTEN * float(
+        np.sum(x[:-2] ** 2)
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--runs", type=int, default=400, help="for each size of the catalogue")
+    options = parser.parse_args()
+    runs = [item for size in SIZES for item in runs_of(size, range(options.runs))]
+    start = np.zeros(len(KINDS.scale) + 2)
+    found = minimize(partial(loss, runs=runs), start, method="L-BFGS-B", bounds=[(-9, 9)] * len(start))
+    weight, clear, overlap = constants(found.x)
+    print(
+        f"{len(runs)} sequences of touches; weights {weight.round(4)}, clear {clear.round(3)}, "
+        f"overlap {overlap:.3f}"
+    )
+    stated = np.concatenate([item.stated(weight, clear, overlap) for item in runs])
+    agreed = [agrees for item in runs for agrees in item.agreed]
+    print_bins("touches that it was fitted to", list(zip(stated.tolist(), agreed, strict=True)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
