@@ -63,7 +63,7 @@ def _stranger_words(probability: float) -> str:
     share = (
         f"{100 * probability:.2g} %" if probability >= _LEAST_SHOWN else f"less than {100 * _LEAST_SHOWN:g} %"
     )
-    return f"something else, clearly different, would have matched it, too, with probability {share}"
+    return f"something outside the catalogue would have matched, too, with probability {share}"
 
 
 def _place_lines(out: IdentificationOut) -> list[str]:

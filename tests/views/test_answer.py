@@ -70,6 +70,16 @@ NOTHING: dict[str, Any] = {"object": None, "state": None, "configuration": None,
             "detectable shift before the last grip: 6.2 mm",
         ),
         (
+            ended(IdentificationVerdict.IDENTIFIED, predicted=3, stranger_probability=0.0043),
+            "identified: plate, flat",
+            "outside the catalogue would have matched, too, with probability 0.43 %",
+        ),
+        (
+            ended(IdentificationVerdict.IDENTIFIED, predicted=9, stranger_probability=0.000002),
+            "identified: plate, flat",
+            "with probability less than 0.01 %",
+        ),
+        (
             ended(IdentificationVerdict.IDENTIFIED, moved_before=(2,)),
             "identified: plate, flat",
             "moved before grip 2",
