@@ -61,13 +61,25 @@ def nearest_places(
     width_rad: Floats,
     bound: Floats,
     beyond_mm: float = NEAR_MM,
+    *,
+    judged: bool = True,
 ) -> Places:
     """The place next to each point (q, 2) with a normal in [lo, lo + width] (q,); object's frame.
 
     A negative width allows no normal. Looked for are places up to `beyond_mm` beyond the bound (q,) mm.
+    Unless places are `judged`, what may cover them is not looked at: `fits` says that some are within bounds.
     """
     parts = [
-        _nearest(boundary, state[rows], point[rows], lo_rad[rows], width_rad[rows], bound[rows], beyond_mm)
+        _nearest(
+            boundary,
+            state[rows],
+            point[rows],
+            lo_rad[rows],
+            width_rad[rows],
+            bound[rows],
+            beyond_mm,
+            judged=judged,
+        )
         for rows in np.array_split(np.arange(len(state)), len(state) // _AT_ONCE + 1)
     ]
     return Places.joined(parts)
@@ -81,6 +93,8 @@ def _nearest(
     width: Floats,
     bound: Floats,
     beyond_mm: float,
+    *,
+    judged: bool,
 ) -> Places:
     owner, piece = _near_pieces(boundary, state, point, bound, beyond_mm)
     pieces = boundary.pieces.select(piece)
@@ -91,7 +105,7 @@ def _nearest(
     gap = np.maximum(away - pieces.off, 0.0)
     fits = gap <= bound[owner] + ALLOWANCE_MM
     loose = np.flatnonzero(fits & (pieces.off > 0) & (boundary.clearance_mm[state[owner]] > 0))
-    if len(loose):
+    if judged and len(loose):
         fits[loose] = _uncovered(
             boundary,
             state[owner[loose]],

@@ -15,7 +15,7 @@ from palpate.geometry.segments import cross
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tables import expand_ranges
 
-__all__ = ["simplify_outline"]
+__all__ = ["merge_runs", "simplify_outline"]
 
 _FINEST_MM = 1e-3
 _ROUGH_MM = 0.1
@@ -33,7 +33,7 @@ def simplify_outline(grown: GrownSection, most: int, fine_mm: float = 0.0) -> Gr
     size = float(np.ptp(grown.start, axis=0).max(initial=0.0))
     result = grown
     while len(result.length) > _enough(most, stray, fine_mm) and stray < size:
-        result = _merged(grown, stray)
+        result = merge_runs(grown, stray)
         stray *= 2
     return result
 
@@ -44,7 +44,8 @@ def _enough(most: int, stray_mm: float, fine_mm: float) -> int:
     return most if stray_mm < _ROUGH_MM else most // 4
 
 
-def _merged(grown: GrownSection, stray_mm: float) -> GrownSection:
+def merge_runs(grown: GrownSection, stray_mm: float) -> GrownSection:
+    """Chords of runs of edges that stray from them by no more than `stray_mm`."""
     follows = np.all(grown.start == np.roll(grown.end, 1, axis=0), axis=1)
     begins = np.flatnonzero(~follows)
     begins = begins if len(begins) else np.zeros(1, np.int64)

@@ -11,8 +11,10 @@ off by nearly twice that, so asin(4δ/L) is allowed. A finger of radius r that t
 r along the true normal from such a point; one that touches a vertex has it r from a point within δ of the
 nominal vertex, along a normal between those of the two true edges. Nothing else is assumed.
 
-An edge much shorter than δ may then point anywhere, and a fine outline says nothing of its normals. So a
-model may state by how much they are off at most: then that takes the place of asin(4δ/L).
+An edge much shorter than δ may then point anywhere, and a fine outline says nothing of its normals. But a tip
+of some radius rests on peaks, which limits the normals with which it can touch (`tip_clearance`). And a model
+may state by how much normals are off at most: then that takes the place of asin(4δ/L). Runs of edges that
+stray from a chord by no more than a share of δ are one edge.
 """
 
 import math
@@ -20,17 +22,20 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from palpate.geometry import Bools, Floats, Ints, Section
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.minkowski import GrownSection, OrientedRing, grow, oriented_rings
 from palpate.recognizer.offset_rings import facet_turn
-from palpate.recognizer.simplification import simplify_outline
+from palpate.recognizer.simplification import merge_runs, simplify_outline
 from palpate.recognizer.tables import Table
+from palpate.recognizer.tip_clearance import clearance_depths_mm, clearance_tilts_rad, worthwhile_tilt_rad
 
 __all__ = ["ToleranceBand", "Touchable", "touchable_edges"]
 
 _MOST_SIDES = 1000  # of a ring; finer ones are replaced by chords
+_STRAY = 0.5  # of the tolerance: by so much chords may stray from the runs of edges that they replace
 
 
 @dataclass(frozen=True)
@@ -69,9 +74,10 @@ def touchable_edges(
     The centre is never nearer to the nominal section than r − δ.
     """
     parts = []
+    solid = shapely.union_all([shapely.Polygon(p.outer, p.holes) for p in section.polygons])
     for ring in oriented_rings(section):
-        sides = _uncertain_edges(ring, band, facet_error_mm / 4)
-        parts.append(_along_edges(sides, radius_mm))
+        sides = _uncertain_edges(solid, ring, radius_mm, band, facet_error_mm)
+        parts.append(_along_edges(solid, sides, radius_mm, band.off_mm))
         if radius_mm > 0:
             parts.append(_about_vertices(sides, radius_mm, facet_turn(radius_mm, facet_error_mm)))
     found = Touchable.joined(parts)
@@ -85,6 +91,7 @@ class _UncertainEdges:
     """The edges (n) of a ring: edge k runs from `start` along `leg` (n, 2); `number` (n,) is its start's.
 
     A point of the true edge is within `off` (n,) mm of it, and the true normal within `tilt` (n,) rad.
+    `held` (n,): contacts with its start are with the edge as well, or with the one before.
     """
 
     start: Floats
@@ -92,34 +99,68 @@ class _UncertainEdges:
     number: Ints
     off: Floats
     tilt: Floats
+    held: Bools
 
 
-def _uncertain_edges(ring: OrientedRing, band: ToleranceBand, fine_mm: float) -> _UncertainEdges:
+def _uncertain_edges(
+    solid: shapely.Geometry, ring: OrientedRing, radius_mm: float, band: ToleranceBand, facet_error_mm: float
+) -> _UncertainEdges:
     """A ring's edges; of a fine ring, chords of its runs of edges."""
-    leg = np.roll(ring.points, -1, axis=0) - ring.points
-    length = np.hypot(*leg.T)
+    start, end = ring.points, np.roll(ring.points, -1, axis=0)
+    length = np.hypot(*(end - start).T)
     nothing = np.zeros(len(length))
+    worth = max(facet_turn(radius_mm, facet_error_mm) / 2, worthwhile_tilt_rad(radius_mm, band.off_mm))
+    tilt, held = _tilts(solid, start, end, radius_mm, band, worth)
     traced = GrownSection(
-        start=ring.points,
-        end=np.roll(ring.points, -1, axis=0),
-        direction=leg / length[:, None],
+        start=start,
+        end=end,
+        direction=(end - start) / length[:, None],
         length=length,
         bulge=nothing,
         dent=nothing,
-        span=band.turns_rad(length),
+        span=tilt,
         feature=ring.vertex,
     )
-    traced = simplify_outline(traced, _MOST_SIDES, fine_mm)
+    merged = merge_runs(traced, _STRAY * band.off_mm)
+    traced = simplify_outline(merged, _MOST_SIDES, facet_error_mm / 4)
     return _UncertainEdges(
         traced.start,
         traced.end - traced.start,
         traced.feature,
         band.off_mm + np.maximum(traced.dent, traced.bulge),
         traced.span,
+        held[cKDTree(start).query(traced.start)[1]],
     )
 
 
-def _along_edges(sides: _UncertainEdges, radius_mm: float) -> Touchable:
+def _tilts(
+    solid: shapely.Geometry,
+    start: Floats,
+    end: Floats,
+    radius_mm: float,
+    band: ToleranceBand,
+    worth_rad: float,
+) -> tuple[Floats, Bools]:
+    """By how much normals on a ring's edges may be off, (n,), and which of their starts need no facets.
+
+    An edge is made to hold contacts with its ends, too, where that turns its normal by `worth_rad` at most.
+    """
+    leg = end - start
+    by_tip = clearance_tilts_rad(solid, start, end, radius_mm, band.off_mm)
+    tilt = np.minimum(band.turns_rad(np.hypot(*leg.T)), by_tip)
+    angle = np.arctan2(leg[:, 1], leg[:, 0])
+    bend = wrap_angle(angle - np.roll(angle, 1))
+    at_start, at_end = bend + np.roll(tilt, 1), np.roll(bend + tilt, -1)
+    held_by_tip = by_tip <= np.maximum(tilt, worth_rad)
+    holds_start, holds_end = held_by_tip | (at_start <= worth_rad), held_by_tip | (at_end <= worth_rad)
+    for holds, reach in ((holds_start, at_start), (holds_end, at_end)):
+        tilt = np.where(holds, np.maximum(tilt, np.minimum(reach, by_tip)), tilt)
+    return tilt, holds_start | np.roll(holds_end, 1)
+
+
+def _along_edges(
+    solid: shapely.Geometry, sides: _UncertainEdges, radius_mm: float, off_mm: float
+) -> Touchable:
     length = np.hypot(*sides.leg.T)
     direction = sides.leg / np.maximum(length, 1e-300)[:, None]
     normal = np.column_stack([direction[:, 1], -direction[:, 0]])
@@ -136,7 +177,10 @@ def _along_edges(sides: _UncertainEdges, radius_mm: float) -> Touchable:
     )
     sunk = radius_mm * (1 - np.cos(sides.tilt))
     aside = radius_mm * np.sin(np.minimum(sides.tilt, np.pi / 2))
-    return Touchable(edges, sides.off + sunk, sides.off, sides.off + aside)
+    inward, along = sides.off + sunk, sides.off + aside
+    if radius_mm > off_mm:
+        inward = clearance_depths_mm(solid, edges.start, edges.end, along, inward, radius_mm - off_mm)
+    return Touchable(edges, inward, sides.off, along)
 
 
 def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -> Touchable:
@@ -149,7 +193,8 @@ def _about_vertices(sides: _UncertainEdges, radius_mm: float, turn_rad: float) -
     off = np.maximum(sides.off, np.roll(sides.off, 1))
     bend = wrap_angle(angle - before)
     width = np.minimum(bend + sides.tilt + tilt_before, 2 * np.pi)
-    at = np.flatnonzero((width > 0) & (np.maximum(sides.tilt, tilt_before) < np.pi))
+    held = sides.held | (np.maximum(sides.tilt, tilt_before) >= np.pi)
+    at = np.flatnonzero((width > 0) & ~held)
     count = np.ceil(width[at] / turn_rad).astype(np.int64)
     owner = np.repeat(at, count)
     step = np.repeat(width[at] / np.maximum(count, 1), count)

@@ -19,6 +19,7 @@ from palpate.recognizer.boundary_pieces import Pieces, Sides
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.tables import expand_ranges
+from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.uncovered_pieces import uncovered
 
 __all__ = ["TrueBoundary", "true_boundary"]
@@ -82,7 +83,8 @@ def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBound
         sides.append(outer)
         if item.tolerance_mm > 0:
             own = [_sides(number, [outline]) for outline in outlines]
-            pieces += [_uncertain_pieces(part, finger.tip_radius_mm, item) for part in own]
+            solid = shapely.union_all(outlines)
+            pieces += [_uncertain_pieces(part, solid, finger.tip_radius_mm, item) for part in own]
         else:
             pieces.append(_visible_pieces(outer, finger.tip_radius_mm))
     whole, every = Pieces.joined([_NO_PIECES, *pieces]), Sides.joined([_NO_SIDES, *sides])
@@ -126,12 +128,17 @@ def _sides(state: int, shapes: Sequence[shapely.Geometry]) -> Sides:
     return Sides.joined(parts)
 
 
-def _uncertain_pieces(sides: Sides, radius_mm: float, item: CatalogueState) -> Pieces:
+def _uncertain_pieces(
+    sides: Sides, solid: shapely.Geometry, radius_mm: float, item: CatalogueState
+) -> Pieces:
     """Pieces of an outline of which every point may be off by the tolerance, and normals tilted."""
     normal, ratio = sides.normal_rad, 4 * item.tolerance_mm / sides.length
     tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
     if item.normal_tolerance_rad is not None:
         tilt = np.full(len(normal), item.normal_tolerance_rad)
+    by_tip = clearance_tilts_rad(solid, sides.start, sides.end, radius_mm, item.tolerance_mm)
+    whole = by_tip <= tilt
+    tilt = np.minimum(tilt, by_tip)
     off = np.full(len(normal), item.tolerance_mm)
     faces = Pieces(sides.state, sides.start, sides.along, sides.length, normal - tilt, 2 * tilt, off)
     if not radius_mm > 0 or not len(normal):
@@ -147,8 +154,9 @@ def _uncertain_pieces(sides: Sides, radius_mm: float, item: CatalogueState) -> P
         np.minimum(turn, 2 * np.pi),
         off,
     )
-    # What touches the end of a side that may point anywhere has a piece of that side.
-    return Pieces.joined([faces, arcs.select((turn > 0) & (np.maximum(tilt, tilt[before]) < np.pi))])
+    # What touches the end of a side has a piece of that side if its normals are any, or those the tip leaves.
+    held = whole | (tilt >= np.pi)
+    return Pieces.joined([faces, arcs.select((turn > 0) & ~(held | held[before]))])
 
 
 def _visible_pieces(sides: Sides, radius_mm: float) -> Pieces:

@@ -150,6 +150,7 @@ def _places(
             width[row, column],
             bound[row, column],
             NEAR_MM if more_mm is None else 10 * ALLOWANCE_MM,
+            judged=more_mm is None,
         )
         found.place(row * asked.shape[1] + column, some)
     return found
