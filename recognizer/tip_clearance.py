@@ -29,6 +29,7 @@ __all__ = ["clearance_depths_mm", "clearance_tilts_rad", "worthwhile_tilt_rad"]
 
 _BINS = 720  # of normals; excluded are those that one arc covers as a whole
 _SAMPLES = 8  # of the boundary in an effective distance
+_MOST_POINTS = 20_000  # between vertices; fewer exclude less
 _ROWS_AT_ONCE = 2048
 _LONGEST = 8.0  # effective distances; of longer edges the length says more
 _PIECES = 2  # of an edge in an effective distance
@@ -100,7 +101,8 @@ def _pairs_within(tree: cKDTree, middle: Floats, reach: Floats | float) -> tuple
 
 
 def _boundary_points(solid: shapely.Geometry, step_mm: float) -> Floats:
-    """The vertices of a section and points between them, no further apart than `step_mm`, (m, 2)."""
+    """The vertices of a section and points between them, about `step_mm` apart or not too many, (m, 2)."""
+    step_mm = max(step_mm, solid.length / _MOST_POINTS)
     points: Floats = shapely.get_coordinates(shapely.segmentize(solid, step_mm))
     return points
 

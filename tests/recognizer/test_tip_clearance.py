@@ -125,3 +125,11 @@ def test_a_tip_on_a_flat_side_is_no_deeper_than_the_tolerance() -> None:
     depth = clearance_depths_mm(side, start, start - np.array([0.5, 0.0]), 1.5 * some, 0.3 * some, 4.9)
     assert np.all(depth >= 0.1)
     assert np.all(depth <= 0.12)
+
+
+def test_hardly_any_tolerance_or_clearance_takes_no_more_points() -> None:
+    side = shapely.box(-30, -20, 30, 0)
+    start, end = np.array([[1e-9, 0.0]]), np.array([[0.0, 0.0]])
+    assert clearance_tilts_rad(side, start, end, 5.0, 1e-12)[0] > 0
+    some = np.ones(1)
+    assert clearance_depths_mm(side, start, end, some, 0.1 * some, 1e-9).tolist() == [0.1]
