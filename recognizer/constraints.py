@@ -20,6 +20,9 @@ __all__ = ["Constraints"]
 class Constraints:
     """Constraints on every region: pairings of `touched`, and free paths of all contacts and misses.
 
+    Touched contacts of the `evidence` that are not in `touched` are paired with nothing; what satisfies all
+    constraints exactly satisfies them, too.
+
     A contact that an interpretation takes as spurious is no evidence for its cells.
     """
 
@@ -35,13 +38,23 @@ class Constraints:
         count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
         return count
 
+    @cached_property
+    def has_unpaired(self) -> bool:
+        """Whether something was touched that no interpretation pairs with an edge."""
+        return sum(contact.touched for contact in self.evidence) > len(self.touched)
+
+    @cached_property
+    def _columns(self) -> list[int]:
+        """Where in `evidence` the paired contacts are."""
+        paired = {id(contact) for contact in self.touched}
+        return [column for column, contact in enumerate(self.evidence) if id(contact) in paired]
+
     def allow(self, cells: Cells) -> Bools:
         """Cells (k,) that the free paths do not rule out."""
         skipped = null_mask(self.nodes, cells.node, self.evidence)
         if skipped is None:
             skipped = np.zeros((len(cells), len(self.evidence)), dtype=bool)
-        columns = [column for column, contact in enumerate(self.evidence) if contact.touched]
-        skipped[:, columns] |= path_outside_outline(
+        skipped[:, self._columns] |= path_outside_outline(
             self.catalogue, cells, self.anchor_mm, self.nodes.edges[cells.node], self.touched
         )
         return free_path_test(self.catalogue, cells, self.anchor_mm, self.evidence, skipped)

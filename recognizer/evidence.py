@@ -24,11 +24,12 @@ def detectable_shift_mm(predictions: Predictions, normal_rad: Floats, direction_
     On a straight surface a shift moves the stop by its component along the normal; it is detected if that
     leaves the predicted interval. Infinite if no predicted contact is certain.
     """
-    wide = predictions.latest.max(axis=1) - predictions.earliest.min(axis=1)
+    latest, earliest = predictions.latest.max(axis=1), predictions.earliest.min(axis=1)
     facing = np.abs(np.cos(normal_rad - direction_rad))
-    sure = np.isfinite(wide) & (facing > 0)
+    # A way of less than its bounds has no direction to speak of: along it nothing may be predicted at all.
+    sure = np.isfinite(latest) & np.isfinite(earliest) & (facing > 0)
     bearing = np.arange(_SHIFTS) * (math.pi / _SHIFTS)
     along = np.abs(np.cos(bearing[:, None] - normal_rad[sure]))
     with np.errstate(divide="ignore"):
-        hidden = (wide * facing)[sure] / along
+        hidden = (latest[sure] - earliest[sure]) * facing[sure] / along
     return float(hidden.min(axis=1, initial=np.inf).max())

@@ -37,13 +37,16 @@ __all__ = ["Recognition", "anchor_of", "intervals_of", "recognise"]
 
 _FINE_CELLS, _MOST_FINE = 24, 8
 _MOST_CELLS = 60_000
+_MANY = 2048  # interpretations: a further contact that leaves more than there were is not paired
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recognition(ShortRepr):
     """All that is known after some contacts. `contacts` includes misses; `levels` counts per contact.
 
-    At most `max_spurious` of the touched contacts are taken as spurious in any interpretation.
+    At most `max_spurious` of the touched contacts are taken as spurious in any interpretation. `unpaired`:
+    indices of touched contacts that are paired with no edges, because that would only have multiplied
+    interpretations; every configuration has to satisfy them all the same.
     """
 
     catalogue: Catalogue
@@ -54,6 +57,7 @@ class Recognition(ShortRepr):
     hypotheses: Hypotheses
     levels: tuple[LevelCount, ...]
     max_spurious: int = 0
+    unpaired: frozenset[int] = frozenset()
 
     @property
     def verdict(self) -> RecognitionVerdict:
@@ -91,7 +95,11 @@ class Recognition(ShortRepr):
 
     def _with(self, contacts: Sequence[Contact], branches: list[Branch]) -> "Recognition":
         return _search(
-            self.catalogue, self.anchor_mm, self.max_spurious, self.contacts, contacts, branches, self.levels
+            self.catalogue,
+            self.anchor_mm,
+            self.max_spurious,
+            _Known(self.contacts, self.unpaired, branches, self.levels),
+            contacts,
         )
 
 
@@ -110,7 +118,8 @@ def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: i
             f"max_spurious is {max_spurious}; with {len(touched)} touched contacts it must be from 0 to "
             f"{len(touched) - 1}, so that one at least is not spurious"
         )
-    return _search(catalogue, anchor_of(touched), max_spurious, (), contacts, [ROOT_BRANCH], ())
+    nothing = _Known((), frozenset(), [ROOT_BRANCH], ())
+    return _search(catalogue, anchor_of(touched), max_spurious, nothing, contacts)
 
 
 def anchor_of(touched: Sequence[Contact]) -> Floats:
@@ -127,27 +136,64 @@ def intervals_of(nodes: Interpretations) -> Intervals:
     return divide_orientations(nodes, step_rad=step, least=least)
 
 
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What a search goes on from; `unpaired` are indices of contacts, `levels` counts per touched contact."""
+
+    contacts: tuple[Contact, ...]
+    unpaired: frozenset[int]
+    branches: list[Branch]
+    levels: tuple[LevelCount, ...]
+
+    @property
+    def paired(self) -> list[Contact]:
+        """Contacts that interpretations have columns for."""
+        return [
+            contact
+            for number, contact in enumerate(self.contacts)
+            if contact.touched and number not in self.unpaired
+        ]
+
+    def with_contact(
+        self, contact: Contact, catalogue: Catalogue, anchor_mm: Floats, max_spurious: int
+    ) -> "_Known":
+        """The same with one more contact: paired, unless it touched nothing or would only multiply."""
+        number, contacts = len(self.contacts), (*self.contacts, contact)
+        if not contact.touched:
+            return replace(self, contacts=contacts)
+        paired = [*self.paired, contact]
+        branches, count = grow_branches(catalogue, self.branches, paired, anchor_mm, max_spurious)
+        levels = (*self.levels, count)
+        before, after = _interpretations(self.branches), _interpretations(branches)
+        if len(paired) > TREE_LEVELS and not max_spurious and after > max(_MANY, before):
+            return replace(self, contacts=contacts, unpaired=self.unpaired | {number}, levels=levels)
+        return replace(self, contacts=contacts, branches=branches, levels=levels)
+
+
+def _interpretations(branches: Sequence[Branch]) -> int:
+    return sum(len(branch.nodes) for branch in branches)
+
+
 def _search(
-    catalogue: Catalogue,
-    anchor_mm: Floats,
-    max_spurious: int,
-    known: tuple[Contact, ...],
-    new: Sequence[Contact],
-    branches: list[Branch],
-    levels: tuple[LevelCount, ...],
+    catalogue: Catalogue, anchor_mm: Floats, max_spurious: int, known: _Known, new: Sequence[Contact]
 ) -> Recognition:
     """Pair every new contact in turn; then cells, evidence and hypotheses of what is left."""
-    touched = [contact for contact in known if contact.touched]
     for contact in new:
-        if contact.touched:
-            touched.append(contact)
-            branches, count = grow_branches(catalogue, branches, touched, anchor_mm, max_spurious)
-            levels = (*levels, count)
-    contacts = (*known, *new)
-    nodes = join_branches(branches, len(touched))
-    constraints = Constraints(catalogue, nodes, touched, list(contacts), anchor_mm)
+        known = known.with_contact(contact, catalogue, anchor_mm, max_spurious)
+    nodes = join_branches(known.branches, len(known.paired))
+    constraints = Constraints(catalogue, nodes, known.paired, list(known.contacts), anchor_mm)
     regions = connected_regions(constraints, find_witnesses(constraints, intervals_of(nodes)))
     hypotheses = hypotheses_of(constraints, regions)
     cells = regions.unturned
     left, cells = split_into_runs(nodes, cells.select(np.lexsort((cells.lo, cells.node))))
-    return Recognition(catalogue, contacts, left, cells, anchor_mm, hypotheses, levels, max_spurious)
+    return Recognition(
+        catalogue,
+        known.contacts,
+        left,
+        cells,
+        anchor_mm,
+        hypotheses,
+        known.levels,
+        max_spurious,
+        known.unpaired,
+    )

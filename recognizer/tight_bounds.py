@@ -20,6 +20,7 @@ from palpate.recognizer.witness_search import Regions, position_boxes
 __all__ = ["enclosures"]
 
 _CELLS, _IN_ALL = 64, 512  # of one region, and of all that there are
+_FINE_ENOUGH = 2048  # cells: to divide so many once more would take seconds
 _PARTS = 4  # of these, along their longest sides
 _LEVER_MM = 40.0  # what a turn counts for against a shift
 _WORTH = 16  # cells of a region: with fewer little is gained
@@ -32,7 +33,7 @@ def enclosures(constraints: Constraints, regions: Regions) -> tuple[Floats, Floa
     """
     lo, hi = _of_cells(constraints, regions.cells, regions.first)
     rows = np.flatnonzero(regions.verified)
-    if len(regions) * _WORTH > _IN_ALL or not len(rows):
+    if len(regions) * _WORTH > _IN_ALL or len(regions.cells) > _FINE_ENOUGH or not len(rows):
         return lo, hi
     fine = _refined(constraints, regions.select(rows))
     kept = np.flatnonzero(np.diff(fine.first))

@@ -291,9 +291,9 @@ def _with_witnesses(
     )
     search = _Search(constraints, regions, label)
     search.try_cells(chosen, spot[chosen])
-    some = np.flatnonzero(~regions.verified[label])
+    some = np.flatnonzero(~regions.verified[label] | constraints.has_unpaired)
     kept[some] = can_be_verified(constraints, found.cells.select(some))
-    some = some[kept[some]]
+    some = some[kept[some] & ~regions.verified[label[some]]]
     search.place(_best_by_region(np.where(kept, rank, -2.0), first, label), middle, spot)
     some = some[rank[some] >= 0]
     other = _spread(label[some], rank[some], some)
