@@ -11,12 +11,12 @@ from palpate.api.arguments import checked
 from palpate.api.files import PathLike, load_contacts, objects_from
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.errors import InputError
-from palpate.recognizer import Catalogue, Contact
+from palpate.recognizer import Budget, Catalogue, Contact
 from palpate.rig.catalogue.heights import check_known, fingers_of
 from palpate.rig.conversion import grips_of
 from palpate.rig.identification.next_grip import plan_for
 from palpate.views.explanation import ContactRecord
-from palpate.vocabulary import Strategy
+from palpate.vocabulary import DEFAULT_BUDGET, Strategy
 
 __all__ = ["Contacts", "plan", "recognise", "strategy_named"]
 
@@ -26,18 +26,23 @@ Contacts = ContactsFile | PathLike | Sequence[Sequence[Contact]]
 
 @checked
 def recognise(
-    objects: ObjectsFile | PathLike | None, contacts: Contacts, *, max_spurious: int = 0
+    objects: ObjectsFile | PathLike | None,
+    contacts: Contacts,
+    *,
+    max_spurious: int = 0,
+    budget: int = DEFAULT_BUDGET,
 ) -> RecognitionAnswer:
     """Recognise: which objects, states and configurations agree with contacts.
 
-    `objects`: None for the shipped ones. `max_spurious`: as many contacts need not be the object's. Raises
-    InputError for files that are wrong, and for objects that are not known at the contacts' heights.
+    `objects`: None for the shipped ones. `max_spurious`: as many contacts need not be the object's.
+    `budget`: units of work; with fewer there are more hypotheses, with wider bounds. Raises InputError for
+    files that are wrong, and for objects that are not known at the contacts' heights.
     """
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, fingers_of(given.contacts))
     catalogue = Catalogue(models.objects)
     begin = time.perf_counter()
-    recognition = recognizer.recognise(catalogue, given.contacts, max_spurious)
+    recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
     seconds = time.perf_counter() - begin
     title = f"{_name(contacts, 'contacts')} in {_name(objects, 'objects')}"
     return RecognitionAnswer(recognition, given, catalogue, max_spurious, seconds, title)

@@ -30,9 +30,11 @@ from campaign_trials import Setting, Trial, drawn
 from shared_files import SHARED_OUTLINE_SETS
 
 from palpate.errors import InputError
+from palpate.vocabulary import DEFAULT_BUDGET
 
 _CHUNK = 25
 _LIMIT_S = 30.0
+_SLOW_MS = 3000.0
 _REFUSAL = "say too little"
 
 
@@ -77,7 +79,7 @@ class Row:
 def tried(seed: int, families: tuple[str, ...]) -> Row:
     """Draw one trial, ask, and compare."""
     trial = drawn(seed, families)
-    begin = time.perf_counter()
+    begin = time.process_time()
     found, failure = None, ""
     signal.signal(signal.SIGALRM, _give_up)
     signal.setitimer(signal.ITIMER_REAL, _LIMIT_S)
@@ -89,7 +91,7 @@ def tried(seed: int, families: tuple[str, ...]) -> Row:
         failure = repr(error)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-    spent = 1e3 * (time.perf_counter() - begin)
+    spent = 1e3 * (time.process_time() - begin)
     if not failure:
         found = outcome(trial, answers)
     return Row(seed, trial.setting, found, spent, failure)
@@ -135,7 +137,7 @@ def print_table(title: str, rows: Sequence[Row], key: Callable[[Setting], tuple[
     groups: dict[tuple[str, ...], list[Row]] = defaultdict(list)
     for row in rows:
         groups[key(row.setting)].append(row)
-    print(f"\n{title:<34}  grips  lost  outside  refused  hypotheses  verified  median")
+    print(f"\n{title:<34}  grips  lost  outside  refused  hypotheses  verified  median  slowest")
     for name in sorted(groups):
         group = groups[name]
         answered = [row.outcome for row in group if row.outcome is not None]
@@ -145,7 +147,8 @@ def print_table(title: str, rows: Sequence[Row], key: Callable[[Setting], tuple[
             f"{'  '.join(name):<34}  {len(group):>5}  {sum(row.lost for row in group):>4}  "
             f"{sum(row.outside for row in group):>7}  {sum(row.refused for row in group):>7}  "
             f"{np.median([item.hypotheses for item in answered] or [0]):>10.0f}  {verified:>8.1%}  "
-            f"{np.median([row.milliseconds for row in group]):>3.0f} ms"
+            f"{np.median([row.milliseconds for row in group]):>3.0f} ms  "
+            f"{max(row.milliseconds for row in group) / 1e3:>5.1f} s"
         )
 
 
@@ -168,6 +171,7 @@ def print_tables(rows: Sequence[Row]) -> None:
     print_table("bound, path beyond it", rows, lambda s: (f"{s.bound_mm:g} mm", f"{s.further_mm:g} mm"))
     print_table("tolerance", rows, lambda s: (f"{s.tolerance_mm:g} mm",))
     print_table("tip radius", rows, lambda s: (tip_of(s),))
+    print_table("budget", rows, lambda s: (f"{'full' if s.budget == DEFAULT_BUDGET else 'small'}",))
     print_table("touches", rows, lambda s: (f"{s.touches}",))
     print_table(
         "errors, grips",
@@ -220,6 +224,8 @@ def main() -> None:
                 print("\n" + row.to_line(), file=file)
     print_tables(rows)
     lost = sorted(row.seed for row in rows if row.lost or row.outside)
+    slow = [row.seed for row in rows if row.milliseconds > _SLOW_MS]
+    print(f"\n{len(slow)} of {len(rows)} took over {_SLOW_MS / 1e3:g} s of processor time: {slow[:20]}")
     print(f"\n{len(rows)} grips: {'none lost' if not lost else f'{len(lost)} lost: {lost}'}")
     sys.exit(bool(lost))
 

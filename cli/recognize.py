@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.options import ContactsOption, JsonOption, PictureOption
-from palpate.vocabulary import RecognitionVerdict
+from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET, RecognitionVerdict
 
 __all__ = ["recognize"]
 
@@ -19,6 +19,9 @@ def recognize(
     max_spurious: Annotated[
         int, typer.Option("--max-spurious", min=0, help="As many contacts need not be the object's.")
     ] = 0,
+    budget: Annotated[
+        int, typer.Option("--budget", min=LEAST_BUDGET, help="Units of work: more give narrower bounds.")
+    ] = DEFAULT_BUDGET,
     why: Annotated[
         str | None,
         typer.Option("--why", metavar="OBJECT[/STATE]", help="Also say why this object was ruled out."),
@@ -33,7 +36,7 @@ def recognize(
     from palpate.recognizer.memo_statistics import memo_counts
     from palpate.views.recognition_text import recognition_lines
 
-    answer = recognise(objects, contacts, max_spurious=max_spurious)
+    answer = recognise(objects, contacts, max_spurious=max_spurious, budget=budget)
     because = None if why is None else answer.why(why)
     memo = memo_counts(answer.catalogue, answer.contacts.contacts) if statistics else None
     if picture is not None:

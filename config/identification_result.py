@@ -3,7 +3,7 @@
 from enum import StrEnum
 from typing import Literal
 
-from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
+from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded, UnfinishedOut
 from palpate.vocabulary import IdentificationVerdict, PushResponse, Strategy
 
 __all__ = [
@@ -132,7 +132,8 @@ class IdentificationOut(Out):
     if none is declared: then they rest on its lying still. `motion_bounds`: of every grip; empty if none is
     declared. `hold_contradicted`: the part was moved by more than that force allows, or it is none of the
     catalogue. `not_bounded`: states of the answer and of the alternatives in which the part may tip or roll
-    when fingers push it; all bounds are for a part that does neither.
+    when fingers push it; all bounds are for a part that does neither. `unfinished`: what the work budget did
+    not suffice for; null if it did.
     """
 
     format: Literal["palpate/identification@1"] = "palpate/identification@1"
@@ -164,3 +165,4 @@ class IdentificationOut(Out):
     assumed_holds_n: Rounded | None = None
     hold_contradicted: bool = False
     not_bounded: tuple[NotBoundedOut, ...] = ()
+    unfinished: UnfinishedOut | None = None

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded
+from palpate.config.results import BoundsOut, ConfigurationOut, Out, Rounded, UnfinishedOut
 from palpate.vocabulary import RecognitionVerdict
 
 __all__ = [
@@ -24,7 +24,8 @@ class InterpretationOut(Out):
     """What each contact in turn is paired with, counted from 0 as in the objects file.
 
     `edges`: the edge; for a tip on a corner, the edge that begins there. `features` says which: "edge 3",
-    "vertex 5". Both are null for a contact that is taken as spurious.
+    "vertex 5". Both are null for a contact that is taken as spurious or is
+    not paired (`unfinished`).
     """
 
     edges: tuple[int | None, ...]
@@ -126,12 +127,16 @@ class WhyOut(Out):
 
 
 class RecognitionOut(Out):
-    """Answer of `palpate recognize`; `explanation` goes with the verdict none, `why` with --why."""
+    """Answer of `palpate recognize`; `explanation` goes with the verdict none, `why` with --why.
+
+    `unfinished` is null if the work budget was enough.
+    """
 
     format: Literal["palpate/recognition@1"] = "palpate/recognition@1"
     units: Literal["mm, rad"] = "mm, rad"
     verdict: RecognitionVerdict
     hypotheses: tuple[HypothesisOut, ...]
     statistics: StatisticsOut
+    unfinished: UnfinishedOut | None = None
     explanation: ExplanationOut | None = None
     why: WhyOut | None = None

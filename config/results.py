@@ -14,7 +14,16 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 
 from palpate.vocabulary.short_repr import ShortRepr
 
-__all__ = ["DECIMALS", "BoundsOut", "ConfigurationOut", "Interval", "Out", "Rounded", "to_json"]
+__all__ = [
+    "DECIMALS",
+    "BoundsOut",
+    "ConfigurationOut",
+    "Interval",
+    "Out",
+    "Rounded",
+    "UnfinishedOut",
+    "to_json",
+]
 
 DECIMALS = 6
 """Decimals of every number written: nanometres, microradians, microseconds."""
@@ -79,6 +88,18 @@ class BoundsOut(Out):
     x: Interval
     y: Interval
     theta: Interval
+
+
+class UnfinishedOut(Out):
+    """What the work budget, in units, did not suffice for. What is said holds, with wider bounds.
+
+    `unpaired`: fingers of those touches that interpretations pair with no edge; configurations satisfy them.
+    `coarse`: cells of orientations were wider than they would be with a larger budget.
+    """
+
+    budget: int
+    unpaired: tuple[str, ...]
+    coarse: bool
 
 
 def to_json(result: BaseModel, *, indent: int | None = None) -> str:

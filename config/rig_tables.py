@@ -15,6 +15,7 @@ from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, 
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
+from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
 
 __all__ = [
     "BUS_BAUDRATES",
@@ -140,6 +141,11 @@ class SearchConfig(FileModel):
     goal_position_mm: Positive = Field(description="Position bounds narrower than this (±) are fine enough.")
     goal_orientation_deg: Annotated[Positive, Field(le=180)] = Field(
         description="Orientation bounds narrower than this (±) are fine enough."
+    )
+    budget: Annotated[int, Field(strict=True, ge=LEAST_BUDGET, le=1_000_000_000)] = Field(
+        default=DEFAULT_BUDGET,
+        description="Units of work that one recognition may take: interpretations, cells and configurations "
+        "tested against a contact. When they are spent, there are more hypotheses, with wider bounds.",
     )
     part_holds_n: Positive | None = Field(
         default=None,

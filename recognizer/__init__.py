@@ -3,6 +3,7 @@
 Usable alone by someone who has no rig: arrays in, values out, no I/O, no clock, no devices.
 """
 
+from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.confirmation import Confirmation, checking_grip
 from palpate.recognizer.contact import Contact, Finger, NormalRange
@@ -23,8 +24,10 @@ from palpate.recognizer.strategy import already_used, next_grip
 
 __all__ = [
     "FREE_MARGIN_MM",
+    "STANDARD_BUDGET",
     "Approach",
     "Bounds",
+    "Budget",
     "Catalogue",
     "Configuration",
     "Confirmation",

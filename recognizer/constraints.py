@@ -6,8 +6,10 @@ from functools import cached_property
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
+from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
+from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.null_branch import null_mask
 from palpate.recognizer.region import Cells
 from palpate.recognizer.sweep import free_path_test, path_outside_outline
@@ -31,6 +33,7 @@ class Constraints:
     touched: list[Contact]
     evidence: list[Contact]
     anchor_mm: Floats
+    budget: Budget = STANDARD_BUDGET
 
     @cached_property
     def nulls(self) -> Ints:
@@ -42,6 +45,12 @@ class Constraints:
     def has_unpaired(self) -> bool:
         """Whether something was touched that no interpretation pairs with an edge."""
         return sum(contact.touched for contact in self.evidence) > len(self.touched)
+
+    def all_columns(self, edges: Ints) -> Ints:
+        """Pairings (n, paired) with a column for every touch of the evidence: null if it is not paired."""
+        rows = np.full((len(edges), len(self.evidence)), NULL_EDGE)
+        rows[:, self._columns] = edges
+        return rows[:, [k for k, contact in enumerate(self.evidence) if contact.touched]]
 
     @cached_property
     def _columns(self) -> list[int]:

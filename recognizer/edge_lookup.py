@@ -22,11 +22,18 @@ _ROUNDING_RAD = 1e-9
 
 
 def matching_edges(
-    catalogue: Catalogue, state: Ints, lo: Floats, hi: Floats, contact: Contact, near: NearTest
+    catalogue: Catalogue,
+    state: Ints,
+    lo: Floats,
+    hi: Floats,
+    contact: Contact,
+    near: NearTest,
+    most: int | None = None,
 ) -> tuple[Ints, Ints]:
     """Edges of `state` (m,) whose normals fit `contact` at some θ in [lo, hi] (m,), for m queries.
 
     Where there are so many that a strip tree is descended, `near` holds as well. Returns (query, edge), flat.
+    Raises BudgetSpentError where there are more than `most`.
     """
     normals = contact.outward_normals()
     if normals is None:
@@ -36,7 +43,7 @@ def matching_edges(
     small = np.flatnonzero(~large)
     margin = float(np.max(edges.span, initial=0.0))
     width = np.minimum(normals.hi_rad - normals.lo_rad + 2 * margin + (hi - lo)[small], 2 * np.pi)
-    owner, edge = edges.by_normal(state[small], normals.lo_rad - margin - hi[small], width)
+    owner, edge = edges.by_normal(state[small], normals.lo_rad - margin - hi[small], width, most)
     owner = small[owner]
     if not large.any():
         return owner, edge
@@ -53,5 +60,5 @@ def matching_edges(
         kept[some] = near(rows[query[some]], strips.start[at], strips.end[at], strips.stray[at])
         return kept
 
-    query, found = strips.descend(state[rows], keep)
+    query, found = strips.descend(state[rows], keep, None if most is None else most - len(owner))
     return np.concatenate([owner, rows[query]]), np.concatenate([edge, found])

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints, State
+from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.symmetry import Symmetry
 from palpate.recognizer.tables import expand_ranges
 from palpate.vocabulary.short_repr import ShortRepr
@@ -240,16 +241,21 @@ class EdgeSet:
         once = self.state * _KEY_STRIDE + self.normal_rad
         return np.sort(np.concatenate([once, once + 2 * np.pi]))
 
-    def by_normal(self, state: Ints, lo_rad: Floats, width_rad: Floats) -> tuple[Ints, Ints]:
+    def by_normal(
+        self, state: Ints, lo_rad: Floats, width_rad: Floats, most: int | None = None
+    ) -> tuple[Ints, Ints]:
         """Edges of `state` (m,) whose normal angle lies in [lo, lo + width] (m,), widths at most 2π.
 
-        Returns (owner, edge), flat, owner indexing the m queries.
+        Returns (owner, edge), flat, owner indexing the m queries. Raises BudgetSpentError where there are
+        more than `most`.
         """
         lo = lo_rad % (2 * np.pi) + state * _KEY_STRIDE
         first = np.searchsorted(self._keys, lo - 1e-12, side="left")
         last = np.searchsorted(self._keys, lo + width_rad + 1e-12, side="right")
         # In each state's stretch of keys the edges come twice, a turn apart; a full turn meets each once.
         count = np.minimum(last - first, self.count[state])
+        if most is not None and count.sum() > most:
+            raise BudgetSpentError
         owner, key = expand_ranges(first, count)
         begin = self.first[state[owner]]
         size = self.count[state[owner]]

@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import point_segment_distance
+from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edge_lookup import matching_edges
@@ -29,8 +30,12 @@ def extend_by_region(
     contact: Contact,
     level: int,
     anchor_mm: Floats,
+    budget: Budget = STANDARD_BUDGET,
 ) -> tuple[Interpretations, LevelCount]:
-    """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells."""
+    """Pair `contact`, the `level`-th, with every edge on which it may lie somewhere in the cells.
+
+    Raises BudgetSpentError where there are too many to look at.
+    """
     edges = catalogue.edges(contact.finger)
     candidates = int(np.sum(edges.count[nodes.state]))
     point, reach = contact_in_object(cells, contact, anchor_mm)
@@ -42,7 +47,7 @@ def extend_by_region(
         away = point_segment_distance(point[query], start, direction, length)
         return away <= reach[query] + stray
 
-    owner, edge = matching_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near)
+    owner, edge = matching_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near, budget.candidates)
     after_angle = _distinct(cells.node[owner], edge, len(edges.state))
     close = near(owner, edges.start[edge], edges.end[edge], edges.slack_mm[edge])
     owner, edge = owner[close], edge[close]

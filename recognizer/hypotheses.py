@@ -109,8 +109,11 @@ class Hypothesis(ShortRepr):
     def slide(self) -> Slide | None:
         """The family that is left if all contacts are on parallel edges (memo §2.2.3), otherwise None.
 
-        It is the largest of the interpretations that counts; the extent holds for all of them.
+        It is the largest of the interpretations that counts; the extent holds for all of them. None as well
+        where some contact is paired with no edge, so that it is not known which one it is on.
         """
+        if self.constraints.has_unpaired:
+            return None
         volume = np.bincount(self.cells.node, self.cells.volume)
         node = self.constraints.nodes.select(np.array([np.argmax(volume)]))
         along = np.concatenate(
@@ -141,17 +144,18 @@ class Hypothesis(ShortRepr):
     def features(self) -> tuple[tuple[int | None, ...], ...]:
         """Features of the paired edges (see `GrownSection`) of each interpretation, in contact order.
 
-        None for a null contact. Interpretations with the fewest of these come first.
+        None for a null contact, and for one that is not paired. Interpretations with the fewest come first.
         """
-        pairings: Ints = np.unique(self.constraints.nodes.edges[np.unique(self.cells.node)], axis=0)
+        constraints = self.constraints
+        pairings: Ints = np.unique(constraints.nodes.edges[np.unique(self.cells.node)], axis=0)
+        columns = constraints.all_columns(pairings)
+        touched = [contact for contact in constraints.evidence if contact.touched]
         rows = {
             tuple(
-                None
-                if edge == NULL_EDGE
-                else int(self.constraints.catalogue.edges(contact.finger).feature[edge])
-                for contact, edge in zip(self.constraints.touched, pairing, strict=True)
+                None if edge == NULL_EDGE else int(constraints.catalogue.edges(contact.finger).feature[edge])
+                for contact, edge in zip(touched, pairing, strict=True)
             )
-            for pairing in pairings.tolist()
+            for pairing in columns.tolist()
         }
         return tuple(sorted(rows, key=_fewest_nulls_first))
 

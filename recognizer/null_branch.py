@@ -11,6 +11,7 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
+from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
@@ -57,15 +58,16 @@ def grow_branches(
     touched: Sequence[Contact],
     anchor_mm: Floats,
     max_spurious: int,
+    budget: Budget = STANDARD_BUDGET,
 ) -> tuple[list[Branch], LevelCount]:
     """The branches with the last of `touched` paired, and with it null where fewer than `max_spurious` are.
 
-    Also the counts of the level, over all branches.
+    Also the counts of the level, over all branches. Raises BudgetSpentError where there are too many ways.
     """
     new = len(touched) - 1
     found, counts = [], []
     for branch in branches:
-        nodes, count = _paired(catalogue, branch, touched, anchor_mm)
+        nodes, count = _paired(catalogue, branch, touched, anchor_mm, budget)
         found.append(Branch((*branch.paired, new), nodes))
         counts.append(count)
         if new - len(branch.paired) < max_spurious:
@@ -75,16 +77,16 @@ def grow_branches(
 
 
 def _paired(
-    catalogue: Catalogue, branch: Branch, touched: Sequence[Contact], anchor_mm: Floats
+    catalogue: Catalogue, branch: Branch, touched: Sequence[Contact], anchor_mm: Floats, budget: Budget
 ) -> tuple[Interpretations, LevelCount]:
     """The branch's interpretations with one more pairing, that of the last contact."""
     earlier, new = [touched[k] for k in branch.paired], touched[-1]
     if not earlier:
         return first_level(catalogue, new)
     if len(earlier) == 1:
-        return second_level(catalogue, [*earlier, new])
+        return second_level(catalogue, [*earlier, new], budget)
     if len(earlier) < TREE_LEVELS:
-        return next_level(catalogue, branch.nodes, [*earlier, new], anchor_mm)
+        return next_level(catalogue, branch.nodes, [*earlier, new], anchor_mm, budget)
     cells = branch.cells
     if cells is None:
         cells = build_cells(
@@ -94,7 +96,7 @@ def _paired(
             anchor_mm,
             divide_orientations(branch.nodes, step_rad=COARSE_RAD, least=1),
         )
-    return extend_by_region(catalogue, branch.nodes, cells, new, len(touched), anchor_mm)
+    return extend_by_region(catalogue, branch.nodes, cells, new, len(touched), anchor_mm, budget)
 
 
 def join_branches(branches: Sequence[Branch], contacts: int) -> Interpretations:

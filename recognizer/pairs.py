@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry import Bools, Floats, Ints, Singles
 from palpate.geometry.segments import cross, distance_range
+from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.contact import NormalRange
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.strip_trees import strip_forest
@@ -58,12 +59,18 @@ class PairTable:
         )
 
     def between(
-        self, one: NormalRange, two: NormalRange, chord_mm: tuple[float, float], bound_mm: float
+        self,
+        one: NormalRange,
+        two: NormalRange,
+        chord_mm: tuple[float, float],
+        bound_mm: float,
+        most: int | None = None,
     ) -> tuple[Ints, Ints]:
         """Pairs that two contacts may lie on whose outward normals, in W, are in the ranges `one` and `two`.
 
         `chord_mm`: from the first contact to the second, in W, off by `bound_mm` at most. Only one edge of
-        each symmetric orbit stands first. Returns (edge_a, edge_b), each (n,).
+        each symmetric orbit stands first. Returns (edge_a, edge_b), each (n,). Raises BudgetSpentError where
+        there are more than `most`.
         """
         turn_lo, turn_hi = two.lo_rad - one.hi_rad, two.hi_rad - one.lo_rad
         distance = math.hypot(*chord_mm)
@@ -74,11 +81,13 @@ class PairTable:
             fits = (near <= np.float32(distance + bound_mm)) & (far >= np.float32(distance - bound_mm))
             parts.append(at + np.flatnonzero(fits))
         found = np.concatenate(parts)
+        if most is not None and len(found) > most:
+            raise BudgetSpentError
         found = found[self._seen_along(found, one, chord_mm, bound_mm)]
         edge_a, edge_b = self._edge_a[found].astype(np.int64), self._edge_b[found].astype(np.int64)
         if self.flat.all():
             return edge_a, edge_b
-        large_a, large_b = self._strips[0].pairs(self._strips[1], turn_lo, turn_hi, distance, bound_mm)
+        large_a, large_b = self._strips[0].pairs(self._strips[1], turn_lo, turn_hi, distance, bound_mm, most)
         kept = self._first.representative[large_a]
         return np.concatenate([edge_a, large_a[kept]]), np.concatenate([edge_b, large_b[kept]])
 

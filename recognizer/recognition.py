@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.errors import InputError
 from palpate.geometry import Floats
+from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.contact import Contact
@@ -36,17 +37,15 @@ from palpate.vocabulary.short_repr import ShortRepr
 __all__ = ["Recognition", "anchor_of", "intervals_of", "recognise"]
 
 _FINE_CELLS, _MOST_FINE = 24, 8
-_MOST_CELLS = 60_000
-_MANY = 2048  # interpretations: a further contact that leaves more than there were is not paired
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Recognition(ShortRepr):
-    """All that is known after some contacts. `contacts` includes misses; `levels` counts per contact.
+    """All that is known after some contacts. `contacts` includes misses; `levels` counts per paired contact.
 
     At most `max_spurious` of the touched contacts are taken as spurious in any interpretation. `unpaired`:
     indices of touched contacts that are paired with no edges, because that would only have multiplied
-    interpretations; every configuration has to satisfy them all the same.
+    interpretations or spent the `budget`; every configuration has to satisfy them all the same.
     """
 
     catalogue: Catalogue
@@ -58,6 +57,17 @@ class Recognition(ShortRepr):
     levels: tuple[LevelCount, ...]
     max_spurious: int = 0
     unpaired: frozenset[int] = frozenset()
+    budget: Budget = STANDARD_BUDGET
+
+    @property
+    def unpaired_contacts(self) -> tuple[Contact, ...]:
+        """The contacts that are `unpaired`."""
+        return tuple(self.contacts[number] for number in sorted(self.unpaired))
+
+    @property
+    def has_coarse_cells(self) -> bool:
+        """Whether cells, and so bounds, are wider than they would be with a larger budget."""
+        return _step_rad(self.hypotheses.constraints.nodes, self.budget) > COARSE_RAD
 
     @property
     def verdict(self) -> RecognitionVerdict:
@@ -98,15 +108,19 @@ class Recognition(ShortRepr):
             self.catalogue,
             self.anchor_mm,
             self.max_spurious,
+            self.budget,
             _Known(self.contacts, self.unpaired, branches, self.levels),
             contacts,
         )
 
 
-def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0) -> Recognition:
+def recognise(
+    catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: int = 0, budget: Budget = STANDARD_BUDGET
+) -> Recognition:
     """Find every way to understand the contacts (misses included) as touches of one catalogued object.
 
     As many as `max_spurious` of the touched contacts may be spurious: nothing that they say need be true.
+    With a smaller `budget` there are more hypotheses, with wider bounds; the truth is always among them.
     Raises InputError if none of the contacts touched anything, because misses alone bound no configuration,
     and unless 0 ≤ `max_spurious` < number of touched contacts.
     """
@@ -119,7 +133,7 @@ def recognise(catalogue: Catalogue, contacts: Sequence[Contact], max_spurious: i
             f"{len(touched) - 1}, so that one at least is not spurious"
         )
     nothing = _Known((), frozenset(), [ROOT_BRANCH], ())
-    return _search(catalogue, anchor_of(touched), max_spurious, nothing, contacts)
+    return _search(catalogue, anchor_of(touched), max_spurious, budget, nothing, contacts)
 
 
 def anchor_of(touched: Sequence[Contact]) -> Floats:
@@ -128,12 +142,15 @@ def anchor_of(touched: Sequence[Contact]) -> Floats:
     return anchor
 
 
-def intervals_of(nodes: Interpretations) -> Intervals:
+def intervals_of(nodes: Interpretations, budget: Budget = STANDARD_BUDGET) -> Intervals:
     """Where the cells of interpretations of all contacts are cut: the fewer are left, the finer."""
     least = int(np.clip(_FINE_CELLS // max(len(nodes), 1), 1, _MOST_FINE))
-    # Contacts that say little leave wide intervals: those get fewer cells and wider bounds, not long waits.
-    step = max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / _MOST_CELLS)
-    return divide_orientations(nodes, step_rad=step, least=least)
+    return divide_orientations(nodes, step_rad=_step_rad(nodes, budget), least=least)
+
+
+def _step_rad(nodes: Interpretations, budget: Budget) -> float:
+    """Width of cells: contacts that say little leave wide intervals, which get coarser cells."""
+    return max(COARSE_RAD, float(np.sum(nodes.hi - nodes.lo)) / budget.cells)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,20 +171,30 @@ class _Known:
             if contact.touched and number not in self.unpaired
         ]
 
+    def evidence(self, max_spurious: int) -> list[Contact]:
+        """Contacts that hold in every interpretation; unpaired ones need not, where some may be spurious."""
+        return [
+            contact
+            for number, contact in enumerate(self.contacts)
+            if not (max_spurious and number in self.unpaired)
+        ]
+
     def with_contact(
-        self, contact: Contact, catalogue: Catalogue, anchor_mm: Floats, max_spurious: int
+        self, contact: Contact, catalogue: Catalogue, anchor_mm: Floats, max_spurious: int, budget: Budget
     ) -> "_Known":
-        """The same with one more contact: paired, unless it touched nothing or would only multiply."""
+        """The same with one more contact: paired, unless it touched nothing or costs more than it says."""
         number, contacts = len(self.contacts), (*self.contacts, contact)
         if not contact.touched:
             return replace(self, contacts=contacts)
         paired = [*self.paired, contact]
-        branches, count = grow_branches(catalogue, self.branches, paired, anchor_mm, max_spurious)
-        levels = (*self.levels, count)
+        try:
+            branches, count = grow_branches(catalogue, self.branches, paired, anchor_mm, max_spurious, budget)
+        except BudgetSpentError:
+            return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
         before, after = _interpretations(self.branches), _interpretations(branches)
-        if len(paired) > TREE_LEVELS and not max_spurious and after > max(_MANY, before):
-            return replace(self, contacts=contacts, unpaired=self.unpaired | {number}, levels=levels)
-        return replace(self, contacts=contacts, branches=branches, levels=levels)
+        if len(paired) > TREE_LEVELS and not max_spurious and after > max(budget.worthwhile, before):
+            return replace(self, contacts=contacts, unpaired=self.unpaired | {number})
+        return replace(self, contacts=contacts, branches=branches, levels=(*self.levels, count))
 
 
 def _interpretations(branches: Sequence[Branch]) -> int:
@@ -175,14 +202,20 @@ def _interpretations(branches: Sequence[Branch]) -> int:
 
 
 def _search(
-    catalogue: Catalogue, anchor_mm: Floats, max_spurious: int, known: _Known, new: Sequence[Contact]
+    catalogue: Catalogue,
+    anchor_mm: Floats,
+    max_spurious: int,
+    budget: Budget,
+    known: _Known,
+    new: Sequence[Contact],
 ) -> Recognition:
     """Pair every new contact in turn; then cells, evidence and hypotheses of what is left."""
     for contact in new:
-        known = known.with_contact(contact, catalogue, anchor_mm, max_spurious)
+        known = known.with_contact(contact, catalogue, anchor_mm, max_spurious, budget)
     nodes = join_branches(known.branches, len(known.paired))
-    constraints = Constraints(catalogue, nodes, known.paired, list(known.contacts), anchor_mm)
-    regions = connected_regions(constraints, find_witnesses(constraints, intervals_of(nodes)))
+    evidence = known.evidence(max_spurious)
+    constraints = Constraints(catalogue, nodes, known.paired, evidence, anchor_mm, budget)
+    regions = connected_regions(constraints, find_witnesses(constraints, intervals_of(nodes, budget)))
     hypotheses = hypotheses_of(constraints, regions)
     cells = regions.unturned
     left, cells = split_into_runs(nodes, cells.select(np.lexsort((cells.lo, cells.node))))
@@ -196,4 +229,5 @@ def _search(
         known.levels,
         max_spurious,
         known.unpaired,
+        budget,
     )

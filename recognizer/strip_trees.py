@@ -14,6 +14,7 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.geometry.segments import distance_range
+from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.edges import EdgeSet, ring_order
 from palpate.recognizer.tables import Table
 
@@ -50,8 +51,12 @@ class StripForest(Table):
         turn_hi_rad: float,
         distance_mm: float,
         bound_mm: float,
+        most: int | None = None,
     ) -> tuple[Ints, Ints]:
-        """Pairs (edge here, edge in `other`) of one state, as `PairTable.between` finds them."""
+        """Pairs (edge here, edge in `other`) of one state, as `PairTable.between` finds them.
+
+        Raises BudgetSpentError where there are more than `most`.
+        """
         state = np.flatnonzero((self.root >= 0) & (other.root >= 0))
         one, two = self.root[state], other.root[state]
         found: list[tuple[Ints, Ints]] = []
@@ -68,6 +73,7 @@ class StripForest(Table):
             one, two = one[fits], two[fits]
             leaves = (self.edge[one] >= 0) & (other.edge[two] >= 0)
             found.append((self.edge[one[leaves]], other.edge[two[leaves]]))
+            _check_room(found, len(one), most)
             one, two = one[~leaves], two[~leaves]
             one, two = self._halves(one, two)
             two, one = other._halves(two, one)
@@ -77,11 +83,13 @@ class StripForest(Table):
             np.concatenate([none, *(b for _, b in found)]),
         )
 
-    def descend(self, state: Ints, keep: Callable[[Ints, Ints], Bools]) -> tuple[Ints, Ints]:
+    def descend(
+        self, state: Ints, keep: Callable[[Ints, Ints], Bools], most: int | None = None
+    ) -> tuple[Ints, Ints]:
         """Edges that m queries, each about one `state` (m,), leave: (query, edge), flat.
 
         `keep(query, strip)` says which strips may hold an edge that the query is after; it must be true for
-        every strip above such an edge.
+        every strip above such an edge. Raises BudgetSpentError where there are more than `most`.
         """
         query = np.flatnonzero(self.root[state] >= 0)
         strip = self.root[state[query]]
@@ -91,6 +99,7 @@ class StripForest(Table):
             query, strip = query[kept], strip[kept]
             leaves = self.edge[strip] >= 0
             found.append((query[leaves], self.edge[strip[leaves]]))
+            _check_room(found, len(query), most)
             strip, query = self._halves(strip[~leaves], query[~leaves])
         none = np.empty(0, np.int64)
         return (
@@ -104,6 +113,12 @@ class StripForest(Table):
         split = ~single
         parts = np.concatenate([strip[single], self.left[strip[split]], self.right[strip[split]]])
         return parts, np.concatenate([with_it[single], with_it[split], with_it[split]])
+
+
+def _check_room(found: list[tuple[Ints, Ints]], going: int, most: int | None) -> None:
+    """Stop once what was `found`, with what is still `going` down, is too much."""
+    if most is not None and sum(len(one) for one, _ in found[:-1]) + going > most:
+        raise BudgetSpentError
 
 
 def strip_forest(edges: EdgeSet, chosen: Bools) -> StripForest:

@@ -19,8 +19,8 @@ from palpate.recognizer.witness_search import Regions, position_boxes
 
 __all__ = ["enclosures"]
 
-_CELLS, _IN_ALL = 64, 512  # of one region, and of all that there are
-_FINE_ENOUGH = 2048  # cells: to divide so many once more would take seconds
+_OF_ONE = 8  # so much of the budget's share of fine cells is one region's
+_FINE_ENOUGH = 4  # times that share, of cells: to divide so many once more would take seconds
 _PARTS = 4  # of these, along their longest sides
 _LEVER_MM = 40.0  # what a turn counts for against a shift
 _WORTH = 16  # cells of a region: with fewer little is gained
@@ -33,7 +33,8 @@ def enclosures(constraints: Constraints, regions: Regions) -> tuple[Floats, Floa
     """
     lo, hi = _of_cells(constraints, regions.cells, regions.first)
     rows = np.flatnonzero(regions.verified)
-    if len(regions) * _WORTH > _IN_ALL or len(regions.cells) > _FINE_ENOUGH or not len(rows):
+    room = constraints.budget.fine
+    if len(regions) * _WORTH > room or len(regions.cells) > _FINE_ENOUGH * room or not len(rows):
         return lo, hi
     fine = _refined(constraints, regions.select(rows))
     kept = np.flatnonzero(np.diff(fine.first))
@@ -56,7 +57,8 @@ def _refined(constraints: Constraints, regions: Regions) -> _FineCells:
     catalogue, nodes, touched = constraints.catalogue, constraints.nodes, constraints.touched
     size = np.diff(regions.first)
     region = np.repeat(np.arange(len(size)), size)
-    wanted = min(_CELLS, _IN_ALL // len(size))
+    room = constraints.budget.fine
+    wanted = min(room // _OF_ONE, room // len(size))
     parts = np.ceil(wanted / size).astype(np.int64)[region]
     unturned, anchor = regions.unturned, constraints.anchor_mm
     intervals, owner = refine_intervals(catalogue, nodes, unturned, touched, anchor, parts)

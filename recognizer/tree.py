@@ -10,9 +10,9 @@ from itertools import combinations
 
 import numpy as np
 
-from palpate.errors import InputError
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import distance_range
+from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edge_lookup import matching_edges
@@ -35,8 +35,7 @@ __all__ = [
     "second_level",
 ]
 
-_MOST = 1_000_000
-_CHILDREN_AT_ONCE = 4_000_000
+_CHILDREN_AT_ONCE = 1_000_000
 _CHUNK = 8192  # interpretations tested at once: keeps the largest temporary array near 20 MB
 
 
@@ -105,7 +104,9 @@ def first_level(catalogue: Catalogue, contact: Contact) -> tuple[Interpretations
     return nodes, LevelCount(1, len(edge), len(nodes), len(nodes), len(nodes))
 
 
-def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpretations, LevelCount]:
+def second_level(
+    catalogue: Catalogue, contacts: list[Contact], budget: Budget = STANDARD_BUDGET
+) -> tuple[Interpretations, LevelCount]:
     """Both first contacts at once, by look-up: the same as `next_level` after `first_level`."""
     one, two = contacts
     first, second = catalogue.edges(one.finger), catalogue.edges(two.finger)
@@ -120,6 +121,7 @@ def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpr
         normals_2,
         (two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1]),
         one.position_bound_mm + two.position_bound_mm,
+        budget.candidates,
     )
     lo, hi = orientation_range(normals_1, first, edge_a)
     lo, hi = intersect(lo, hi, *orientation_range(normals_2, second, edge_b))
@@ -130,13 +132,22 @@ def second_level(catalogue: Catalogue, contacts: list[Contact]) -> tuple[Interpr
         paired = _narrow_by_pocket(catalogue, paired, level, contact)
     after_angle = len(paired)
     paired = narrow_by_two(catalogue, paired, 0, contacts)
+    if len(paired) > budget.interpretations:
+        raise BudgetSpentError
     return paired, LevelCount(2, candidates, after_distance, after_angle, len(paired))
 
 
 def next_level(
-    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    budget: Budget = STANDARD_BUDGET,
 ) -> tuple[Interpretations, LevelCount]:
-    """Pair the last of `contacts` with edges, under `nodes`, which pair all those before it."""
+    """Pair the last of `contacts` with edges, under `nodes`, which pair all those before it.
+
+    Raises BudgetSpentError where there are too many ways.
+    """
     contact = contacts[-1]
     edges = catalogue.edges(contact.finger)
     children = edges.count[nodes.state]
@@ -144,7 +155,8 @@ def next_level(
     parts = []
     for rows in np.array_split(np.arange(len(nodes)), candidates // _CHILDREN_AT_ONCE + 1):
         # Normals are looked up for a whole range of θ; the exact ranges meet for those that distances leave.
-        grown = _looked_up(catalogue, nodes.select(rows), contacts[:-1], contact)
+        room = budget.candidates - after_angle
+        grown = _looked_up(catalogue, nodes.select(rows), contacts[:-1], contact, room)
         after_angle += len(grown)
         for level, earlier in enumerate(contacts[:-1]):
             grown = filter_by_distance(catalogue, grown, level, earlier, contact)
@@ -152,11 +164,8 @@ def next_level(
         after_distance += len(grown)
         parts.append(_narrow_by_model(catalogue, grown, contacts, anchor_mm))
     grown = Interpretations.joined(parts)
-    if len(grown) > _MOST:
-        raise InputError(
-            f"the contacts say too little: there are {len(grown)} ways to pair {len(contacts)} of them "
-            f"with edges, more than {_MOST}; smaller position bounds, normals or fewer objects would help"
-        )
+    if len(grown) > budget.interpretations:
+        raise BudgetSpentError
     return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
 
 
@@ -168,7 +177,11 @@ def pair_by_angle(
 
 
 def _looked_up(
-    catalogue: Catalogue, nodes: Interpretations, earlier: list[Contact], contact: Contact
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    earlier: list[Contact],
+    contact: Contact,
+    most: int | None = None,
 ) -> Interpretations:
     def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
         fits = np.ones(len(query), dtype=bool)
@@ -180,7 +193,7 @@ def _looked_up(
             fits &= (measured >= shortest - slack) & (measured <= longest + slack)
         return fits
 
-    owner, edge = matching_edges(catalogue, nodes.state, nodes.lo, nodes.hi, contact, near)
+    owner, edge = matching_edges(catalogue, nodes.state, nodes.lo, nodes.hi, contact, near, most)
     return nodes.paired(owner, edge)
 
 

@@ -22,8 +22,8 @@ from palpate.recognizer.witness_polish import can_be_verified, polish
 
 __all__ = ["Regions", "connected_regions", "find_witnesses", "position_boxes"]
 
-_REFINEMENTS, _PARTS, _MOST_REFINED = 4, 4, 2048
-_ROOM = 32_768  # for cells that are cut finer at once, each with all contacts
+_REFINEMENTS, _PARTS = 4, 4
+_OF_ONE = 16  # so much of the budget's share of cells that are cut finer may be one region's
 _CANDIDATES = 4  # cells of a region in which a witness is looked for, if its best one has none
 _LEVER_MM = 40.0  # what a turn counts for against a shift, when the middle of a region is sought
 _OUT = 0.9  # of the way from the middle of the positions to their corners
@@ -133,7 +133,8 @@ def connected_regions(
     cells = found.cells
     first = np.searchsorted(label, np.arange(int(label.max(initial=-1)) + 2))
     branch = _symmetry_shift(constraints.catalogue, cells, first, label)
-    refinable = (np.diff(first) * _PARTS <= _MOST_REFINED) & (refinements > 0)
+    room = constraints.budget.refined
+    refinable = (np.diff(first) * _PARTS <= room // _OF_ONE) & (refinements > 0)
     regions, kept = _with_witnesses(
         constraints,
         found,
@@ -143,7 +144,7 @@ def connected_regions(
         _witness_priority(constraints, found, first, label, refinable),
     )
     size = np.bincount(label[kept], minlength=len(refinable))
-    doubtful = _some(refinable & ~regions.verified, size * max(len(constraints.touched), 1))
+    doubtful = _some(refinable & ~regions.verified, size * max(len(constraints.touched), 1), room)
     again = cells.select(kept & doubtful[label])
     regions = regions.with_cells(kept & ~doubtful[label])
     if not len(again):
@@ -152,11 +153,11 @@ def connected_regions(
     return _joined_regions(regions, connected_regions(constraints, finer, refinements - 1))
 
 
-def _some(wanted: Bools, size: Ints) -> Bools:
+def _some(wanted: Bools, size: Ints, room: int) -> Bools:
     """Those of the regions (h,) that are cut finer: as many as there is room for, the smallest first."""
     order = np.argsort(np.where(wanted, size, np.iinfo(np.int64).max), kind="stable")
     result = wanted.copy()
-    result[order] &= np.cumsum(np.where(wanted, size, 0)[order]) <= _ROOM
+    result[order] &= np.cumsum(np.where(wanted, size, 0)[order]) <= room
     return result
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 from palpate.config.identification_result import AlternativeOut, CalibrationUsedOut, IdentificationOut
+from palpate.config.results import UnfinishedOut
 from palpate.errors import counted
 from palpate.vocabulary import IdentificationVerdict
 
@@ -34,11 +35,25 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         if out.detectable_shift is not None:
             lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
+    if out.unfinished is not None:
+        lines.append(f"  {_unfinished_words(out.unfinished)}")
     if out.calibration is not None and out.calibration.drifted:
         lines.append(_drift_line(out.calibration))
     if out.truth is not None:
         lines.append(_truth_line(out))
     return lines
+
+
+def _unfinished_words(unfinished: UnfinishedOut) -> str:
+    parts = []
+    if unfinished.unpaired:
+        parts.append(
+            f"{counted(len(unfinished.unpaired), 'contact is', 'contacts are')} not paired with edges"
+        )
+    parts += ["cells are coarse"] if unfinished.coarse else []
+    return (
+        f"search.budget of {unfinished.budget} units spent: {', '.join(parts)}; the bounds hold all the same"
+    )
 
 
 def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ from palpate.geometry import Floats
 from palpate.geometry.plane import rotation_matrix
 from palpate.recognizer import Contact, Hypothesis, Recognition
 from palpate.recognizer.memo_statistics import MemoCounts
-from palpate.rig.identification.result import state_names
+from palpate.rig.identification.result import state_names, unfinished_out
 from palpate.views.table_picture import picture
 
 __all__ = [
@@ -40,6 +40,7 @@ def recognition_out(
             seconds=seconds,
             memo=memo,
         ),
+        unfinished=unfinished_out(recognition),
     )
 
 

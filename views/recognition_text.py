@@ -34,6 +34,7 @@ def recognition_lines(
         yield f"  {_hypothesis_line(item)}{spurious}"
     if len(recognition.hypotheses) > _SHOWN:
         yield f"  and {len(recognition.hypotheses) - _SHOWN} more; --json lists them all"
+    yield from _unfinished_lines(recognition, record)
     yield f"{1000 * seconds:.1f} ms"
     if because is not None:
         yield from why_lines(because, record)
@@ -41,6 +42,16 @@ def recognition_lines(
             yield f"  {_hypothesis_line(item)}"
     if memo is not None:
         yield from _memo_lines(memo)
+
+
+def _unfinished_lines(recognition: Recognition, record: ContactRecord) -> Iterator[str]:
+    """What the work budget did not suffice for; nothing if it did."""
+    unpaired = recognition.unpaired_contacts
+    parts = [f"not paired with edges: {record.listed(unpaired)}"] if unpaired else []
+    parts += ["cells are coarse"] if recognition.has_coarse_cells else []
+    if parts:
+        units = recognition.budget.units
+        yield f"  budget of {units} units spent: {'; '.join(parts)}; more of it may leave less"
 
 
 def _memo_lines(memo: MemoCounts) -> list[str]:

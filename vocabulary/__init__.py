@@ -5,7 +5,19 @@ They import nothing, so that the command line can list their values without load
 
 from enum import StrEnum
 
-__all__ = ["IdentificationVerdict", "PushResponse", "RecognitionVerdict", "Strategy"]
+__all__ = [
+    "DEFAULT_BUDGET",
+    "LEAST_BUDGET",
+    "IdentificationVerdict",
+    "PushResponse",
+    "RecognitionVerdict",
+    "Strategy",
+]
+
+
+DEFAULT_BUDGET = 1_000_000
+LEAST_BUDGET = 10_000
+"""Units of work for one recognition (docs/recogniser.md, "The work budget")."""
 
 
 class RecognitionVerdict(StrEnum):

@@ -10,7 +10,9 @@ import numpy as np
 
 from palpate.geometry import Floats
 from palpate.recognizer import (
+    STANDARD_BUDGET,
     Approach,
+    Budget,
     Catalogue,
     Contact,
     Hypothesis,
@@ -48,6 +50,7 @@ class GripEvidence:
 
     catalogue: Catalogue
     resolution: Resolution
+    budget: Budget = STANDARD_BUDGET
     contacts: list[Contact] = field(default_factory=list)
     recognition: Recognition | None = None
     idle: int = 0
@@ -74,7 +77,7 @@ class GripEvidence:
             self.contacts = [carried_by(motion, self.catalogue, item, states) for item in self.contacts]
         self.contacts += contacts
         if sum(contact.touched for contact in self.contacts) >= _FIRST_CONTACTS:
-            self.recognition = recognise(self.catalogue, self.contacts)
+            self.recognition = recognise(self.catalogue, self.contacts, budget=self.budget)
             self.strangers = StrangerEvidence.none()
         return []
 

@@ -19,6 +19,7 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Ints
 from palpate.recognizer import (
+    Budget,
     Catalogue,
     Contact,
     FingerApproach,
@@ -138,7 +139,8 @@ class _Search:
         )
 
     def _no_evidence(self) -> GripEvidence:
-        return GripEvidence(self._catalogue, resolution_of(self._rig))
+        budget = Budget(self._rig.search.budget)
+        return GripEvidence(self._catalogue, resolution_of(self._rig), budget)
 
     def _next(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """The verdict if there is one already, else the next grip."""

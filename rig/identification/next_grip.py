@@ -10,6 +10,7 @@ from palpate.config import RigFile
 from palpate.errors import InputError
 from palpate.geometry import Bools
 from palpate.recognizer import (
+    Budget,
     Catalogue,
     Confirmation,
     Contact,
@@ -193,11 +194,12 @@ def plan_for(
     contacts = [contact for grip in grips for contact in grip]
     _check_fingers(rig, contacts)
     resolution = resolution_of(rig)
-    evidence = GripEvidence(catalogue, resolution)
+    budget = Budget(rig.search.budget)
+    evidence = GripEvidence(catalogue, resolution, budget)
     for grip in grips:
         if evidence.recognition is None or evidence.recognition.hypotheses:
             evidence.add(grip)
-    recognition = evidence.recognition or recognise(catalogue, contacts)
+    recognition = evidence.recognition or recognise(catalogue, contacts, budget=budget)
     if recognition.verdict is RecognitionVerdict.NONE:
         return Planned(rig, strategy, recognition, None, resolution, (), False)
     chooser = GripChooser(rig, reach_of(rig), strategy, np.random.default_rng([seed, 2]))

@@ -13,7 +13,8 @@ from palpate.config.identification_result import (
     TouchRecordOut,
     TruthOut,
 )
-from palpate.recognizer import Configuration, Hypothesis
+from palpate.config.results import UnfinishedOut
+from palpate.recognizer import Configuration, Hypothesis, Recognition
 from palpate.rig.emulated.answer_error import Comparison, compare
 from palpate.rig.emulated.scene import Placement
 from palpate.rig.identification.loop import Identification
@@ -77,7 +78,18 @@ def identification_out(
             NotBoundedOut.of(item, object=item.object_name, state=item.state_name, when_pushed=item.response)
             for item in not_bounded
         ),
+        unfinished=None if result.recognition is None else unfinished_out(result.recognition),
         truth=None if placement is None or truth is None else _truth(placement, truth, at_measurement),
+    )
+
+
+def unfinished_out(recognition: Recognition) -> UnfinishedOut | None:
+    """What the work budget did not suffice for; None if it did."""
+    unpaired = tuple(contact.name for contact in recognition.unpaired_contacts)
+    if not unpaired and not recognition.has_coarse_cells:
+        return None
+    return UnfinishedOut(
+        budget=recognition.budget.units, unpaired=unpaired, coarse=recognition.has_coarse_cells
     )
 
 

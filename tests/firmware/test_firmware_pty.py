@@ -191,7 +191,11 @@ def test_the_driver_loses_and_misreads_nothing(
         array.start(1000)
         numbers, counts = collect(array, sips, frames)
         array.stop()
-    np.testing.assert_array_equal(numbers, np.arange(2, frames + 2))
+    # An answer takes a number, too: a request is repeated if a busy computer is late to read the first one.
+    repeated = host.told["answers"] - 3
+    assert (len(numbers), numbers[0]) == (frames, 2)
+    assert np.all(np.diff(numbers.astype(np.int64)) > 0)
+    assert numbers[-1] - 1 - frames <= repeated
     np.testing.assert_array_equal(counts, expected_counts(numbers, rows, cols, depth))
     found = array.counters
     assert (found.frames, found.lost, found.faults, found.dropped) == (frames, 0, 0, 0)

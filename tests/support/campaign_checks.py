@@ -11,7 +11,7 @@ from shapely import affinity
 from shapely_bench import Placed, turned
 
 from palpate.geometry import Bools, Floats, ObjectModel
-from palpate.recognizer import Hypothesis, Recognition, recognise
+from palpate.recognizer import Budget, Hypothesis, Recognition, recognise
 
 _CELL_SLACK_MM, _CELL_SLACK_RAD = 1e-6, 1e-9
 _ROUNDING_MM2 = 1e-9
@@ -30,7 +30,8 @@ class Outcome:
 
 def asked(trial: Trial) -> list[Recognition]:
     """The recogniser's answer after every step."""
-    answers = [recognise(trial.catalogue(), trial.steps[0])]
+    budget = Budget(trial.setting.budget)
+    answers = [recognise(trial.catalogue(), trial.steps[0], budget=budget)]
     for step in trial.steps[1:]:
         answers.append(answers[-1].extend(step))
     return answers

@@ -29,6 +29,7 @@ from shapely_contacts import first_contact, true_normal
 
 from palpate.geometry import Floats, ObjectModel
 from palpate.recognizer import Catalogue, Contact, Finger, NormalRange
+from palpate.vocabulary import DEFAULT_BUDGET
 
 BOUNDS_MM = (0.0, 0.01, 0.1, 0.3, 1.0, 2.0)
 NORMALS_DEG = (0.0, 1e-4, 1.0, 3.0, 10.0, 25.0, 45.0, 90.0, None)
@@ -43,12 +44,14 @@ _HEIGHTS_MM = {
 _FIRST_TOUCHES, _MOST_MISSES = 2, 3
 _COARSE, _FINE = 12, 100  # vertices, from which on only narrow ranges are drawn
 _MOST_DRAWS = 40
+_WIDE_SHARE = 0.05  # of settings that would be too wide are kept
 
 
 @dataclass(frozen=True)
 class Setting:
     """What a trial is counted under. `kind`: of the object; `normals_deg`: half of the normal range, None if
-    nothing is known; `further_mm`: by how much the path's bound is beyond that of the position.
+    nothing is known; `further_mm`: by how much the path's bound is beyond that of the position; `budget`: the
+    recogniser's, in units of work.
     """
 
     family: str
@@ -61,6 +64,7 @@ class Setting:
     touches: int
     at_bound: bool
     extended: bool
+    budget: int = DEFAULT_BUDGET
 
 
 @dataclass(frozen=True)
@@ -137,14 +141,15 @@ def _setting(
             touches=touches,
             at_bound=bool(rng.random() < 0.5),
             extended=bool(touches > 1 and rng.random() < 0.25),
+            budget=DEFAULT_BUDGET if rng.random() < 0.7 else int(10 ** rng.uniform(4.0, 6.0)),
         )
         first = min(touches, _FIRST_TOUCHES) if setting.extended else touches
-        if not _too_wide(setting, first, vertices):
+        if rng.random() < _WIDE_SHARE or not _too_wide(setting, first, vertices):
             return setting
 
 
 def _too_wide(setting: Setting, first: int, vertices: int) -> bool:
-    """Whether `first` touches would leave so much that the answer takes seconds: kept out by design.
+    """Whether `first` touches would leave so much that the budget is spent: most of these are left out.
 
     What they would show is shown by the few models of other families as well, or with a touch more.
     """

@@ -1,0 +1,67 @@
+"""The work budget: how much a query may look at before it says what it has; a count, not a clock.
+
+Every step of a query has a share. A step that would need more is left out, or done more coarsely, where that
+loses nothing: a contact is then paired with no edges (what lies there still has to satisfy it), cells stay
+wide, and bounds with them. Shares do not depend on what earlier steps took: an answer depends on its inputs
+alone. What no answer can do without is done at any price: the first contact is paired with every edge of the
+catalogue, and every interpretation that is left is looked at once.
+"""
+
+from dataclasses import dataclass
+
+from palpate.errors import InputError
+from palpate.vocabulary import DEFAULT_BUDGET, LEAST_BUDGET
+
+__all__ = ["STANDARD_BUDGET", "Budget", "BudgetSpentError"]
+
+
+class BudgetSpentError(Exception):
+    """A step would need more than its share, and has no result. Never leaves the recogniser."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """`units` of work: one is an interpretation, a cell or a configuration that is tested against a contact.
+
+    Raises InputError if there are fewer than `LEAST_BUDGET`.
+    """
+
+    units: int = DEFAULT_BUDGET
+
+    def __post_init__(self) -> None:
+        if self.units < LEAST_BUDGET:
+            raise InputError(f"a budget of {self.units} units of work is too small: at least {LEAST_BUDGET}")
+
+    @property
+    def candidates(self) -> int:
+        """Ways to pair a contact, that are looked at."""
+        return self.units
+
+    @property
+    def interpretations(self) -> int:
+        """Interpretations that the pairing of the second or third contact may leave."""
+        return self.units // 20
+
+    @property
+    def worthwhile(self) -> int:
+        """Interpretations that a further contact may leave, if that is more than there were."""
+        return self.units // 500
+
+    @property
+    def cells(self) -> int:
+        """Cells of all interpretations together, unless these are more."""
+        return self.units // 16
+
+    @property
+    def refined(self) -> int:
+        """Cells, times contacts, that are cut finer at once where no configuration has been found."""
+        return self.units // 30
+
+    @property
+    def fine(self) -> int:
+        """Cells from which the bounds that are reported are taken, of all hypotheses together."""
+        return self.units // 1950
+
+
+STANDARD_BUDGET = Budget()
+"""The budget that a rig file has by default."""
