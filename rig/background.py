@@ -124,7 +124,12 @@ class BackgroundCall:
         self._background.put(args)
 
     def check(self) -> None:
-        """Raise OutputError if the function has raised: ends the run that is under way."""
+        """Raise OutputError if the function has raised: ends the run that is under way.
+
+        KeyboardInterrupt instead, if it raised that and the signal that it sent has not been heeded yet.
+        """
+        if self._in_main and isinstance(self._background.failure, KeyboardInterrupt):
+            raise KeyboardInterrupt from self._background.failure
         failure = self._failure(_ENDED)
         if failure is not None:
             raise failure

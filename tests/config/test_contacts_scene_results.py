@@ -131,7 +131,16 @@ def recognition(x: float = 1.23456789) -> RecognitionOut:
 
 def test_results_are_rounded_and_bounds_never_inward() -> None:
     written = json.loads(to_json(recognition()))
-    assert list(written) == ["format", "units", "verdict", "hypotheses", "statistics", "explanation", "why"]
+    assert list(written) == [
+        "format",
+        "units",
+        "verdict",
+        "hypotheses",
+        "statistics",
+        "unfinished",
+        "explanation",
+        "why",
+    ]
     (hypothesis,) = written["hypotheses"]
     assert hypothesis["configuration"] == {"x": 1.234568, "y": 0.0, "theta": 0.1}
     assert hypothesis["bounds"] == {"x": [0.123456, 0.123457], "y": [-0.123457, 0.1], "theta": [0.0, 3.5]}
