@@ -117,7 +117,10 @@ def list_objects(
     progress(f"comparing {len(states)} states")
     pairs = find_twins(states, fingers)
     progress("drawing")
-    facts = {state: CardFacts(symmetry_of_state(state).order, _twins(state, pairs)) for state in states}
+    facts = {
+        state: CardFacts(0 if state.state.is_round else symmetry_of_state(state).order, _twins(state, pairs))
+        for state in states
+    }
     drawing, left_out = draw_objects(name, states, facts, fingers)
     heights = [finger.height_mm for finger in rig.fingers]
     listed = tuple(_listed(state, facts[state], heights) for state in states)

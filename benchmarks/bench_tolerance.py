@@ -57,7 +57,7 @@ def row(name: str, tolerance: float, normal_deg: float | None, fingers: int, gri
     nominal = models_of(name)
     stated = None if normal_deg is None else math.radians(normal_deg)
     catalogue = Catalogue(
-        [replace(model, tolerance_mm=tolerance, normal_tolerance_rad=stated) for model in nominal]
+        [replace(model, tolerance_mm=tolerance, normal_bound_rad=stated) for model in nominal]
     )
     rng = np.random.default_rng(fingers)
     scenes = []

@@ -8,9 +8,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 
-import numpy as np
-
-from palpate.config.fields import Point
+from palpate.config.objects_rings import Outline, curve_of, facets_for, flat_curve, stray_for_mm
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, SectionText, StateText
 from palpate.config.outlines import outline_problem, polygons_problem
 from palpate.config.problems import Place
@@ -31,6 +29,7 @@ NOUNS: Mapping[str, str] = {
 """What messages call the entries of a file's lists."""
 
 _PROBABILITY_SLACK = 1e-6
+_STRAY_MM = stray_for_mm(0.0)
 
 Finding = tuple[Place, str]
 """Where in the file, and what is wrong there."""
@@ -144,7 +143,7 @@ def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
     if not simple:
         return
     found = polygons_problem(
-        [(_array(polygon.outer), [_array(hole) for hole in polygon.holes]) for polygon in section.polygons]
+        [(_ring(polygon.outer), [_ring(hole) for hole in polygon.holes]) for polygon in section.polygons]
     )
     if found is not None:
         number, hole_number, what = found
@@ -152,12 +151,14 @@ def _section_problems(section: SectionText, place: Place) -> Iterator[Finding]:
         yield (*place, "polygons", number, *inner), what
 
 
-def _outline_problems(outline: list[Point], place: Place) -> Iterator[Finding]:
-    found = outline_problem(_array(outline))
+def _outline_problems(outline: Outline, place: Place) -> Iterator[Finding]:
+    found = outline_problem(_ring(outline))
     if found is not None:
         point, what = found
-        yield (place if point is None else (*place, point)), what
+        # Points of a polygon that stands for a curve are not the file's.
+        yield (place if point is None or curve_of(outline) is not None else (*place, point)), what
 
 
-def _array(outline: list[Point]) -> Floats:
-    return np.array(outline, dtype=np.float64).reshape(-1, 2)
+def _ring(outline: Outline) -> Floats:
+    """The polygon that an outline is, or one that stands for its curves finely."""
+    return flat_curve(outline, _STRAY_MM, facets_for([outline], _STRAY_MM)).ring

@@ -9,14 +9,13 @@ the last edge back to point 0. Edges of a section are counted polygon by polygon
 """
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
-from palpate.config.fields import Point
 from palpate.config.loading import Source, load_json, source_name
 from palpate.config.objects_checks import NOUNS, objects_problems
-from palpate.config.objects_tables import ObjectsFileText, ObjectText, StateText
+from palpate.config.objects_rings import curve_of, facets_for, flat_curve, stray_for_mm
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, PolygonText, SectionText, StateText
 from palpate.config.problems import Problem, place_in_words, refuse
 from palpate.files import confined
 from palpate.files.limits import UNCONFINED_BYTES
@@ -93,37 +92,52 @@ def checked_objects(text: ObjectsFileText, name: str) -> ObjectsFile:
 
 
 def _object(entry: ObjectText) -> ObjectModel:
-    if entry.states is not None:
-        states = tuple(_state(state) for state in entry.states)
-    else:
+    states = entry.states
+    if states is None:
         assert entry.outline is not None, "checked by _object_problems"
         assert entry.height is not None, "checked by _object_problems"
-        states = (State(FLAT, (Section((0.0, entry.height), (Polygon(_array(entry.outline)),)),)),)
+        section = SectionText(z=(0.0, entry.height), polygons=[PolygonText(outer=entry.outline)])
+        states = [StateText(name=FLAT, sections=[section])]
     return ObjectModel(
         entry.name,
-        states,
+        tuple(_state(state, stray_for_mm(entry.tolerance)) for state in states),
         entry.tolerance,
         entry.part_holds_n,
         entry.part_support_mm,
-        entry.normal_tolerance,
+        entry.normal_bound,
     )
 
 
-def _state(state: StateText) -> State:
+def _state(state: StateText, stray_mm: float) -> State:
+    outlines = [
+        outline
+        for section in state.sections
+        for polygon in section.polygons
+        for outline in (polygon.outer, *polygon.holes)
+    ]
+    facets = facets_for(outlines, stray_mm)
+    flat = [flat_curve(outline, stray_mm, facets) for outline in outlines]
+    rings = iter(item.ring for item in flat)
     sections = tuple(
-        Section(
-            section.z,
-            tuple(
-                Polygon(_array(p.outer), tuple(_array(hole) for hole in p.holes)) for p in section.polygons
-            ),
-        )
+        Section(section.z, tuple(_polygon(polygon, rings) for polygon in section.polygons))
         for section in state.sections
     )
     heights = None if state.heights is None else tuple(state.heights)
-    return State(state.name, sections, state.probability, state.tipping_angle, state.height, heights)
+    return State(
+        state.name,
+        sections,
+        state.probability,
+        state.tipping_angle,
+        state.height,
+        heights,
+        state.normal_bound,
+        max(item.off_mm for item in flat),
+        max(item.turn_rad for item in flat),
+    )
 
 
-def _array(outline: list[Point]) -> Floats:
-    array = np.array(outline, dtype=np.float64).reshape(-1, 2)
-    array.setflags(write=False)
-    return array
+def _polygon(polygon: PolygonText, rings: Iterator[Floats]) -> Polygon:
+    """A polygon with the next of the rings, which stand for its outlines."""
+    curves = tuple(map(curve_of, (polygon.outer, *polygon.holes)))
+    outer, *holes = (next(rings) for _ in curves)
+    return Polygon(outer, tuple(holes), curves if any(curve is not None for curve in curves) else ())

@@ -9,21 +9,20 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Point, Positive
+from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Positive
+from palpate.config.objects_rings import Outline
 
 __all__ = [
     "ObjectText",
     "ObjectsFileText",
-    "Outline",
     "PolygonText",
     "SectionText",
     "StateText",
     "objects_json",
 ]
 
-Outline = Annotated[
-    Items[Point], Field(description="Corner points [x, y], mm, either way round, not closed.")
-]
+NormalBound = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0, le=3.2)]
+"""rad"""
 
 
 class PolygonText(FileModel):
@@ -56,6 +55,9 @@ class StateText(FileModel):
         min_length=1,
         description="Heights [from, to] at which the sections are known, mm, ascending; without it, all are.",
     )
+    normal_bound: NormalBound | None = Field(
+        default=None, description="As that of the object, before which it goes."
+    )
     sections: Items[SectionText] = Field(min_length=1)
 
 
@@ -66,7 +68,7 @@ class ObjectText(FileModel):
     tolerance: Length = Field(
         default=0.0, description="The part's true outline is within this distance of the model's, mm."
     )
-    normal_tolerance: Annotated[float, Field(ge=0, le=3.2)] | None = Field(
+    normal_bound: NormalBound | None = Field(
         default=None,
         description="Normals of the part's true outline are within this angle of the model's normals within "
         "`tolerance` of the place, rad; without it they may be off by what `tolerance` does to an edge.",

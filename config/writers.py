@@ -5,14 +5,13 @@ from collections.abc import Mapping
 from functools import singledispatch
 from typing import Any
 
-import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.calibration_writer import calibration_toml
 from palpate.config.contacts_file import ContactsFile
 from palpate.config.objects_file import ObjectsFile
+from palpate.config.objects_rings import outline_text
 from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.config.references_file import ReferencesFile
 from palpate.config.rig_file import RigFile
@@ -68,7 +67,7 @@ file_text.register(CalibrationFile)(calibration_toml)
 def _object(model: ObjectModel) -> dict[str, Any]:
     optional = {
         "tolerance": model.tolerance_mm or None,
-        "normal_tolerance": model.normal_tolerance_rad,
+        "normal_bound": model.normal_bound_rad,
         "part_holds_n": model.holds_n,
         "part_support_mm": model.support_mm,
     }
@@ -81,6 +80,7 @@ def _state(state: State) -> dict[str, Any]:
         "tipping_angle": state.tipping_angle_rad,
         "height": state.height_mm,
         "heights": state.heights_mm,
+        "normal_bound": state.normal_bound_rad,
     }
     sections = [
         {"z": section.z_mm, "polygons": [_polygon(polygon) for polygon in section.polygons]}
@@ -90,12 +90,9 @@ def _state(state: State) -> dict[str, Any]:
 
 
 def _polygon(polygon: Polygon) -> dict[str, Any]:
-    holes = {"holes": [_points(hole) for hole in polygon.holes]} if polygon.holes else {}
-    return {"outer": _points(polygon.outer)} | holes
-
-
-def _points(outline: NDArray[np.float64]) -> list[tuple[float, float]]:
-    return [(x, y) for x, y in outline.tolist()]
+    curves = polygon.curves or (None,) * len(polygon.rings)
+    outer, *holes = map(outline_text, polygon.rings, curves)
+    return {"outer": outer} | ({"holes": holes} if holes else {})
 
 
 def _given(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,16 +1,20 @@
 """Geometry that several rooms share: array types, plane geometry and the object model's values.
 
-`object_model` and the array types are exported here. `plane` has rotations, angles and point-in-polygon
-tests, `segments` distances and intersections of straight segments. Nothing here reads files or knows devices.
+`object_model`, the array types and the values of `curves` are exported here. `plane` has rotations, angles
+and point-in-polygon tests, `segments` distances and intersections of straight segments. Nothing here reads
+files or knows devices.
 """
 
 from palpate.geometry.arrays import Bools, Complexes, Counts, Floats, Ints, Singles
+from palpate.geometry.curves import Circle, Curve
 from palpate.geometry.object_model import ObjectModel, Polygon, Section, State
 
 __all__ = [
     "Bools",
+    "Circle",
     "Complexes",
     "Counts",
+    "Curve",
     "Floats",
     "Ints",
     "ObjectModel",

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.geometry.arrays import Floats
+from palpate.geometry.curves import Circle, Curve
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["ObjectModel", "Polygon", "Section", "State"]
@@ -19,11 +20,13 @@ __all__ = ["ObjectModel", "Polygon", "Section", "State"]
 class Polygon:
     """Simple polygon with holes: rings of shape (n, 2), mm, object frame, open, in either direction.
 
-    Edge k of a ring runs from vertex k to vertex k + 1, the last one back to vertex 0.
+    Edge k of a ring runs from vertex k to vertex k + 1, the last one back to vertex 0. `curves`: the circle
+    or the arcs that each ring stands for, None for one that is itself; empty: all are.
     """
 
     outer: Floats
     holes: tuple[Floats, ...] = ()
+    curves: tuple[Curve | None, ...] = ()
 
     @property
     def rings(self) -> tuple[Floats, ...]:
@@ -62,6 +65,8 @@ class State(ShortRepr):
 
     `heights_mm`: ranges of height (from, to), ascending, at which the sections are known, None: everywhere.
     Within them a height without a section is free. `height_mm`: height of the part; None: its sections'.
+    `normal_bound_rad`: as that of the object, before which it goes. Polygons that stand for curves are within
+    `curves_off_mm` of them, and their normals within `curves_turn_rad`: that is not in any other bound.
     """
 
     name: str
@@ -70,6 +75,23 @@ class State(ShortRepr):
     tipping_angle_rad: float | None = None
     height_mm: float | None = None
     heights_mm: tuple[tuple[float, float], ...] | None = None
+    normal_bound_rad: float | None = None
+    curves_off_mm: float = 0.0
+    curves_turn_rad: float = 0.0
+
+    @property
+    def is_round(self) -> bool:
+        """Whether it looks the same however it is turned: all outlines are circles about one centre."""
+        curves = [
+            curve
+            for section in self.sections
+            for polygon in section.polygons
+            for curve in polygon.curves or (None,)
+        ]
+        first = curves[0]
+        return isinstance(first, Circle) and all(
+            isinstance(curve, Circle) and curve.centre_mm == first.centre_mm for curve in curves
+        )
 
     @property
     def top_mm(self) -> float:
@@ -92,7 +114,7 @@ class ObjectModel:
     """Known object; its true outline is within `tolerance_mm` of the modelled one.
 
     `holds_n`: horizontal force at its middle below which it does not slide. `support_mm`: lower bound on the
-    mean distance of its support from the support's geometric median. `normal_tolerance_rad`: every normal
+    mean distance of its support from the support's geometric median. `normal_bound_rad`: every normal
     that the true outline has at a point, at a vertex all between its edges', is within this of one that the
     modelled outline has within `tolerance_mm` of the point. None: not declared.
     """
@@ -102,7 +124,7 @@ class ObjectModel:
     tolerance_mm: float = 0.0
     holds_n: float | None = None
     support_mm: float | None = None
-    normal_tolerance_rad: float | None = None
+    normal_bound_rad: float | None = None
 
     def __repr__(self) -> str:
         names = ", ".join(state.name for state in self.states[:4])

@@ -18,6 +18,7 @@ from palpate.recognizer.edge_sets import outline_set, pairing_set
 from palpate.recognizer.edges import CatalogueState, EdgeSet
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
+from palpate.recognizer.round_edges import ROUND_ORDER
 from palpate.recognizer.strip_trees import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrised
 from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
@@ -55,7 +56,7 @@ class Catalogue:
         self.states: tuple[CatalogueState, ...] = tuple(
             _prepare(item, state) for item in objects for state in item.states
         )
-        self.symmetry_orders: Ints = np.array([state.symmetry_order for state in self.states])
+        self.symmetry_orders: Ints = np.array([state.symmetry.order for state in self.states])
         self.origins_mm: Floats = np.array([state.origin_mm for state in self.states])
         self.reach_mm: Floats = np.array([_reach_mm(state) for state in self.states])
         self.facet_error_mm = facet_error_mm
@@ -137,17 +138,25 @@ def _reach_mm(item: CatalogueState) -> float:
 def _prepare(item: ObjectModel, state: State) -> CatalogueState:
     origin = centroid(state)
     symmetry = rotational_symmetry(state, origin, SYMMETRY_TOLERANCE_MM)
+    if state.is_round:
+        symmetry = replace(symmetry, order=ROUND_ORDER)
     prepared = CatalogueState(
         item.name,
         state,
         origin,
         symmetry,
-        item.tolerance_mm,
+        item.tolerance_mm + state.curves_off_mm,
         item.holds_n,
         item.support_mm,
-        item.normal_tolerance_rad,
+        _normal_bound_rad(item, state),
     )
     return _with_exact_symmetry(prepared) if symmetry.order > 1 else prepared
+
+
+def _normal_bound_rad(item: ObjectModel, state: State) -> float | None:
+    """By how much normals may differ from those of the polygons that stand for curves; None: not declared."""
+    declared = item.normal_bound_rad if state.normal_bound_rad is None else state.normal_bound_rad
+    return None if declared is None else declared + state.curves_turn_rad
 
 
 def _with_exact_symmetry(item: CatalogueState) -> CatalogueState:
@@ -159,16 +168,16 @@ def _with_exact_symmetry(item: CatalogueState) -> CatalogueState:
     off = 2 * item.symmetry.off_mm
     if item.is_exactly_symmetric or off > _LITTLE_MORE * item.tolerance_mm:
         return item
-    order = item.symmetry_order
+    order = item.symmetry.order
     state = symmetrised(item.state, item.origin_mm, order, SYMMETRY_TOLERANCE_MM)
     if state is None:
         return item
-    turn = item.normal_tolerance_rad
+    turn = item.normal_bound_rad
     exact = replace(
         item,
         state=state,
         symmetry=rotational_symmetry(state, item.origin_mm, SYMMETRY_TOLERANCE_MM),
         tolerance_mm=item.tolerance_mm + off,
-        normal_tolerance_rad=None if turn is None else turn + item.symmetry.lean_rad,
+        normal_bound_rad=None if turn is None else turn + item.symmetry.lean_rad,
     )
-    return exact if exact.is_exactly_symmetric and exact.symmetry_order == order else item
+    return exact if exact.is_exactly_symmetric and exact.symmetry.order == order else item

@@ -13,6 +13,7 @@ from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow
+from palpate.recognizer.round_edges import round_outlines, round_touchable
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tolerance_band import ToleranceBand, touchable_edges
@@ -102,7 +103,10 @@ def _outline(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _Pa
     if section is None:
         return _NOTHING
     delta, radius = item.tolerance_mm, max(0.0, finger.tip_radius_mm - item.tolerance_mm)
-    grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES, facet_error_mm / 4)
+    if item.state.is_round:
+        grown = round_outlines(section, radius)
+    else:
+        grown = simplify_outline(grow(section, radius, facet_error_mm), MOST_EDGES, facet_error_mm / 4)
     grown = grown.select(_normal_order(grown)).moved(-item.origin_mm)
     return _Part(
         edges=grown,
@@ -116,8 +120,11 @@ def _touchable(item: CatalogueState, finger: Finger, facet_error_mm: float) -> _
     section = _section_at(item, finger.height_mm)
     if section is None:
         return _NOTHING
-    band = ToleranceBand(item.tolerance_mm, item.normal_tolerance_rad)
-    found = touchable_edges(section, finger.tip_radius_mm, band, facet_error_mm)
+    band = ToleranceBand(item.tolerance_mm, item.normal_bound_rad)
+    if item.state.is_round:
+        found = round_touchable(section, finger.tip_radius_mm, band)
+    else:
+        found = touchable_edges(section, finger.tip_radius_mm, band, facet_error_mm)
     found = found.select(_normal_order(found.edges))
     return _Part(
         edges=found.edges.moved(-item.origin_mm),
@@ -150,7 +157,11 @@ def _representative(part: GrownSection, item: CatalogueState) -> Bools:
     kept: slower, never wrong. So they are where the state as a whole is not exactly symmetric: a finger of
     another radius or height might meet edges that have no images, as in a notch that it only just enters.
     """
-    order = item.symmetry_order
+    if item.state.is_round:
+        one = np.zeros(len(part.length), dtype=bool)
+        one[np.unique(part.feature, return_index=True)[1]] = True  # the chords of a circle have one number
+        return one
+    order = item.symmetry.order
     everything = np.ones(len(part.length), dtype=bool)
     if order == 1 or not len(part.length) or not item.is_exactly_symmetric:
         return everything

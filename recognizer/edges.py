@@ -39,7 +39,7 @@ class CatalogueState(ShortRepr):
 
     `origin_mm` is the centroid in the frame of the object's file; inside the recogniser the centroid is the
     origin, so that a symmetry turns the object about its own origin. `tolerance_mm` is by how much the
-    vertices of the true outline may be off. `holds_n`, `support_mm` and `normal_tolerance_rad` are the
+    vertices of the true outline may be off. `holds_n`, `support_mm` and `normal_bound_rad` are the
     object's.
     """
 
@@ -50,12 +50,15 @@ class CatalogueState(ShortRepr):
     tolerance_mm: float
     holds_n: float | None = None
     support_mm: float | None = None
-    normal_tolerance_rad: float | None = None
+    normal_bound_rad: float | None = None
 
     @property
     def symmetry_order(self) -> int:
-        """It looks the same after each nth of a turn."""
-        return self.symmetry.order
+        """It looks the same after each nth of a turn; 0: however it is turned.
+
+        A round state is searched as the polygon that stands for it, of the order of its `symmetry`.
+        """
+        return 0 if self.state.is_round else self.symmetry.order
 
     @property
     def rounding_mm(self) -> float:

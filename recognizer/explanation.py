@@ -167,7 +167,7 @@ def _only(catalogue: Catalogue, object_name: str, state_name: str | None) -> Cat
         object_name,
         tuple(chosen),
         named[0].tolerance_mm,
-        normal_tolerance_rad=named[0].normal_tolerance_rad,
+        normal_bound_rad=named[0].normal_bound_rad,
     )
     return Catalogue([model], facet_error_mm=catalogue.facet_error_mm, flat_edges=catalogue.flat_edges)
 

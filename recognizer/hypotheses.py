@@ -73,19 +73,32 @@ class Hypothesis(ShortRepr):
     `verified`: `configuration` satisfies every contact and every free path, on true arcs and with round
     bounds (`verify`), except for contacts that `spurious` names; `witness_mm` (2,) is its position s as in
     `cells`, the region itself, and `witness_node` the interpretation. `weight`: share of the feasible volume
-    of all hypotheses.
+    of all hypotheses. `search_bounds`: those of one orientation of each that a symmetry makes equal; a round
+    state is searched as a polygon.
     """
 
     state_index: int
     state: CatalogueState
     configuration: Configuration
     witness_mm: Floats
-    bounds: Bounds
+    search_bounds: Bounds
     weight: float
     verified: bool
     witness_node: int
     cells: Cells
     constraints: Constraints
+
+    @property
+    def bounds(self) -> Bounds:
+        """Bounds as an answer states them: a round state may have any orientation, within [−π, π].
+
+        Turned about its centre, it takes the origin of its file along.
+        """
+        if not self.state.state.is_round:
+            return self.search_bounds
+        off = 2 * float(np.hypot(*self.state.origin_mm))
+        (x_lo, x_hi), (y_lo, y_hi) = self.search_bounds.x_mm, self.search_bounds.y_mm
+        return Bounds((x_lo - off, x_hi + off), (y_lo - off, y_hi + off), (-np.pi, np.pi))
 
     @property
     def null_contacts(self) -> tuple[Contact, ...]:
@@ -220,7 +233,7 @@ class Hypotheses(ShortRepr, Sequence[Hypothesis]):
             state=self.constraints.catalogue.states[state],
             configuration=Configuration(x, y, float(regions.theta[row])),
             witness_mm=regions.position[row],
-            bounds=Bounds((x_lo, x_hi), (y_lo, y_hi), (theta_lo, theta_hi)),
+            search_bounds=Bounds((x_lo, x_hi), (y_lo, y_hi), (theta_lo, theta_hi)),
             weight=float(self.weight[row]),
             verified=bool(regions.verified[row]),
             witness_node=int(regions.node[row]),

@@ -134,8 +134,8 @@ def _uncertain_pieces(
     """Pieces of an outline of which every point may be off by the tolerance, and normals tilted."""
     normal, ratio = sides.normal_rad, 4 * item.tolerance_mm / sides.length
     tilt = np.where(ratio < 1.0, np.arcsin(np.minimum(ratio, 1.0)), np.pi)
-    if item.normal_tolerance_rad is not None:
-        tilt = np.full(len(normal), item.normal_tolerance_rad)
+    if item.normal_bound_rad is not None:
+        tilt = np.full(len(normal), item.normal_bound_rad)
     by_tip = clearance_tilts_rad(solid, sides.start, sides.end, radius_mm, item.tolerance_mm)
     whole = by_tip <= tilt
     tilt = np.minimum(tilt, by_tip)

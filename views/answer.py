@@ -68,6 +68,8 @@ def picture_facts(out: IdentificationOut) -> list[tuple[str, str]]:
     ]
     if out.symmetry_order > 1:
         rows.append(("symmetry", f"{out.symmetry_order}-fold: θ modulo {360 / out.symmetry_order:g}°"))
+    if out.symmetry_order == 0:
+        rows.append(("symmetry", "round: θ is any"))
     if out.truth is not None and out.truth.named:
         off, turned = out.truth.position_error_mm or 0.0, math.degrees(out.truth.orientation_error_rad or 0.0)
         rows.append(("off the truth", f"{off:.2f} mm, {turned:.2f}°"))
@@ -89,7 +91,9 @@ def _place_lines(out: IdentificationOut) -> list[str]:
     lines = [
         f"  x  {at.x:9.3f} mm   in [{bounds.x[0]:.3f}, {bounds.x[1]:.3f}]",
         f"  y  {at.y:9.3f} mm   in [{bounds.y[0]:.3f}, {bounds.y[1]:.3f}]",
-        f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]",
+        f"  θ  {math.degrees(at.theta):9.3f} °    in [{lo:.3f}, {hi:.3f}]"
+        if out.symmetry_order
+        else "  θ        any      (round)",
     ]
     if out.symmetry_order > 1:
         lines.append(f"  ({out.symmetry_order}-fold symmetric: θ modulo {360 / out.symmetry_order:g}°)")

@@ -75,6 +75,10 @@ def _hypothesis_line(item: Hypothesis) -> str:
     """A hypothesis in one line: name, state, weight, configuration with the half-widths of its bounds."""
     at, bounds = item.configuration, item.bounds
     unsure = "" if item.verified else "  (no witness found)"
+    half = math.degrees(_half(bounds.theta_rad))
+    turned = (
+        f"θ {math.degrees(at.theta_rad):.2f} ± {half:.2f}°" if item.state.symmetry_order else "θ any (round)"
+    )
     slides = ""
     if item.slide is not None:
         lo, hi = item.slide.extent_mm
@@ -82,7 +86,7 @@ def _hypothesis_line(item: Hypothesis) -> str:
     return (
         f"{item.state.object_name}, {item.state.state.name}  {100 * item.weight:5.1f} %  "
         f"x {at.x_mm:.2f} ± {_half(bounds.x_mm):.2f} mm  y {at.y_mm:.2f} ± {_half(bounds.y_mm):.2f} mm  "
-        f"θ {math.degrees(at.theta_rad):.2f} ± {math.degrees(_half(bounds.theta_rad)):.2f}°{slides}{unsure}"
+        f"{turned}{slides}{unsure}"
     )
 
 

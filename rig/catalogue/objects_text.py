@@ -7,6 +7,7 @@ import numpy as np
 
 from palpate.cad.values import CrossSection, Region
 from palpate.config.import_result import FrameOut
+from palpate.config.objects_rings import outline_edges
 from palpate.config.objects_tables import PolygonText, SectionText
 from palpate.config.outlines import MIN_EDGE_MM
 from palpate.config.results import DECIMALS
@@ -81,7 +82,9 @@ def polygons_text(
 
 def edges_of(section: SectionText) -> int:
     """How many edges a section has, those of holes included."""
-    return sum(len(ring) for polygon in section.polygons for ring in (polygon.outer, *polygon.holes))
+    return sum(
+        outline_edges(ring) for polygon in section.polygons for ring in (polygon.outer, *polygon.holes)
+    )
 
 
 def frame_out(rotation: Floats, offset_mm: Floats) -> FrameOut:

@@ -77,7 +77,7 @@ class StateSections:
 def state_sections(objects: ObjectsFile) -> tuple[StateSections, ...]:
     """Every state of every object, in the file's order."""
     return tuple(
-        StateSections(item.name, state, item.tolerance_mm)
+        StateSections(item.name, state, item.tolerance_mm + state.curves_off_mm)
         for item in objects.objects
         for state in item.states
     )

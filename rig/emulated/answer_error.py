@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.recognizer import Configuration, Hypothesis
+from palpate.recognizer.edges import CatalogueState
 from palpate.rig.emulated.scene import Placement
 
 __all__ = ["Comparison", "compare"]
@@ -39,10 +40,8 @@ def compare(placement: Placement, hypotheses: Sequence[Hypothesis]) -> Compariso
 
 
 def _compared(placement: Placement, hypothesis: Hypothesis) -> Comparison:
-    turn = 2 * math.pi / hypothesis.state.symmetry_order
-    answer, bounds = hypothesis.configuration, hypothesis.bounds
-    steps = round((answer.theta_rad - placement.theta_rad) / turn)
-    theta = placement.theta_rad + steps * turn
+    answer, bounds = hypothesis.configuration, hypothesis.search_bounds
+    theta = _equal_turn(hypothesis.state, placement.theta_rad, answer.theta_rad)
     # A symmetry turns the object about its centroid, which stays where it is.
     cx, cy = hypothesis.state.origin_mm
     x, y = placement.x_mm, placement.y_mm
@@ -59,6 +58,14 @@ def _compared(placement: Placement, hypothesis: Hypothesis) -> Comparison:
         math.hypot(answer.x_mm - x, answer.y_mm - y),
         abs(answer.theta_rad - theta),
     )
+
+
+def _equal_turn(state: CatalogueState, theta_rad: float, near_rad: float) -> float:
+    """The orientation next to `near_rad` at which the state looks as it does at `theta_rad`."""
+    if state.symmetry_order == 0:
+        return near_rad
+    turn = 2 * math.pi / state.symmetry_order
+    return theta_rad + turn * round((near_rad - theta_rad) / turn)
 
 
 def _turned_x(x: float, y: float, angle: float) -> float:

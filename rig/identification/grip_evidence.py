@@ -161,8 +161,8 @@ def _detectable_shift_mm(predictions: Predictions, contacts: Sequence[Contact]) 
 def _extent(recognition: Recognition) -> tuple[float, float]:
     """Half-widths of all hypotheses' bounds, added up: position (mm) and orientation (rad)."""
     return (
-        sum(item.bounds.position_half_mm for item in recognition.hypotheses),
-        sum(item.bounds.orientation_half_rad for item in recognition.hypotheses),
+        sum(item.search_bounds.position_half_mm for item in recognition.hypotheses),
+        sum(item.search_bounds.orientation_half_rad for item in recognition.hypotheses),
     )
 
 
@@ -175,15 +175,18 @@ def _survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:
 
 
 def _overlap(a: Hypothesis, b: Hypothesis) -> bool:
-    turn = 2 * math.pi / a.state.symmetry_order
-    lo, hi = a.bounds.theta_rad
-    other_lo, other_hi = b.bounds.theta_rad
+    turn = 2 * math.pi / a.state.symmetry.order
+    lo, hi = a.search_bounds.theta_rad
+    other_lo, other_hi = b.search_bounds.theta_rad
     apart = abs(((lo + hi) / 2 - (other_lo + other_hi) / 2 + turn / 2) % turn - turn / 2)
     if apart > (hi - lo + other_hi - other_lo) / 2:
         return False
-    if a.state.symmetry_order > 1:
+    if a.state.symmetry.order > 1:
         return True
     return all(
         p[0] <= q[1] and q[0] <= p[1]
-        for p, q in ((a.bounds.x_mm, b.bounds.x_mm), (a.bounds.y_mm, b.bounds.y_mm))
+        for p, q in (
+            (a.search_bounds.x_mm, b.search_bounds.x_mm),
+            (a.search_bounds.y_mm, b.search_bounds.y_mm),
+        )
     )

@@ -214,7 +214,7 @@ def _leverages(
 
 def _centre(support: Support, hypothesis: Hypothesis) -> tuple[Floats, float]:
     """Where the centre of mass is (2,), within how many mm."""
-    bounds = hypothesis.bounds
+    bounds = hypothesis.search_bounds
     (x0, x1), (y0, y1), (t0, t1) = bounds.x_mm, bounds.y_mm, bounds.theta_rad
     theta = (t0 + t1) / 2
     c, s = math.cos(theta), math.sin(theta)

@@ -88,7 +88,7 @@ class GripChooser:
     def is_fine(self, recognition: Recognition) -> bool:
         """Whether every hypothesis is placed as finely as the rig file's goals ask."""
         goals = goals_of(self.rig)
-        return all(goals.met_by(item.bounds) for item in recognition.hypotheses)
+        return all(goals.met_by(item.search_bounds) for item in recognition.hypotheses)
 
     def is_confirmed(self, evidence: GripEvidence) -> bool:
         """Whether enough came out as predicted, and the last grip would have detected a shift of the part.

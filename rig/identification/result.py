@@ -132,7 +132,7 @@ def _displacement(first: Hypothesis, other: Hypothesis) -> tuple[float, float]:
 
     Of the turns that the state's symmetry makes equal, the smallest.
     """
-    turn = 2 * math.pi / first.state.symmetry_order
+    turn = 2 * math.pi / first.state.symmetry.order
     turned = other.configuration.theta_rad - first.configuration.theta_rad
     turned -= turn * round(turned / turn)
     return turned, math.dist(_centre(first), _centre(other))

@@ -215,5 +215,5 @@ def test_normals_may_be_off_by_what_the_object_states() -> None:
     bar = flat("bar", [(0, 0), (60, 0), (60, 10), (0, 10)])
     felt = contact((30.0, -4.0), 90.0, 4.0, 0.1, normal_deg=(-83.0, -80.0))
     for stated, holds in ((None, False), (math.radians(5.0), False), (math.radians(8.0), True)):
-        loose = replace(bar, tolerance_mm=0.05, normal_tolerance_rad=stated)
+        loose = replace(bar, tolerance_mm=0.05, normal_bound_rad=stated)
         assert verified_at(loose, (0.0, 0.0, 0.0), [felt]) == holds

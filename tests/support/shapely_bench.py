@@ -118,8 +118,9 @@ def touch(
 def equivalent_configurations(
     placed: Placed, order: int, centre: np.ndarray
 ) -> Iterator[tuple[float, float, float]]:
-    """(x, y, θ) of the object turned about `centre` (object's frame) by every multiple of 2π/order."""
+    """(x, y, θ) of the object turned about `centre` (its frame) by every multiple of 2π/order, 0: 2π."""
     at = turned(centre, placed.theta) + np.array([placed.x, placed.y])
+    order = order or 1
     for step in range(-2 * order, 2 * order + 1):
         theta = placed.theta + 2 * math.pi * step / order
         x, y = at - turned(centre, theta)

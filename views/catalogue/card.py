@@ -219,6 +219,8 @@ def _heading(card: Card, left: float, top: float) -> str:
 
 
 def _section_words(card: Card, facts: CardFacts, symmetry: SectionSymmetry) -> str:
+    if facts.symmetry_order == 0:
+        return _fold(0)
     words = f"{counted(card.shown[0].edges, 'edge', 'edges')}, {_fold(symmetry.order)}"
     if facts.symmetry_order != symmetry.order:
         words += ", state not" if facts.symmetry_order == 1 else f", state {facts.symmetry_order}-fold"
@@ -226,13 +228,15 @@ def _section_words(card: Card, facts: CardFacts, symmetry: SectionSymmetry) -> s
 
 
 def _stack_words(card: Card, facts: CardFacts) -> str:
+    if facts.symmetry_order == 0:
+        return _fold(0)
     edges = [level.edges for level in card.state.levels]
     low, high = min(edges), max(edges)
     return f"{low if low == high else f'{low}–{high}'} edges, {_fold(facts.symmetry_order)}"
 
 
 def _fold(order: int) -> str:
-    return "not symmetric" if order == 1 else f"{order}-fold symmetric"
+    return {0: "round", 1: "not symmetric"}.get(order, f"{order}-fold symmetric")
 
 
 def _beneath(words: str, facts: CardFacts, left: float, top: float) -> str:

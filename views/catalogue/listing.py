@@ -79,7 +79,7 @@ def _cells(state: StateListedOut) -> list[str]:
         str(state.sections),
         str(low) if low == high else f"{low}–{high}",
         f"{state.top_mm:.4g}" + ("" if state.heights_mm is None else "*"),
-        "–" if state.symmetry_order == 1 else f"{state.symmetry_order}-fold",
+        {0: "round", 1: "–"}.get(state.symmetry_order, f"{state.symmetry_order}-fold"),
         "–" if state.probability is None else f"{100 * state.probability:.3g} %",
         "–" if tips is None else f"{math.degrees(tips):.3g}°",
     ]

@@ -41,9 +41,7 @@ def coarse_model(fine: np.ndarray, every: int) -> ObjectModel:
     away = shapely.distance(np.repeat(lines, every), shapely.points(fine))
     turns = np.abs((off + np.pi) % (2 * np.pi) - np.pi)
     coarse = flat("coarse", model.tolist())
-    return replace(
-        coarse, tolerance_mm=float(away.max()) + 1e-6, normal_tolerance_rad=float(turns.max()) + 1e-9
-    )
+    return replace(coarse, tolerance_mm=float(away.max()) + 1e-6, normal_bound_rad=float(turns.max()) + 1e-9)
 
 
 @pytest.mark.parametrize("every", [5, 20])
@@ -51,8 +49,8 @@ def coarse_model(fine: np.ndarray, every: int) -> ObjectModel:
 def test_normals_within_what_is_stated_are_covered(seed: int, every: int) -> None:
     fine = curve(seed)
     model = coarse_model(fine, every)
-    assert model.normal_tolerance_rad is not None
-    assert model.normal_tolerance_rad < 0.2
+    assert model.normal_bound_rad is not None
+    assert model.normal_bound_rad < 0.2
     catalogue = Catalogue([model])
     section = flat("fine", fine.tolist()).states[0].sections[0]
     for radius in RADII_MM:
@@ -65,7 +63,7 @@ def test_normals_within_what_is_stated_are_covered(seed: int, every: int) -> Non
 def test_a_fine_outline_of_which_normals_are_known_has_no_more_edges_than_an_exact_one() -> None:
     fine = curve(3)
     exact = flat("exact", fine.tolist())
-    stated = replace(exact, tolerance_mm=0.05, normal_tolerance_rad=0.03)
+    stated = replace(exact, tolerance_mm=0.05, normal_bound_rad=0.03)
     counts = [len(Catalogue([item]).edges(Finger(5.0, 10.0)).state) for item in (exact, stated)]
     assert counts[0] < 300
     assert counts[1] < 2.5 * counts[0]
