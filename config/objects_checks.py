@@ -155,8 +155,11 @@ def _outline_problems(outline: Outline, place: Place) -> Iterator[Finding]:
     found = outline_problem(_ring(outline))
     if found is not None:
         point, what = found
-        # Points of a polygon that stands for a curve are not the file's.
-        yield (place if point is None or curve_of(outline) is not None else (*place, point)), what
+        if (
+            curve_of(outline) is not None
+        ):  # points and edges of the polygon that stands for it are not the file's
+            point, what = None, what.partition(": edge ")[0]
+        yield (place if point is None else (*place, point)), what
 
 
 def _ring(outline: Outline) -> Floats:

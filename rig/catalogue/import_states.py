@@ -31,9 +31,11 @@ from palpate.rig.catalogue.objects_text import (
     ranges_known,
     ranges_near,
     rounded,
+    rounded_up,
     sections_text,
     share,
 )
+from palpate.rig.catalogue.round_sections import round_sections
 
 __all__ = ["ImportedState", "ImportedStates", "Shares", "import_states"]
 
@@ -122,7 +124,7 @@ def _leave_signals() -> None:
 
 def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> ImportedState:
     """One state, in a process of its own: large parts take seconds for each."""
-    return _imported_state(item.state, _sections(solid, item.state, shares), solid, item)
+    return _imported_state(item.state, _sections(solid, item.state, shares), solid, shares, item)
 
 
 def _as_it_lies(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
@@ -132,7 +134,9 @@ def _as_it_lies(solid: Solid, shares: Shares, report: Report) -> ImportedStates:
         () if state.tipping_angle_rad > 0 else ("would topple as it lies in the file, if nothing held it",)
     )
     report("sections")
-    return ImportedStates((_imported_state(state, _sections(solid, state, shares), solid),), (), warnings)
+    return ImportedStates(
+        (_imported_state(state, _sections(solid, state, shares), solid, shares),), (), warnings
+    )
 
 
 class _Slices:
@@ -172,12 +176,17 @@ def _imported_state(
     state: StableState,
     sections: Sequence[CrossSection],
     solid: Solid,
+    shares: Shares,
     found: MergedState | None = None,
 ) -> ImportedState:
     """A state as text of the file and as result; `found`: None for a part that rests as drawn."""
     probability = None if found is None else share(state.probability)
     apart_mm = 0.0 if found is None else found.apart_mm
-    some = sections_text([section for section in sections if section.regions])
+    circles = round_sections(solid, state, sections, shares.sections_mm)
+    if circles is None:
+        some = sections_text([section for section in sections if section.regions])
+    else:
+        some = list(circles.sections)
     top = rounded(_top_mm(solid, state))
     known = ranges_known(sections)
     everywhere = len(known) == 1 and known[0][0] == 0.0 and known[0][1] >= top - NEGLIGIBLE_MM
@@ -192,9 +201,10 @@ def _imported_state(
         tipping_angle=tipping,
         height=height,
         heights=heights,
+        normal_bound=circles and rounded_up(circles.turn_rad),
         sections=some,
     )
-    off = max(section.off_mm for section in sections)
+    off = max(section.off_mm for section in sections) if circles is None else circles.off_mm
     result = ImportedStateOut.of(
         text,
         sections=len(some),

@@ -22,6 +22,7 @@ __all__ = [
     "ranges_known",
     "ranges_near",
     "rounded",
+    "rounded_up",
     "sections_text",
 ]
 
@@ -97,6 +98,12 @@ def frame_out(rotation: Floats, offset_mm: Floats) -> FrameOut:
 def rounded(value: float) -> float:
     """A number of the file."""
     return round(float(value), DECIMALS) + 0.0
+
+
+def rounded_up(value: float) -> float:
+    """A bound of the file, upward."""
+    scale: int = 10**DECIMALS
+    return math.ceil(value * scale) / scale
 
 
 def share(value: float) -> float:

@@ -65,7 +65,7 @@ def test_a_slot_has_the_area_of_a_slot(tmp_path: Path) -> None:
         ({"cirle": {"centre": [0, 0], "radius": 1}}, "circle"),
         ([[0, 0, 0.5], [10, 0, "x"], [0, 10]], "outline point 1"),
         ([[0, 0, 200], [10, 0], [0, 10]], "outline point 0"),
-        ([[0, 0, 1], [10, 0], [5, -8]], "cross"),
+        ([[0, 0, 1], [10, 0], [5, -8]], "intersects itself"),
     ],
 )
 def test_what_is_no_curve_is_refused_in_one_line(tmp_path: Path, outline: object, words: str) -> None:

@@ -1,0 +1,199 @@
+"""Round states of imported solids: sections whose outlines are all circles about one vertical axis.
+
+A mesh has polygons for circles. Where the walls between two heights are within what the tolerance allows of
+as many circles about one axis as the section has outlines, the circles are written instead, and by what angle
+the surface's normals, seen from above, differ from theirs. Judged is the surface itself, not the
+sections that were made of it: on a facet, cut off at both heights, the distance from the axis is largest at a
+corner and smallest on a side, and the radial direction turns no further than at its corners.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+import shapely
+
+from palpate.cad.values import CrossSection, Region, Solid, StableState
+from palpate.config.objects_rings import CircleText
+from palpate.config.objects_tables import PolygonText, SectionText
+from palpate.config.results import DECIMALS
+from palpate.geometry import Floats
+
+__all__ = ["RoundSections", "round_sections"]
+
+_LARGEST_TURN_RAD = math.radians(20.0)  # coarser polygons are none that stand for circles
+_ON_AXIS = 1e-6  # of the solid's size: corners so near to the axis have no radial direction
+_LEVEL = 1e-9  # facets of normals so nearly vertical have no section
+_DIVISIONS = 4  # a section is halved so often where a wall leans too much for one circle
+_ROUNDING_MM = 10.0**-DECIMALS
+
+
+@dataclass(frozen=True)
+class RoundSections:
+    """Sections of circles only. Real outlines are within `off_mm` of them, and normals within `turn_rad`."""
+
+    sections: tuple[SectionText, ...]
+    off_mm: float
+    turn_rad: float
+
+
+def round_sections(
+    solid: Solid, state: StableState, sections: Sequence[CrossSection], allowed_mm: float
+) -> RoundSections | None:
+    """The sections as circles about one axis; None if some outline is none to within `allowed_mm` in all."""
+    known = sorted((section for section in sections if section.regions), key=lambda item: item.z_mm)
+    corners = (solid.vertices_mm @ state.rotation.T + state.offset_mm)[:, :2]
+    # The centre of mass, above the origin, is on the axis, unless something of the part is not.
+    middle = np.round((corners.min(axis=0) + corners.max(axis=0)) / 2, DECIMALS) + 0.0
+    for centre in (np.zeros(2), middle):
+        found = _about(centre, solid, state, known, allowed_mm)
+        if found is not None:
+            return found
+    return None
+
+
+def _about(
+    centre: Floats, solid: Solid, state: StableState, sections: Sequence[CrossSection], allowed_mm: float
+) -> RoundSections | None:
+    """The sections as circles about an axis through `centre` (2,)."""
+    axis = shapely.Point(centre)
+    regions = (region for section in sections for region in section.regions)
+    if not all(shapely.Polygon(ring).contains(axis) for region in regions for ring in _rings(region)):
+        return None
+    walls = _Walls.of(solid, state, centre)
+    if walls.turn_rad > _LARGEST_TURN_RAD:
+        return None
+    texts, off = [], 0.0
+    for section in sections:
+        found = _circles(walls, section, *section.z_mm, centre, allowed_mm - solid.off_mm, _DIVISIONS)
+        if found is None:
+            return None
+        texts += found[0]
+        off = max(off, found[1])
+    return RoundSections(tuple(texts), solid.off_mm + off, walls.turn_rad)
+
+
+def _rings(region: Region) -> tuple[Floats, ...]:
+    return (region.outer, *region.holes)
+
+
+def _circles(
+    walls: "_Walls",
+    section: CrossSection,
+    low: float,
+    high: float,
+    centre: Floats,
+    allowed_mm: float,
+    divisions: int,
+) -> tuple[list[SectionText], float] | None:
+    """The section between two heights as circles, in several parts if need be, and how far walls are off."""
+    count = sum(len(_rings(region)) for region in section.regions)
+    groups = walls.radii_mm(low, high)
+    off = max(((most - least) / 2 for least, most in groups), default=0.0) + 2 * _ROUNDING_MM
+    if len(groups) == count and off <= allowed_mm:
+        return [_section_text(section, low, high, centre, groups)], off
+    if not divisions:
+        return None
+    middle = round((low + high) / 2, DECIMALS)
+    parts = [
+        _circles(walls, section, begin, end, centre, allowed_mm, divisions - 1)
+        for begin, end in ((low, middle), (middle, high))
+    ]
+    if parts[0] is None or parts[1] is None:
+        return None
+    return parts[0][0] + parts[1][0], max(parts[0][1], parts[1][1])
+
+
+def _section_text(
+    section: CrossSection, low: float, high: float, centre: Floats, groups: Sequence[tuple[float, float]]
+) -> SectionText:
+    """The section with the circles of the groups, ascending, in the place of its outlines."""
+    size = sorted(float(np.ptp(ring[:, 0])) for region in section.regions for ring in _rings(region))
+    polygons = []
+    for region in section.regions:
+        outer, *holes = (
+            _circle_text(centre, groups[size.index(float(np.ptp(ring[:, 0])))]) for ring in _rings(region)
+        )
+        polygons.append(PolygonText(outer=outer, holes=holes) if holes else PolygonText(outer=outer))
+    z = (round(low, DECIMALS) + 0.0, round(high, DECIMALS) + 0.0)
+    return SectionText(z=z, polygons=polygons)
+
+
+def _circle_text(centre: Floats, radii_mm: tuple[float, float]) -> CircleText:
+    radius = round(sum(radii_mm) / 2, DECIMALS)
+    return CircleText.model_validate({"circle": {"centre": tuple(centre.tolist()), "radius": radius}})
+
+
+@dataclass(frozen=True, eq=False)
+class _Walls:
+    """Facets (m, 3, 3) mm of a state, no level ones, seen from an axis; `turn_rad`: normals from radial."""
+
+    corner: Floats
+    turn_rad: float
+
+    @classmethod
+    def of(cls, solid: Solid, state: StableState, centre: Floats) -> "_Walls":
+        vertices = solid.vertices_mm @ state.rotation.T + state.offset_mm - [*centre, 0.0]
+        corner = vertices[solid.faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        level = np.hypot(normal[:, 0], normal[:, 1]) <= _LEVEL * np.linalg.norm(normal, axis=1)
+        corner, outward = corner[~level], normal[~level][:, None, :2]
+        radial = corner[..., :2]
+        across = radial[..., 0] * outward[..., 1] - radial[..., 1] * outward[..., 0]
+        along = np.abs(np.sum(radial * outward, axis=2))  # inward on the wall of a hole
+        far = np.hypot(radial[..., 0], radial[..., 1]) > _ON_AXIS * float(np.ptp(vertices, axis=0).max())
+        return cls(corner, float(np.arctan2(np.abs(across), along)[far].max(initial=0.0)))
+
+    def radii_mm(self, low: float, high: float) -> list[tuple[float, float]]:
+        """Least and largest distance from the axis of walls between two heights, wall by wall, ascending."""
+        z = self.corner[..., 2]
+        some = self.corner[(z.min(axis=1) < high) & (z.max(axis=1) > low)]
+        points = np.concatenate([_within(some, low, high), _cut(some, low), _cut(some, high)], axis=1)
+        known = np.isfinite(points[..., 0])
+        some_known = known.any(axis=1)
+        points, known = points[some_known], known[some_known]
+        most = np.where(known, np.hypot(points[..., 0], points[..., 1]), -np.inf).max(axis=1)
+        least = most.copy()
+        for one, other in combinations(range(points.shape[1]), 2):
+            least = np.fmin(least, _nearest_mm(points[:, one], points[:, other]))
+        return _joined(np.column_stack([least, most]))
+
+
+def _within(corner: Floats, low: float, high: float) -> Floats:
+    """Corners (m, 3, 2) between two heights, NaN for others."""
+    z = corner[..., 2:]
+    result: Floats = np.where((z >= low) & (z <= high), corner[..., :2], np.nan)
+    return result
+
+
+def _cut(corner: Floats, height: float) -> Floats:
+    """Where the sides of facets are at a height, (m, 3, 2); NaN for sides that are not."""
+    other = np.roll(corner, -1, axis=1)
+    rise = other[..., 2] - corner[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (height - corner[..., 2]) / rise
+        at = corner[..., :2] + share[..., None] * (other - corner)[..., :2]
+    result: Floats = np.where(((share >= 0) & (share <= 1))[..., None], at, np.nan)
+    return result
+
+
+def _nearest_mm(one: Floats, other: Floats) -> Floats:
+    """Least distance of segments (m, 2) from the origin; NaN where an end is unknown."""
+    leg = other - one
+    square = np.maximum(np.sum(leg * leg, axis=1), 1e-300)
+    share = np.clip(-np.sum(one * leg, axis=1) / square, 0.0, 1.0)
+    result: Floats = np.hypot(*(one + share[:, None] * leg).T)
+    return result
+
+
+def _joined(intervals: Floats) -> list[tuple[float, float]]:
+    """Intervals (m, 2) that overlap as one, ascending."""
+    result: list[tuple[float, float]] = []
+    for least, most in sorted(map(tuple, intervals.tolist())):
+        if result and least <= result[-1][1] + _ROUNDING_MM:
+            result[-1] = result[-1][0], max(most, result[-1][1])
+        else:
+            result.append((least, most))
+    return result

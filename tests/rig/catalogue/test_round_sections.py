@@ -1,0 +1,113 @@
+"""Round states of imported solids: circles where the surface is round, judged by trimesh's own sections."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from palpate.config.objects_rings import CircleText
+from palpate.config.objects_tables import StateText
+from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
+
+
+def imported(mesh: trimesh.Trimesh, folder: Path, **options: object) -> ImportedObject:
+    path = folder / "part.stl"
+    mesh.export(path)
+    (item,) = import_file(path, ImportOptions(units="mm", **options)).objects
+    return item
+
+
+def circles(state: StateText) -> list[CircleText]:
+    found = [ring for part in state.sections for p in part.polygons for ring in (p.outer, *p.holes)]
+    return [ring for ring in found if isinstance(ring, CircleText)] if found else []
+
+
+def is_round(state: StateText) -> bool:
+    return len(circles(state)) == sum(1 + len(p.holes) for part in state.sections for p in part.polygons)
+
+
+def drawn(state: StateText, height: float) -> shapely.Geometry:
+    """What the imported state has at a height, in 4,000 sides a circle."""
+    shapes = []
+    for part in state.sections:
+        if part.z[0] <= height <= part.z[1]:
+            for polygon in part.polygons:
+                outer, *holes = (
+                    shapely.Point(ring.circle.centre).buffer(ring.circle.radius, quad_segs=1000)
+                    for ring in (polygon.outer, *polygon.holes)
+                )
+                shapes.append(outer.difference(shapely.union_all(holes)))
+    return shapely.union_all(shapes)
+
+
+def true_section(mesh: trimesh.Trimesh, item: ImportedObject, number: int, height: float) -> shapely.Geometry:
+    """The mesh's section at a height of one of its states, by trimesh."""
+    frame = item.result.states[number].frame
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = frame.rotation, frame.offset
+    resting = mesh.copy().apply_transform(matrix)
+    path = resting.section(plane_origin=[0, 0, height], plane_normal=[0, 0, 1])
+    result = shapely.Polygon()
+    for ring in sorted((shapely.Polygon(line[:, :2]) for line in path.discrete), key=lambda p: -p.area):
+        result = result.symmetric_difference(ring)
+    return result
+
+
+def profile(seed: int) -> np.ndarray:
+    rng = np.random.default_rng([12, seed])
+    heights = np.cumsum(rng.uniform(2.0, 8.0, 4))
+    radii = rng.uniform(6.0, 20.0, 5)
+    return np.array([[0.0, 0.0], [radii[0], 0.0], *zip(radii[1:], heights, strict=True), [0.0, heights[-1]]])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_turned_parts_stand_as_circles_within_their_tolerance(seed: int, tmp_path: Path) -> None:
+    mesh = trimesh.creation.revolve(profile(seed), sections=[40, 64, 128][seed % 3])
+    item = imported(mesh, tmp_path)
+    standing = [number for number, state in enumerate(item.text.states) if is_round(state)]
+    assert standing
+    rng = np.random.default_rng(seed)
+    for number in standing:
+        state = item.text.states[number]
+        assert state.normal_bound is not None
+        assert state.normal_bound >= np.pi / 128 - 1e-6
+        for height in rng.uniform(0.01, state.height - 0.01, 20):
+            true = true_section(mesh, item, number, height)
+            off = shapely.hausdorff_distance(drawn(state, height).boundary, true.boundary, densify=0.01)
+            assert off <= item.text.tolerance + 1e-3  # of the circle's own facets
+
+
+def test_a_tube_is_two_circles(tmp_path: Path) -> None:
+    mesh = trimesh.creation.revolve(
+        np.array([[6.0, 0.0], [14.0, 0.0], [14.0, 20.0], [6.0, 20.0], [6.0, 0.0]]), sections=64
+    )
+    item = imported(mesh, tmp_path)
+    (state,) = [state for state in item.text.states if is_round(state)]
+    assert [ring.circle.centre for ring in circles(state)] == [(0.0, 0.0)] * 2
+    assert [ring.circle.radius for ring in circles(state)] == pytest.approx([14.0, 6.0], abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["oval", "hexagon", "off the axis"])
+def test_what_is_not_round_stays_a_polygon(kind: str, tmp_path: Path) -> None:
+    mesh = trimesh.creation.cylinder(radius=12.0, height=20.0, sections=6 if kind == "hexagon" else 64)
+    if kind == "oval":
+        mesh.apply_scale([1.02, 1.0, 1.0])
+    if kind == "off the axis":
+        top = mesh.vertices[:, 2] > 0
+        mesh.vertices[top] += [0.5, 0.0, 0.0]
+    assert not any(is_round(state) for state in imported(mesh, tmp_path).text.states)
+
+
+def test_a_ring_that_leans_a_little_is_divided_into_circles(tmp_path: Path) -> None:
+    """A cone's sections differ with height: as many circles as the tolerance needs."""
+    cone = trimesh.creation.revolve(
+        np.array([[0.0, 0.0], [15.0, 0.0], [5.0, 30.0], [0.0, 30.0]]), sections=64
+    )
+    item = imported(cone, tmp_path, heights_mm=(10.0,))
+    standing = [state for state in item.text.states if is_round(state)]
+    assert standing
+    for state in standing:
+        radii = [ring.circle.radius for ring in circles(state)]
+        assert len(set(radii)) == len(radii) > 1
