@@ -40,7 +40,7 @@ class Budget:
     @property
     def interpretations(self) -> int:
         """Interpretations that the pairing of the second or third contact may leave."""
-        return self.units // 20
+        return self.units // 50
 
     @property
     def worthwhile(self) -> int:
@@ -50,12 +50,17 @@ class Budget:
     @property
     def cells(self) -> int:
         """Cells of all interpretations together, unless these are more."""
-        return self.units // 16
+        return self.units // 32
 
     @property
     def refined(self) -> int:
         """Cells, times contacts, that are cut finer at once where no configuration has been found."""
         return self.units // 30
+
+    @property
+    def pieces(self) -> int:
+        """Pieces of the true boundary that cells are compared with at once, to see which are empty."""
+        return self.units
 
     @property
     def fine(self) -> int:

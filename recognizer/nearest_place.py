@@ -22,7 +22,7 @@ NEAR_MM = 1.0
 """So far beyond bounds places are looked for, to be moved to."""
 
 _AT_END_RAD = 1e-6
-_AT_ONCE = 20_000  # points
+_AT_ONCE = 2_000  # points: each may have hundreds of pieces
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,26 +63,37 @@ def nearest_places(
     beyond_mm: float = NEAR_MM,
     *,
     judged: bool = True,
+    most: int | None = None,
 ) -> Places:
     """The place next to each point (q, 2) with a normal in [lo, lo + width] (q,); object's frame.
 
     A negative width allows no normal. Looked for are places up to `beyond_mm` beyond the bound (q,) mm.
     Unless places are `judged`, what may cover them is not looked at: `fits` says that some are within bounds.
+    Once `most` pairs of a point and a piece were looked at, points of the smallest bounds first, nothing is
+    known of the others: their distance is 0.
     """
-    parts = [
-        _nearest(
+    result = Places.nowhere(len(state))
+    order = np.arange(len(state)) if most is None else np.argsort(bound, kind="stable")
+    looked = 0
+    for rows in np.array_split(order, len(state) // _AT_ONCE + 1):
+        if most is not None and looked > most:
+            result.distance[rows] = 0.0
+            continue
+        owner, piece = _near_pieces(boundary, state[rows], point[rows], bound[rows], beyond_mm)
+        looked += len(owner)
+        found = _nearest(
             boundary,
             state[rows],
             point[rows],
             lo_rad[rows],
             width_rad[rows],
             bound[rows],
-            beyond_mm,
+            owner,
+            piece,
             judged=judged,
         )
-        for rows in np.array_split(np.arange(len(state)), len(state) // _AT_ONCE + 1)
-    ]
-    return Places.joined(parts)
+        result.place(rows, found)
+    return result
 
 
 def _nearest(
@@ -92,11 +103,12 @@ def _nearest(
     lo: Floats,
     width: Floats,
     bound: Floats,
-    beyond_mm: float,
+    owner: Ints,
+    piece: Ints,
     *,
     judged: bool,
 ) -> Places:
-    owner, piece = _near_pieces(boundary, state, point, bound, beyond_mm)
+    """The same for points with the pieces that are near: pairs of `owner` and `piece` (m,)."""
     pieces = boundary.pieces.select(piece)
     which, begin, turn = _common_normals(pieces, lo[owner], width[owner])
     owner, pieces = owner[which], pieces.select(which)

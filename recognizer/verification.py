@@ -93,17 +93,19 @@ def may_fit(
     turn_rad: Floats,
     shift_mm: Floats,
     skipped: Bools | None = None,
+    most: int | None = None,
 ) -> Bools:
     """Configurations (n,) near which one may satisfy all contacts: False where none can.
 
-    Near: turned by at most `turn_rad` and with a position s that is off by at most `shift_mm` (n,).
+    Near: turned by at most `turn_rad` and with a position s that is off by at most `shift_mm` (n,). Once
+    `most` pieces of the boundary were looked at for one kind of finger, all others may.
     """
     shape = (len(poses), len(contacts))
     asked = np.ones(shape, dtype=bool) if skipped is None else ~skipped
     lever = np.hypot(*(_ends(contacts) - anchor_mm).T)
     more = turn_rad[:, None] * lever + shift_mm[:, None]
     wider = np.broadcast_to(turn_rad[:, None], shape)
-    places = _places(catalogue, poses, contacts, anchor_mm, asked, more, wider)
+    places = _places(catalogue, poses, contacts, anchor_mm, asked, more, wider, most)
     bound = np.array([contact.position_bound_mm for contact in contacts]) + more
     near = places.distance.reshape(shape) <= bound + ALLOWANCE_MM
     untouched = np.array([not contact.touched for contact in contacts])
@@ -123,6 +125,7 @@ def _places(
     asked: Bools,
     more_mm: Floats | None = None,
     wider_rad: Floats | None = None,
+    most: int | None = None,
 ) -> Places:
     """Places next to where tips are said to be, for all poses and contacts `asked` (n, m), row by row.
 
@@ -151,6 +154,7 @@ def _places(
             bound[row, column],
             NEAR_MM if more_mm is None else 10 * ALLOWANCE_MM,
             judged=more_mm is None,
+            most=most,
         )
         found.place(row * asked.shape[1] + column, some)
     return found

@@ -145,4 +145,5 @@ def can_be_verified(constraints: Constraints, cells: Cells) -> Bools:
         cells.half_width,
         cells.radius,
         null_mask(constraints.nodes, cells.node, constraints.evidence),
+        constraints.budget.pieces,
     )
