@@ -1,5 +1,6 @@
 """Distinct shapes of a trimesh scene (3MF, STEP): four screws of an assembly are one object."""
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,13 @@ __all__ = ["ScenePart", "distinct_shapes", "triangles"]
 
 _SAME = 1e-6
 """Transforms whose lengths and angles differ by less are the same but for position and heading."""
+
+_PLACEHOLDER = re.compile(
+    r"Open CASCADE STEP translator [\d. ]*|Unnamed\d*|geometry_\d+|=>\[[\d:]*\]"
+    r"|COMPOUND|COMPSOLID|SOLID|SHELL",
+    re.IGNORECASE,
+)
+"""What Open CASCADE (FreeCAD, CadQuery) and mesh programs call parts that have no name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +66,16 @@ def distinct_shapes(where: str, scene: Any, fallback: str) -> list[ScenePart]:
         mesh = scene.geometry[geometry]
         if not hasattr(mesh, "faces"):
             continue
-        name = str(geometry).strip() or fallback
+        name = _real_name(str(geometry)) or fallback
         vertices, faces = triangles(f"{where}: {name}", mesh)
         found.append(ScenePart(name, vertices @ linear.T + np.asarray(transform)[:3, 3], faces))
     return found
+
+
+def _real_name(name: str) -> str:
+    """A part's name; empty for one that a program gives to what nobody has named."""
+    name = name.strip()
+    return "" if _PLACEHOLDER.fullmatch(name) else name
 
 
 def _order(scene: Any, node: str) -> tuple[int, str]:

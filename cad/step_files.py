@@ -122,5 +122,8 @@ def _length_mm(entity: dict[str, str], number: str) -> float:
         return _SI_MM.get(metres[1] or "", 0.0)
     conversion = re.search(r"CONVERSION_BASED_UNIT\s*\(\s*'[^']*'\s*,\s*#(\d+)", body)
     measure = entity.get(conversion[1], "") if conversion else ""
-    size = re.search(r"LENGTH_MEASURE\s*\(\s*([-+.\dEe]+)\s*\)\s*,\s*#(\d+)", measure)
+    # Open CASCADE writes the number without its type.
+    size = re.search(
+        r"MEASURE_WITH_UNIT\s*\(\s*(?:LENGTH_MEASURE\s*\(\s*)?([-+.\dEe]+)\s*\)?\s*,\s*#(\d+)", measure
+    )
     return float(size[1]) * _length_mm(entity, size[2]) if size and size[2] != number else 0.0

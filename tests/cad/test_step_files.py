@@ -61,6 +61,39 @@ def test_units_are_those_of_the_file_and_chords_are_in_mm_all_the_same(tmp_path,
         read_solids(path, "inch", 0.2)
 
 
+INCH = """#114 = ( CONVERSION_BASED_UNIT('INCH',#901) LENGTH_UNIT() NAMED_UNIT(#902) );
+#901 = LENGTH_MEASURE_WITH_UNIT({size},#903);
+#902 = DIMENSIONAL_EXPONENTS(1.,0.,0.,0.,0.,0.,0.);
+#903 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );"""
+
+
+@pytest.mark.parametrize("size", ["LENGTH_MEASURE(25.4)", "25.4"])
+def test_inches_are_read_with_and_without_the_type_of_their_size(tmp_path, size):
+    text = (HERE / "cylinder.step").read_text()
+    mm = "#114 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );"
+    assert mm in text
+    path = tmp_path / "part.step"
+    path.write_text(text.replace(mm, INCH.format(size=size)))
+    (solid,) = read_solids(path, "inch", 1.0)
+    (metric,) = read_solids(HERE / "cylinder.step", None, 1.0 / 25.4)
+    np.testing.assert_allclose(
+        np.ptp(solid.vertices_mm, axis=0), 25.4 * np.ptp(metric.vertices_mm, axis=0), rtol=1e-5
+    )
+
+
+def test_a_part_that_nobody_has_named_is_named_after_its_file():
+    (solid,) = read_solids(HERE / "cylinder.step", None, 0.1)
+    assert solid.name == "cylinder"
+
+
+def test_a_product_with_a_name_keeps_it(tmp_path):
+    text = (HERE / "cylinder.step").read_text()
+    path = tmp_path / "part.step"
+    path.write_text(text.replace("Open CASCADE STEP translator 7.8 1", "locating pin"))
+    (solid,) = read_solids(path, None, 0.1)
+    assert solid.name == "locating pin"
+
+
 def test_bodies_and_voids():
     assert [volume(solid) for solid in read_solids(HERE / "two.step", None, 0.1)] == pytest.approx(
         [6000, 1000]
