@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from palpate.cad.dxf_walk import Walk
 from palpate.cad.loop_assembly import JOIN_MM, Sheet, Stroke, closed_loops
 from palpate.cad.optional_imports import needed, readable
-from palpate.cad.part_size import UNIT_MM
+from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.ring_nesting import parts
 from palpate.cad.values import Drawing
 from palpate.errors import InputError
@@ -84,7 +84,7 @@ def _unit(document: "Document", units: str | None, path: Path) -> tuple[str, flo
         raise InputError(f"{path}: has $INSUNITS {code}, a unit in which no part is drawn; save it in mm")
     unit, unit_mm = _INSUNITS[code]
     if units not in {None, unit}:
-        raise InputError(f"{path}: is in {unit} ($INSUNITS is {code}), not in {units}: give no units")
+        raise InputError(f"{path}: is in {unit} ($INSUNITS is {code}), not in {units}: {GIVE_NO_UNITS}")
     return unit, unit_mm
 
 

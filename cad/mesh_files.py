@@ -15,7 +15,7 @@ import numpy as np
 
 from palpate.cad.mesh_checks import check_solids
 from palpate.cad.optional_imports import needed
-from palpate.cad.part_size import UNIT_MM
+from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.ply_header import ply_problem
 from palpate.cad.scenes import distinct_shapes, triangles
 from palpate.cad.values import Solid
@@ -84,7 +84,7 @@ def _read_3mf(path: Path, units: str | None) -> tuple[Solid, ...]:
     if unit not in _3MF_MM:
         raise InputError(f"{path}: unknown unit '{unit}'; 3MF allows {', '.join(_3MF_MM)}")
     if units is not None and UNIT_MM[units] != _3MF_MM[unit]:
-        raise InputError(f"{path}: says that it is in {unit}, not in {units}: give no units")
+        raise InputError(f"{path}: says that it is in {unit}, not in {units}: {GIVE_NO_UNITS}")
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):
         where = f"{path}: {shape.name}"

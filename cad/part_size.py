@@ -4,13 +4,18 @@ import numpy as np
 
 from palpate.geometry import Floats
 
-__all__ = ["MAX_SIZE_MM", "MIN_SIZE_MM", "UNIT_MM", "size_problem"]
+__all__ = ["GIVE_NO_UNITS", "MAX_SIZE_MM", "MIN_SIZE_MM", "UNIT_MM", "size_problem"]
+
 
 MIN_SIZE_MM = 1.0
 MAX_SIZE_MM = 1000.0
 
 UNIT_MM = {"mm": 1.0, "inch": 25.4, "m": 1000.0}
 """Units that can be asked for, in mm."""
+
+
+GIVE_NO_UNITS = "give no units"
+"""Ends the message where units were asked for and the file states others itself."""
 
 
 def size_problem(size_mm: Floats, units: str | None) -> str | None:

@@ -14,9 +14,12 @@ from palpate.errors import InputError
 from palpate.files import check_file
 from palpate.files.limits import CAD_BYTES, FACETS, PARTS
 
-__all__ = ["is_drawing", "read_drawings", "read_solids", "simpler"]
+__all__ = ["SUFFIXES", "is_drawing", "read_drawings", "read_solids", "simpler"]
 
 _DRAWINGS = (".dxf", ".svg")
+
+SUFFIXES = (*MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWINGS)
+"""Of all files that are read."""
 
 
 def is_drawing(path: Path) -> bool:
@@ -25,9 +28,8 @@ def is_drawing(path: Path) -> bool:
     Raises InputError for a suffix that is neither.
     """
     suffix = path.suffix.lower()
-    allowed = (*MESH_SUFFIXES, *STEP_SUFFIXES, *_DRAWINGS)
-    if suffix not in allowed:
-        raise InputError(f"{path}: unknown kind of file; allowed are {', '.join(sorted(allowed))}")
+    if suffix not in SUFFIXES:
+        raise InputError(f"{path}: unknown kind of file; allowed are {', '.join(sorted(SUFFIXES))}")
     return suffix in _DRAWINGS
 
 

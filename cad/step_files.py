@@ -12,7 +12,7 @@ from typing import Any
 
 from palpate.cad.mesh_checks import check_solids
 from palpate.cad.optional_imports import needed
-from palpate.cad.part_size import UNIT_MM
+from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.scenes import distinct_shapes
 from palpate.cad.surface import rounding
 from palpate.cad.values import Solid
@@ -92,7 +92,7 @@ def _check_units(path: Path, data: bytes, units: str | None) -> None:
         raise InputError(f"{path}: states no unit of length; export it again with one")
     if units is not None and any(abs(mm / UNIT_MM[units] - 1) > 1e-9 for mm in stated):
         said = " and ".join(f"{mm:g} mm" for mm in sorted(stated))
-        raise InputError(f"{path}: says that its unit is {said}, not {units}: give no units")
+        raise InputError(f"{path}: says that its unit is {said}, not {units}: {GIVE_NO_UNITS}")
 
 
 def _units_mm(text: str) -> set[float]:

@@ -3,14 +3,13 @@
 import math
 from pathlib import Path
 
-from palpate.config.import_result import ImportedObjectOut
 from palpate.config.objects_file import load_objects, load_objects_text
-from palpate.config.objects_tables import ObjectsFileText, ObjectText
+from palpate.config.objects_tables import ObjectsFileText
 from palpate.errors import InputError
 from palpate.files.writing import check_place
-from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions
+from palpate.rig.catalogue.cad_import import ImportOptions
 
-__all__ = ["check_options", "heights_of", "load_target", "merge_objects"]
+__all__ = ["check_options", "heights_of", "load_target"]
 
 _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM = 0.001, 5.0
 _MOST_THICKNESS_MM = 1000.0
@@ -30,8 +29,10 @@ def heights_of(text: str) -> tuple[float, ...]:
     return tuple(sorted(found))
 
 
-def check_options(options: ImportOptions) -> None:
-    """Raises InputError for what is outside its limits."""
+def check_options(options: ImportOptions, *, several: bool = False) -> None:
+    """Raises InputError for what is outside its limits, and for a name of `several` files."""
+    if several and options.name is not None:
+        raise InputError("--name is for one file; objects of several are named after their files")
     limits = (
         ("--tolerance", options.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
         ("--deviation", options.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),
@@ -47,25 +48,19 @@ def check_options(options: ImportOptions) -> None:
         raise InputError(f"--name has {len(options.name)} characters; it must have from 1 to 90")
 
 
-def load_target(target: Path, *, add: bool) -> ObjectsFileText | None:
-    """What the objects file holds already; InputError, before anything is computed, if it stays as it is."""
+def load_target(target: Path, *, add: bool, again: bool = False) -> ObjectsFileText | None:
+    """What the objects file holds already; InputError, before anything is computed, if it stays as it is.
+
+    `again`: one that was made by imports alone is brought up to date.
+    """
     check_place(target)
     if not target.exists():
         return None
-    if not add:
-        raise InputError(f"{target} is there already: add to it with --add, or choose another with --out")
+    refused = f"{target} is there already: add to it with --add, or choose another with --out"
+    if not add and not again:
+        raise InputError(refused)
     load_objects(target)
-    return load_objects_text(target)
-
-
-def merge_objects(
-    there: ObjectsFileText | None, new: tuple[ImportedObject, ...]
-) -> tuple[ObjectsFileText, tuple[ImportedObjectOut, ...]]:
-    """The file's text with the new objects: in the place of those of their names, else at the end."""
-    old = [] if there is None else there.objects
-    fresh: dict[str, ObjectText] = {item.text.name: item.text for item in new}
-    names = {entry.name for entry in old}
-    objects = [fresh.get(entry.name, entry) for entry in old]
-    objects += [text for name, text in fresh.items() if name not in names]
-    result = tuple(item.result.model_copy(update={"replaced": item.result.name in names}) for item in new)
-    return ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects), result
+    there = load_objects_text(target)
+    if not add and any(item.source is None for item in there.objects):
+        raise InputError(f"{refused}; it holds objects that were not imported")
+    return there

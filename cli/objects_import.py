@@ -29,9 +29,13 @@ class _States(StrEnum):
 
 @if_interrupted("nothing was written")
 def import_objects(
-    file: Annotated[
-        Path,
-        typer.Argument(help="STL, OBJ, PLY, 3MF or STEP; drawings: DXF or SVG.", show_default=False),
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FILE|FOLDER…",
+            help="STL, OBJ, PLY, 3MF or STEP; drawings: DXF or SVG. Of several, only what changed is read.",
+            show_default=False,
+        ),
     ],
     units: Annotated[
         _Units | None, typer.Option("--units", help="The file's units; needed where it has none.")
@@ -71,31 +75,36 @@ def import_objects(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="Objects file; else FILE's name with .objects.json, here."
+            "--out",
+            metavar="FILE",
+            help="Objects file; else the name of FILE or FOLDER with .objects.json, here.",
         ),
     ] = None,
     add: Annotated[
         bool,
-        typer.Option("--add", help="Add to the objects file, if there is one; same names are replaced."),
+        typer.Option(
+            "--add", help="Add to the objects file, if there is one; what came from other files stays."
+        ),
     ] = False,
     json: JsonOption = False,
-) -> None:
-    """Make object models from a CAD file: stable states and their cross sections.
+) -> int:
+    """Make object models from CAD files: stable states and their cross sections.
 
     Refused, with the place: surfaces that are not closed or cross themselves, open outlines, files without
-    units, parts of odd sizes.
+    units, parts of odd sizes. Exit code: 1 if some of several files are refused, 2 if all are.
     """
     import time
 
-    from palpate.cli.objects_file import check_options, heights_of, load_target, merge_objects
+    from palpate.cli.objects_file import check_options, heights_of, load_target
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.import_result import ImportOut
     from palpate.config.objects_file import checked_objects
     from palpate.config.objects_tables import objects_json
     from palpate.config.results import to_json
     from palpate.files.writing import write_text
-    from palpate.rig.catalogue.cad_import import ImportOptions, import_file
-    from palpate.views.import_table import show
+    from palpate.rig.catalogue.cad_import import ImportOptions
+    from palpate.rig.catalogue.folder_import import files_in, import_files
+    from palpate.views.import_table import files_out, show, show_files
 
     begin = time.perf_counter()
     options = ImportOptions(
@@ -108,25 +117,37 @@ def import_objects(
         as_is=states is _States.AS_IS,
         least_probability=least_probability,
     )
-    check_options(options)
-    target = out or Path(f"{file.stem}.objects.json")
-    there = load_target(target, add=add)
+    several = len(paths) > 1 or paths[0].is_dir()
+    check_options(options, several=several)
+    files = files_in(paths)
+    target = out or Path(f"{paths[0].stem or paths[0].resolve().name}.objects.json")
+    there = load_target(target, add=add, again=several)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
-    with Doing(console, f"reading {file.name}") as doing:
-        imported = import_file(file, options, doing.now)
+    with Doing(console, "reading") as doing:
+        made = import_files(files, options, target, there, doing.now, several=several)
         doing.now(f"writing {target}")
-        text, objects = merge_objects(there, imported.objects)
-        checked_objects(text, str(file))  # what is written can be read again
-        written = objects_json(text)
-        write_text(target, written)
+        written = ""
+        if made.text.objects:
+            checked_objects(made.text, str(target))  # what is written can be read again
+            written = objects_json(made.text)
+            if there is None or written != objects_json(there):
+                write_text(target, written)
+    new = [item for outcome in made.files for item in outcome.objects]
     result = ImportOut(
-        source=str(file),
+        source=", ".join(map(str, paths)),
         objects_file=str(target),
         bytes=len(written.encode()),
-        objects=objects,
-        warnings=imported.warnings,
+        objects=tuple(item.result for item in new),
+        warnings=(
+            *(text for outcome in made.files for text in outcome.warnings),
+            *(f'object "{name}" is kept, though its file {file} is gone' for name, file in made.gone),
+        ),
+        files=files_out(made) if several else (),
         seconds=time.perf_counter() - begin,
     )
     if json:
         typer.echo(to_json(result))
-    show(result, console if json else Terminal(highlight=False))
+    screen = console if json else Terminal(highlight=False)
+    (show_files if several else show)(result, screen)
+    failed = sum(outcome.failure is not None for outcome in made.files)
+    return 0 if not failed else 2 if failed == len(made.files) else 1

@@ -4,7 +4,7 @@ from typing import Literal
 
 from palpate.config.results import Interval, Out, Rounded
 
-__all__ = ["FrameOut", "ImportOut", "ImportedObjectOut", "ImportedStateOut", "LeftOutOut"]
+__all__ = ["FrameOut", "ImportOut", "ImportedFileOut", "ImportedObjectOut", "ImportedStateOut", "LeftOutOut"]
 
 
 class FrameOut(Out):
@@ -62,8 +62,24 @@ class ImportedObjectOut(Out):
     left_out: tuple[LeftOutOut, ...]
 
 
+class ImportedFileOut(Out):
+    """What became of one of several files: `objects` that it holds; `kept`: they were up to date.
+
+    `failure`: why there are none.
+    """
+
+    file: str
+    objects: tuple[str, ...]
+    kept: bool
+    failure: str | None
+    seconds: Rounded
+
+
 class ImportOut(Out):
-    """What was read, what was made of it, and the objects file that it is in now."""
+    """What was read, what was made of it, and the objects file that it is in now.
+
+    `files`: of several files, what became of each; `objects` are those that were made anew.
+    """
 
     format: Literal["palpate/import@1"] = "palpate/import@1"
     units: Literal["mm, rad"] = "mm, rad"
@@ -72,4 +88,5 @@ class ImportOut(Out):
     bytes: int
     objects: tuple[ImportedObjectOut, ...]
     warnings: tuple[str, ...]
+    files: tuple[ImportedFileOut, ...] = ()
     seconds: Rounded

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Positive
+from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Positive, Text
 from palpate.config.objects_rings import Outline
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "ObjectsFileText",
     "PolygonText",
     "SectionText",
+    "SourceText",
     "StateText",
     "objects_json",
 ]
@@ -61,6 +62,16 @@ class StateText(FileModel):
     sections: Items[SectionText] = Field(min_length=1)
 
 
+class SourceText(FileModel):
+    """What an object was made from, so that it is made anew only when that has changed."""
+
+    file: Text = Field(description="Seen from the folder of the objects file.")
+    sha256: Annotated[str, Field(strict=True, pattern=r"^[0-9a-f]{64}$")] = Field(description="Of the file.")
+    request: Annotated[str, Field(strict=True, max_length=64)] = Field(
+        description="Hash of the options that it was imported with."
+    )
+
+
 class ObjectText(FileModel):
     """An object as it stands in the file: `outline` and `height`, or `states`."""
 
@@ -73,6 +84,7 @@ class ObjectText(FileModel):
         description="Normals of the part's true outline are within this angle of the model's normals within "
         "`tolerance` of the place, rad; without it they may be off by what `tolerance` does to an edge.",
     )
+    source: SourceText | None = Field(default=None, description="Written by the import.")
     outline: Outline | None = Field(default=None, description="Short form: the only cross section.")
     height: Positive | None = Field(default=None, description="Short form: height of the part, mm.")
     states: Items[StateText] | None = Field(default=None, min_length=1)

@@ -1,17 +1,19 @@
 """The result of an import, for a terminal of 80 columns."""
 
 import math
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from palpate.config.import_result import ImportedObjectOut, ImportedStateOut, ImportOut
+from palpate.config.import_result import ImportedFileOut, ImportedObjectOut, ImportedStateOut, ImportOut
 from palpate.config.objects_checks import heights_in_words
 from palpate.errors import counted
+from palpate.rig.catalogue.folder_import import Catalogued
 from palpate.views.tables import folded, table
 
-__all__ = ["show"]
+__all__ = ["files_out", "show", "show_files"]
 
 _UNKNOWN = "–"
 _MOST_KNOWN = 6
@@ -26,6 +28,61 @@ def show(out: ImportOut, console: Console) -> None:
     count = counted(len(out.objects), "object", "objects")
     console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({_size(out.bytes)}), {out.seconds:.1f} s")
     console.print(f"see them: palpate objects show {escape(_quoted(out.objects_file))}", soft_wrap=True)
+
+
+def files_out(made: Catalogued) -> tuple[ImportedFileOut, ...]:
+    """What became of each of several files."""
+    return tuple(
+        ImportedFileOut(
+            file=str(item.path),
+            objects=item.kept or tuple(each.result.name for each in item.objects),
+            kept=bool(item.kept),
+            failure=item.failure,
+            seconds=item.seconds,
+        )
+        for item in made.files
+    )
+
+
+def show_files(out: ImportOut, console: Console) -> None:
+    """A line for each new object of several files, then what was kept, left out or refused."""
+    if out.objects:
+        console.print(_objects(out.objects))
+    kept = [item for item in out.files if item.kept]
+    if kept:
+        console.print(f"{counted(len(kept), 'file has', 'files have')} not changed")
+    for item in out.objects:
+        for left in item.left_out:
+            count = counted(left.states, "state", "states")
+            text = f"{item.name}: left out: {count}, {_percent(left.probability)}: {left.reason}"
+            console.print(f"[yellow]![/] {escape(text)}", soft_wrap=True)
+    for warning in out.warnings:
+        console.print(f"[yellow]![/] {escape(warning)}", soft_wrap=True)
+    failed = [item for item in out.files if item.failure is not None]
+    for file in failed:
+        console.print(f"[red]✗[/] {escape(file.failure or '')}", soft_wrap=True)
+    good = len(out.files) - len(failed)
+    count = f"{good} of {counted(len(out.files), 'file', 'files')}"
+    if good:
+        size = _size(out.bytes)
+        console.print(f"{count} in [bold]{escape(out.objects_file)}[/] ({size}), {out.seconds:.1f} s")
+        console.print(f"see them: palpate objects show {escape(_quoted(out.objects_file))}", soft_wrap=True)
+    else:
+        console.print(f"{count} could be read; nothing was written")
+
+
+def _objects(objects: Sequence[ImportedObjectOut]) -> Table:
+    numbers = "size", "states", "sections", "tolerance"
+    rows = table(folded("object"), *numbers, numbers=numbers)
+    for item in objects:
+        rows.add_row(
+            escape(item.name) + (", replaced" if item.replaced else ""),
+            " × ".join(f"{side:.4g}" for side in item.size),
+            str(len(item.states)),
+            str(sum(state.sections for state in item.states)),
+            f"{item.tolerance:.4f} mm",
+        )
+    return rows
 
 
 def _show_object(item: ImportedObjectOut, console: Console) -> None:

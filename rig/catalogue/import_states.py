@@ -8,7 +8,7 @@ import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import active_children
+from multiprocessing import active_children, parent_process
 
 import shapely
 
@@ -102,7 +102,12 @@ def import_states(solid: Solid, shares: Shares, report: Report) -> ImportedState
 def _all_sectioned(
     solid: Solid, kept: Sequence[MergedState], shares: Shares, report: Report
 ) -> list[ImportedState]:
-    """All states, in parallel processes; an interruption does not wait for those that have been begun."""
+    """All states, in parallel processes; an interruption does not wait for those that have been begun.
+
+    One after the other where there is one only, and where files are imported in parallel.
+    """
+    if len(kept) == 1 or parent_process() is not None:
+        return [_sectioned(solid, item, shares) for item in kept]
     others = set(active_children())
     with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1), initializer=_leave_signals) as pool:
         try:

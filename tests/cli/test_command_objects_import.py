@@ -170,15 +170,17 @@ def test_adding_keeps_what_is_there(angle: Path, tmp_path: Path, ask: Ask) -> No
     assert json.loads(file.read_text()) == content
 
     told = ask(angle, *AS_IS, "--out", file, "--add", "--json").json
-    assert told["objects"][0]["replaced"]
+    assert not told["objects"][0]["replaced"]  # the other "angle" is not from this file
     written = json.loads(file.read_text())["objects"]
-    assert [item["name"] for item in written] == ["angle", "plate"]
-    assert written[1] == short
-    assert "states" in written[0]
+    assert [item["name"] for item in written] == ["angle", "plate", "angle-2"]
+    assert written[:2] == content["objects"]
+    assert "states" in written[2]
 
-    told = ask(angle, *AS_IS, "--name", "angle 2", "--out", file, "--add", "--json").json
+    told = ask(angle, *AS_IS, "--name", "angle-2", "--out", file, "--add", "--json").json
+    assert told["objects"][0]["replaced"]
+    told = ask(angle, *AS_IS, "--name", "angle 3", "--out", file, "--add", "--json").json
     assert not told["objects"][0]["replaced"]
-    assert [item.name for item in load_objects(file).objects] == ["angle", "plate", "angle 2"]
+    assert [item.name for item in load_objects(file).objects] == ["angle", "plate", "angle-2", "angle 3"]
 
 
 def test_a_file_that_cannot_be_added_to_is_left_alone(angle: Path, tmp_path: Path, ask: Ask) -> None:

@@ -96,7 +96,7 @@ CASES: list[tuple[object, str]] = [
     ),
     (
         catalogue(zzz=1, objcts=2),
-        'object "plate": unknown key "zzz"; allowed: name, tolerance, normal_bound, outline, height',
+        'object "plate": unknown key "zzz"; allowed: name, tolerance, normal_bound, source, outline, height',
     ),
     (
         in_states({"outer": SQUARE, "hole": []}),

@@ -1,0 +1,254 @@
+"""A catalogue from many CAD files: each in a process of its own, and only those that have changed.
+
+What an object was made from is kept with it (`source`): the file, a hash of its content, and one of what was
+asked. An object whose file and request are the same is kept as it is. A file that fails costs only itself.
+"""
+
+import hashlib
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
+from multiprocessing import active_children
+from pathlib import Path
+
+from palpate.cad.part_size import GIVE_NO_UNITS
+from palpate.cad.readers import SUFFIXES, is_drawing
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, SourceText
+from palpate.errors import InputError, PalpateError
+from palpate.files import read_bytes
+from palpate.files.limits import CAD_BYTES
+from palpate.rig.catalogue.cad_import import Imported, ImportedObject, ImportOptions, import_file
+
+__all__ = ["Catalogued", "FileOutcome", "files_in", "import_files", "source_of"]
+
+Report = Callable[[str], None]
+
+_ADVICE = "divide it"
+
+
+@dataclass(frozen=True)
+class FileOutcome:
+    """What became of a file: new objects, or the names of those that are kept; or why there are none."""
+
+    path: Path
+    objects: tuple[ImportedObject, ...] = ()
+    kept: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    failure: str | None = None
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class Catalogued:
+    """The catalogue's new text; what became of each file; kept objects whose files are gone, by file."""
+
+    text: ObjectsFileText
+    files: tuple[FileOutcome, ...]
+    gone: tuple[tuple[str, str], ...]
+
+
+def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
+    """All CAD files among paths and directly in folders, each once, in order.
+
+    Raises InputError for a folder without any, and for two files of one name but for the suffix: their
+    objects would have one name.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        if not path.is_dir():
+            found[path] = None
+            continue
+        inside = sorted(item for item in path.iterdir() if item.suffix.lower() in SUFFIXES)
+        if not inside:
+            raise InputError(f"{path}: holds no CAD file ({', '.join(sorted(SUFFIXES))})")
+        found |= dict.fromkeys(inside)
+    stems: dict[str, Path] = {}
+    for path in found:
+        other = stems.setdefault(path.stem, path)
+        if other is not path:
+            raise InputError(f"{path} and {other}: objects are named after files, and these have one name")
+    return tuple(found)
+
+
+def source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
+    """Where an object of a file comes from, as the objects file `target` has it. Raises InputError."""
+    content = hashlib.sha256(read_bytes(path, CAD_BYTES, _ADVICE)).hexdigest()
+    asked = json.dumps(asdict(options), sort_keys=True, default=str)
+    return SourceText(
+        file=Path(os.path.relpath(path, target.parent)).as_posix(),
+        sha256=content,
+        request=hashlib.sha256(asked.encode()).hexdigest()[:16],
+    )
+
+
+def import_files(
+    paths: Sequence[Path],
+    options: ImportOptions,
+    target: Path,
+    there: ObjectsFileText | None,
+    report: Report = lambda _: None,
+    *,
+    several: bool = True,
+) -> Catalogued:
+    """Import files into the text of an objects file, `there`, that is to be written to `target`.
+
+    `options.units` are for files that state none. Nothing that came from another file is replaced: an object
+    whose name is taken gets its file's name, or a number. One that is not among `several` raises InputError
+    where it fails, and is read in any case.
+    """
+    if not several:
+        return _one(paths[0], options, target, there, report)
+    old = [] if there is None else list(there.objects)
+    sources, outcomes = _sources(paths, options, target)
+    changed = [path for path, source in sources.items() if not _kept(old, source)]
+    for path, source in sources.items():
+        if path not in changed:
+            outcomes[path] = FileOutcome(path, kept=tuple(item.name for item in _from(old, source.file)))
+    outcomes |= _all_imported(changed, options, report)
+    objects = list(old)
+    for path in changed:
+        outcome = outcomes[path]
+        if outcome.failure is None:
+            objects, named = _exchanged(objects, outcome.objects, sources[path], path.stem)
+            outcomes[path] = replace(outcome, objects=named)
+    gone = tuple(
+        (item.name, item.source.file)
+        for item in objects
+        if item.source is not None and not (target.parent / item.source.file).exists()
+    )
+    text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects) if objects else there
+    if text is None:
+        text = ObjectsFileText.model_construct(format="palpate/objects@1", units="mm", objects=[])
+    return Catalogued(text, tuple(outcomes[path] for path in paths), gone)
+
+
+def _one(
+    path: Path, options: ImportOptions, target: Path, there: ObjectsFileText | None, report: Report
+) -> Catalogued:
+    """A file by itself: its states are what is done in parallel."""
+    found = import_file(path, options, report)
+    old = [] if there is None else there.objects
+    source = source_of(path, options, target)
+    objects, named = _exchanged(old, found.objects, source, path.stem, whole=False)
+    text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects)
+    return Catalogued(text, (FileOutcome(path, named, warnings=found.warnings),), ())
+
+
+def _sources(
+    paths: Sequence[Path], options: ImportOptions, target: Path
+) -> tuple[dict[Path, SourceText], dict[Path, FileOutcome]]:
+    """The sources of files that can be read, and the outcomes of those that cannot."""
+    sources, failed = {}, {}
+    for path in paths:
+        try:
+            is_drawing(path)
+            sources[path] = source_of(path, options, target)
+        except InputError as error:
+            failed[path] = FileOutcome(path, failure=str(error))
+    return sources, failed
+
+
+def _from(objects: Sequence[ObjectText], file: str) -> Iterator[ObjectText]:
+    return (item for item in objects if item.source is not None and item.source.file == file)
+
+
+def _kept(objects: Sequence[ObjectText], source: SourceText) -> bool:
+    """Whether objects are there of the same file with the same content, made in the same way."""
+    some = list(_from(objects, source.file))
+    return bool(some) and all(item.source == source for item in some)
+
+
+def _exchanged(
+    objects: Sequence[ObjectText],
+    new: Sequence[ImportedObject],
+    source: SourceText,
+    stem: str,
+    *,
+    whole: bool = True,
+) -> tuple[list[ObjectText], tuple[ImportedObject, ...]]:
+    """The objects with the new ones in the place of those of their file, named apart from all others.
+
+    Unless the `whole` file is exchanged, objects of other names stay.
+    """
+    names = {item.text.name for item in new}
+    old = [item for item in _from(objects, source.file) if whole or item.name in names]
+    others = [item for item in objects if item not in old]
+    place = next((k for k, item in enumerate(objects) if item not in others), len(others))
+    taken = {item.name for item in others}
+    named = []
+    for item in new:
+        name = _free_name(item.text.name, stem, taken)
+        taken.add(name)
+        replaced = any(before.name == name for before in old)
+        text = item.text.model_copy(update={"name": name, "source": source})
+        result = item.result.model_copy(update={"name": name, "replaced": replaced})
+        named.append(ImportedObject(text, result))
+    return [*others[:place], *(item.text for item in named), *others[place:]], tuple(named)
+
+
+def _free_name(name: str, stem: str, taken: set[str]) -> str:
+    """A name that no other object has: its own, its file's, or that with a number."""
+    for wanted in (name, stem):
+        if wanted not in taken:
+            return wanted
+    number = 2
+    while f"{stem}-{number}" in taken:
+        number += 1
+    return f"{stem}-{number}"
+
+
+def _all_imported(paths: Sequence[Path], options: ImportOptions, report: Report) -> dict[Path, FileOutcome]:
+    """Every file in a process of its own, as many at once as there are cores."""
+    if not paths:
+        return {}
+    others, found, begin = set(active_children()), {}, time.monotonic()
+    report(f"0 of {len(paths)} files")
+    with ProcessPoolExecutor(min(len(paths), os.cpu_count() or 1), initializer=_leave_signals) as pool:
+        try:
+            work = {pool.submit(_imported, path, _for_file(path, options)): path for path in paths}
+            for done, future in enumerate(as_completed(work), start=1):
+                found[work[future]] = future.result()
+                left_s = (time.monotonic() - begin) / done * (len(paths) - done)
+                report(f"{done} of {len(paths)} files, about {left_s:.0f} s left")
+        except BaseException:
+            for child in set(active_children()) - others:
+                child.terminate()
+            raise
+    return found
+
+
+def _for_file(path: Path, options: ImportOptions) -> ImportOptions:
+    """The options that concern a file: a thickness is for drawings only."""
+    return options if path.suffix.lower() in (".dxf", ".svg") else replace(options, thickness_mm=None)
+
+
+def _imported(path: Path, options: ImportOptions) -> FileOutcome:
+    """One file; units are those that are asked for only where it states none."""
+    begin = time.monotonic()
+    try:
+        found = _with_own_units(path, options)
+    except PalpateError as error:
+        return FileOutcome(path, failure=str(error), seconds=time.monotonic() - begin)
+    seconds = time.monotonic() - begin
+    return FileOutcome(path, objects=found.objects, warnings=found.warnings, seconds=seconds)
+
+
+def _with_own_units(path: Path, options: ImportOptions) -> Imported:
+    if options.units is None:
+        return import_file(path, options)
+    try:
+        return import_file(path, options)
+    except InputError as error:
+        if not str(error).endswith(GIVE_NO_UNITS):
+            raise
+        return import_file(path, replace(options, units=None))
+
+
+def _leave_signals() -> None:
+    """Interruptions are for the process that was started; it ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
