@@ -3,13 +3,14 @@
 import math
 from pathlib import Path
 
+from palpate.api.files import load_rig
 from palpate.config.objects_file import load_objects, load_objects_text
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.errors import InputError
 from palpate.files.writing import check_place
 from palpate.rig.catalogue.cad_import import ImportOptions
 
-__all__ = ["check_options", "heights_of", "load_target"]
+__all__ = ["check_options", "heights_of", "load_target", "wanted_heights"]
 
 _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM = 0.001, 5.0
 _MOST_THICKNESS_MM = 1000.0
@@ -27,6 +28,17 @@ def heights_of(text: str) -> tuple[float, ...]:
             raise InputError(f'--heights "{text}": "{part}" is no height in mm; write them as 5,12')
         found.add(height)
     return tuple(sorted(found))
+
+
+def wanted_heights(rig: Path | None, heights: str | None, *, all_heights: bool) -> tuple[float, ...] | None:
+    """The heights asked for, or those of a rig's fingers, ascending; None: all. Raises InputError."""
+    if sum((rig is not None, heights is not None, all_heights)) > 1:
+        raise InputError("give one of --rig, --heights and --all-heights")
+    if all_heights:
+        return None
+    if heights is not None:
+        return heights_of(heights)
+    return tuple(sorted({finger.height_mm for finger in load_rig(rig).fingers}))
 
 
 def check_options(options: ImportOptions, *, several: bool = False) -> None:

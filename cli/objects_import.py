@@ -43,10 +43,19 @@ def import_objects(
     thickness: Annotated[
         float | None, typer.Option("--thickness", metavar="MM", help="Of a drawing: height of the part.")
     ] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(
+            "--rig", help="Sections within 0.5 mm of this rig's fingers; without it, of the shipped one's."
+        ),
+    ] = None,
     heights: Annotated[
         str | None,
-        typer.Option("--heights", metavar="MM,…", help="Sections within 0.5 mm of these only, such as 5,12."),
+        typer.Option("--heights", metavar="MM,…", help="Sections within 0.5 mm of these, such as 5,12."),
     ] = None,
+    all_heights: Annotated[
+        bool, typer.Option("--all-heights", help="Sections at all heights: takes longer, for any rig.")
+    ] = False,
     states: Annotated[
         _States,
         typer.Option(
@@ -95,7 +104,7 @@ def import_objects(
     """
     import time
 
-    from palpate.cli.objects_file import check_options, heights_of, load_target
+    from palpate.cli.objects_file import check_options, load_target, wanted_heights
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.import_result import ImportOut
     from palpate.config.objects_file import checked_objects
@@ -112,7 +121,7 @@ def import_objects(
         name=name,
         tolerance_mm=tolerance,
         deviation_mm=deviation,
-        heights_mm=None if heights is None else heights_of(heights),
+        heights_mm=wanted_heights(rig, heights, all_heights=all_heights),
         thickness_mm=thickness,
         as_is=states is _States.AS_IS,
         least_probability=least_probability,

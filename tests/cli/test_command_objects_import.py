@@ -19,6 +19,7 @@ from solids import ELL, WEDGE, mesh_file, prism
 
 from palpate.config import load_objects
 from palpate.config.schema import schema_text
+from palpate.config.shipped import shipped_rig
 from palpate.geometry import ObjectModel, State
 
 Ask = Callable[..., Ended]
@@ -28,7 +29,12 @@ Ask = Callable[..., Ended]
 def ask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Ask:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    return lambda *args: run_here(["objects", "import", *args], monkeypatch, capsys)
+
+    def ask(*args: object) -> Ended:
+        all_heights = () if {"--heights", "--rig"} & set(args) else ("--all-heights",)
+        return run_here(["objects", "import", *args, *all_heights], monkeypatch, capsys)
+
+    return ask
 
 
 COARSE = ("--units", "mm", "--tolerance", 0.5)  # few sections, quickly
@@ -328,3 +334,28 @@ def test_a_top_that_is_level_but_for_rounding(tmp_path: Path, ask: Ask) -> None:
     (state,) = only(tmp_path / "level.objects.json").states
     assert state.top_mm == pytest.approx(20, abs=1e-5)
     assert state.sections[-1].z_mm[1] == state.top_mm
+
+
+def test_the_heights_of_the_shipped_rig_are_the_default(
+    angle: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rig = tmp_path / "rig.toml"
+    text = shipped_rig().read_text()
+    rig.write_text(text.replace("height_mm = 10.0", "height_mm = 14.0"))
+    assert rig.read_text() != text
+    for options, height in (((), 10.0), (("--rig", rig), 14.0), (("--heights", "4,12"), 12.0)):
+        out = tmp_path / f"{height}.json"
+        told = run_here(
+            ["objects", "import", angle, *AS_IS, *options, "--out", out, "--json"], monkeypatch, capsys
+        )
+        assert told.code == 0
+        (state,) = only(out).states
+        assert state.known_at(height)
+        assert not state.known_at(17.0)
+
+
+def test_heights_are_asked_for_in_one_way(angle: Path, ask: Ask) -> None:
+    ended = ask(angle, "--heights", "5", "--all-heights")
+    assert ended.code == 2
+    assert "one of --rig, --heights and --all-heights" in ended.err
