@@ -3,13 +3,16 @@
 Stable states that are the same but for a turn about the vertical become one.
 """
 
+import math
 import os
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from itertools import pairwise
 from multiprocessing import active_children, parent_process
 
+import numpy as np
 import shapely
 
 from palpate.cad.as_drawn import as_drawn
@@ -41,6 +44,8 @@ __all__ = ["ImportedState", "ImportedStates", "Shares", "import_states"]
 
 Report = Callable[[str], None]
 
+_JUST_MM = 0.002  # about a height: fingers' are taken to be exact
+_TOP_PARTS = 20
 _MOST_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes half as many at 0.1 mm
 
 
@@ -167,10 +172,41 @@ def _region(surface: RestingSurface, height_mm: float) -> shapely.Geometry:
 
 
 def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSection, ...]:
-    """Those that are written: of all heights, or near those that were asked for."""
-    near = shares.heights_mm
-    ranges = None if near is None else ranges_near(near, _top_mm(solid, state))
-    return sections_of(solid, state, shares.sections_mm, ranges, _MOST_SECTIONS)
+    """Those that are written: of all heights, or near those that were asked for.
+
+    A height that is asked for is known by itself where a wall is too nearly level for more. A state that is
+    known at none of them is there all the same: then its top is.
+    """
+    near, top = shares.heights_mm, _top_mm(solid, state)
+    ranges = None if near is None else ranges_near(near, top)
+    found = sections_of(solid, state, shares.sections_mm, ranges, _MOST_SECTIONS)
+    for height in near or ():
+        if height < top:
+            found = _with_height(found, height, solid, state, shares)
+    if any(section.regions for section in found):
+        return found
+    parts = top * np.linspace(1.0, 0.0, _TOP_PARTS + 1)
+    for end, begin in pairwise(parts.tolist()):
+        some = sections_of(solid, state, shares.sections_mm, [(begin, end)], _MOST_SECTIONS)
+        if any(section.regions for section in some):
+            return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
+    raise InputError(f"{solid.name}, {state.name}: no section can be given; give a greater tolerance")
+
+
+def _with_height(
+    found: tuple[CrossSection, ...], height_mm: float, solid: Solid, state: StableState, shares: Shares
+) -> tuple[CrossSection, ...]:
+    """The sections with one at just this height, if there is none and it can be given."""
+    low = max((s.z_mm[1] for s in found if s.z_mm[0] <= height_mm), default=0.0)
+    high = min((s.z_mm[0] for s in found if s.z_mm[1] >= height_mm), default=math.inf)
+    if low >= height_mm or high <= height_mm:
+        return found
+    just = [(max(low, height_mm - _JUST_MM), min(high, height_mm + _JUST_MM))]
+    try:
+        some = sections_of(solid, state, shares.sections_mm, just, _MOST_SECTIONS)
+    except InputError:
+        return found
+    return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
 
 
 def _top_mm(solid: Solid, state: StableState) -> float:
