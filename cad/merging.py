@@ -33,6 +33,8 @@ _HEIGHTS = 8
 """More heights than these are thinned out evenly."""
 _COMPARED = 400
 """So many states are compared, most probable first."""
+_MOST_SEARCHED = 150.0
+"""Searches for motions between sections, those of more than 500 corners counted by the cube of these."""
 _TURNS = 16
 """So many motions that sections allow are tried on the solid."""
 _FACETS = 100_000
@@ -103,7 +105,8 @@ def merge_states(
     height. Otherwise the 400 most probable states are compared and further ones are left out together,
     as are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
     until the distance from the surface of `effort` points was asked (10 µs each; twice as many for 100,000
-    facets): what is left out says so, with no probability of its own.
+    facets), and sections are compared up to a limit, too: what is left out says so, with no probability of
+    its own.
     """
     ball = _is_ball(solid, within_mm)
     compared = states[: _BALLS if ball else _COMPARED]
@@ -223,6 +226,7 @@ class _Pairs:
         self.looks = looks
         self.known = known
         self.unproven: list[StableState] = []
+        self.searched = 0.0
 
     def apart_mm(self, one: _Sliced, other: _Sliced) -> float | None:
         """Distance of a state from another; None if no motion is found that brings them close."""
@@ -235,6 +239,11 @@ class _Pairs:
             exactly = self._by_symmetry(self.known, one.state, other.state)
             if exactly is not None:
                 return exactly
+        if self.searched >= _MOST_SEARCHED:
+            if one.state not in self.unproven:
+                self.unproven.append(one.state)
+            return None
+        self.searched += max((shapely.get_num_coordinates(first).sum() / 500) ** 3, 1.0)
         found = motions(first, second, self.within_mm, most=1)
         if not found:
             return None

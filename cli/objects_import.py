@@ -66,6 +66,10 @@ def import_objects(
         float,
         typer.Option("--least-probability", metavar="P", help="States that are less probable are left out."),
     ] = 0.01,
+    accept_loss: Annotated[
+        bool,
+        typer.Option("--accept-loss", help="Although states that are left out are over 20 % of all cases."),
+    ] = False,
     tolerance: Annotated[
         float,
         typer.Option(
@@ -100,7 +104,8 @@ def import_objects(
     """Make object models from CAD files: stable states and their cross sections.
 
     Refused, with the place: surfaces that are not closed or cross themselves, open outlines, files without
-    units, parts of odd sizes. Exit code: 1 if some of several files are refused, 2 if all are.
+    units, parts of odd sizes. Exit code: 1 if some of several files are refused, or states that are left out
+    are over 20 % of all cases, 2 if all are refused.
     """
     import time
 
@@ -125,6 +130,7 @@ def import_objects(
         thickness_mm=thickness,
         as_is=states is _States.AS_IS,
         least_probability=least_probability,
+        accept_loss=accept_loss,
     )
     several = len(paths) > 1 or paths[0].is_dir()
     check_options(options, several=several)
@@ -151,12 +157,14 @@ def import_objects(
             *(text for outcome in made.files for text in outcome.warnings),
             *(f'object "{name}" is kept, though its file {file} is gone' for name, file in made.gone),
         ),
-        files=files_out(made) if several else (),
+        files=files_out(made),
         seconds=time.perf_counter() - begin,
     )
     if json:
         typer.echo(to_json(result))
     screen = console if json else Terminal(highlight=False)
-    (show_files if several else show)(result, screen)
-    failed = sum(outcome.failure is not None for outcome in made.files)
-    return 0 if not failed else 2 if failed == len(made.files) else 1
+    one_by_one = several or any(outcome.failure for outcome in made.files)
+    (show_files if one_by_one else show)(result, screen)
+    failed = [outcome for outcome in made.files if outcome.failure is not None]
+    all_refused = len(failed) == len(made.files) and not any(outcome.is_loss for outcome in failed)
+    return 2 if all_refused else 1 if failed else 0

@@ -23,12 +23,17 @@ from palpate.files import confined
 from palpate.rig.catalogue.import_states import ImportedStates, Shares, import_states
 from palpate.rig.catalogue.objects_text import bound_mm, edges_of, frame_out, polygons_text, rounded
 
-__all__ = ["ImportOptions", "Imported", "ImportedObject", "import_file"]
+__all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_file"]
 
 Report = Callable[[str], None]
 
 _CURVE_SHARE, _MERGED_SHARE = 0.3, 0.2
+_LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
+
+
+class LossError(InputError):
+    """What is left out is too much of the ways in which a part rests."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,8 @@ class ImportOptions:
     `units`: of files that say none. `name`: instead of the file's. `tolerance_mm`: what approximations may
     add up to; `deviation_mm`: how far the made part may be from the file's. `heights_mm`: near which
     sections are wanted, None: all. `thickness_mm`: of a drawing. `as_is`: not dropped, but as it lies in the
-    file. States that are less probable than `least_probability` are left out.
+    file. States that are less probable than `least_probability` are left out. `accept_loss`: even if they are
+    a fifth of all cases together, or more.
     """
 
     units: str | None = None
@@ -49,6 +55,7 @@ class ImportOptions:
     thickness_mm: float | None = None
     as_is: bool = False
     least_probability: float = 0.01
+    accept_loss: bool = False
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,8 @@ class Imported:
 def import_file(path: Path, options: ImportOptions, report: Report = lambda _: None) -> Imported:
     """Read a file and make an object of each of its parts; `report` hears what is being done.
 
-    Raises InputError for a file that is no sound part, and for sections that the tolerance does not allow.
+    Raises InputError for a file that is no sound part, and for sections that the tolerance does not allow;
+    LossError where states that are left out are more than a fifth of all cases.
     """
     report(f"reading {path.name}")
     if is_drawing(path):
@@ -83,8 +91,19 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     for solid, name in zip(solids, _names([solid.name for solid in solids], options), strict=True):
         imported = import_states(solid, _shares(solid, options), partial(_report_of, report, name))
         objects.append(_solid_object(solid, name, imported, options))
+        lost = sum(item.probability for item in imported.left_out)
+        if lost > _MOST_LOST and not options.accept_loss:
+            raise LossError(f"{path}: {_loss(name, lost)}; accept the loss to import it without them")
         warnings += [f'object "{name}": {text}' for text in imported.warnings]
+        warnings += [_loss(name, lost)] if lost > _LITTLE_LOST else []
     return Imported(tuple(objects), tuple(warnings))
+
+
+def _loss(name: str, lost: float) -> str:
+    return (
+        f'object "{name}" comes to rest in states that are left out in {100 * lost:.0f} % of cases, and is '
+        "not recognised then"
+    )
 
 
 def _report_of(report: Report, name: str, what: str) -> None:

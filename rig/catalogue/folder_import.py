@@ -21,7 +21,7 @@ from palpate.config.objects_tables import ObjectsFileText, ObjectText, SourceTex
 from palpate.errors import InputError, PalpateError
 from palpate.files import read_bytes
 from palpate.files.limits import CAD_BYTES
-from palpate.rig.catalogue.cad_import import Imported, ImportedObject, ImportOptions, import_file
+from palpate.rig.catalogue.cad_import import Imported, ImportedObject, ImportOptions, LossError, import_file
 
 __all__ = ["Catalogued", "FileOutcome", "files_in", "import_files", "source_of"]
 
@@ -32,13 +32,17 @@ _ADVICE = "divide it"
 
 @dataclass(frozen=True)
 class FileOutcome:
-    """What became of a file: new objects, or the names of those that are kept; or why there are none."""
+    """What became of a file: new objects, or the names of those that are kept; or why there are none.
+
+    `is_loss`: it can be read, but too much would be left out.
+    """
 
     path: Path
     objects: tuple[ImportedObject, ...] = ()
     kept: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     failure: str | None = None
+    is_loss: bool = False
     seconds: float = 0.0
 
 
@@ -130,7 +134,11 @@ def _one(
     path: Path, options: ImportOptions, target: Path, there: ObjectsFileText | None, report: Report
 ) -> Catalogued:
     """A file by itself: its states are what is done in parallel."""
-    found = import_file(path, options, report)
+    try:
+        found = import_file(path, options, report)
+    except LossError as error:
+        text = there or ObjectsFileText.model_construct(format="palpate/objects@1", units="mm", objects=[])
+        return Catalogued(text, (FileOutcome(path, failure=str(error), is_loss=True),), ())
     old = [] if there is None else there.objects
     source = source_of(path, options, target)
     objects, named = _exchanged(old, found.objects, source, path.stem, whole=False)
@@ -232,7 +240,8 @@ def _imported(path: Path, options: ImportOptions) -> FileOutcome:
     try:
         found = _with_own_units(path, options)
     except PalpateError as error:
-        return FileOutcome(path, failure=str(error), seconds=time.monotonic() - begin)
+        is_loss = isinstance(error, LossError)
+        return FileOutcome(path, failure=str(error), is_loss=is_loss, seconds=time.monotonic() - begin)
     seconds = time.monotonic() - begin
     return FileOutcome(path, objects=found.objects, warnings=found.warnings, seconds=seconds)
 

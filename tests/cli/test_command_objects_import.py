@@ -359,3 +359,21 @@ def test_heights_are_asked_for_in_one_way(angle: Path, ask: Ask) -> None:
     ended = ask(angle, "--heights", "5", "--all-heights")
     assert ended.code == 2
     assert "one of --rig, --heights and --all-heights" in ended.err
+
+
+def test_what_is_left_out_is_warned_of_and_refused_above_a_fifth(
+    angle: Path, tmp_path: Path, ask: Ask
+) -> None:
+    some = ("--units", "mm", "--heights", "5", "--out", "some.json")
+    told = ask(angle, *some, "--least-probability", 0.1, "--json")
+    assert told.code == 0
+    assert any("left out in 9 % of cases" in warning for warning in told.json["warnings"])
+    (tmp_path / "some.json").unlink()
+    ended = ask(angle, *some, "--least-probability", 0.25)
+    assert ended.code == 1
+    assert "left out in 46 % of cases" in " ".join(ended.out.split())
+    assert "accept the loss" in " ".join(ended.out.split())
+    assert not (tmp_path / "some.json").exists()
+    ended = ask(angle, *some, "--least-probability", 0.25, "--accept-loss")
+    assert ended.code == 0
+    assert len(only(tmp_path / "some.json").states) == 2
