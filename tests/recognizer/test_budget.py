@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sampling import sample
 from shapely_bench import SHIPPED_OBJECTS, Placed, grip, holding_truth, outlines, place
 
 from palpate.errors import InputError
@@ -27,14 +28,14 @@ def said(found: Recognition) -> list[tuple[object, ...]]:
 
 
 @pytest.mark.parametrize("half_range", [0.1, None])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sample(range(6), range(3)))
 def test_the_truth_stays_whatever_the_budget(seed: int, half_range: float | None) -> None:
     catalogue, placed, contacts = touches(seed, half_range)
     for units in (LEAST_BUDGET, 30_000, 200_000, DEFAULT_BUDGET):
         assert holding_truth(recognise(catalogue, contacts, budget=Budget(units)), placed) is not None
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", sample(range(6), range(3)))
 def test_a_budget_that_suffices_says_nothing_of_it(seed: int) -> None:
     catalogue, _, contacts = touches(seed, 0.1)
     found = recognise(catalogue, contacts)

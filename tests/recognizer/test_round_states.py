@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sampling import sample
 from shapely_bench import Placed, flat, grip, holding_truth, place
 
 from palpate.config.objects_file import checked_objects
@@ -50,7 +51,7 @@ def is_kept(catalogue: Catalogue, true: ObjectModel, rng: np.random.Generator, *
     return holding_truth(recognise(catalogue, contacts), placed) is not None
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", sample(range(25), range(9)))
 @pytest.mark.parametrize("at_bound", [False, True])
 def test_a_true_circle_stays(seed: int, at_bound: bool) -> None:
     rng = np.random.default_rng([48, seed])
@@ -68,7 +69,7 @@ def test_a_true_circle_stays(seed: int, at_bound: bool) -> None:
     )
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", sample(range(25), range(9)))
 def test_an_ellipse_within_the_tolerance_and_the_normal_bound_stays(seed: int) -> None:
     rng = np.random.default_rng([49, seed])
     off = float(rng.choice([0.02, 0.1, 0.3]))
@@ -80,7 +81,7 @@ def test_an_ellipse_within_the_tolerance_and_the_normal_bound_stays(seed: int) -
     )
 
 
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", sample(range(25), range(9)))
 def test_a_rough_circle_within_the_tolerance_stays_though_no_bound_of_normals_is_known(seed: int) -> None:
     rng = np.random.default_rng([50, seed])
     off = float(rng.choice([0.02, 0.1, 0.3]))
