@@ -69,7 +69,7 @@ def _touchable(
     band: ToleranceBand,
 ) -> Touchable:
     grown = circle.radius_mm + sign * radius_mm
-    beta = _tilt_rad(solid, ring, radius_mm, band)
+    beta = _tilt_rad(solid, ring[::sign], radius_mm, band)
     chords = _chords(circle, max(grown, 0.0), sign, number)
     chords.span[:] = np.minimum(chords.span + beta, np.pi)
     off = band.off_mm + max(-grown, 0.0)
@@ -82,10 +82,6 @@ def _touchable(
 def _tilt_rad(solid: shapely.Geometry, ring: Floats, radius_mm: float, band: ToleranceBand) -> float:
     """By how much normals may be off those of the circle, β: as declared, or by its sides, and by the tip."""
     start, end = ring, np.roll(ring, -1, axis=0)
-    if shapely.LinearRing(ring).is_ccw != bool(
-        shapely.contains(shapely.Polygon(ring), solid.representative_point())
-    ):
-        start, end = end, start
     half = math.pi / len(ring)
     sides = band.turns_rad(np.hypot(*(end - start).T))
     by_tip = clearance_tilts_rad(solid, start, end, radius_mm, band.off_mm)

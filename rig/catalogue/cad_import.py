@@ -118,6 +118,7 @@ def _shares(solid: Solid, options: ImportOptions) -> Shares:
         options.heights_mm,
         options.least_probability,
         as_is=options.as_is,
+        deviation_mm=options.deviation_mm,
     )
 
 

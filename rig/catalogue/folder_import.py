@@ -7,12 +7,9 @@ asked. An object whose file and request are the same is kept as it is. A file th
 import hashlib
 import json
 import os
-import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import active_children
 from pathlib import Path
 
 from palpate.cad.part_size import GIVE_NO_UNITS
@@ -22,12 +19,14 @@ from palpate.errors import InputError, PalpateError
 from palpate.files import read_bytes
 from palpate.files.limits import CAD_BYTES
 from palpate.rig.catalogue.cad_import import Imported, ImportedObject, ImportOptions, LossError, import_file
+from palpate.rig.catalogue.processes import in_processes
 
 __all__ = ["Catalogued", "FileOutcome", "files_in", "import_files", "source_of"]
 
 Report = Callable[[str], None]
 
 _ADVICE = "divide it"
+_EDITION = 1  # to be raised when the same file becomes another object: what was kept is then read again
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def files_in(paths: Sequence[Path]) -> tuple[Path, ...]:
 def source_of(path: Path, options: ImportOptions, target: Path) -> SourceText:
     """Where an object of a file comes from, as the objects file `target` has it. Raises InputError."""
     content = hashlib.sha256(read_bytes(path, CAD_BYTES, _ADVICE)).hexdigest()
-    asked = json.dumps(asdict(options), sort_keys=True, default=str)
+    asked = json.dumps([_EDITION, asdict(options)], sort_keys=True)
     return SourceText(
         file=Path(os.path.relpath(path, target.parent)).as_posix(),
         sha256=content,
@@ -134,13 +133,13 @@ def _one(
     path: Path, options: ImportOptions, target: Path, there: ObjectsFileText | None, report: Report
 ) -> Catalogued:
     """A file by itself: its states are what is done in parallel."""
+    source = source_of(path, options, target)
     try:
         found = import_file(path, options, report)
     except LossError as error:
         text = there or ObjectsFileText.model_construct(format="palpate/objects@1", units="mm", objects=[])
         return Catalogued(text, (FileOutcome(path, failure=str(error), is_loss=True),), ())
     old = [] if there is None else there.objects
-    source = source_of(path, options, target)
     objects, named = _exchanged(old, found.objects, source, path.stem, whole=False)
     text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects)
     return Catalogued(text, (FileOutcome(path, named, warnings=found.warnings),), ())
@@ -213,19 +212,12 @@ def _all_imported(paths: Sequence[Path], options: ImportOptions, report: Report)
     """Every file in a process of its own, as many at once as there are cores."""
     if not paths:
         return {}
-    others, found, begin = set(active_children()), {}, time.monotonic()
+    found, begin = {}, time.monotonic()
     report(f"0 of {len(paths)} files")
-    with ProcessPoolExecutor(min(len(paths), os.cpu_count() or 1), initializer=_leave_signals) as pool:
-        try:
-            work = {pool.submit(_imported, path, _for_file(path, options)): path for path in paths}
-            for done, future in enumerate(as_completed(work), start=1):
-                found[work[future]] = future.result()
-                left_s = (time.monotonic() - begin) / done * (len(paths) - done)
-                report(f"{done} of {len(paths)} files, about {left_s:.0f} s left")
-        except BaseException:
-            for child in set(active_children()) - others:
-                child.terminate()
-            raise
+    for index, outcome in in_processes(_imported, [(path, _for_file(path, options)) for path in paths]):
+        found[paths[index]] = outcome
+        left_s = (time.monotonic() - begin) / len(found) * (len(paths) - len(found))
+        report(f"{len(found)} of {len(paths)} files, about {left_s:.0f} s left")
     return found
 
 
@@ -242,6 +234,9 @@ def _imported(path: Path, options: ImportOptions) -> FileOutcome:
     except PalpateError as error:
         is_loss = isinstance(error, LossError)
         return FileOutcome(path, failure=str(error), is_loss=is_loss, seconds=time.monotonic() - begin)
+    except Exception as error:  # a mistake of palpate's own must not cost the other files
+        text = f"{path}: cannot be imported, by a mistake in palpate: {type(error).__name__}: {error}"
+        return FileOutcome(path, failure=" ".join(text.split()), seconds=time.monotonic() - begin)
     seconds = time.monotonic() - begin
     return FileOutcome(path, objects=found.objects, warnings=found.warnings, seconds=seconds)
 
@@ -255,9 +250,3 @@ def _with_own_units(path: Path, options: ImportOptions) -> Imported:
         if not str(error).endswith(GIVE_NO_UNITS):
             raise
         return import_file(path, replace(options, units=None))
-
-
-def _leave_signals() -> None:
-    """Interruptions are for the process that was started; it ends the others."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)

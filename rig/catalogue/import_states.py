@@ -4,13 +4,10 @@ Stable states that are the same but for a turn about the vertical become one.
 """
 
 import math
-import os
-import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from itertools import pairwise
-from multiprocessing import active_children, parent_process
+from multiprocessing import parent_process
 
 import numpy as np
 import shapely
@@ -38,7 +35,8 @@ from palpate.rig.catalogue.objects_text import (
     sections_text,
     share,
 )
-from palpate.rig.catalogue.round_sections import round_sections
+from palpate.rig.catalogue.processes import in_processes
+from palpate.rig.catalogue.round_sections import RoundSections, round_sections
 
 __all__ = ["ImportedState", "ImportedStates", "Shares", "import_states"]
 
@@ -53,7 +51,7 @@ _MOST_SECTIONS = 2000  # of a state; a wall that leans by 45° over 100 mm takes
 class Shares:
     """What an import may lose: to curves and few sections together, and to states that are made one.
 
-    The rest as `importing.ImportOptions` has it.
+    The rest as `cad_import.ImportOptions` has it.
     """
 
     sections_mm: float
@@ -61,6 +59,7 @@ class Shares:
     heights_mm: tuple[float, ...] | None
     least_probability: float
     as_is: bool
+    deviation_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,23 +112,11 @@ def _all_sectioned(
     """
     if len(kept) == 1 or parent_process() is not None:
         return [_sectioned(solid, item, shares) for item in kept]
-    others = set(active_children())
-    with ProcessPoolExecutor(min(len(kept), os.cpu_count() or 1), initializer=_leave_signals) as pool:
-        try:
-            work = [pool.submit(_sectioned, solid, item, shares) for item in kept]
-            for done, _ in enumerate(as_completed(work), start=1):
-                report(f"sections of {len(kept)} states, {done} done")
-            return [future.result() for future in work]
-        except BaseException:
-            for child in set(active_children()) - others:
-                child.terminate()
-            raise
-
-
-def _leave_signals() -> None:
-    """Interruptions are for the process that was started; it ends the others."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    found: dict[int, ImportedState] = {}
+    for index, state in in_processes(_sectioned, [(solid, item, shares) for item in kept]):
+        found[index] = state
+        report(f"sections of {len(kept)} states, {len(found)} done")
+    return [found[index] for index in range(len(kept))]
 
 
 def _sectioned(solid: Solid, item: MergedState, shares: Shares) -> ImportedState:
@@ -242,7 +229,7 @@ def _imported_state(
         tipping_angle=tipping,
         height=height,
         heights=heights,
-        normal_bound=circles and rounded_up(circles.turn_rad),
+        normal_bound=circles and _normal_bound_rad(circles, solid, shares, found),
         sections=some,
     )
     off = max(section.off_mm for section in sections) if circles is None else circles.off_mm
@@ -256,6 +243,21 @@ def _imported_state(
         frame=frame_out(state.rotation, state.offset_mm),
     )
     return ImportedState(text, result, off + apart_mm)
+
+
+def _normal_bound_rad(
+    circles: RoundSections, solid: Solid, shares: Shares, found: MergedState | None
+) -> float | None:
+    """By how much normals of the made part may be off those of the circles; None where nobody knows.
+
+    Facets say nothing of a curve that they are some way off, nor of what was made otherwise. A state that was
+    merged stands with its axis off by what merged states are apart; more than two, both ends of one axis, are
+    those of a ball, each with an axis of its own.
+    """
+    if shares.deviation_mm > 0 or solid.off_mm > NEGLIGIBLE_MM or (found is not None and found.count > 2):
+        return None
+    apart = 0.0 if found is None else found.apart_mm
+    return rounded_up(circles.turn_rad + math.asin(min(apart / circles.least_radius_mm, 1.0)))
 
 
 def _left_out(items: Sequence[LeftOut]) -> tuple[LeftOutOut, ...]:

@@ -32,11 +32,15 @@ _ROUNDING_MM = 10.0**-DECIMALS
 
 @dataclass(frozen=True)
 class RoundSections:
-    """Sections of circles only. Real outlines are within `off_mm` of them, and normals within `turn_rad`."""
+    """Sections of circles only, of `least_radius_mm` and more.
+
+    The solid's outlines are within `off_mm` of them, and normals of its facets within `turn_rad`.
+    """
 
     sections: tuple[SectionText, ...]
     off_mm: float
     turn_rad: float
+    least_radius_mm: float
 
 
 def round_sections(
@@ -72,7 +76,9 @@ def _about(
             return None
         texts += found[0]
         off = max(off, found[1])
-    return RoundSections(tuple(texts), solid.off_mm + off, walls.turn_rad)
+    outlines = [ring for text in texts for p in text.polygons for ring in (p.outer, *p.holes)]
+    least = min(ring.circle.radius for ring in outlines if isinstance(ring, CircleText))
+    return RoundSections(tuple(texts), solid.off_mm + off, walls.turn_rad, least)
 
 
 def _rings(region: Region) -> tuple[Floats, ...]:

@@ -11,6 +11,7 @@ from json_schema import violations
 
 from palpate.config import load_objects
 from palpate.config.schema import schema_text
+from palpate.rig.catalogue.cad_import import Imported, import_file
 
 Ask = Callable[..., Ended]
 
@@ -92,6 +93,25 @@ def test_a_file_that_fails_is_a_line_and_costs_nothing_else(parts: Path, tmp_pat
     assert "bad.stl: is no STL file" in ended.out
     assert "3 of 4 files in all.json" in ended.out
     assert list(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_a_mistake_of_our_own_in_one_file_costs_no_other(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(path: Path, *_: object) -> Imported:
+        if path.stem == "block-2":
+            raise IndexError("list index out of range")
+        return import_file(path, *_)
+
+    monkeypatch.setattr("palpate.rig.catalogue.folder_import.import_file", broken)
+    ended = ask(parts, *OPTIONS)
+    assert ended.code == 1
+    (failure,) = [item["failure"] for item in ended.json["files"] if item["failure"]]
+    assert failure == (
+        f"{parts}/block-2.stl: cannot be imported, by a mistake in palpate: "
+        "IndexError: list index out of range"
+    )
+    assert list(written(tmp_path)) == ["block-1", "block-3"]
 
 
 def test_where_all_fail_nothing_is_written(tmp_path: Path, ask: Ask) -> None:

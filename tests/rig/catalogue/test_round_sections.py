@@ -111,3 +111,11 @@ def test_a_ring_that_leans_a_little_is_divided_into_circles(tmp_path: Path) -> N
     for state in standing:
         radii = [ring.circle.radius for ring in circles(state)]
         assert len(set(radii)) == len(radii) > 1
+
+
+def test_normals_of_what_is_made_otherwise_than_drawn_are_not_bounded(tmp_path: Path) -> None:
+    mesh = trimesh.creation.cylinder(radius=12.0, height=20.0, sections=64)
+    (drawn_so,), (made_so,) = (imported(mesh, tmp_path, deviation_mm=off).text.states for off in (0.0, 0.05))
+    assert is_round(made_so)
+    assert drawn_so.normal_bound == pytest.approx(np.pi / 64, abs=1e-5)
+    assert made_so.normal_bound is None
