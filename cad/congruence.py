@@ -14,7 +14,7 @@ from palpate.cad.surface_distance import SurfaceDistance
 from palpate.cad.values import Solid
 from palpate.geometry import Bools, Floats, Ints
 
-__all__ = ["surface_apart_between_mm", "surface_apart_mm"]
+__all__ = ["surface_apart_between_mm", "surface_apart_mm", "surfaces_apart_mm"]
 
 _CLOSE = 1e-6
 """Share of the size that counts as zero."""
@@ -51,6 +51,17 @@ def surface_apart_between_mm(
     # How far the surface is from the moved one: as far as the surface moved back is from itself.
     back = _apart(surface, rotation.T, -rotation.T @ shift_mm, allowed)
     return None if back is None else max(there, back) + _ROUNDING * surface.size_mm
+
+
+def surfaces_apart_mm(one: SurfaceDistance, other: SurfaceDistance, within_mm: float) -> float | None:
+    """How far two surfaces are apart: as `surface_apart_mm`, of two solids as they are."""
+    rounding = _ROUNDING * max(one.size_mm, other.size_mm)
+    close, allowed = _CLOSE * one.size_mm, within_mm - rounding
+    there = _pieces_off(one, other.corners_mm, other.normal, 0.0, close, allowed)
+    if there is None:
+        return None
+    back = _pieces_off(other, one.corners_mm, one.normal, 0.0, close, allowed)
+    return None if back is None else max(there, back) + rounding
 
 
 def _apart(surface: SurfaceDistance, rotation: Floats, shift: Floats, within: float) -> float | None:

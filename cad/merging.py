@@ -17,6 +17,7 @@ import shapely
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.congruence_search import Motion, motions
 from palpate.cad.hull import centre_of_mass
+from palpate.cad.leaning import settled
 from palpate.cad.resting_surface import ROUNDING
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
@@ -102,35 +103,48 @@ def merge_states(
 
     `states` as `stable_states` orders them. A ball, whose surface is everywhere as far from its centre
     within `within_mm`, has one state; its `apart_mm` is that of 12 states between 5 % and 95 % of its
-    height. Otherwise the 400 most probable states are compared and further ones are left out together,
+    height. States that lean become one upright state or are left out (`leaning`). Of the others the 400
+    most probable are compared and further ones are left out together,
     as are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
     until the distance from the surface of `effort` points was asked (10 µs each; twice as many for 100,000
     facets), and sections are compared up to a limit, too: what is left out says so, with no probability of
     its own.
     """
-    ball = _is_ball(solid, within_mm)
-    compared = states[: _BALLS if ball else _COMPARED]
+    if _is_ball(solid, within_mm):
+        return _chosen([_ball(solid, states, slices_of)], [], least_probability, most)
+    states, out = settled(solid, states)
+    compared = states[:_COMPARED]
     groups: list[_Group] = []
     families: list[_Family] = []
     looks = round(effort * (1 + len(solid.faces) / _FACETS))
-    pairs = _Pairs(
-        solid, slices_of, within_mm, looks, None if ball else KnownSymmetries(SurfaceDistance(solid))
-    )
+    pairs = _Pairs(solid, slices_of, within_mm, looks, KnownSymmetries(SurfaceDistance(solid)))
     for state in compared:
-        sliced = _sliced(solid, state, families, slices_of, within_mm, _POLE if ball else 0.0)
+        sliced = _sliced(solid, state, families, slices_of, within_mm)
         group, apart = _home(sliced, groups, pairs)
         group.members.append(state)
         group.apart_mm = max(group.apart_mm, apart)
     rest = list(states[len(compared) :])
-    out: list[LeftOut] = []
-    if ball:
-        groups[0].members += rest
-    elif rest:
+    if rest:
         out.append(_together(f"{len(rest)} states beyond the {_COMPARED} that are compared", rest))
     if pairs.unproven:
         reason = f"not compared, it would take too long: {len(pairs.unproven)} states may be as others are"
         out.append(LeftOut(reason, 0.0, -pairs.unproven[0].rotation[2]))
-    return _chosen([_merged(group) for group in groups], out, least_probability, most)
+    found = [_as_one(item.first.state, item.members, item.apart_mm) for item in groups]
+    return _chosen(found, out, least_probability, most)
+
+
+def _ball(solid: Solid, states: Sequence[StableState], slices_of: SlicesOf) -> MergedState:
+    """A ball's one state: every section is in a ring about the centre, whichever facet it lies on."""
+    first = states[0]
+    top = float((solid.vertices_mm @ first.rotation[2] + first.offset_mm[2]).max())
+    heights = np.linspace(_POLE, 1 - _POLE, _HEIGHTS) * top
+    least, most = np.full(_HEIGHTS, np.inf), np.zeros(_HEIGHTS)
+    for state in states[:_BALLS]:
+        outlines = shapely.boundary(np.array(slices_of(state, heights), dtype=object))
+        least = np.minimum(least, shapely.distance(outlines, shapely.Point(0.0, 0.0)))
+        corners, owner = shapely.get_coordinates(outlines, return_index=True)
+        np.maximum.at(most, owner, np.hypot(*corners.T))
+    return _as_one(first, states, float((most - least).max()))
 
 
 def _chosen(
@@ -156,13 +170,13 @@ def _together(reason: str, states: Sequence[StableState]) -> LeftOut:
     return LeftOut(f"{reason}: {100 * total:.2g} %", total, -states[0].rotation[2])
 
 
-def _merged(group: _Group) -> MergedState:
+def _as_one(first: StableState, members: Sequence[StableState], apart_mm: float) -> MergedState:
     state = replace(
-        group.first.state,
-        probability=sum(item.probability for item in group.members),
-        tipping_angle_rad=min(item.tipping_angle_rad for item in group.members),
+        first,
+        probability=sum(item.probability for item in members),
+        tipping_angle_rad=min(item.tipping_angle_rad for item in members),
     )
-    return MergedState(state, group.apart_mm, len(group.members))
+    return MergedState(state, apart_mm, len(members))
 
 
 def _sliced(
@@ -171,11 +185,10 @@ def _sliced(
     families: list[_Family],
     slices_of: SlicesOf,
     within: float,
-    pole: float,
 ) -> _Sliced:
     height = solid.vertices_mm @ state.rotation[2] + state.offset_mm[2]
     centre = float(centre_of_mass(solid) @ state.rotation[2] + state.offset_mm[2])
-    own, top = _heights(height, within, pole), float(height.max())
+    own, top = _heights(height, within), float(height.max())
     family = next((item for item in families if abs(item.top_mm - top) <= within), None)
     if family is None:
         family = _Family(top, own)
@@ -212,13 +225,13 @@ def _home(sliced: _Sliced, groups: list[_Group], pairs: "_Pairs") -> tuple[_Grou
 
 
 class _Pairs:
-    """How far pairs of states of one solid are apart; `known`: None if sections are proof enough.
+    """How far pairs of states of one solid are apart.
 
     `looks`: points that may be asked for; `unproven`: states that were not compared any more.
     """
 
     def __init__(
-        self, solid: Solid, slices_of: SlicesOf, within_mm: float, looks: int, known: KnownSymmetries | None
+        self, solid: Solid, slices_of: SlicesOf, within_mm: float, looks: int, known: KnownSymmetries
     ) -> None:
         self.slices_of = slices_of
         self.within_mm = within_mm
@@ -235,8 +248,8 @@ class _Pairs:
             one.own_mm, shared, rtol=0.0, atol=self.within_mm
         )
         first, second = one.slices, other.slices
-        if alike and self.known is not None:
-            exactly = self._by_symmetry(self.known, one.state, other.state)
+        if alike:
+            exactly = self._by_symmetry(one.state, other.state)
             if exactly is not None:
                 return exactly
         if self.searched >= _MOST_SEARCHED:
@@ -255,19 +268,19 @@ class _Pairs:
             )
             found = motions(first, second, self.within_mm, most=1)
         least = self._of_solid(one.state, other.state, found)
-        if least is not None or not found or self.known is None:
+        if least is not None or not found:
             return least
         # Sections that are symmetric allow several motions, of which the solid may allow another one.
         every = motions(first, second, self.within_mm, most=_TURNS)
         return self._of_solid(one.state, other.state, every)
 
-    def _by_symmetry(self, known: KnownSymmetries, one: StableState, other: StableState) -> float | None:
+    def _by_symmetry(self, one: StableState, other: StableState) -> float | None:
         """Distance by a known symmetry of the solid, or two in a row, if it is nearly exact.
 
         Then no sections need to be compared. Putting it upright moves no point by more than some vertex;
         only where that comes to too much, the surface is asked.
         """
-        surface = known.surface
+        known, surface = self.known, self.known.surface
         found = known.taking(one.rotation[2], other.rotation[2], _UPRIGHT)
         if found is None:
             return None
@@ -289,8 +302,6 @@ class _Pairs:
     def _of_solid(self, one: StableState, other: StableState, found: Sequence[Motion]) -> float | None:
         """Distance by the first motion that the whole surface allows."""
         for motion in found:
-            if self.known is None:
-                return motion.apart_mm + 2 * self.straight_mm
             surface = self.known.surface
             if surface.looked >= self.looks:
                 if one not in self.unproven:
@@ -327,7 +338,7 @@ def _area_mm2(ring: Floats) -> float:
     return float((ring[:, 0] * after[:, 1] - ring[:, 1] * after[:, 0]).sum()) / 2
 
 
-def _heights(height_mm: Floats, within: float, pole: float) -> Floats:
+def _heights(height_mm: Floats, within: float) -> Floats:
     """Heights (k,) in the middle between levels of corners that are further apart than a distance."""
     top = float(height_mm.max())
     levels = [0.0]
@@ -335,7 +346,6 @@ def _heights(height_mm: Floats, within: float, pole: float) -> Floats:
         if level > levels[-1] + max(within, 1e-4 * top):
             levels.append(float(level))
     middles = (np.array(levels[:-1]) + np.array(levels[1:])) / 2
-    middles = middles[(middles >= pole * top) & (middles <= (1 - pole) * top)]
     chosen = np.linspace(0, len(middles) - 1, min(len(middles), _HEIGHTS)).round().astype(int)
     result: Floats = middles[chosen]
     return result

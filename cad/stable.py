@@ -22,6 +22,8 @@ LEAST_TIPPING_RAD = math.radians(1.0)
 """A state that a smaller tilt tips over does not survive being touched."""
 _CURVED_RAD = math.radians(10.5)
 """Over an edge that turns by less, a solid rolls on a curved surface that was cut into facets."""
+_MOST_LEANING_RAD = math.radians(20.0)
+"""A face that rolls on over any of its edges is one of a curve, unless it takes more tilt than this."""
 _ROUNDING_RAD = 1e-6
 _UPRIGHT = 0.9
 
@@ -68,7 +70,8 @@ def stable_states(solid: Solid, least_probability: float = 0.0) -> tuple[list[St
             corners = hull.points_mm[np.unique(triangles[first[face] : first[face + 1]])]
             name = f"state-{len(states) + 1}"
             support = _convex(corners @ rotation[:2].T)
-            states.append(StableState(name, rotation, offset, share, tilt, support))
+            leans = falling[face] == math.inf and tilt < _MOST_LEANING_RAD
+            states.append(StableState(name, rotation, offset, share, tilt, support, leans))
     return states, out
 
 

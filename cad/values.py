@@ -16,13 +16,15 @@ class Solid:
     """A closed surface of triangles in its file's frame.
 
     `vertices_mm` (n, 3), each used by some face; `faces` (m, 3), counter-clockwise seen from outside; every
-    edge belongs to two faces. The real surface is nowhere further than `off_mm` from it.
+    edge belongs to two faces. The real surface is nowhere further than `off_mm` from it. `axis` (3,): about
+    which it is a solid of revolution, as far as is known.
     """
 
     name: str
     vertices_mm: Floats
     faces: Ints
     off_mm: float = 0.0
+    axis: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +51,8 @@ class StableState:
     A vertex v of the solid is at `rotation` (3, 3) @ v + `offset_mm` (3,): the lowest is at z = 0, the centre
     of mass above the origin. `probability`: how often the solid comes to rest so when dropped anyhow;
     `tipping_angle_rad`: the smallest tilt that tips it over. `support_mm` (n, 2): the convex polygon that it
-    rests on, counter-clockwise.
+    rests on, counter-clockwise. `leans`: it lies on a surface that is curved both ways, whose facets tell
+    only nearly which way is down.
     """
 
     name: str
@@ -58,6 +61,7 @@ class StableState:
     probability: float
     tipping_angle_rad: float
     support_mm: Floats
+    leans: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,7 @@ import shapely
 
 from palpate.cad.as_drawn import volume_mm3
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler
+from palpate.cad.revolution import as_revolved
 from palpate.cad.values import Drawing, Solid
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
 from palpate.config.objects_file import FLAT
@@ -27,7 +28,7 @@ __all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_f
 
 Report = Callable[[str], None]
 
-_CURVE_SHARE, _MERGED_SHARE = 0.3, 0.2
+_CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.2, 0.25, 0.2  # the last one of what the others leave
 _LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
 
@@ -88,7 +89,8 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     curve = _CURVE_SHARE * options.tolerance_mm
     solids = confined(path, simpler(path), read_solids, path, options.units, curve)
     objects, warnings = [], []
-    for solid, name in zip(solids, _names([solid.name for solid in solids], options), strict=True):
+    for drawn, name in zip(solids, _names([solid.name for solid in solids], options), strict=True):
+        solid = as_revolved(drawn, _REVOLVED_SHARE * options.tolerance_mm) or drawn
         imported = import_states(solid, _shares(solid, options), partial(_report_of, report, name))
         objects.append(_solid_object(solid, name, imported, options))
         lost = sum(item.probability for item in imported.left_out)

@@ -1,0 +1,295 @@
+"""Solids of revolution: facets that approximate one are made anew, alike all round the axis.
+
+CAD kernels cut a surface of revolution into triangles as they like, and the lying states of a cone are then
+as many different ones as it has facets. Here a profile, the curve that is turned about the axis, is read off
+the vertices, and turned in equal steps: lying states are congruent exactly, and become one. How far the new
+surface is from the old one, both ways, is proven like the congruence of two states, piece by piece.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import reduce
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from palpate.cad.congruence import surfaces_apart_mm
+from palpate.cad.hull import centre_of_mass
+from palpate.cad.resting_surface import surface_of
+from palpate.cad.slicing import slice_surface
+from palpate.cad.surface_distance import SurfaceDistance
+from palpate.cad.values import Solid, StableState
+from palpate.geometry import Floats, Ints
+
+__all__ = ["as_revolved"]
+
+_FEWEST, _MOST = 48, 320
+"""Steps of the turn about the axis, and of a ball's profile; multiples of four."""
+_STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.1, 0.04, 0.05
+"""Of the distance allowed: for the steps of the turn, and for points of the profile that are left out."""
+_SLIVER = 1e-9
+"""Share of the largest facet's area."""
+_SAME = 1e-5
+"""Share of the size: vertices so near to each other in the profile are one, and so near to the axis on it."""
+_PARALLEL = 1e-4
+"""Directions that differ by less are one."""
+_MOST_VERTICES, _MOST_POINTS = 8000, 400
+"""Different ones, and those that a profile keeps; more of them belong to a rough surface."""
+_AZIMUTH = 0.7236
+"""Of the half-plane in which the profile is read, rad; no corner is there, unless by chance."""
+_REGULAR = 1e-6
+"""Share of the size: a solid that a turn brings onto itself so exactly is left as it is."""
+
+
+def as_revolved(solid: Solid, within_mm: float) -> Solid | None:
+    """A solid of revolution in place of one that is nowhere further from it than a distance, or None.
+
+    Its `off_mm` counts that distance, too. None as well for what is alike all round as it is.
+    """
+    ball = _ball(solid, within_mm)
+    if ball is not None:
+        return ball
+    for direction in _directions(solid):
+        centre = _centre(solid, direction)
+        frame = _frame(direction)
+        points = (solid.vertices_mm - centre) @ frame.T
+        profile = _profile(solid, points, within_mm)
+        if profile is None:
+            continue
+        if _is_regular(points):
+            return None
+        number = _steps(max(float(ring[:, 0].max()) for ring in profile), within_mm * _STEP_SHARE)
+        made = _turned(solid, profile, frame, centre, number)
+        apart = surfaces_apart_mm(SurfaceDistance(solid), SurfaceDistance(made), within_mm)
+        if apart is not None:
+            return replace(made, off_mm=solid.off_mm + apart)
+    return None
+
+
+def _ball(solid: Solid, within: float) -> Solid | None:
+    """A ball: two surfaces round one centre are apart by no more than their distances from it differ."""
+    points = solid.vertices_mm
+    # |p|² = 2 c·p + k for all points of a sphere.
+    rows = np.column_stack([2 * points, np.ones(len(points))])
+    centre: Floats = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0][:3]
+    least, most = _distances(solid, centre)
+    if len(points) < _FEWEST or most - least > within:
+        return None
+    number = _steps(most, within * _BALL_SHARE)
+    polar = np.linspace(0.0, np.pi, number // 2 + 1)
+    profile = (least + most) / 2 * np.column_stack([np.sin(polar), -np.cos(polar)])
+    profile[[0, -1], 0] = 0.0
+    made = _turned(solid, [profile], np.eye(3), centre, number)
+    inner, outer = _distances(made, centre)
+    return replace(made, off_mm=solid.off_mm + max(most - inner, outer - least))
+
+
+def _distances(solid: Solid, centre: Floats) -> tuple[float, float]:
+    """Least and greatest distance of a surface from a point; −inf if some facet faces it."""
+    corners = solid.vertices_mm[solid.faces] - centre
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    away = (normal * corners[:, 0]).sum(axis=1)
+    # A sliver's plane is rounding; its corners are those of others.
+    some = area > _SLIVER * area.max()
+    least = float((away[some] / area[some]).min())
+    return (least if least > 0 else -math.inf), float(np.linalg.norm(corners, axis=2).max())
+
+
+def _directions(solid: Solid) -> Iterator[Floats]:
+    """Directions (3,) that an axis may have: the file's, those of the largest faces, those of inertia."""
+    corners = solid.vertices_mm[solid.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    unit = normal / np.maximum(area, 1e-300)[:, None]
+    keys, group = np.unique(np.round(unit, 4), axis=0, return_inverse=True)
+    largest = np.argsort(-np.bincount(group.ravel(), area, len(keys)))[:2]
+    flat = [np.average(unit[group.ravel() == k], axis=0, weights=area[group.ravel() == k]) for k in largest]
+    middle = corners.mean(axis=1) - np.average(corners.mean(axis=1), axis=0, weights=area)
+    inertia = np.linalg.eigh((middle * area[:, None]).T @ middle)[1].T
+    seen: list[Floats] = []
+    for direction in (*np.eye(3), *flat, *inertia):
+        unit_one = direction / np.linalg.norm(direction)
+        if all(1 - abs(float(unit_one @ other)) > _PARALLEL**2 / 2 for other in seen):
+            seen.append(unit_one)
+            yield unit_one
+
+
+def _frame(direction: Floats) -> Floats:
+    """A rotation (3, 3) whose last row is a direction."""
+    aside = np.eye(3)[int(np.abs(direction).argmin())]
+    x = np.cross(aside, direction)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(direction, x), direction])
+
+
+def _centre(solid: Solid, direction: Floats) -> Floats:
+    """A point (3,) of the axis: the common centre of circles at the heights that have many vertices."""
+    start = centre_of_mass(solid)
+    frame = _frame(direction)
+    points = (solid.vertices_mm - start) @ frame.T
+    size = float(np.ptp(points, axis=0).max())
+    radius = np.hypot(points[:, 0], points[:, 1])
+    # Vertices of one circle have a height and, nearly, a distance from the axis in common.
+    _, ring = np.unique(np.round(points[:, 2:] / (_SAME * size)), axis=0, return_inverse=True)
+    ring = ring.ravel()
+    outer = np.zeros(int(ring.max()) + 1)
+    np.maximum.at(outer, ring, radius)
+    some = radius > 0.98 * outer[ring]
+    count = np.bincount(ring[some], minlength=len(outer))
+    some &= count[ring] >= 8
+    if not some.any():
+        return start
+    _, ring = np.unique(ring[some], return_inverse=True)
+    xy = points[some, :2]
+    # |p|² = 2 c·p + k, one k for each circle: less the means of the circles.
+    size_of = np.bincount(ring)
+    less = [np.bincount(ring, column) / size_of for column in (*xy.T, (xy**2).sum(axis=1))]
+    rows = 2 * (xy - np.column_stack(less[:2])[ring])
+    there = np.linalg.lstsq(rows, (xy**2).sum(axis=1) - less[2][ring], rcond=None)[0]
+    centre: Floats = start + there @ frame[:2]
+    return centre
+
+
+def _profile(solid: Solid, points: Floats, within: float) -> list[Floats] | None:
+    """Lines (k, 2) of (distance from the axis, height), the solid on their left, closed or from axis to axis.
+
+    `points` (n, 3): the vertices in the axis' frame. They lie on the profile, and are put in order by a cut
+    through the solid in a half-plane, which passes them at most `within` away. None if it does not.
+    """
+    near = _SAME * float(np.ptp(points, axis=0).max())
+    cut = _cut(solid, points)
+    flat = np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]])
+    flat[flat[:, 0] < near, 0] = 0.0
+    flat = flat[np.sort(np.unique(np.round(flat / near), axis=0, return_index=True)[1])]
+    if not cut or len(flat) > _MOST_VERTICES:
+        return None
+    lines = np.array([shapely.LineString(line) for line in cut], dtype=object)
+    off = shapely.distance(shapely.points(flat)[:, None], lines[None])
+    if float(off.min(axis=1).max()) > within:
+        return None
+    own = [flat[off.argmin(axis=1) == number] for number in range(len(lines))]
+    if any(len(ring) < 2 for ring in own):
+        return None
+    ordered = [_ordered(*item, near) for item in zip(own, lines, cut, strict=True)]
+    simple = shapely.simplify(np.array(ordered, dtype=object), _PROFILE_SHARE * within)
+    rings = [shapely.get_coordinates(line) for line in simple]
+    few = all(3 <= len(ring) <= _MOST_POINTS for ring in rings)
+    return rings if few and shapely.MultiLineString(rings).is_simple else None
+
+
+def _ordered(own: Floats, line: Any, cut: Floats, near: float) -> Any:
+    """The line through points (k, 2) in their order along another, which is closed as that is."""
+    ring = own[np.argsort(shapely.line_locate_point(line, shapely.points(own)), kind="stable")]
+    is_closed = bool((cut[0] == cut[-1]).all())
+    return shapely.LineString(np.vstack([ring, ring[:1]]) if is_closed else _to_axis(ring, cut, near))
+
+
+def _to_axis(ring: Floats, cut: Floats, near: float) -> Floats:
+    """An open line (k, 2) with both ends on the axis, as those of the cut are: a disc has no vertex there."""
+    ends = []
+    for height, last in ((cut[0, 1], ring[0]), (cut[-1, 1], ring[-1])):
+        level = abs(height - last[1]) < near
+        ends.append([[0.0, last[1] if level else height]] if last[0] > 0.0 else np.zeros((0, 2)))
+    return np.vstack([ends[0], ring, ends[1]])
+
+
+def _cut(solid: Solid, points: Floats) -> list[Floats]:
+    """The solid cut by a half-plane from its axis: lines (k, 2), those that end on the axis open."""
+    size = float(np.ptp(points, axis=0).max())
+    c, s = math.cos(_AZIMUTH), math.sin(_AZIMUTH)
+    seen = np.array([[c, s, 0.0], [0.0, 0.0, 1.0], [s, -c, 0.0]])
+    turned = replace(solid, vertices_mm=points)
+    surface = surface_of(turned, StableState("cut", seen, np.zeros(3), 0.0, 0.0, np.zeros((0, 2))))
+    regions = [shapely.Polygon(ring.points) for ring in slice_surface(surface, 0.0) if len(ring.points) > 2]
+    # Rings do not cross: what is in an odd number of them is solid.
+    area = reduce(shapely.symmetric_difference, regions, shapely.Polygon())
+    half = shapely.box(0.0, float(points[:, 2].min()) - size, 2 * size, float(points[:, 2].max()) + size)
+    lines = []
+    for part in shapely.get_parts(shapely.intersection(area, half)):
+        if part.geom_type == "Polygon" and not part.is_empty:
+            oriented = shapely.geometry.polygon.orient(part)
+            for ring in (oriented.exterior, *oriented.interiors):
+                lines += _off_axis(shapely.get_coordinates(ring)[:-1], _SAME * size)
+    return lines
+
+
+def _off_axis(ring: Floats, near: float) -> list[Floats]:
+    """A ring (k, 2) without its sides on the axis: one closed line, or open ones."""
+    axis = ring[:, 0] <= near
+    on = axis & np.roll(axis, -1)
+    if not on.any():
+        return [np.vstack([ring, ring[:1]])]
+    first = int(np.flatnonzero(on)[-1]) + 1
+    turned, cut = np.roll(ring, -first, axis=0), np.roll(on, -first)
+    parts = np.split(turned, np.flatnonzero(cut) + 1)
+    return [part for part in parts if len(part) > 1]
+
+
+def _is_regular(points: Floats) -> bool:
+    """Whether vertices (n, 3) come onto vertices in the turn from one vertex that is far out to the next."""
+    size = float(np.ptp(points, axis=0).max())
+    radius = np.hypot(points[:, 0], points[:, 1])
+    far = np.flatnonzero(radius > radius.max() - _SAME * size)
+    level = far[np.abs(points[far, 2] - points[far[0], 2]) < _SAME * size]
+    azimuth = np.sort(np.arctan2(points[level, 1], points[level, 0]))
+    if len(azimuth) < 3:
+        return False
+    turn = 2 * np.pi / len(azimuth)
+    c, s = math.cos(turn), math.sin(turn)
+    moved = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    off, _ = cKDTree(points).query(moved)
+    return bool(np.max(off) <= _REGULAR * size)
+
+
+def _steps(radius_mm: float, within: float) -> int:
+    """Steps of a turn whose chords are as far inside of a circle as corners are outside: no further."""
+    half = math.acos(max(1 - 2 * within / max(radius_mm, 2 * within), 0.0))
+    return 4 * math.ceil(min(max(math.pi / max(half, 1e-3), _FEWEST), _MOST) / 4)
+
+
+def _turned(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floats, number: int) -> Solid:
+    """The profile turned about the axis in so many steps."""
+    scale = 2 / (1 + math.cos(math.pi / number))
+    azimuth = 2 * np.pi * np.arange(number) / number
+    vertices: list[Floats] = []
+    faces: list[Ints] = []
+    for ring in profile:
+        is_closed = bool((ring[0] == ring[-1]).all())
+        line = ring[:-1] if is_closed else ring
+        index, points = _ring_vertices(line, azimuth, scale, sum(map(len, vertices)))
+        following = np.roll(index, -1, axis=0) if is_closed else index[1:]
+        faces += _strips(index if is_closed else index[:-1], following)
+        vertices.append(points)
+    made = np.vstack(vertices) @ frame + centre
+    return replace(solid, vertices_mm=made, faces=np.vstack(faces), axis=frame[2])
+
+
+def _ring_vertices(line: Floats, azimuth: Floats, scale: float, first: int) -> tuple[Ints, Floats]:
+    """Vertex numbers (k, n) of each point's circle, n times the same on the axis; the vertices (v, 3)."""
+    index, points, count = [], [], first
+    for radius, height in line.tolist():
+        if radius == 0.0:
+            index.append(np.full(len(azimuth), count))
+            points.append(np.array([[0.0, 0.0, height]]))
+        else:
+            index.append(count + np.arange(len(azimuth)))
+            circle = scale * radius * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+            points.append(np.column_stack([circle, np.full(len(azimuth), height)]))
+        count += len(points[-1])
+    return np.array(index), np.vstack(points)
+
+
+def _strips(here: Ints, there: Ints) -> list[Ints]:
+    """Triangles between circles of vertex numbers (k, n) and the next ones; none without area."""
+    result = []
+    for one, other in zip(here, there, strict=True):
+        after, other_after = np.roll(one, -1), np.roll(other, -1)
+        if one[0] != after[0]:
+            result.append(np.column_stack([one, after, other]))
+        if other[0] != other_after[0]:
+            result.append(np.column_stack([after, other_after, other]))
+    return result
