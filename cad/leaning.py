@@ -16,11 +16,10 @@ from palpate.cad.stable import LeftOut, rotations_onto
 from palpate.cad.values import Solid, StableState
 from palpate.geometry import Floats
 
-__all__ = ["settled"]
+__all__ = ["settled", "upright"]
 
 _NEAR_RAD = math.radians(20.0)
 """How far from the axis facets that stand for an upright state may be."""
-_TILTS = 400
 
 
 def settled(solid: Solid, states: Sequence[StableState]) -> tuple[list[StableState], list[LeftOut]]:
@@ -29,9 +28,8 @@ def settled(solid: Solid, states: Sequence[StableState]) -> tuple[list[StableSta
     leaning = [state for state in states if state.leans]
     for end in () if solid.axis is None else (solid.axis, -solid.axis):
         near = [state for state in leaning if -state.rotation[2] @ end > math.cos(_NEAR_RAD)]
-        upright = _upright(solid, end, near)
-        if upright is not None:
-            kept.append(upright)
+        if near and _is_lowest(solid, end):
+            kept.append(upright(solid, end, near))
             leaning = [state for state in leaning if not any(state is item for item in near)]
     if not leaning:
         return kept, []
@@ -40,26 +38,33 @@ def settled(solid: Solid, states: Sequence[StableState]) -> tuple[list[StableSta
     return kept, [LeftOut(f"{reason}: {100 * share:.2g} %", share, -leaning[0].rotation[2])]
 
 
-def _upright(solid: Solid, down: Floats, near: Sequence[StableState]) -> StableState | None:
-    """The state with an end of the axis down; None if the surface may be lower beside it."""
-    if not near:
-        return None
-    centre = centre_of_mass(solid)
-    aside = rotations_onto(down[None])[0][0]
-    tilt = np.linspace(0.0, _NEAR_RAD, _TILTS)[:, None]
-    height = ((solid.vertices_mm - centre) @ (np.cos(tilt) * down + np.sin(tilt) * aside).T).max(axis=0)
-    # The true surface is as far as this from the facets: twice as much higher is higher for certain.
-    if height[-1] <= height[0] + 2 * solid.off_mm:
-        return None
+def upright(solid: Solid, down: Floats, states: Sequence[StableState]) -> StableState:
+    """The state with a direction (3,) down, in place of others."""
     rotation = rotations_onto(down[None])[0]
+    centre = centre_of_mass(solid)
     offset = -rotation @ centre
-    offset[2] += height[0]
+    offset[2] += _height_mm(solid, centre, down)
     return replace(
-        near[0],
+        states[0],
         rotation=rotation,
         offset_mm=offset,
-        probability=sum(state.probability for state in near),
-        tipping_angle_rad=min(state.tipping_angle_rad for state in near),
+        probability=sum(state.probability for state in states),
+        tipping_angle_rad=max(min(state.tipping_angle_rad for state in states), 0.0),
         support_mm=np.zeros((1, 2)),
         leans=False,
     )
+
+
+def _is_lowest(solid: Solid, down: Floats) -> bool:
+    """Whether the centre of mass is higher for certain when the solid leans as far as facets may be off."""
+    centre = centre_of_mass(solid)
+    aside = rotations_onto(down[None])[0][0]
+    leaning = math.cos(_NEAR_RAD) * down + math.sin(_NEAR_RAD) * aside
+    # The true surface is as far as this from the facets: twice as much higher is higher for certain.
+    least = _height_mm(solid, centre, down) + 2 * solid.off_mm
+    return _height_mm(solid, centre, leaning) > least
+
+
+def _height_mm(solid: Solid, centre: Floats, down: Floats) -> float:
+    """How high the centre is above a plane that the solid lies on."""
+    return float(((solid.vertices_mm - centre) @ down).max())

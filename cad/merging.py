@@ -17,7 +17,7 @@ import shapely
 from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.congruence_search import Motion, motions
 from palpate.cad.hull import centre_of_mass
-from palpate.cad.leaning import settled
+from palpate.cad.leaning import settled, upright
 from palpate.cad.resting_surface import ROUNDING
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
@@ -135,7 +135,7 @@ def merge_states(
 
 def _ball(solid: Solid, states: Sequence[StableState], slices_of: SlicesOf) -> MergedState:
     """A ball's one state: every section is in a ring about the centre, whichever facet it lies on."""
-    first = states[0]
+    first = states[0] if solid.axis is None else upright(solid, solid.axis, states)
     top = float((solid.vertices_mm @ first.rotation[2] + first.offset_mm[2]).max())
     heights = np.linspace(_POLE, 1 - _POLE, _HEIGHTS) * top
     least, most = np.full(_HEIGHTS, np.inf), np.zeros(_HEIGHTS)

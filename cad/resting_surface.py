@@ -5,7 +5,9 @@ are taken to have no normal of their own, because coordinates in files are no be
 means that height within 1 µm.
 """
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +24,9 @@ ROUNDING = 2e-7
 HEIGHT_MM = 1e-3
 """Heights that differ by less are the same; facets thinner than it have no normal."""
 
+_NEARLY_LEVEL = 1 / math.tan(math.radians(10.5))
+"""Drift of a facet that is next to a level one on a curve."""
+
 
 @dataclass(frozen=True, eq=False)
 class RestingSurface:
@@ -33,7 +38,7 @@ class RestingSurface:
     (m, 2): its projection, of length one; `bare` (m,): without a normal
     in the plane, level or thin; `level` (m,); `upright` (m,): without drift sideways but for rounding;
     `drift` (m,): how far sideways per height, 0 where it is `bare`.
-    `size_mm`: the greatest extent.
+    `size_mm`: the greatest extent. `off_mm`: how far the real surface may be from these facets.
     """
 
     vertices_mm: Floats
@@ -49,6 +54,7 @@ class RestingSurface:
     upright: Bools
     drift: Floats
     size_mm: float
+    off_mm: float = 0.0
 
     @property
     def top_mm(self) -> float:
@@ -58,6 +64,29 @@ class RestingSurface:
     def within(self, from_mm: float, to_mm: float) -> Ints:
         """Facets that reach into the open range of heights."""
         return np.flatnonzero((self.low < to_mm) & (self.high > from_mm))
+
+    def around(self, from_mm: float, to_mm: float) -> tuple[float, float]:
+        """Heights between which facets are that a range of the real surface is near to.
+
+        A real point is within `off_mm` of a facet, and the real solid rests as much higher or lower. Beyond a
+        level face, which is where it is, are no such facets.
+        """
+        if not self.off_mm:
+            return from_mm, to_mm
+        steps = self._steps_mm
+        low = steps[steps <= from_mm + HEIGHT_MM].max(initial=0.0)
+        high = steps[steps >= to_mm - HEIGHT_MM].min(initial=np.inf)
+        far = 2 * self.off_mm
+        return float(min(max(from_mm - far, low), from_mm)), float(max(min(to_mm + far, high), to_mm))
+
+    @cached_property
+    def _steps_mm(self) -> Floats:
+        """Heights of level faces, but for facets of a curve: those have neighbours that are nearly level."""
+        one, other = self.sides.T
+        curved = np.zeros(len(self.level), dtype=bool)
+        for facet, beside in ((one, other), (other, one)):
+            curved[facet[self.drift[beside] > _NEARLY_LEVEL]] = True
+        return np.setdiff1d(self.low[self.level], self.low[self.level & curved])
 
     def peaks(self) -> Floats:
         """Heights (k,), ascending, at which some part of it begins or ends: no neighbour is beyond."""
@@ -103,6 +132,7 @@ def surface_of(solid: Solid, state: StableState) -> RestingSurface:
         slope * (high - low) <= 2 * ROUNDING * size,
         np.where(bare, 0.0, slope),
         size,
+        solid.off_mm,
     )
 
 

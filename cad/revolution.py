@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from scipy.spatial import cKDTree
 
+from palpate.cad.as_drawn import volume_mm3
 from palpate.cad.congruence import surfaces_apart_mm
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.resting_surface import surface_of
@@ -28,10 +29,8 @@ __all__ = ["as_revolved"]
 
 _FEWEST, _MOST = 48, 320
 """Steps of the turn about the axis, and of a ball's profile; multiples of four."""
-_STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.1, 0.04, 0.05
+_STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.2, 0.2, 0.2
 """Of the distance allowed: for the steps of the turn, and for points of the profile that are left out."""
-_SLIVER = 1e-9
-"""Share of the largest facet's area."""
 _SAME = 1e-5
 """Share of the size: vertices so near to each other in the profile are one, and so near to the axis on it."""
 _PARALLEL = 1e-4
@@ -70,13 +69,17 @@ def as_revolved(solid: Solid, within_mm: float) -> Solid | None:
 
 
 def _ball(solid: Solid, within: float) -> Solid | None:
-    """A ball: two surfaces round one centre are apart by no more than their distances from it differ."""
+    """A ball, in the middle of a shell that all of the surface is in, of twice the thickness at most.
+
+    Two surfaces round one centre are apart by no more than their distances from it differ.
+    """
     points = solid.vertices_mm
     # |p|² = 2 c·p + k for all points of a sphere.
     rows = np.column_stack([2 * points, np.ones(len(points))])
     centre: Floats = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0][:3]
     least, most = _distances(solid, centre)
-    if len(points) < _FEWEST or most - least > within:
+    is_round = len(points) >= _FEWEST and most - least <= 2 * within
+    if not is_round or volume_mm3(solid) < 2 * np.pi / 3 * least**3:  # half a ball: the centre is inside
         return None
     number = _steps(most, within * _BALL_SHARE)
     polar = np.linspace(0.0, np.pi, number // 2 + 1)
@@ -88,15 +91,11 @@ def _ball(solid: Solid, within: float) -> Solid | None:
 
 
 def _distances(solid: Solid, centre: Floats) -> tuple[float, float]:
-    """Least and greatest distance of a surface from a point; −inf if some facet faces it."""
-    corners = solid.vertices_mm[solid.faces] - centre
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    away = (normal * corners[:, 0]).sum(axis=1)
-    # A sliver's plane is rounding; its corners are those of others.
-    some = area > _SLIVER * area.max()
-    least = float((away[some] / area[some]).min())
-    return (least if least > 0 else -math.inf), float(np.linalg.norm(corners, axis=2).max())
+    """Least and greatest distance of a surface from a point."""
+    surface = SurfaceDistance(solid)
+    count = len(solid.faces)
+    off = surface.off_mm(np.broadcast_to(centre, (count, 3)), np.arange(count))
+    return float(off.min()), float(np.linalg.norm(solid.vertices_mm - centre, axis=1).max())
 
 
 def _directions(solid: Solid) -> Iterator[Floats]:

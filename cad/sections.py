@@ -3,8 +3,9 @@
 Each stands for a slab of heights by one outline, taken near the slab's middle and simplified.
 `hausdorff_bound` bounds how far every true edge in the slab is from it; outside of a tube of that radius
 round its edges nothing changes over the slab, so every true section's material is within it of the outline's;
-`thin_features` proves the reverse. Slabs end at level faces and where upright walls begin or end; in between
-they are made as high as the proof allows.
+`thin_features` proves the reverse. Where the real surface may be off the facets, facets that are as much
+higher or lower count, too: sloping walls are off by more in a section than in space. Slabs end at level faces
+and where upright walls begin or end; in between they are made as high as the proof allows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -296,6 +297,8 @@ def _trial(surface: RestingSurface, low: float, high: float, budget: float) -> _
     facets = surface.within(low, high)
     if not len(facets):
         return _Trial((), 0.0, 0.0)
+    around = surface.around(low, high)
+    facets = surface.within(*around)
     upright = bool((surface.upright | surface.bare)[facets].all())
     for share in (0.5, 0.42, 0.61):
         raw = [
@@ -308,7 +311,7 @@ def _trial(surface: RestingSurface, low: float, high: float, budget: float) -> _
         # Facets of one plane are not quite that in single precision: their points go in any case.
         rounding = min(ROUNDING * surface.size_mm, most)
         for simplify in (rounding, 0.0) if few else (most, rounding, 0.0):
-            trial = _proven(surface, facets, (low, high), raw, simplify, budget)
+            trial = _proven(surface, facets, around, raw, simplify, budget)
             if trial is not None:
                 return trial
     return _Trial((), 0.0, 0.0, "its outline crosses or touches itself")

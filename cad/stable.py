@@ -23,7 +23,7 @@ LEAST_TIPPING_RAD = math.radians(1.0)
 _CURVED_RAD = math.radians(10.5)
 """Over an edge that turns by less, a solid rolls on a curved surface that was cut into facets."""
 _MOST_LEANING_RAD = math.radians(20.0)
-"""A face that rolls on over any of its edges is one of a curve, unless it takes more tilt than this."""
+"""Of a face that rolls on over each of its edges, unless one takes more tilt: a cone is straight one way."""
 _ROUNDING_RAD = 1e-6
 _UPRIGHT = 0.9
 
@@ -50,7 +50,7 @@ def stable_states(solid: Solid, least_probability: float = 0.0) -> tuple[list[St
     """
     hull = hull_of(solid)
     probability = resting_probability(hull)
-    tipping, falling = _tipping_rad(hull)
+    tipping, falling, leaning = _tipping_rad(hull)
     triangles = hull.triangles[np.argsort(hull.face, kind="stable")]
     first = np.r_[0, np.cumsum(np.bincount(hull.face))]
     faces = _in_order(hull, probability)
@@ -61,7 +61,8 @@ def stable_states(solid: Solid, least_probability: float = 0.0) -> tuple[list[St
     out: list[LeftOut] = []
     for face, rotation, offset in zip(faces, rotations, offsets, strict=True):
         share, tilt = float(probability[face]), float(tipping[face])
-        if falling[face] < LEAST_TIPPING_RAD or tilt < _ROUNDING_RAD:
+        leans = falling[face] == math.inf and leaning[face] < _MOST_LEANING_RAD
+        if falling[face] < LEAST_TIPPING_RAD or (tilt < _ROUNDING_RAD and not leans):
             reason = f"unstable: a tilt of {math.degrees(max(tilt, 0.0)):.2g}° tips it over"
             out.append(LeftOut(reason, share, hull.normal[face]))
         elif share < least_probability:
@@ -70,7 +71,6 @@ def stable_states(solid: Solid, least_probability: float = 0.0) -> tuple[list[St
             corners = hull.points_mm[np.unique(triangles[first[face] : first[face + 1]])]
             name = f"state-{len(states) + 1}"
             support = _convex(corners @ rotation[:2].T)
-            leans = falling[face] == math.inf and tilt < _MOST_LEANING_RAD
             states.append(StableState(name, rotation, offset, share, tilt, support, leans))
     return states, out
 
@@ -84,8 +84,8 @@ def rotations_onto(down: Floats) -> Floats:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def _tipping_rad(hull: Hull) -> tuple[Floats, Floats]:
-    """Least tilt (f,) over any edge of each face, and over an edge that is not of a curve (inf: none)."""
+def _tipping_rad(hull: Hull) -> tuple[Floats, Floats, Floats]:
+    """Least tilt (f,) over any edge of each face, over one of no curve (inf: none), and the largest."""
     tilt = np.arctan2(margins_mm(hull), hull.height_mm[hull.edge_face])
     least = np.full(len(hull.normal), math.inf)
     np.minimum.at(least, hull.edge_face, tilt)
@@ -93,7 +93,9 @@ def _tipping_rad(hull: Hull) -> tuple[Floats, Floats]:
     turn = (hull.normal[hull.edge_face] * hull.normal[hull.edge_next]).sum(axis=1)
     edges = turn < math.cos(_CURVED_RAD)
     np.minimum.at(sharp, hull.edge_face[edges], tilt[edges])
-    return least, sharp
+    largest = np.zeros(len(hull.normal))
+    np.maximum.at(largest, hull.edge_face, tilt)
+    return least, sharp, largest
 
 
 def _in_order(hull: Hull, probability: Floats) -> Ints:

@@ -165,16 +165,17 @@ def _sections(solid: Solid, state: StableState, shares: Shares) -> tuple[CrossSe
     known at none of them is there all the same: then its top is.
     """
     near, top = shares.heights_mm, _top_mm(solid, state)
-    ranges = None if near is None else ranges_near(near, top)
-    found = sections_of(solid, state, shares.sections_mm, ranges, _MOST_SECTIONS)
-    for height in near or ():
+    if near is None:
+        return sections_of(solid, state, shares.sections_mm, None, _MOST_SECTIONS)
+    found = _between(solid, state, shares, ranges_near(near, top))
+    for height in near:
         if height < top:
             found = _with_height(found, height, solid, state, shares)
     if any(section.regions for section in found):
         return found
     parts = top * np.linspace(1.0, 0.0, _TOP_PARTS + 1)
     for end, begin in pairwise(parts.tolist()):
-        some = sections_of(solid, state, shares.sections_mm, [(begin, end)], _MOST_SECTIONS)
+        some = _between(solid, state, shares, [(begin, end)])
         if any(section.regions for section in some):
             return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
     raise InputError(f"{solid.name}, {state.name}: no section can be given; give a greater tolerance")
@@ -189,11 +190,18 @@ def _with_height(
     if low >= height_mm or high <= height_mm:
         return found
     just = [(max(low, height_mm - _JUST_MM), min(high, height_mm + _JUST_MM))]
-    try:
-        some = sections_of(solid, state, shares.sections_mm, just, _MOST_SECTIONS)
-    except InputError:
-        return found
+    some = _between(solid, state, shares, just)
     return tuple(sorted((*found, *some), key=lambda section: section.z_mm))
+
+
+def _between(
+    solid: Solid, state: StableState, shares: Shares, ranges_mm: Sequence[tuple[float, float]]
+) -> tuple[CrossSection, ...]:
+    """Sections in ranges of height; none if none can be given."""
+    try:
+        return sections_of(solid, state, shares.sections_mm, ranges_mm, _MOST_SECTIONS)
+    except InputError:
+        return ()
 
 
 def _top_mm(solid: Solid, state: StableState) -> float:

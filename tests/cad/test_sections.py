@@ -202,6 +202,31 @@ def test_what_the_surface_is_off_counts() -> None:
         sections_of(*part_of(trimesh.creation.box((5, 6, 7)), 0.02), 0.02)
 
 
+@pytest.mark.parametrize(("sides", "tolerance"), [(64, 0.3), (128, 0.1), (301, 0.05)])
+def test_a_lying_cylinder_of_chords_is_as_wide_as_the_true_one(sides: int, tolerance: float) -> None:
+    """Near its top and bottom a wall that is off by little in space is off by much at a height."""
+    radius = 10.0
+    sagitta = radius * (1 - np.cos(np.pi / sides))
+    lying = Rotation.from_euler("xz", [np.pi / 2, 0.3]).as_matrix()
+    mesh = prism(polygon(sides, radius), 30.0)
+    solid = solid_of(mesh, sagitta)
+    # One of its sides is down.
+    side = Rotation.from_euler("z", np.pi / 2 - np.pi / sides).as_matrix()
+    found = sections_of(solid, resting(solid, lying @ side), tolerance)
+    assert found[-1].z_mm[1] - found[0].z_mm[0] > 1.8 * radius
+    for section in found:
+        middle = shapely.minimum_rotated_rectangle(region_of(section))
+        width = min(sides_of(middle))
+        for height in np.linspace(*section.z_mm, 7):
+            true = 2 * np.sqrt(max(height * (2 * radius - height), 0.0))
+            assert abs(width - true) / 2 <= section.off_mm
+
+
+def sides_of(rectangle: shapely.Geometry) -> list[float]:
+    corners = shapely.get_coordinates(rectangle)
+    return [float(np.hypot(*leg)) for leg in np.diff(corners, axis=0)]
+
+
 def test_only_the_heights_asked_for() -> None:
     part = part_of(trimesh.creation.cone(10, 20, sections=50))
     found = sections_of(*part, 0.2, [(18.0, 30.0), (-1.0, 1.0), (0.5, 2.0)])

@@ -1,0 +1,128 @@
+"""Solids of revolution whose facets are irregular: hulls of points drawn on true ones."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+import trimesh
+
+from palpate.cad.merging import merge_states
+from palpate.cad.revolution import as_revolved
+from palpate.cad.stable import stable_states
+from palpate.cad.values import Solid
+from palpate.rig.catalogue.import_states import Shares, import_states
+
+WITHIN = 0.3
+CONE = [[0, 0], [15, 0], [5, 30], [0, 30]]
+
+
+def drawn(profile, seed, number=90, turn=None):
+    """A solid about z: on each circle of the profile corners at angles of its own; convex ones only."""
+    rng = np.random.default_rng(seed)
+    points = []
+    for radius, height in profile:
+        angle = 2 * np.pi * (np.arange(number) + rng.uniform(-0.3, 0.3, number)) / number
+        points.append(
+            np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(number, height)])
+        )
+    mesh = trimesh.convex.convex_hull(np.vstack(points))
+    if turn is not None:
+        mesh.apply_transform(turn)
+    return Solid("part", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
+
+
+def off_true_mm(solid, profile):
+    """How far points all over a surface are from the profile, turned about z."""
+    mesh = trimesh.Trimesh(solid.vertices_mm, solid.faces, process=False)
+    points = trimesh.sample.sample_surface(mesh, 20_000, seed=1)[0]
+    line = shapely.LineString(profile)
+    flat = np.column_stack([np.hypot(points[:, 0], points[:, 1]), points[:, 2]])
+    return float(shapely.distance(shapely.points(flat), line).max())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_irregular_cone_is_turned_anew_and_no_further_off_than_it_says(seed):
+    cone = drawn(CONE, seed)
+    made = as_revolved(cone, WITHIN)
+    assert made is not None
+    assert 0 < made.off_mm <= WITHIN
+    sagitta = 15 * (1 - math.cos(1.6 * math.pi / 90))  # of the widest gap between corners
+    assert off_true_mm(made, CONE) <= made.off_mm + sagitta
+    assert abs(made.axis[2]) == pytest.approx(1.0)
+
+
+def test_its_lying_states_become_one_as_probable_as_trimesh_finds_them():
+    fine = trimesh.creation.revolve(np.array(CONE, dtype=float), sections=360)
+    down, share = fine.compute_stable_poses(n_samples=1, threshold=0.0)
+    upright = {
+        side: sum(p for pose, p in zip(down, share, strict=True) if side * pose[2, 2] > 0.9)
+        for side in (1, -1)
+    }
+    made = as_revolved(drawn(CONE, 5), WITHIN)
+    found = import_states(made, Shares(0.6 + made.off_mm, 0.01, (10.0,), 0.001, as_is=False), lambda _: None)
+    lying, *standing = [state.text.probability for state in found.states]
+    assert lying == pytest.approx(1 - sum(upright.values()), abs=2e-3)
+    assert standing == pytest.approx(sorted(upright.values(), reverse=True), abs=2e-3)
+
+
+def test_an_axis_may_lie_anyhow_in_the_file():
+    turn = trimesh.transformations.random_rotation_matrix(np.array([0.2, 0.5, 0.7]))
+    turn[:3, 3] = [40, -7, 3]
+    made = as_revolved(drawn(CONE, 1, turn=turn), WITHIN)
+    assert abs(made.axis @ turn[:3, 2]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_dome_stands_upright_on_its_round_side():
+    """Its centre of mass is 3/8 of the radius from the flat face: the axis is upright."""
+    polar = np.linspace(0.0, math.pi / 2, 40)
+    profile = [[0, 15], *np.column_stack([15 * np.sin(polar), 15 * (1 - np.cos(polar))])[::-1], [0, 0]]
+    made = as_revolved(drawn(profile[1:-1], 3), WITHIN)
+    states, _ = stable_states(made)
+    found, out = merge_states(made, states, no_sections, 0.01, 0.005)
+    assert [abs(item.state.rotation[2] @ made.axis) for item in found] == pytest.approx([1.0, 1.0])
+    assert sum(item.probability for item in out) < 0.01
+
+
+def no_sections(_state, heights_mm):
+    return [shapely.Polygon()] * len(heights_mm)
+
+
+def test_a_ball_is_a_ball():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(6000, 3))
+    mesh = trimesh.convex.convex_hull(10 * points / np.linalg.norm(points, axis=1)[:, None])
+    ball = Solid("ball", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
+    made = as_revolved(ball, WITHIN)
+    surface = trimesh.Trimesh(made.vertices_mm, made.faces, process=False)
+    radius = np.linalg.norm(trimesh.sample.sample_surface(surface, 20_000, seed=1)[0], axis=1)
+    inner = np.linalg.norm(mesh.triangles.mean(axis=1), axis=1).min()
+    assert inner - made.off_mm <= radius.min()
+    assert radius.max() <= inner + made.off_mm
+    found = import_states(made, Shares(0.4, 0.1, (10.0,), 0.01, as_is=False), lambda _: None)
+    (state,) = found.states
+    assert state.text.probability == 1.0
+    assert state.result.edges == (1, 1)  # a circle
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        trimesh.creation.box((20, 20, 30)),
+        trimesh.creation.cylinder(radius=10, height=30, sections=6),
+        trimesh.creation.cylinder(radius=10, height=30, sections=64),  # alike all round as it is
+        trimesh.creation.icosphere(subdivisions=1, radius=10),
+    ],
+)
+def test_what_is_none_or_regular_is_left_as_it_is(mesh):
+    part = Solid("part", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
+    assert as_revolved(part, WITHIN) is None
+
+
+def test_a_flat_on_a_shaft_is_not_turned_away():
+    shaft = drawn([[8, 0], [8, 30]], 0)
+    points = shaft.vertices_mm.copy()
+    points = points[points[:, 0] < 7.0]
+    mesh = trimesh.convex.convex_hull(points)
+    part = Solid("shaft", np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
+    assert as_revolved(part, WITHIN) is None
