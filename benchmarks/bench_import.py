@@ -7,6 +7,17 @@ Parts are made by CadQuery (Open CASCADE) and written as STEP files; each is imp
 heights of the shipped rig's fingers. The judge is the kernel's own section of the exact solid, laid as the
 import says (`frame`), at random heights at which a state is known: how far its edges are from the imported
 outlines, as a share of the object's tolerance. A part of more than 1 breaks its bound.
+
+Seen on two cores (CadQuery 2.8), of 33 parts: 1.4 to 7 s each, median 3 s, with what starting takes; 32
+imported, the flange refused; sections at most 0.80 of the tolerance off. Some of them:
+
+| part | seconds | states: probability | left out | tolerance, mm | off, by it |
+|---|---|---|---|---|---|
+| ball | 3.8 | 100.0 % | 0.0 % | 0.0352 | 0.27 |
+| bolt_m8 | 3.7 | 94.1 %, 4.9 % | 1.1 % | 0.0939 | 0.57 |
+| cap | 3.0 | 41.7 %, 33.6 %, 24.7 % | 0.0 % | 0.0733 | 0.55 |
+| cone | 5.7 | 76.9 %, 21.5 %, 1.5 % | 0.0 % | 0.0739 | 0.47 |
+| gear20 | 2.0 | 75.7 %, 17.0 %, 7.3 % | 0.0 % | 0.0719 | 0.74 |
 """
 
 import argparse
@@ -173,9 +184,8 @@ def main():
     asked = parser.parse_args()
     asked.out.mkdir(exist_ok=True)
     rng = random.Random(_SEED)
-    print(
-        "| part | seconds | states: probability | left out | tolerance, mm | off, by it |\n|---|---|---|---|---|---|"
-    )
+    print("| part | seconds | states: probability | left out | tolerance, mm | off, by it |")
+    print("|---|---|---|---|---|---|")
     for name, made in parts().items():
         file, target = asked.out / f"{name}.step", asked.out / f"{name}.json"
         exporters.export(made, str(file))
@@ -199,11 +209,9 @@ def main():
             for state, shown in zip(table["states"], result["states"], strict=True)
         ]
         states = ", ".join(f"{100 * item['probability']:.1f} %" for item in result["states"])
-        lost = sum(item["probability"] for item in result["left_out"])
-        print(
-            f"| {name} | {seconds:.1f} | {states} | {100 * lost:.1f} % | {tolerance:.4f} | {max(shares):.2f} |",
-            flush=True,
-        )
+        lost = 100 * sum(item["probability"] for item in result["left_out"])
+        row = [name, f"{seconds:.1f}", states, f"{lost:.1f} %", f"{tolerance:.4f}", f"{max(shares):.2f}"]
+        print("|", " | ".join(row), "|", flush=True)
 
 
 if __name__ == "__main__":
