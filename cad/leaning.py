@@ -20,6 +20,7 @@ __all__ = ["settled", "upright"]
 
 _NEAR_RAD = math.radians(20.0)
 """How far from the axis facets that stand for an upright state may be."""
+_TILTS = 41
 
 
 def settled(solid: Solid, states: Sequence[StableState]) -> tuple[list[StableState], list[LeftOut]]:
@@ -29,7 +30,7 @@ def settled(solid: Solid, states: Sequence[StableState]) -> tuple[list[StableSta
     for end in () if solid.axis is None else (solid.axis, -solid.axis):
         near = [state for state in leaning if -state.rotation[2] @ end > math.cos(_NEAR_RAD)]
         if near and _is_lowest(solid, end):
-            kept.append(upright(solid, end, near))
+            kept.insert(0, upright(solid, end, near))
             leaning = [state for state in leaning if not any(state is item for item in near)]
     if not leaning:
         return kept, []
@@ -56,13 +57,15 @@ def upright(solid: Solid, down: Floats, states: Sequence[StableState]) -> Stable
 
 
 def _is_lowest(solid: Solid, down: Floats) -> bool:
-    """Whether the centre of mass is higher for certain when the solid leans as far as facets may be off."""
+    """Whether the centre of mass is lowest on the axis, as far as can be told, and higher further off."""
     centre = centre_of_mass(solid)
     aside = rotations_onto(down[None])[0][0]
-    leaning = math.cos(_NEAR_RAD) * down + math.sin(_NEAR_RAD) * aside
+    leaning = [
+        _height_mm(solid, centre, math.cos(tilt) * down + math.sin(tilt) * aside)
+        for tilt in np.linspace(0.0, _NEAR_RAD, _TILTS).tolist()
+    ]
     # The true surface is as far as this from the facets: twice as much higher is higher for certain.
-    least = _height_mm(solid, centre, down) + 2 * solid.off_mm
-    return _height_mm(solid, centre, leaning) > least
+    return min(leaning) > leaning[0] - solid.off_mm and leaning[-1] > leaning[0] + 2 * solid.off_mm
 
 
 def _height_mm(solid: Solid, centre: Floats, down: Floats) -> float:

@@ -32,7 +32,7 @@ SlicesOf = Callable[[StableState, Floats], Sequence[Any]]
 
 _HEIGHTS = 8
 """More heights than these are thinned out evenly."""
-_COMPARED = 400
+_COMPARED = 800
 """So many states are compared, most probable first."""
 _MOST_SEARCHED = 150.0
 """Searches for motions between sections, those of more than 500 corners counted by the cube of these."""
@@ -103,7 +103,7 @@ def merge_states(
 
     `states` as `stable_states` orders them. A ball, whose surface is everywhere as far from its centre
     within `within_mm`, has one state; its `apart_mm` is that of 12 states between 5 % and 95 % of its
-    height. States that lean become one upright state or are left out (`leaning`). Of the others the 400
+    height. States that lean become one upright state or are left out (`leaning`). Of the others the 800
     most probable are compared and further ones are left out together,
     as are those less probable than asked and those beyond the `most` most probable ones. Proofs are made
     until the distance from the surface of `effort` points was asked (10 µs each; twice as many for 100,000

@@ -29,7 +29,7 @@ __all__ = ["as_revolved"]
 
 _FEWEST, _MOST = 48, 320
 """Steps of the turn about the axis, and of a ball's profile; multiples of four."""
-_STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.2, 0.2, 0.2
+_STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.3, 0.3, 0.12
 """Of the distance allowed: for the steps of the turn, and for points of the profile that are left out."""
 _SAME = 1e-5
 """Share of the size: vertices so near to each other in the profile are one, and so near to the axis on it."""

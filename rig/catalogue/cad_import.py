@@ -28,7 +28,7 @@ __all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_f
 
 Report = Callable[[str], None]
 
-_CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.06, 0.08, 0.3  # the last one of what the others leave
+_CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.02, 0.04, 0.3  # the last one of what the others leave
 _LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
 
