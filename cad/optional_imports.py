@@ -8,15 +8,22 @@ from typing import Any
 
 from palpate.errors import InputError
 
-__all__ = ["needed", "readable"]
+__all__ = ["MissingPackageError", "needed", "readable"]
+
+
+class MissingPackageError(InputError):
+    """A package of an extra is not installed: nothing is said of the file."""
 
 
 def needed(module: str, extra: str, purpose: str) -> Any:
-    """Import a module of an extra of this distribution; InputError says what to install if it is missing."""
+    """Import a module of an extra of this distribution.
+
+    Raises MissingPackageError, which says what to install.
+    """
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise InputError(f"{purpose} needs {module}: pip install 'palpate[{extra}]'") from None
+        raise MissingPackageError(f"{purpose} needs {module}: pip install 'palpate[{extra}]'") from None
 
 
 @contextmanager

@@ -28,6 +28,7 @@ from palpate.cli.emulate import emulate
 from palpate.cli.identify import identify
 from palpate.cli.monitor.watch import watch
 from palpate.cli.objects_check import check_objects
+from palpate.cli.objects_edit import merge, remove, rename
 from palpate.cli.objects_import import import_objects
 from palpate.cli.objects_show import show_objects
 from palpate.cli.plan import plan
@@ -107,6 +108,9 @@ app.command(rich_help_panel=_SETTING_UP)(stop)
 objects.command("import")(import_objects)
 objects.command("show")(show_objects)
 objects.command("check")(check_objects)
+objects.command("rename")(rename)
+objects.command("remove")(remove)
+objects.command("merge")(merge)
 app.add_typer(objects)
 
 

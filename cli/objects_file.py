@@ -1,19 +1,32 @@
-"""The objects file that an import writes: options within their limits, and what the file held before."""
+"""The objects file that a command writes: options within their limits, what it held before, and writing."""
 
 import math
+import time
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from palpate.api.files import load_rig
-from palpate.config.objects_file import load_objects, load_objects_text
-from palpate.config.objects_tables import ObjectsFileText
+from palpate.config.objects_file import checked_objects, load_objects, load_objects_text
+from palpate.config.objects_tables import ObjectsFileText, objects_json
 from palpate.errors import InputError
-from palpate.files.writing import check_place
+from palpate.files.writing import check_place, write_text
 from palpate.rig.catalogue.cad_import import ImportOptions
 
-__all__ = ["check_options", "heights_of", "load_target", "wanted_heights"]
+__all__ = [
+    "ObjectsTarget",
+    "check_name",
+    "check_options",
+    "heights_of",
+    "load_for_edit",
+    "load_target",
+    "wanted_heights",
+    "write_edited",
+]
 
 _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM = 0.001, 5.0
 _MOST_THICKNESS_MM = 1000.0
+_WRITING_SHARE = 0.05  # of the time of an import, for what is kept in case that it does not end
 
 
 def heights_of(text: str) -> tuple[float, ...]:
@@ -54,10 +67,16 @@ def check_options(options: ImportOptions, *, several: bool = False) -> None:
     for option, value, least, most, unit in limits:
         if value is not None and not least <= value <= most:
             raise InputError(f"{option} is {value:g}{unit}; it must be from {least:g} to {most:g}{unit}")
-    if options.name is not None and (not options.name.isprintable() or options.name.strip() != options.name):
-        raise InputError("--name must be printable characters without blanks around them")
-    if options.name is not None and not 0 < len(options.name) <= 90:
-        raise InputError(f"--name has {len(options.name)} characters; it must have from 1 to 90")
+    if options.name is not None:
+        check_name("--name", options.name)
+
+
+def check_name(what: str, name: str) -> None:
+    """Raises InputError for what is no name of an object."""
+    if not name.isprintable() or name.strip() != name:
+        raise InputError(f"{what} must be printable characters without blanks around them")
+    if not 0 < len(name) <= 90:
+        raise InputError(f"{what} has {len(name)} characters; it must have from 1 to 90")
 
 
 def load_target(target: Path, *, add: bool, again: bool = False) -> ObjectsFileText | None:
@@ -76,3 +95,54 @@ def load_target(target: Path, *, add: bool, again: bool = False) -> ObjectsFileT
     if not add and any(item.source is None for item in there.objects):
         raise InputError(f"{refused}; it holds objects that were not imported")
     return there
+
+
+def load_for_edit(file: Path) -> ObjectsFileText:
+    """The text of an objects file without fault. Raises InputError."""
+    load_objects(file)
+    return load_objects_text(file)
+
+
+def write_edited(file: Path, text: ObjectsFileText) -> None:
+    """Write an edited text, if it can be read again. Raises InputError."""
+    checked_objects(text, str(file))
+    write_text(file, objects_json(text))
+
+
+class ObjectsTarget:
+    """The objects file that is written; as a context, what ends it early leaves in it what is done."""
+
+    def __init__(self, path: Path, there: ObjectsFileText | None) -> None:
+        """`there`: what the file holds already."""
+        self._path = path
+        self._written = None if there is None else objects_json(there)
+        self._kept: ObjectsFileText | None = None
+        self._not_before = 0.0
+
+    def keep(self, text: ObjectsFileText) -> None:
+        """Take what is done so far; it is written now and then, so that little is lost where power fails."""
+        self._kept, begin = text, time.monotonic()
+        if begin >= self._not_before:
+            self.write(text)
+            end = time.monotonic()
+            self._not_before = end + (end - begin) / _WRITING_SHARE
+
+    def write(self, text: ObjectsFileText) -> int:
+        """Write a text that can be read again, unless the file holds it already; its number of bytes."""
+        checked_objects(text, str(self._path))
+        wanted = objects_json(text)
+        if wanted != self._written:
+            write_text(self._path, wanted)
+            self._written = wanted
+        return len(wanted.encode())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None or self._kept is None:
+            return
+        self.write(self._kept)
+        error.add_note(f"what was done is in {self._path}; the same command goes on with the rest")

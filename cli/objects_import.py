@@ -109,13 +109,10 @@ def import_objects(
     """
     import time
 
-    from palpate.cli.objects_file import check_options, load_target, wanted_heights
+    from palpate.cli.objects_file import ObjectsTarget, check_options, load_target, wanted_heights
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.import_result import ImportOut
-    from palpate.config.objects_file import checked_objects
-    from palpate.config.objects_tables import objects_json
     from palpate.config.results import to_json
-    from palpate.files.writing import write_text
     from palpate.rig.catalogue.cad_import import ImportOptions
     from palpate.rig.catalogue.folder_import import files_in, import_files
     from palpate.views.import_table import files_out, show, show_files
@@ -138,20 +135,15 @@ def import_objects(
     target = out or Path(f"{paths[0].stem or paths[0].resolve().name}.objects.json")
     there = load_target(target, add=add, again=several)
     console = Terminal(stderr=True, soft_wrap=True, highlight=False)
-    with Doing(console, "reading") as doing:
-        made = import_files(files, options, target, there, doing.now, several=several)
+    with Doing(console, "reading") as doing, ObjectsTarget(target, there) as file:
+        made = import_files(files, options, target, there, doing.now, keep=file.keep, several=several)
         doing.now(f"writing {target}")
-        written = ""
-        if made.text.objects:
-            checked_objects(made.text, str(target))  # what is written can be read again
-            written = objects_json(made.text)
-            if there is None or written != objects_json(there):
-                write_text(target, written)
+        size = file.write(made.text) if made.text.objects else 0
     new = [item for outcome in made.files for item in outcome.objects]
     result = ImportOut(
         source=", ".join(map(str, paths)),
         objects_file=str(target),
-        bytes=len(written.encode()),
+        bytes=size,
         objects=tuple(item.result for item in new),
         warnings=(
             *(text for outcome in made.files for text in outcome.warnings),

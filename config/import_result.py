@@ -63,7 +63,8 @@ class ImportedObjectOut(Out):
 
 
 class ImportedFileOut(Out):
-    """What became of one of several files: `objects` that it holds; `kept`: they were up to date.
+    """What became of one of several files: `objects` that it holds; `kept`: they were up to date, or it was
+    refused before and has not changed.
 
     `failure`: why there are none.
     """

@@ -16,6 +16,7 @@ __all__ = [
     "ObjectText",
     "ObjectsFileText",
     "PolygonText",
+    "RefusedText",
     "SectionText",
     "SourceText",
     "StateText",
@@ -100,12 +101,21 @@ class ObjectText(FileModel):
     )
 
 
+class RefusedText(FileModel):
+    """A file that the import has refused, so that it is read again only when it has changed."""
+
+    source: SourceText
+    why: Text
+    is_loss: bool = Field(default=False, description="It can be read, but too much would be left out.")
+
+
 class ObjectsFileText(FileModel):
     """The file as it stands; source of the exported JSON Schema."""
 
     format: Literal["palpate/objects@1"]
     units: Literal["mm"] = Field(description="mm is the only unit; convert other drawings on import.")
     objects: Items[ObjectText] = Field(min_length=1)
+    refused: Items[RefusedText] | None = Field(default=None, description="Written by the import.")
 
 
 _WIDTH = 100  # to which points are filled; keys and brackets come on top

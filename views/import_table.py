@@ -36,7 +36,7 @@ def files_out(made: Catalogued) -> tuple[ImportedFileOut, ...]:
         ImportedFileOut(
             file=str(item.path),
             objects=item.kept or tuple(each.result.name for each in item.objects),
-            kept=bool(item.kept),
+            kept=item.unchanged,
             failure=item.failure,
             seconds=item.seconds,
         )
@@ -48,7 +48,7 @@ def show_files(out: ImportOut, console: Console) -> None:
     """A line for each new object of several files, then what was kept, left out or refused."""
     if out.objects:
         console.print(_objects(out.objects))
-    kept = [item for item in out.files if item.kept]
+    kept = [item for item in out.files if item.kept and item.failure is None]
     if kept:
         console.print(f"{counted(len(kept), 'file has', 'files have')} not changed")
     for item in out.objects:

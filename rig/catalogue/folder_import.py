@@ -1,20 +1,22 @@
 """A catalogue from many CAD files: each in a process of its own, and only those that have changed.
 
 What an object was made from is kept with it (`source`): the file, a hash of its content, and one of what was
-asked. An object whose file and request are the same is kept as it is. A file that fails costs only itself.
+asked. An object whose file and request are the same is kept as it is, and so is the reason why a file was
+refused. A file that fails costs only itself.
 """
 
 import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+from palpate.cad.optional_imports import MissingPackageError
 from palpate.cad.part_size import GIVE_NO_UNITS
 from palpate.cad.readers import SUFFIXES, is_drawing
-from palpate.config.objects_tables import ObjectsFileText, ObjectText, SourceText
+from palpate.config.objects_tables import ObjectsFileText, ObjectText, RefusedText, SourceText
 from palpate.errors import InputError, PalpateError
 from palpate.files import read_bytes
 from palpate.files.limits import CAD_BYTES
@@ -33,15 +35,18 @@ _EDITION = 1  # to be raised when the same file becomes another object: what was
 class FileOutcome:
     """What became of a file: new objects, or the names of those that are kept; or why there are none.
 
-    `is_loss`: it can be read, but too much would be left out.
+    `unchanged`: it was not read again. `is_loss`: it can be read, but too much would be left out. `is_final`:
+    it fails until it has changed.
     """
 
     path: Path
     objects: tuple[ImportedObject, ...] = ()
     kept: tuple[str, ...] = ()
+    unchanged: bool = False
     warnings: tuple[str, ...] = ()
     failure: str | None = None
     is_loss: bool = False
+    is_final: bool = False
     seconds: float = 0.0
 
 
@@ -95,54 +100,82 @@ def import_files(
     there: ObjectsFileText | None,
     report: Report = lambda _: None,
     *,
+    keep: Callable[[ObjectsFileText], None] = lambda _: None,
     several: bool = True,
 ) -> Catalogued:
     """Import files into the text of an objects file, `there`, that is to be written to `target`.
 
     `options.units` are for files that state none. Nothing that came from another file is replaced: an object
-    whose name is taken gets its file's name, or a number. One that is not among `several` raises InputError
-    where it fails, and is read in any case.
+    whose name is taken gets its file's name, or a number. `keep` is given what is done so far after every
+    file, as long as there are objects. One that is not among `several` raises InputError where it fails, and
+    is read in any case.
     """
+    before = there or _text([], [])
     if not several:
-        return _one(paths[0], options, target, there, report)
-    old = [] if there is None else list(there.objects)
+        return _one(paths[0], options, target, before, report)
     sources, outcomes = _sources(paths, options, target)
-    changed = [path for path, source in sources.items() if not _kept(old, source)]
-    for path, source in sources.items():
-        if path not in changed:
-            outcomes[path] = FileOutcome(path, kept=tuple(item.name for item in _from(old, source.file)))
-    outcomes |= _all_imported(changed, options, report)
-    objects = list(old)
-    for path in changed:
-        outcome = outcomes[path]
-        if outcome.failure is None:
-            objects, named = _exchanged(objects, outcome.objects, sources[path], path.stem)
-            outcomes[path] = replace(outcome, objects=named)
+    outcomes |= {path: found for path, source in sources.items() if (found := _known(before, path, source))}
+    changed = [path for path in paths if path not in outcomes]
+    text = before
+    for path, outcome in _all_imported(changed, options, report):
+        outcomes[path] = outcome
+        text, _ = _with_all(before, paths, outcomes, sources)
+        if text.objects:
+            keep(text)
+    text, named = _with_all(before, paths, outcomes, sources)
     gone = tuple(
         (item.name, item.source.file)
-        for item in objects
+        for item in text.objects
         if item.source is not None and not (target.parent / item.source.file).exists()
     )
-    text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects) if objects else there
-    if text is None:
-        text = ObjectsFileText.model_construct(format="palpate/objects@1", units="mm", objects=[])
-    return Catalogued(text, tuple(outcomes[path] for path in paths), gone)
+    return Catalogued(text, named, gone)
 
 
 def _one(
-    path: Path, options: ImportOptions, target: Path, there: ObjectsFileText | None, report: Report
+    path: Path, options: ImportOptions, target: Path, before: ObjectsFileText, report: Report
 ) -> Catalogued:
     """A file by itself: its states are what is done in parallel."""
     source = source_of(path, options, target)
     try:
         found = import_file(path, options, report)
     except LossError as error:
-        text = there or ObjectsFileText.model_construct(format="palpate/objects@1", units="mm", objects=[])
-        return Catalogued(text, (FileOutcome(path, failure=str(error), is_loss=True),), ())
-    old = [] if there is None else there.objects
-    objects, named = _exchanged(old, found.objects, source, path.stem, whole=False)
-    text = ObjectsFileText(format="palpate/objects@1", units="mm", objects=objects)
+        return Catalogued(before, (FileOutcome(path, failure=str(error), is_loss=True),), ())
+    objects, named = _exchanged(before.objects, found.objects, source, path.stem, whole=False)
+    text = _text(objects, before.refused or [])
     return Catalogued(text, (FileOutcome(path, named, warnings=found.warnings),), ())
+
+
+def _text(objects: Sequence[ObjectText], refused: Sequence[RefusedText]) -> ObjectsFileText:
+    """The text of a file, which may hold no object yet."""
+    keys = {"refused": list(refused)} if refused else {}
+    return ObjectsFileText.model_construct(
+        format="palpate/objects@1", units="mm", objects=list(objects), **keys
+    )
+
+
+def _with_all(
+    before: ObjectsFileText,
+    paths: Sequence[Path],
+    outcomes: Mapping[Path, FileOutcome],
+    sources: Mapping[Path, SourceText],
+) -> tuple[ObjectsFileText, tuple[FileOutcome, ...]]:
+    """The text with what became of files, in their order whichever was done first; and files, renamed."""
+    objects: Sequence[ObjectText] = before.objects
+    read = {sources[path].file for path in outcomes if path in sources}
+    refused = [item for item in before.refused or [] if item.source.file not in read]
+    named = []
+    for path in paths:
+        outcome = outcomes.get(path)
+        if outcome is None:
+            continue
+        if outcome.objects:
+            objects, new = _exchanged(objects, outcome.objects, sources[path], path.stem)
+            outcome = replace(outcome, objects=new)
+        elif outcome.is_final:
+            why = (outcome.failure or "").removeprefix(f"{path}: ")
+            refused.append(RefusedText(source=sources[path], why=why, is_loss=outcome.is_loss))
+        named.append(outcome)
+    return _text(objects, refused), tuple(named)
 
 
 def _sources(
@@ -159,14 +192,20 @@ def _sources(
     return sources, failed
 
 
+def _known(there: ObjectsFileText, path: Path, source: SourceText) -> FileOutcome | None:
+    """What became of a file of the same content that was read in the same way, if it was."""
+    some = list(_from(there.objects, source.file))
+    if some and all(item.source == source for item in some):
+        return FileOutcome(path, kept=tuple(item.name for item in some), unchanged=True)
+    for item in there.refused or []:
+        if item.source == source:
+            failure = f"{path}: {item.why}"
+            return FileOutcome(path, failure=failure, unchanged=True, is_loss=item.is_loss, is_final=True)
+    return None
+
+
 def _from(objects: Sequence[ObjectText], file: str) -> Iterator[ObjectText]:
     return (item for item in objects if item.source is not None and item.source.file == file)
-
-
-def _kept(objects: Sequence[ObjectText], source: SourceText) -> bool:
-    """Whether objects are there of the same file with the same content, made in the same way."""
-    some = list(_from(objects, source.file))
-    return bool(some) and all(item.source == source for item in some)
 
 
 def _exchanged(
@@ -183,12 +222,16 @@ def _exchanged(
     """
     names = {item.text.name for item in new}
     old = [item for item in _from(objects, source.file) if whole or item.name in names]
-    others = [item for item in objects if item not in old]
-    place = next((k for k, item in enumerate(objects) if item not in others), len(others))
+    replaced_ones = {id(item) for item in old}
+    others = [item for item in objects if id(item) not in replaced_ones]
+    place = next((k for k, item in enumerate(objects) if id(item) in replaced_ones), len(others))
     taken = {item.name for item in others}
     named = []
     for item in new:
-        name = _free_name(item.text.name, stem, taken)
+        renamed = (
+            whole and len(old) == len(new) == 1
+        )  # the one object of a file keeps a name that it was given
+        name = old[0].name if renamed else _free_name(item.text.name, stem, taken)
         taken.add(name)
         replaced = any(before.name == name for before in old)
         text = item.text.model_copy(update={"name": name, "source": source})
@@ -208,17 +251,19 @@ def _free_name(name: str, stem: str, taken: set[str]) -> str:
     return f"{stem}-{number}"
 
 
-def _all_imported(paths: Sequence[Path], options: ImportOptions, report: Report) -> dict[Path, FileOutcome]:
-    """Every file in a process of its own, as many at once as there are cores."""
+def _all_imported(
+    paths: Sequence[Path], options: ImportOptions, report: Report
+) -> Iterator[tuple[Path, FileOutcome]]:
+    """Every file in a process of its own, as many at once as there are cores, as they come."""
     if not paths:
-        return {}
-    found, begin = {}, time.monotonic()
+        return
+    begin = time.monotonic()
     report(f"0 of {len(paths)} files")
-    for index, outcome in in_processes(_imported, [(path, _for_file(path, options)) for path in paths]):
-        found[paths[index]] = outcome
-        left_s = (time.monotonic() - begin) / len(found) * (len(paths) - len(found))
-        report(f"{len(found)} of {len(paths)} files, about {left_s:.0f} s left")
-    return found
+    work = in_processes(_imported, [(path, _for_file(path, options)) for path in paths])
+    for done, (index, outcome) in enumerate(work, 1):
+        left_s = (time.monotonic() - begin) / done * (len(paths) - done)
+        report(f"{done} of {len(paths)} files, about {left_s:.0f} s left")
+        yield paths[index], outcome
 
 
 def _for_file(path: Path, options: ImportOptions) -> ImportOptions:
@@ -232,8 +277,13 @@ def _imported(path: Path, options: ImportOptions) -> FileOutcome:
     try:
         found = _with_own_units(path, options)
     except PalpateError as error:
-        is_loss = isinstance(error, LossError)
-        return FileOutcome(path, failure=str(error), is_loss=is_loss, seconds=time.monotonic() - begin)
+        return FileOutcome(
+            path,
+            failure=str(error),
+            is_loss=isinstance(error, LossError),
+            is_final=isinstance(error, InputError) and not isinstance(error, MissingPackageError),
+            seconds=time.monotonic() - begin,
+        )
     except Exception as error:  # a mistake of palpate's own must not cost the other files
         text = f"{path}: cannot be imported, by a mistake in palpate: {type(error).__name__}: {error}"
         return FileOutcome(path, failure=" ".join(text.split()), seconds=time.monotonic() - begin)

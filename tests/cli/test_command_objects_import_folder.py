@@ -1,7 +1,9 @@
 """`palpate objects import` of folders and several files: kept, changed, refused and gone ones."""
 
 import json
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -9,9 +11,12 @@ import trimesh
 from command import Ended, run_here
 from json_schema import violations
 
+from palpate.cad.optional_imports import MissingPackageError
 from palpate.config import load_objects
 from palpate.config.schema import schema_text
 from palpate.rig.catalogue.cad_import import Imported, import_file
+from palpate.rig.catalogue.processes import in_processes
+from palpate.rig.session.signals import Interrupted
 
 Ask = Callable[..., Ended]
 
@@ -71,6 +76,15 @@ def test_only_what_changed_is_read_again(parts: Path, tmp_path: Path, ask: Ask) 
     assert after["block-2"] != before["block-2"]
 
 
+def test_an_object_keeps_the_name_that_it_was_given(parts: Path, tmp_path: Path, ask: Ask) -> None:
+    ask(parts, *OPTIONS)
+    text = (tmp_path / "all.json").read_text().replace('"block-2"', '"middle one"')
+    (tmp_path / "all.json").write_text(text)
+    trimesh.creation.box((44, 20, 10)).export(parts / "block-2.stl")
+    assert [item["name"] for item in ask(parts, *OPTIONS).json["objects"]] == ["middle one"]
+    assert list(written(tmp_path)) == ["block-1", "middle one", "block-3"]
+
+
 def test_other_options_read_everything_again(parts: Path, ask: Ask) -> None:
     (parts / "block-3.stl").unlink()
     ask(parts, *OPTIONS)
@@ -93,6 +107,63 @@ def test_a_file_that_fails_is_a_line_and_costs_nothing_else(parts: Path, tmp_pat
     assert "bad.stl: is no STL file" in ended.out
     assert "3 of 4 files in all.json" in ended.out
     assert list(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_a_file_that_was_refused_is_read_again_only_when_it_has_changed(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (parts / "bad.stl").write_text("nothing")
+    first = ask(parts, *OPTIONS)
+    text = (tmp_path / "all.json").read_text()
+    (kept,) = json.loads(text)["refused"]
+    assert kept["why"] == "is no STL file: it has 7 bytes"
+    assert not violations(json.loads(text), json.loads(schema_text("objects")))
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.rig.catalogue.folder_import.import_file", None)
+        again = ask(parts, *OPTIONS)
+    assert (first.code, again.code) == (1, 1)
+    assert [item["kept"] for item in again.json["files"]] == [True] * 4
+    assert [item["failure"] for item in again.json["files"]] == [
+        item["failure"] for item in first.json["files"]
+    ]
+    trimesh.creation.box((15, 15, 15)).export(parts / "bad.stl")
+    assert ask(parts, *OPTIONS).code == 0
+    assert "refused" not in json.loads((tmp_path / "all.json").read_text())
+
+
+def test_what_an_extra_lacks_is_not_held_against_the_file(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def without(path: Path, *_: object) -> Imported:
+        if path.stem == "block-2":
+            raise MissingPackageError("reading STL files needs trimesh: pip install 'palpate[cad]'")
+        return import_file(path, *_)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.rig.catalogue.folder_import.import_file", without)
+        assert ask(parts, *OPTIONS).code == 1
+    assert ask(parts, *OPTIONS).code == 0
+    assert sorted(written(tmp_path)) == ["block-1", "block-2", "block-3"]
+
+
+def test_an_interruption_leaves_what_was_done(
+    parts: Path, tmp_path: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Ctrl-C or a kill would end it after the second file; the third is read by the next command."""
+
+    def two_of(*_: object) -> Iterator[tuple[int, object]]:
+        yield from islice(in_processes(*_), 2)  # type: ignore[arg-type]
+        raise Interrupted(signal.SIGINT)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("palpate.rig.catalogue.folder_import.in_processes", two_of)
+        ended = ask(parts, *OPTIONS)
+    assert ended.code == 130
+    assert "what was done is in all.json; the same command goes on with the rest" in ended.err
+    assert len(written(tmp_path)) == 2
+    again = ask(parts, *OPTIONS)
+    assert sorted(item["kept"] for item in again.json["files"]) == [False, True, True]
+    assert sorted(written(tmp_path)) == ["block-1", "block-2", "block-3"]
 
 
 def test_a_mistake_of_our_own_in_one_file_costs_no_other(
