@@ -58,9 +58,8 @@ def merge_objects(texts: Sequence[tuple[Path, ObjectsFileText]], target: Path) -
         for entry in text.refused or []:
             seen = entry.model_copy(update={"source": _seen_from(entry.source, path, target)})
             refused += [] if seen in refused else [seen]
-    first = texts[0][1]
-    keys = {"refused": refused} if refused else {}
-    return ObjectsFileText(format=first.format, units=first.units, objects=list(objects.values()), **keys)
+    made = texts[0][1].model_copy(update={"objects": list(objects.values())})
+    return made.model_copy(update={"refused": refused}) if refused else made
 
 
 def _seen_from(source: SourceText, path: Path, target: Path) -> SourceText:

@@ -147,10 +147,8 @@ def _one(
 
 def _text(objects: Sequence[ObjectText], refused: Sequence[RefusedText]) -> ObjectsFileText:
     """The text of a file, which may hold no object yet."""
-    keys = {"refused": list(refused)} if refused else {}
-    return ObjectsFileText.model_construct(
-        format="palpate/objects@1", units="mm", objects=list(objects), **keys
-    )
+    text = ObjectsFileText.model_construct(format="palpate/objects@1", units="mm", objects=list(objects))
+    return text.model_copy(update={"refused": list(refused)}) if refused else text
 
 
 def _with_all(
