@@ -13,7 +13,7 @@ from palpate.cad.loop_assembly import JOIN_MM, Sheet, Stroke, closed_loops
 from palpate.cad.optional_imports import needed, readable
 from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.ring_nesting import parts
-from palpate.cad.values import Drawing
+from palpate.cad.values import DrawingFile
 from palpate.errors import InputError
 from palpate.files import check_file
 from palpate.files.limits import CAD_BYTES
@@ -38,9 +38,7 @@ _INSUNITS = {
 """Units of $INSUNITS that a part can be drawn in, in mm. Source: DXF reference, HEADER section."""
 
 
-def read_dxf(
-    path: Path, units: str | None, curve_mm: float, layers: Sequence[str] = ()
-) -> tuple[Drawing, ...]:
+def read_dxf(path: Path, units: str | None, curve_mm: float, layers: Sequence[str] = ()) -> DrawingFile:
     """The parts that a drawing shows, each with its holes, from the largest on; curves within `curve_mm`.
 
     `units`: "mm", "inch" or "m" for a file that has none. `layers`: the ones with outlines; none named: all
@@ -62,7 +60,7 @@ def read_dxf(
         )
     sheet = Sheet(str(path), unit, (1 / unit_mm, 1 / unit_mm))
     loops = closed_loops([stroke for stroke, _ in strokes], curve_mm, sheet)
-    return parts(loops, path.stem, unit, sheet)
+    return DrawingFile(parts(loops, path.stem, unit, sheet), walk.rest(layers))
 
 
 def _opened(path: Path) -> "Document":
@@ -90,9 +88,13 @@ def _unit(document: "Document", units: str | None, path: Path) -> tuple[str, flo
 
 def _chosen(walk: Walk, layers: Sequence[str], path: Path) -> list[tuple[Stroke, float]]:
     """What is drawn on the layers that are asked for, or on all."""
-    found = walk.found
-    rest = "; left out: " + ", ".join(f"{n} {what}" for what, n in walk.left_out.most_common())
-    rest = rest if walk.left_out else ""
+    found, left_out = walk.found, walk.rest()
+    rest = f"; left out: {', '.join(left_out)}" if left_out else ""
+    if not found and walk.on_paper and not walk.left_out:
+        raise InputError(
+            f"{path}: its model space is empty: what it shows is drawn in paper space ({walk.on_paper}); "
+            "draw the part in model space"
+        )
     if not found:
         raise InputError(f"{path}: holds no outlines; draw them on a visible layer in continuous lines{rest}")
     names = {name.casefold(): name for name in found}

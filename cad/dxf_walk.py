@@ -7,6 +7,7 @@ an outline (a region, a solid, a mesh) is refused.
 """
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,13 +39,15 @@ class _Style:
 class Walk:
     """Goes through a file and keeps what is visible and drawn, in mm.
 
-    `found`: by layer, strokes with the heights that they lie at; `left_out`: kinds of what is no outline.
+    `found`: by layer, strokes with the heights that they lie at; `left_out`: kinds of what is no outline;
+    `on_paper`: what is drawn in paper space, in words.
     """
 
     def __init__(self, path: Path, document: "Document", unit_mm: float) -> None:
         """`unit_mm`: what a unit of the file is in mm."""
         self.found: dict[str, list[tuple[Stroke, float]]] = {}
         self.left_out: Counter[str] = Counter()
+        self.on_paper = ""
         self._path, self._document, self._unit_mm = path, document, unit_mm
         self._pieces = 0
 
@@ -53,6 +56,24 @@ class Walk:
         style = _Style("0", "CONTINUOUS", BlockTransform(self._unit_mm * np.eye(3), np.zeros(3)))
         for entity in self._document.modelspace():
             self._collect(entity, style, ())
+        # A viewport shows the model space; what else there is belongs to the sheet of paper.
+        papers = {
+            layout.name: sum(entity.dxftype() != "VIEWPORT" for entity in layout)
+            for layout in self._document.layouts
+            if not layout.is_modelspace
+        }
+        self.on_paper = ", ".join(f"{count} in '{name}'" for name, count in papers.items() if count)
+
+    def rest(self, layers: Sequence[str] = ()) -> tuple[str, ...]:
+        """In words, what is no outline, or not on one of the `layers`, if some are named."""
+        named = {name.casefold() for name in layers}
+        others = {
+            f"on layer '{layer}'": len(strokes)
+            for layer, strokes in self.found.items()
+            if named and layer.casefold() not in named
+        }
+        found = [f"{count} {what}" for what, count in (self.left_out + Counter(others)).most_common()]
+        return (*found, *([f"what is in paper space ({self.on_paper})"] if self.on_paper else []))
 
     def _collect(self, entity: "DXFGraphic", outer: _Style, blocks: tuple[str, ...]) -> None:
         kind = entity.dxftype()

@@ -10,8 +10,8 @@ __all__ = ["GIVE_NO_UNITS", "MAX_SIZE_MM", "MIN_SIZE_MM", "UNIT_MM", "size_probl
 MIN_SIZE_MM = 1.0
 MAX_SIZE_MM = 1000.0
 
-UNIT_MM = {"mm": 1.0, "inch": 25.4, "m": 1000.0}
-"""Units that can be asked for, in mm."""
+UNIT_MM = {"mm": 1.0, "inch": 25.4, "m": 1000.0, "pt": 25.4 / 72}
+"""Units that can be asked for, in mm; points (pt) are those of programs that draw for print."""
 
 
 GIVE_NO_UNITS = "give no units"
@@ -35,6 +35,7 @@ def size_problem(size_mm: Floats, units: str | None) -> str | None:
         fitting = [
             f"{side:.6g} mm if its unit were {unit}"
             for unit, side in other.items()
+            if unit != "pt"
             if MIN_SIZE_MM <= side <= MAX_SIZE_MM
         ]
         if fitting:

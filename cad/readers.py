@@ -4,12 +4,13 @@ The way into `cad`: a file's suffix decides between solids (`mesh_files`, `step_
 `svg`), whose readers are imported when they are needed.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from palpate.cad.mesh_files import MESH_SUFFIXES, read_mesh_file
 from palpate.cad.part_size import UNIT_MM
 from palpate.cad.step_files import STEP_SUFFIXES, read_step
-from palpate.cad.values import Drawing, Solid
+from palpate.cad.values import DrawingFile, Solid
 from palpate.errors import InputError
 from palpate.files import check_file
 from palpate.files.limits import CAD_BYTES, FACETS, PARTS
@@ -51,21 +52,23 @@ def read_solids(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, 
     return solids
 
 
-def read_drawings(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, ...]:
-    """All parts of a drawing, in mm; `units` as its reader (`dxf`, `svg`) takes them."""
+def read_drawings(path: Path, units: str | None, curve_mm: float, layers: Sequence[str] = ()) -> DrawingFile:
+    """All parts of a drawing, in mm; `units` and `layers` (of a DXF file) as its reader takes them."""
     if not is_drawing(path):
         raise InputError(f"{path}: is a solid, not a drawing")
     _check(path, units)
     if path.suffix.lower() == ".dxf":
         from palpate.cad.dxf import read_dxf  # noqa: PLC0415 - ezdxf is an extra
 
-        drawings = read_dxf(path, units, curve_mm)
+        found = read_dxf(path, units, curve_mm, layers)
+    elif layers:
+        raise InputError(f"{path}: has no layers; those of DXF files can be chosen")
     else:
         from palpate.cad.svg import read_svg  # noqa: PLC0415 - svgelements is an extra
 
-        drawings = read_svg(path, units, curve_mm)
-    _check_count(path, len(drawings), "parts")
-    return drawings
+        found = read_svg(path, units, curve_mm)
+    _check_count(path, len(found.drawings), "parts")
+    return found
 
 
 def simpler(path: Path) -> str:

@@ -1,7 +1,8 @@
 """Nesting of closed loops: which is the outline of a part, and which a hole.
 
-Every second loop from outside is a hole, whatever the file says of filling. Each outermost loop, with all
-that lies in it, is a part of its own: a sheet with several outlines shows several parts.
+Every second loop from outside is a hole, whatever the file says of filling. Each of the others, with its
+holes, is a part of its own: a sheet with several outlines shows several parts, and what lies in a hole hangs
+together with nothing around it.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ _MIN_AREA_MM2 = 1e-6
 
 
 def parts(loops: Sequence[Loop], stem: str, units: str | None, sheet: Sheet) -> tuple[Drawing, ...]:
-    """One drawing for each outermost loop: `stem`, or `stem-1`, `stem-2`, … from the largest on.
+    """One drawing for each loop that is no hole: `stem`, or `stem-1`, `stem-2`, … from the largest on.
 
     `units` as for `size_problem`. Raises InputError where loops cross or touch themselves or each other,
     enclose nothing, or a part is too large or too small.
@@ -38,27 +39,22 @@ def parts(loops: Sequence[Loop], stem: str, units: str | None, sheet: Sheet) -> 
     _check_area([ring for ring in rings if len(ring.points) < 3], sheet)
     _check_crossings(rings, sheet)
     _check_area(rings, sheet)
-    depth, root, parent = _nested([ring.points for ring in rings])
-    outermost = np.flatnonzero(depth == 0)
-    size = np.array([-abs(_area(rings[k].points)) for k in outermost])
-    corner = np.array([rings[k].points.min(axis=0) for k in outermost])
+    depth, parent = _nested([ring.points for ring in rings])
+    solid = np.flatnonzero(depth % 2 == 0)
+    size = np.array([-abs(_area(rings[k].points)) for k in solid])
+    corner = np.array([rings[k].points.min(axis=0) for k in solid])
     # Parts of the same size: from the left, then from below.
-    order = outermost[np.lexsort((corner[:, 1], corner[:, 0], size))]
+    order = solid[np.lexsort((corner[:, 1], corner[:, 0], size))]
     drawings = []
     for number, own in enumerate(order.tolist(), 1):
         _check_size(rings[own], units, sheet)
         name = stem if len(order) == 1 else f"{stem}-{number}"
-        inside = np.flatnonzero(root == own)
-        regions = tuple(
-            Region(
-                _turned(rings[k].points, 1.0),
-                tuple(_turned(rings[hole].points, -1.0) for hole in inside if parent[hole] == k),
-            )
-            for k in inside[np.argsort(depth[inside], kind="stable")].tolist()
-            if depth[k] % 2 == 0
+        holes = np.flatnonzero(parent == own)
+        region = Region(
+            _turned(rings[own].points, 1.0), tuple(_turned(rings[hole].points, -1.0) for hole in holes)
         )
-        off = max(rings[k].off_mm for k in inside)
-        drawings.append(Drawing(name, regions, off * (1 + _ROUNDING) + reach * _ROUNDING))
+        off = max(rings[k].off_mm for k in (own, *holes))
+        drawings.append(Drawing(name, region, off * (1 + _ROUNDING) + reach * _ROUNDING))
     return tuple(drawings)
 
 
@@ -131,21 +127,17 @@ def _check_crossings(rings: Sequence[Loop], sheet: Sheet) -> None:
     )
 
 
-def _nested(rings: Sequence[Floats]) -> tuple[Ints, Ints, Ints]:
-    """Of rings that do not meet: how many others each is in, and which of them is outermost and innermost.
-
-    Three arrays (n,); a ring that is in no other is its own outermost one, and its innermost is -1.
-    """
+def _nested(rings: Sequence[Floats]) -> tuple[Ints, Ints]:
+    """Of rings that do not meet, (n,) each: in how many others one is, and the innermost of these, or -1."""
     polygons = [shapely.Polygon(ring) for ring in rings]
     inner, outer = shapely.STRtree(polygons).query(
         shapely.points(np.array([ring[0] for ring in rings])), predicate="within"
     )
     depth = np.bincount(inner, minlength=len(rings))
-    root, parent = np.arange(len(rings)), np.full(len(rings), -1)
-    outermost, innermost = depth[outer] == 0, depth[outer] == depth[inner] - 1
-    root[inner[outermost]] = outer[outermost]
+    parent = np.full(len(rings), -1)
+    innermost = depth[outer] == depth[inner] - 1
     parent[inner[innermost]] = outer[innermost]
-    return depth, root, parent
+    return depth, parent
 
 
 def _check_size(ring: Loop, units: str | None, sheet: Sheet) -> None:

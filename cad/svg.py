@@ -2,7 +2,7 @@
 
 What counts is geometry: paths, rectangles, circles, ellipses, polygons, polylines and lines, however they are
 painted; neither fill rule nor clipping changes it. What is not displayed, or has neither fill nor stroke, and
-text and images are left out. y points down in SVG and up here.
+text and images are left out, and counted. y points down in SVG and up here.
 """
 
 import io
@@ -18,31 +18,37 @@ from palpate.cad.loop_assembly import Sheet, Stroke, closed_loops
 from palpate.cad.optional_imports import needed, readable
 from palpate.cad.ring_nesting import parts
 from palpate.cad.svg_page import Page, bare_svg, page, parse_svg
-from palpate.cad.values import Drawing
+from palpate.cad.svg_rest import no_outlines
+from palpate.cad.values import DrawingFile
 from palpate.errors import InputError
 
 __all__ = ["read_svg"]
 
 
-def read_svg(path: Path, units: str | None, curve_mm: float) -> tuple[Drawing, ...]:
+def read_svg(path: Path, units: str | None, curve_mm: float) -> DrawingFile:
     """The parts that a drawing shows, each with its holes, from the largest on; curves within `curve_mm`.
 
-    `units`: "mm", "inch" or "m" for a file whose width and height have no unit; a user unit (of the viewBox)
-    is so much. Raises InputError for a file that is no SVG, has no or other units, or whose lines are no
-    closed outlines, with coordinates in mm from the top left, y downwards.
+    `units`: "mm", "inch", "m" or "pt" for a file whose width and height have no unit; a user unit (of the
+    viewBox) is so much. Raises InputError for a file that is no SVG, has no or other units, or whose lines
+    are no closed outlines, with coordinates in mm from the top left, y downwards.
     """
     root = parse_svg(path)
     size = page(root, units, path)
+    left_out = no_outlines(root)
     with readable(path, "SVG"):
-        strokes = list(_strokes(bare_svg(root, size, path), size))
+        strokes = list(_strokes(bare_svg(root, size, path), size, left_out))
+    rest = tuple(f"{count} {what}" for what, count in left_out.most_common())
     if not strokes:
-        raise InputError(f"{path}: holds no outlines; draw them as paths or shapes with a stroke or a fill")
+        also = f"; left out: {', '.join(rest)}" if rest else ""
+        raise InputError(
+            f"{path}: holds no outlines; draw them as paths or shapes with a stroke or a fill{also}"
+        )
     sheet = Sheet(str(path), "mm from the top left", (1.0, -1.0))
-    return parts(closed_loops(strokes, curve_mm, sheet), path.stem, units, sheet)
+    return DrawingFile(parts(closed_loops(strokes, curve_mm, sheet), path.stem, units, sheet), rest)
 
 
-def _strokes(source: bytes, size: Page) -> Iterator[Stroke]:
-    """All that is drawn, from the page's top left, y upwards, mm."""
+def _strokes(source: bytes, size: Page, left_out: Counter[str]) -> Iterator[Stroke]:
+    """All that is drawn, from the page's top left, y upwards, mm; adds to what is `left_out`."""
     svgelements = needed("svgelements", "cad", "reading SVG files")
     drawing = svgelements.SVG.parse(io.BytesIO(source), reify=False)
     number: Counter[str] = Counter()
@@ -52,6 +58,7 @@ def _strokes(source: bytes, size: Page) -> Iterator[Stroke]:
         tag = str(shape.values.get("tag", "shape"))
         number[tag] += 1
         if not _painted(shape):
+            left_out["hidden shapes, or without fill and stroke"] += 1
             continue
         own = shape.transform
         matrix = size.user_mm * np.array([[own.a, own.c], [-own.b, -own.d]])

@@ -98,7 +98,9 @@ def page(root: ElementTree.Element, units: str | None, path: Path) -> Page:
     named = [unit for _, unit in sides if unit]
     if not named:
         if units is None:
-            raise InputError(f"{path}: has no units: say what a user unit is, giving units: mm, inch or m")
+            raise InputError(
+                f"{path}: has no units: say what a user unit is; give units: mm, inch, m, or pt (Illustrator)"
+            )
         width, height = view or [number or 1.0 for number, _ in sides]
         return Page(width, height, UNIT_MM[units])
     if units not in {None, {"in": "inch"}.get(named[0], named[0])}:

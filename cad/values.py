@@ -1,14 +1,14 @@
 """What a CAD file holds and what becomes of it: the values that are passed between the modules of `cad`.
 
 file → `Solid` (readers, checked) → `StableState`s (how it rests) → `CrossSection`s (what fingers meet); or
-file → `Drawing` (an outline that is the same at every height).
+file → `DrawingFile` with `Drawing`s (outlines that are the same at every height).
 """
 
 from dataclasses import dataclass
 
 from palpate.geometry import Floats, Ints
 
-__all__ = ["CrossSection", "Drawing", "Region", "Solid", "StableState"]
+__all__ = ["CrossSection", "Drawing", "DrawingFile", "Region", "Solid", "StableState"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +37,19 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Outlines of a flat part in its file's frame; curves are within `off_mm` of their chords."""
+    """Outline of a flat part in its file's frame; curves are within `off_mm` of their chords."""
 
     name: str
-    regions: tuple[Region, ...]
+    region: Region
     off_mm: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class DrawingFile:
+    """The flat parts that a file shows, and in words what else is in it that is no outline of theirs."""
+
+    drawings: tuple[Drawing, ...]
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

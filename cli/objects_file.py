@@ -18,6 +18,7 @@ __all__ = [
     "check_name",
     "check_options",
     "heights_of",
+    "listed",
     "load_for_edit",
     "load_target",
     "wanted_heights",
@@ -43,6 +44,16 @@ def heights_of(text: str) -> tuple[float, ...]:
     return tuple(sorted(found))
 
 
+def listed(option: str, text: str | None) -> tuple[str, ...]:
+    """The names of "one, two". Raises InputError."""
+    if text is None:
+        return ()
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise InputError(f'{option} "{text}": write names with commas between them')
+    return names
+
+
 def wanted_heights(rig: Path | None, heights: str | None, *, all_heights: bool) -> tuple[float, ...] | None:
     """The heights asked for, or those of a rig's fingers, ascending; None: all. Raises InputError."""
     if sum((rig is not None, heights is not None, all_heights)) > 1:
@@ -58,6 +69,8 @@ def check_options(options: ImportOptions, *, several: bool = False) -> None:
     """Raises InputError for what is outside its limits, and for a name of `several` files."""
     if several and options.name is not None:
         raise InputError("--name is for one file; objects of several are named after their files")
+    if several and options.parts:
+        raise InputError("--parts is for one file")
     limits = (
         ("--tolerance", options.tolerance_mm, _LEAST_TOLERANCE_MM, _MOST_TOLERANCE_MM, " mm"),
         ("--deviation", options.deviation_mm, 0.0, _MOST_TOLERANCE_MM, " mm"),

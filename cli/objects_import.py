@@ -18,6 +18,7 @@ class _Units(StrEnum):
     MM = "mm"
     INCH = "inch"
     M = "m"
+    PT = "pt"
 
 
 class _States(StrEnum):
@@ -42,6 +43,16 @@ def import_objects(
     ] = None,
     thickness: Annotated[
         float | None, typer.Option("--thickness", metavar="MM", help="Of a drawing: height of the part.")
+    ] = None,
+    layers: Annotated[
+        str | None,
+        typer.Option("--layers", metavar="NAME,…", help="Of a DXF file: the layers with outlines."),
+    ] = None,
+    parts: Annotated[
+        str | None,
+        typer.Option(
+            "--parts", metavar="NAME,…", help="Of a file with several parts: names, or numbers from 1."
+        ),
     ] = None,
     rig: Annotated[
         Path | None,
@@ -109,7 +120,7 @@ def import_objects(
     """
     import time
 
-    from palpate.cli.objects_file import ObjectsTarget, check_options, load_target, wanted_heights
+    from palpate.cli.objects_file import ObjectsTarget, check_options, listed, load_target, wanted_heights
     from palpate.cli.terminal import Doing, Terminal
     from palpate.config.import_result import ImportOut
     from palpate.config.results import to_json
@@ -128,6 +139,8 @@ def import_objects(
         as_is=states is _States.AS_IS,
         least_probability=least_probability,
         accept_loss=accept_loss,
+        layers=listed("--layers", layers),
+        parts=listed("--parts", parts),
     )
     several = len(paths) > 1 or paths[0].is_dir()
     check_options(options, several=several)

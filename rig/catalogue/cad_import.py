@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import shapely
@@ -27,10 +28,12 @@ from palpate.rig.catalogue.objects_text import bound_mm, edges_of, frame_out, po
 __all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_file"]
 
 Report = Callable[[str], None]
+_Part = TypeVar("_Part")
 
 _CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.02, 0.04, 0.3  # the last one of what the others leave
 _LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
+_SHOWN = 12  # parts in a message
 
 
 class LossError(InputError):
@@ -43,9 +46,10 @@ class ImportOptions:
 
     `units`: of files that say none. `name`: instead of the file's. `tolerance_mm`: what approximations may
     add up to; `deviation_mm`: how far the made part may be from the file's. `heights_mm`: near which
-    sections are wanted, None: all. `thickness_mm`: of a drawing. `as_is`: not dropped, but as it lies in the
-    file. States that are less probable than `least_probability` are left out. `accept_loss`: even if they are
-    a fifth of all cases together, or more.
+    sections are wanted, None: all. `thickness_mm`: of a drawing; `layers`: the ones of a DXF file that have
+    outlines, none named: all. `parts`: names, or numbers from 1, of those that are wanted of a file. `as_is`:
+    not dropped, but as it lies in the file. States that are less probable than `least_probability` are left
+    out. `accept_loss`: even if they are a fifth of all cases together, or more.
     """
 
     units: str | None = None
@@ -57,6 +61,8 @@ class ImportOptions:
     as_is: bool = False
     least_probability: float = 0.01
     accept_loss: bool = False
+    layers: tuple[str, ...] = ()
+    parts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -86,10 +92,12 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
         return _drawings(path, options)
     if options.thickness_mm is not None:
         raise InputError(f"a thickness is for drawings; {path} holds solids, which have heights of their own")
+    if options.layers:
+        raise InputError(f"layers are for DXF files; {path} holds solids")
     curve = _CURVE_SHARE * options.tolerance_mm
     solids = confined(path, simpler(path), read_solids, path, options.units, curve)
     objects, warnings = [], []
-    for drawn, name in zip(solids, _names([solid.name for solid in solids], options), strict=True):
+    for drawn, name in _wanted(path, solids, _names([solid.name for solid in solids], options), options):
         solid = as_revolved(drawn, _REVOLVED_SHARE * options.tolerance_mm) or drawn
         imported = import_states(solid, _shares(solid, options), partial(_report_of, report, name))
         objects.append(_solid_object(solid, name, imported, options))
@@ -138,6 +146,20 @@ def _names(found: Sequence[str], options: ImportOptions) -> list[str]:
     return names
 
 
+def _wanted(
+    path: Path, parts: Sequence[_Part], names: Sequence[str], options: ImportOptions
+) -> list[tuple[_Part, str]]:
+    """Parts and their names: all, or those that are asked for. Raises InputError for one that is missing."""
+    numbers = {str(k): name for k, name in enumerate(names, 1)}
+    asked = [name if name in names else numbers.get(name) for name in options.parts]
+    if None in asked:
+        there = ", ".join(f'{number} "{name}"' for number, name in [*numbers.items()][:_SHOWN])
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+        raise InputError(f'{path}: has no part "{options.parts[asked.index(None)]}"; it has {there}{more}')
+    pairs = zip(parts, names, strict=True)
+    return [(part, name) for part, name in pairs if not asked or name in asked]
+
+
 def _printable(name: str) -> str:
     kept = "".join(letter if letter.isprintable() else " " for letter in name)
     return " ".join(kept.split())[:90] or "part"
@@ -169,18 +191,20 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
         raise InputError(
             f"{path} is a drawing, which says nothing of heights: give the thickness of the part"
         )
-    drawings = confined(path, simpler(path), read_drawings, path, options.units, options.tolerance_mm)
-    names = _names([drawing.name for drawing in drawings], options)
-    pairs = zip(drawings, names, strict=True)
-    return Imported(tuple(_flat_object(drawing, name, thickness, options) for drawing, name in pairs), ())
+    asked = path, options.units, options.tolerance_mm, options.layers
+    found = confined(path, simpler(path), read_drawings, *asked)
+    names = _names([drawing.name for drawing in found.drawings], options)
+    pairs = _wanted(path, found.drawings, names, options)
+    rest = (f"{path}: left out of the drawing: {', '.join(found.left_out)}",) if found.left_out else ()
+    return Imported(tuple(_flat_object(drawing, name, thickness, options) for drawing, name in pairs), rest)
 
 
 def _flat_object(drawing: Drawing, name: str, thickness_mm: float, options: ImportOptions) -> ImportedObject:
     """A drawing is an object with one state, its centre of area above the origin, to a micrometre."""
-    area = shapely.union_all([shapely.Polygon(region.outer, region.holes) for region in drawing.regions])
+    area = shapely.Polygon(drawing.region.outer, drawing.region.holes)
     x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
     height = rounded(thickness_mm)
-    section = SectionText(z=(0.0, height), polygons=polygons_text(drawing.regions, (x, y)))
+    section = SectionText(z=(0.0, height), polygons=polygons_text((drawing.region,), (x, y)))
     result = ImportedStateOut(
         name=FLAT,
         probability=None,

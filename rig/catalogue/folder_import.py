@@ -265,8 +265,10 @@ def _all_imported(
 
 
 def _for_file(path: Path, options: ImportOptions) -> ImportOptions:
-    """The options that concern a file: a thickness is for drawings only."""
-    return options if path.suffix.lower() in (".dxf", ".svg") else replace(options, thickness_mm=None)
+    """The options that concern a file: a thickness is for drawings only, layers are for DXF files."""
+    if not is_drawing(path):
+        return replace(options, thickness_mm=None, layers=())
+    return options if path.suffix.lower() == ".dxf" else replace(options, layers=())
 
 
 def _imported(path: Path, options: ImportOptions) -> FileOutcome:

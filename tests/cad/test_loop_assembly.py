@@ -40,23 +40,23 @@ def drawn(strokes: list[Stroke], curve_mm: float = 0.01) -> tuple[Drawing, ...]:
 
 
 def area(drawing: Drawing) -> float:
-    return sum(shapely.Polygon(region.outer, region.holes).area for region in drawing.regions)
+    return float(shapely.Polygon(drawing.region.outer, drawing.region.holes).area)
 
 
 def check(drawing: Drawing) -> None:
     """What a `Drawing` promises of its rings."""
-    for region in drawing.regions:
-        assert shapely.is_ccw(shapely.LinearRing(region.outer))
-        assert not any(shapely.is_ccw(shapely.LinearRing(hole)) for hole in region.holes)
-        assert shapely.Polygon(region.outer, region.holes).is_valid
-        for ring in (region.outer, *region.holes):
-            assert np.all(np.isfinite(ring))
-            steps = np.roll(ring, -1, axis=0) - ring
-            following = np.roll(steps, -1, axis=0)
-            sine = (steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]) / (
-                np.hypot(*steps.T) * np.hypot(*following.T)
-            )
-            assert np.abs(sine).min() > 1e-9
+    region = drawing.region
+    assert shapely.is_ccw(shapely.LinearRing(region.outer))
+    assert not any(shapely.is_ccw(shapely.LinearRing(hole)) for hole in region.holes)
+    assert shapely.Polygon(region.outer, region.holes).is_valid
+    for ring in (region.outer, *region.holes):
+        assert np.all(np.isfinite(ring))
+        steps = np.roll(ring, -1, axis=0) - ring
+        following = np.roll(steps, -1, axis=0)
+        sine = (steps[:, 0] * following[:, 1] - steps[:, 1] * following[:, 0]) / (
+            np.hypot(*steps.T) * np.hypot(*following.T)
+        )
+        assert np.abs(sine).min() > 1e-9
 
 
 @given(
@@ -92,7 +92,7 @@ def test_shuffled_pieces_are_found_again(
     ]
     (found,) = drawn(shuffled, 0.002)
     check(found)
-    (region,) = found.regions
+    region = found.region
     assert len(region.holes) == holes
     length = shapely.LinearRing(region.outer).length
     assert area(found) == pytest.approx(exact - 0.36 * holes, abs=found.off_mm * length + 1e-9)
@@ -111,7 +111,7 @@ def test_ends_within_the_joining_distance_are_one_point() -> None:
     strokes = lines(box(0, 0, 30, 20))
     strokes[1] = Stroke("layer 'cut'", (line(np.array([[30.003, 0.0], [30.0, 20.002]])),))
     (found,) = drawn(strokes)
-    assert len(found.regions[0].outer) == 4
+    assert len(found.region.outer) == 4
     assert 0.003 <= found.off_mm <= 0.0031
     (exact,) = drawn(lines(box(0, 0, 30, 20)))
     assert 0 < exact.off_mm < 1e-8
@@ -141,13 +141,13 @@ def test_what_is_drawn_twice_is_taken_once() -> None:
     outline = [*(s for k, s in enumerate(lines(box(0, 0, 30, 20))) if k != 1), arc, circle(10, 10, 4)]
     (once,) = drawn(outline)
     (twice,) = drawn(outline + [turned(stroke) for stroke in outline])
-    assert np.array_equal(once.regions[0].outer, twice.regions[0].outer)
-    assert len(twice.regions[0].holes) == 1
+    assert np.array_equal(once.region.outer, twice.region.outer)
+    assert len(twice.region.holes) == 1
     # The same outline as a polyline that starts elsewhere.
     around = pairwise([(30, 20), (0, 20), (0, 0), (30, 0), (30, 20)])
     closed = Stroke("layer '1'", tuple(line(np.array(ends)) for ends in around))
     (square,) = drawn([*lines(box(0, 0, 30, 20)), closed])
-    assert len(square.regions[0].outer) == 4
+    assert len(square.region.outer) == 4
 
 
 @pytest.mark.parametrize(
@@ -183,26 +183,26 @@ def test_many_strokes_shorter_than_a_point() -> None:
 
 
 def test_loops_nest_to_any_depth() -> None:
-    """Every second one is a hole; what lies in a hole belongs to the same part."""
+    """Every second one is a hole; what lies in a hole is a part of its own."""
     strokes = [circle(0, 0, r) for r in (40, 30, 20, 10)]
     strokes += [circle(35, 0, 2), *lines(box(100, 0, 10, 10)), *lines(box(60, 0, 10, 10))]
-    big, left, right = drawn(strokes)
-    assert [d.name for d in (big, left, right)] == ["part-1", "part-2", "part-3"]
-    assert [len(region.holes) for region in big.regions] == [2, 1]
-    assert area(big) == pytest.approx(math.pi * (40**2 - 30**2 + 20**2 - 10**2 - 2**2), rel=2e-3)
-    assert left.regions[0].outer.min() == 0
-    assert left.regions[0].outer.max() == 70
-    for drawing in (big, left, right):
+    big, inner, left, right = drawn(strokes)
+    assert [d.name for d in (big, inner, left, right)] == ["part-1", "part-2", "part-3", "part-4"]
+    assert [len(d.region.holes) for d in (big, inner, left)] == [2, 1, 0]
+    assert area(big) == pytest.approx(math.pi * (40**2 - 30**2 - 2**2), rel=2e-3)
+    assert area(inner) == pytest.approx(math.pi * (20**2 - 10**2), rel=2e-3)
+    assert left.region.outer.min() == 0
+    assert left.region.outer.max() == 70
+    for drawing in (big, inner, left, right):
         check(drawing)
-    outer, inner = big.regions
-    assert np.hypot(*outer.outer.T).max() == pytest.approx(40)
-    assert np.hypot(*inner.outer.T).max() == pytest.approx(20)
+    assert np.hypot(*big.region.outer.T).max() == pytest.approx(40)
+    assert np.hypot(*inner.region.outer.T).max() == pytest.approx(20)
 
 
 def test_collinear_points_are_merged_across_the_start() -> None:
     ring = [(10.0, 0.0), (20.0, 0.0), (30.0, 0.0), (30.0, 9.0), (30.0, 20.0), (0.0, 20.0), (0.0, 0.0)]
     (found,) = drawn(lines(ring))
-    assert sorted(map(tuple, found.regions[0].outer.tolist())) == [(0, 0), (0, 20), (30, 0), (30, 20)]
+    assert sorted(map(tuple, found.region.outer.tolist())) == [(0, 0), (0, 20), (30, 0), (30, 20)]
 
 
 @pytest.mark.parametrize(

@@ -26,11 +26,11 @@ def file(tmp_path: Path) -> Path:
 
 def read(file: Path, body: str, page: str = PAGE, units: str | None = None) -> tuple[Drawing, ...]:
     file.write_text(f"<svg {ROOT} {page}>{body}</svg>", encoding="utf-8")
-    return read_svg(file, units, 0.005)
+    return read_svg(file, units, 0.005).drawings
 
 
 def shape(drawing: Drawing) -> shapely.MultiPolygon:
-    return shapely.MultiPolygon([(region.outer, list(region.holes)) for region in drawing.regions])
+    return shapely.MultiPolygon([(drawing.region.outer, list(drawing.region.holes))])
 
 
 def box(drawing: Drawing) -> list[float]:
@@ -93,7 +93,7 @@ def test_points_of_transformed_paths(file: Path, body: str) -> None:
     (drawn,) = (element for element in drawing.elements() if isinstance(element, svgelements.Shape))
     own = svgelements.Path(*drawn.segments(transformed=False))
     points = np.array([(p.x, p.y) for p in (own.point(t) * drawn.transform for t in np.linspace(0, 1, 400))])
-    ring = shapely.LinearRing(found.regions[0].outer)
+    ring = shapely.LinearRing(found.region.outer)
     assert shapely.distance(shapely.points(points * (1, -1)), ring).max() <= found.off_mm + 1e-6
 
 
@@ -112,7 +112,7 @@ def test_points_of_transformed_paths(file: Path, body: str) -> None:
 )
 def test_units_of_the_page(file: Path, page: str, factor: float) -> None:
     (found,) = read(file, SQUARE, page)
-    assert np.ptp(found.regions[0].outer, axis=0) == pytest.approx([30 * factor, 20 * factor], rel=1e-9)
+    assert np.ptp(found.region.outer, axis=0) == pytest.approx([30 * factor, 20 * factor], rel=1e-9)
     assert box(found)[0] == pytest.approx(10 * factor)
     assert box(found)[3] == pytest.approx(-20 * factor)
 
@@ -122,10 +122,10 @@ def test_units_of_the_page(file: Path, page: str, factor: float) -> None:
     ["", 'viewBox="0 0 9 9"', 'width="80" height="40" viewBox="0 0 9 9"', 'width="100%" height="auto"'],
 )
 def test_units_asked_for(file: Path, page: str) -> None:
-    with pytest.raises(InputError, match=r"has no units: .*units: mm, inch or m"):
+    with pytest.raises(InputError, match=r"has no units: .*give units: mm, inch, m, or pt"):
         read(file, SQUARE, page)
     (found,) = read(file, SQUARE, page, units="inch")
-    assert np.ptp(found.regions[0].outer, axis=0) == pytest.approx([30 * 25.4, 20 * 25.4])
+    assert np.ptp(found.region.outer, axis=0) == pytest.approx([30 * 25.4, 20 * 25.4])
     with pytest.raises(InputError, match=r"30000 mm.*it would be 30 mm if its unit were mm"):
         read(file, SQUARE, page, units="m")
 
@@ -155,6 +155,31 @@ def test_what_is_not_seen_is_no_outline(file: Path) -> None:
     assert box(found) == pytest.approx([10, -40, 40, -20])
     with pytest.raises(InputError, match="holds no outlines"):
         read(file, hidden)
+
+
+def test_what_is_left_out_is_counted(file: Path) -> None:
+    body = (
+        '<clipPath id="c"><circle r="6"/></clipPath><mask id="m"><circle r="5"/></mask>'
+        '<text>Part</text><text>No. 2</text><image href="x.png"/>'
+        '<g clip-path="url(#c)"><rect x="60" y="20" width="9" height="9"/></g>'
+        '<rect x="80" y="20" width="9" height="9" style="fill:red;mask:url(#m)"/>'
+        '<rect x="90" y="20" width="9" height="9" clip-path="none"/>'
+        '<circle r="7" fill="none"/><circle r="8" visibility="hidden"/>'
+    )
+    file.write_text(f"<svg {ROOT} {PAGE}>{body}{SQUARE}</svg>", encoding="utf-8")
+    assert sorted(read_svg(file, None, 0.005).left_out) == [
+        "1 clip paths, which do not cut outlines here",
+        "1 images",
+        "1 masks",
+        "2 hidden shapes, or without fill and stroke",
+        "2 texts",
+    ]
+
+
+def test_a_user_unit_may_be_a_point(file: Path) -> None:
+    """As in files of Illustrator, which have a viewBox in points and no width."""
+    (found,) = read(file, SQUARE, 'viewBox="0 0 200 100"', units="pt")
+    assert box(found) == pytest.approx([value * 25.4 / 72 for value in (10, -40, 40, -20)])
 
 
 def test_used_shapes_are_where_they_are_used(file: Path) -> None:
