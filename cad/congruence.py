@@ -57,10 +57,10 @@ def surfaces_apart_mm(one: SurfaceDistance, other: SurfaceDistance, within_mm: f
     """How far two surfaces are apart: as `surface_apart_mm`, of two solids as they are."""
     rounding = _ROUNDING * max(one.size_mm, other.size_mm)
     close, allowed = _CLOSE * one.size_mm, within_mm - rounding
-    there = _pieces_off(one, other.corners_mm, other.normal, 0.0, close, allowed)
+    there = _pieces_off(one, other.corners_mm, other.normal, 0.0, close, allowed, alike=False)
     if there is None:
         return None
-    back = _pieces_off(other, one.corners_mm, one.normal, 0.0, close, allowed)
+    back = _pieces_off(other, one.corners_mm, one.normal, 0.0, close, allowed, alike=False)
     return None if back is None else max(there, back) + rounding
 
 
@@ -112,9 +112,20 @@ def _key(faces: Ints) -> Ints:
 
 
 def _pieces_off(
-    surface: SurfaceDistance, pieces: Floats, normal: Floats, least: float, close: float, within: float
+    surface: SurfaceDistance,
+    pieces: Floats,
+    normal: Floats,
+    least: float,
+    close: float,
+    within: float,
+    *,
+    alike: bool = True,
 ) -> float | None:
-    """Bound over triangles (k, 3, 3); `least`: a distance that some point is known to have."""
+    """Bound over triangles (k, 3, 3); `least`: a distance that some point is known to have.
+
+    Unless the surfaces are expected to be `alike`, anything within the wanted distance will do.
+    """
+    near = close if alike else within
     most, looked = 0.0, 0
     some = len(surface.faces) + _PIECES
     for number in range(_ROUNDS):
@@ -123,13 +134,13 @@ def _pieces_off(
         looked += len(pieces)
         if looked > _TOO_MANY * some:
             return None
-        at_middle, triangle = surface.nearest(pieces.mean(axis=1), normal, close, within)
+        at_middle, triangle = surface.nearest(pieces.mean(axis=1), normal, near, within)
         least = max(least, float(at_middle.max()))
         if least > within:
             return None
         off = surface.off_mm(pieces, np.repeat(triangle[:, None], 3, axis=1))
         bound = off.max(axis=1)
-        hasty = number >= _SHARP or looked > _MANY * some
+        hasty = not alike or number >= _SHARP or looked > _MANY * some
         enough = close if least <= close else _WORTH * least + _SHARE * within
         good = bound <= (within if hasty else min(within, enough))
         most = max(most, float(bound[good].max(initial=0.0)))

@@ -3,8 +3,8 @@
 Two states are one if a rigid motion in the plane, never a reflection, brings exact sections of one onto those
 of the other (`congruence_search`) at heights in the middle between levels of corners, of both, and if that
 motion brings the whole resting solid onto itself (`congruence`): sections propose, the surface decides.
-States with the same height and the same height of the centre of mass are compared; a state that is not proven
-to be congruent stays its own.
+States with the same height and the same height of the centre of mass are compared, one of each that a known
+rotational symmetry makes of each other (`orbits`); a state that is not proven to be congruent stays its own.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +18,7 @@ from palpate.cad.congruence import surface_apart_between_mm
 from palpate.cad.congruence_search import Motion, motions
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.leaning import settled, upright
+from palpate.cad.orbits import orbits_of
 from palpate.cad.resting_surface import ROUNDING
 from palpate.cad.stable import LeftOut
 from palpate.cad.surface_distance import SurfaceDistance
@@ -113,17 +114,18 @@ def merge_states(
     if _is_ball(solid, within_mm):
         return _chosen([_ball(solid, states, slices_of)], [], least_probability, most)
     states, out = settled(solid, states)
-    compared = states[:_COMPARED]
+    orbits = orbits_of(solid, states, within_mm)
+    compared = orbits[:_COMPARED]
     groups: list[_Group] = []
     families: list[_Family] = []
     looks = round(effort * (1 + len(solid.faces) / _FACETS))
     pairs = _Pairs(solid, slices_of, within_mm, looks, KnownSymmetries(SurfaceDistance(solid)))
-    for state in compared:
-        sliced = _sliced(solid, state, families, slices_of, within_mm)
+    for orbit in compared:
+        sliced = _sliced(solid, orbit.first, families, slices_of, within_mm)
         group, apart = _home(sliced, groups, pairs)
-        group.members.append(state)
-        group.apart_mm = max(group.apart_mm, apart)
-    rest = list(states[len(compared) :])
+        group.members += orbit.members
+        group.apart_mm = max(group.apart_mm, apart + orbit.apart_mm)
+    rest = [state for orbit in orbits[len(compared) :] for state in orbit.members]
     if rest:
         out.append(_together(f"{len(rest)} states beyond the {_COMPARED} that are compared", rest))
     if pairs.unproven:

@@ -7,59 +7,66 @@ surface is from the old one, both ways, is proven like the congruence of two sta
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import reduce
 from typing import Any
 
 import numpy as np
 import shapely
-from scipy.spatial import cKDTree
 
 from palpate.cad.as_drawn import volume_mm3
 from palpate.cad.congruence import surfaces_apart_mm
 from palpate.cad.hull import centre_of_mass
 from palpate.cad.resting_surface import surface_of
+from palpate.cad.rotational_symmetry import (
+    axis_directions,
+    axis_frame,
+    far_azimuths,
+    proven_symmetry,
+    turned_onto_itself,
+)
 from palpate.cad.slicing import slice_surface
 from palpate.cad.surface_distance import SurfaceDistance
-from palpate.cad.values import Solid, StableState
+from palpate.cad.values import RotationalSymmetry, Solid, StableState
 from palpate.geometry import Floats, Ints
 
 __all__ = ["as_revolved"]
 
+_FEWEST_SIDES = 24
 _FEWEST, _MOST = 48, 320
 """Steps of the turn about the axis, and of a ball's profile; multiples of four."""
 _STEP_SHARE, _BALL_SHARE, _PROFILE_SHARE = 0.3, 0.3, 0.12
 """Of the distance allowed: for the steps of the turn, and for points of the profile that are left out."""
 _SAME = 1e-5
 """Share of the size: vertices so near to each other in the profile are one, and so near to the axis on it."""
-_PARALLEL = 1e-4
-"""Directions that differ by less are one."""
 _MOST_VERTICES, _MOST_POINTS = 8000, 400
 """Different ones, and those that a profile keeps; more of them belong to a rough surface."""
+_ROUNDING = 1e-12
+"""Share of the size: what equal steps differ by in numbers."""
 _AZIMUTH = 0.7236
 """Of the half-plane in which the profile is read, rad; no corner is there, unless by chance."""
-_REGULAR = 1e-6
-"""Share of the size: a solid that a turn brings onto itself so exactly is left as it is."""
 
 
 def as_revolved(solid: Solid, within_mm: float) -> Solid | None:
     """A solid of revolution in place of one that is nowhere further from it than a distance, or None.
 
-    Its `off_mm` counts that distance, too. None as well for what is alike all round as it is.
+    Its `off_mm` counts that distance, too. What is alike all round as it is, but for rounding, keeps its
+    facets; None for prisms, which have few sides.
     """
     ball = _ball(solid, within_mm)
     if ball is not None:
         return ball
-    for direction in _directions(solid):
+    for direction in axis_directions(solid):
         centre = _centre(solid, direction)
-        frame = _frame(direction)
+        frame = axis_frame(direction)
         points = (solid.vertices_mm - centre) @ frame.T
         profile = _profile(solid, points, within_mm)
         if profile is None:
             continue
-        if _is_regular(points):
-            return None
+        turned = turned_onto_itself(points, len(far_azimuths(points)))
+        if turned is not None:
+            return _regular(solid, points, turned, frame, centre) if len(turned) >= _FEWEST_SIDES else None
         number = _steps(max(float(ring[:, 0].max()) for ring in profile), within_mm * _STEP_SHARE)
         made = _turned(solid, profile, frame, centre, number)
         apart = surfaces_apart_mm(SurfaceDistance(solid), SurfaceDistance(made), within_mm)
@@ -98,37 +105,10 @@ def _distances(solid: Solid, centre: Floats) -> tuple[float, float]:
     return float(off.min()), float(np.linalg.norm(solid.vertices_mm - centre, axis=1).max())
 
 
-def _directions(solid: Solid) -> Iterator[Floats]:
-    """Directions (3,) that an axis may have: the file's, those of the largest faces, those of inertia."""
-    corners = solid.vertices_mm[solid.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1)
-    unit = normal / np.maximum(area, 1e-300)[:, None]
-    keys, group = np.unique(np.round(unit, 4), axis=0, return_inverse=True)
-    largest = np.argsort(-np.bincount(group.ravel(), area, len(keys)))[:2]
-    flat = [np.average(unit[group.ravel() == k], axis=0, weights=area[group.ravel() == k]) for k in largest]
-    middle = corners.mean(axis=1) - np.average(corners.mean(axis=1), axis=0, weights=area)
-    inertia = np.linalg.eigh((middle * area[:, None]).T @ middle)[1].T
-    seen: list[Floats] = []
-    for direction in (*np.eye(3), *flat, *inertia):
-        unit_one = direction / np.linalg.norm(direction)
-        if all(1 - abs(float(unit_one @ other)) > _PARALLEL**2 / 2 for other in seen):
-            seen.append(unit_one)
-            yield unit_one
-
-
-def _frame(direction: Floats) -> Floats:
-    """A rotation (3, 3) whose last row is a direction."""
-    aside = np.eye(3)[int(np.abs(direction).argmin())]
-    x = np.cross(aside, direction)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(direction, x), direction])
-
-
 def _centre(solid: Solid, direction: Floats) -> Floats:
     """A point (3,) of the axis: the common centre of circles at the heights that have many vertices."""
     start = centre_of_mass(solid)
-    frame = _frame(direction)
+    frame = axis_frame(direction)
     points = (solid.vertices_mm - start) @ frame.T
     size = float(np.ptp(points, axis=0).max())
     radius = np.hypot(points[:, 0], points[:, 1])
@@ -228,26 +208,26 @@ def _off_axis(ring: Floats, near: float) -> list[Floats]:
     return [part for part in parts if len(part) > 1]
 
 
-def _is_regular(points: Floats) -> bool:
-    """Whether vertices (n, 3) come onto vertices in the turn from one vertex that is far out to the next."""
-    size = float(np.ptp(points, axis=0).max())
-    radius = np.hypot(points[:, 0], points[:, 1])
-    far = np.flatnonzero(radius > radius.max() - _SAME * size)
-    level = far[np.abs(points[far, 2] - points[far[0], 2]) < _SAME * size]
-    azimuth = np.sort(np.arctan2(points[level, 1], points[level, 0]))
-    if len(azimuth) < 3:
-        return False
-    turn = 2 * np.pi / len(azimuth)
-    c, s = math.cos(turn), math.sin(turn)
-    moved = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    off, _ = cKDTree(points).query(moved)
-    return bool(np.max(off) <= _REGULAR * size)
-
-
 def _steps(radius_mm: float, within: float) -> int:
     """Steps of a turn whose chords are as far inside of a circle as corners are outside: no further."""
     half = math.acos(max(1 - 2 * within / max(radius_mm, 2 * within), 0.0))
     return 4 * math.ceil(min(max(math.pi / max(half, 1e-3), _FEWEST), _MOST) / 4)
+
+
+def _regular(solid: Solid, points: Floats, turned: Ints, frame: Floats, centre: Floats) -> Solid:
+    """The solid with vertices exactly where turns bring them; `turned` (k, n): their numbers after k turns.
+
+    A facet moves by no more than the vertex that moves most.
+    """
+    azimuth = 2 * np.pi * np.arange(len(turned)) / len(turned)
+    c, s = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
+    x, y, z = np.moveaxis(points[turned], 2, 0)
+    # Each vertex is the mean of those that it comes to, turned back.
+    exact = np.stack([(c * x + s * y).mean(axis=0), (c * y - s * x).mean(axis=0), z.mean(axis=0)], axis=1)
+    made = replace(solid, vertices_mm=exact @ frame + centre, axis=frame[2])
+    moved = float(np.linalg.norm(exact - points, axis=1).max())
+    symmetry = proven_symmetry(made, frame[2], len(turned))
+    return replace(made, off_mm=solid.off_mm + moved, symmetry=symmetry)
 
 
 def _turned(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floats, number: int) -> Solid:
@@ -264,7 +244,9 @@ def _turned(solid: Solid, profile: Sequence[Floats], frame: Floats, centre: Floa
         faces += _strips(index if is_closed else index[:-1], following)
         vertices.append(points)
     made = np.vstack(vertices) @ frame + centre
-    return replace(solid, vertices_mm=made, faces=np.vstack(faces), axis=frame[2])
+    size = float(np.linalg.norm(np.ptp(made, axis=0)))
+    symmetry = RotationalSymmetry(frame[2], number, _ROUNDING * size)
+    return replace(solid, vertices_mm=made, faces=np.vstack(faces), axis=frame[2], symmetry=symmetry)
 
 
 def _ring_vertices(line: Floats, azimuth: Floats, scale: float, first: int) -> tuple[Ints, Floats]:

@@ -29,6 +29,9 @@ _TURN_RAD = math.radians(10.0)
 _SHARE = 0.5
 """OpenCASCADE exceeds the deviation it is asked for, by half on spheres: it is asked for this share."""
 
+_FINER, _FINE_FACETS = 3.0, 12_000
+"""Curves are cut so many times as finely as they have to be, if that takes few facets: many take long."""
+
 _ADVICE = "allow its curves a larger tolerance, or export it as STL"
 
 _SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001}
@@ -37,8 +40,9 @@ _SI_MM = {"": 1000.0, "DECI": 100.0, "CENTI": 10.0, "MILLI": 1.0, "MICRO": 0.001
 def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ...]:
     """Solids of a STEP file in mm, curves replaced by chords within `curve_mm`; each shape once.
 
-    The file has units, which `units` ("mm", "inch" or "m") may repeat. Raises InputError for what cannot be
-    read, for units that are not the file's, and for what `mesh_checks` refuses.
+    Chords are nearer, a third of that, where few facets do. The file has units, which `units` ("mm", "inch"
+    or "m") may repeat. Raises InputError for what cannot be read, for units that are not the file's, and for
+    what `mesh_checks` refuses.
     """
     needed("cascadio", "step", "reading STEP files")
     data = read_bytes(path, CAD_BYTES, _ADVICE)
@@ -47,22 +51,29 @@ def read_step(path: Path, units: str | None, curve_mm: float) -> tuple[Solid, ..
     if not data.rstrip().endswith(b"END-ISO-10303-21;"):
         raise InputError(f"{path}: is cut short: END-ISO-10303-21; is missing at its end")
     _check_units(path, data, units)
-    scene = confined(path, _ADVICE, _tessellated, path, curve_mm)
+    scene, within_mm = confined(path, _ADVICE, _tessellated, path, curve_mm)
     solids: list[Solid] = []
     for shape in distinct_shapes(str(path), scene, path.stem):
         vertices = shape.vertices * 1000.0
-        off = math.nextafter(curve_mm + rounding(vertices), math.inf)
+        off = math.nextafter(within_mm + rounding(vertices), math.inf)
         solids += check_solids(f"{path}: {shape.name}", shape.name, vertices, shape.faces, off)
     if not solids:
         raise InputError(f"{path}: holds no solid")
     return tuple(solids)
 
 
-def _tessellated(path: Path, curve_mm: float) -> Any:
-    """What OpenCASCADE makes of a file, as a trimesh scene in metres.
+def _tessellated(path: Path, curve_mm: float) -> tuple[Any, float]:
+    """What OpenCASCADE makes of a file, as a trimesh scene in metres, and within what its chords are.
 
     What it makes of a damaged one may be a crash, a search without end or more memory than there is.
     """
+    scene = _scene(path, curve_mm)
+    if sum(len(mesh.faces) for mesh in scene.geometry.values() if hasattr(mesh, "faces")) > _FINE_FACETS:
+        return scene, curve_mm
+    return _scene(path, curve_mm / _FINER), curve_mm / _FINER
+
+
+def _scene(path: Path, curve_mm: float) -> Any:
     trimesh = needed("trimesh", "step", "reading STEP files")
     cascadio = needed("cascadio", "step", "reading STEP files")
     with tempfile.TemporaryDirectory() as folder:

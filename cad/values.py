@@ -8,7 +8,19 @@ from dataclasses import dataclass
 
 from palpate.geometry import Floats, Ints
 
-__all__ = ["CrossSection", "Drawing", "DrawingFile", "Region", "Solid", "StableState"]
+__all__ = ["CrossSection", "Drawing", "DrawingFile", "Region", "RotationalSymmetry", "Solid", "StableState"]
+
+
+@dataclass(frozen=True, eq=False)
+class RotationalSymmetry:
+    """Turns by multiples of 2π/`order` about an axis through the centre of mass bring a solid onto itself.
+
+    `axis` (3,): its direction. The turned surface is nowhere further than `apart_mm` from the surface.
+    """
+
+    axis: Floats
+    order: int
+    apart_mm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,7 +29,7 @@ class Solid:
 
     `vertices_mm` (n, 3), each used by some face; `faces` (m, 3), counter-clockwise seen from outside; every
     edge belongs to two faces. The real surface is nowhere further than `off_mm` from it. `axis` (3,): about
-    which it is a solid of revolution, as far as is known.
+    which it is a solid of revolution, and `symmetry`, as far as is known.
     """
 
     name: str
@@ -25,6 +37,7 @@ class Solid:
     faces: Ints
     off_mm: float = 0.0
     axis: Floats | None = None
+    symmetry: RotationalSymmetry | None = None
 
 
 @dataclass(frozen=True, eq=False)

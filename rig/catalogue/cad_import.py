@@ -14,8 +14,10 @@ import numpy as np
 import shapely
 
 from palpate.cad.as_drawn import volume_mm3
+from palpate.cad.orbits import NEGLIGIBLE
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler
 from palpate.cad.revolution import as_revolved
+from palpate.cad.rotational_symmetry import with_symmetry
 from palpate.cad.values import Drawing, Solid
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
 from palpate.config.objects_file import FLAT
@@ -30,7 +32,7 @@ __all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_f
 Report = Callable[[str], None]
 _Part = TypeVar("_Part")
 
-_CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.02, 0.04, 0.3  # the last one of what the others leave
+_CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.06, 0.04, 0.3  # the last one of what the others leave
 _LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
 _SHOWN = 12  # parts in a message
@@ -98,8 +100,11 @@ def import_file(path: Path, options: ImportOptions, report: Report = lambda _: N
     solids = confined(path, simpler(path), read_solids, path, options.units, curve)
     objects, warnings = [], []
     for drawn, name in _wanted(path, solids, _names([solid.name for solid in solids], options), options):
-        solid = as_revolved(drawn, _REVOLVED_SHARE * options.tolerance_mm) or drawn
-        imported = import_states(solid, _shares(solid, options), partial(_report_of, report, name))
+        solid = as_revolved(drawn, max(_REVOLVED_SHARE * options.tolerance_mm, drawn.off_mm)) or drawn
+        shares = _shares(solid, options)
+        if solid.symmetry is None and not options.as_is:
+            solid = with_symmetry(solid, NEGLIGIBLE * shares.merged_mm)
+        imported = import_states(solid, shares, partial(_report_of, report, name))
         objects.append(_solid_object(solid, name, imported, options))
         lost = sum(item.probability for item in imported.left_out)
         if lost > _MOST_LOST and not options.accept_loss:

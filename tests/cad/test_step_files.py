@@ -42,7 +42,7 @@ def test_chords_stay_within_what_is_said(name, off, curve_mm):
     (solid,) = read_solids(HERE / f"{name}.step", None, curve_mm)
     share = np.array([(i, j, 6 - i - j) for i in range(7) for j in range(7 - i)]) / 6
     points = np.einsum("sc,mcx->msx", share, solid.vertices_mm[solid.faces]).reshape(-1, 3)
-    assert curve_mm < solid.off_mm < curve_mm * 1.01
+    assert curve_mm / 3 < solid.off_mm < curve_mm / 3 * 1.01  # finer than asked where few facets do
     assert off(points).max() <= solid.off_mm
 
 

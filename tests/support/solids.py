@@ -16,11 +16,12 @@ WEDGE = shapely.Polygon([(0, 0), (50, 0), (0, 30)])
 
 
 def prism(outline: shapely.Polygon, height: float) -> trimesh.Trimesh:
-    """The closed solid over an outline, from z = 0 to `height`."""
+    """The closed solid over an outline, with its holes, from z = 0 to `height`."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(outline))
     flat = np.array([np.asarray(shapely.orient_polygons(item).exterior.coords)[:3] for item in triangles])
-    ring = np.asarray(shapely.orient_polygons(outline).exterior.coords)
-    start, end = ring[:-1], ring[1:]
+    whole = shapely.orient_polygons(outline)
+    rings = [np.asarray(ring.coords) for ring in (whole.exterior, *whole.interiors)]
+    start, end = np.vstack([ring[:-1] for ring in rings]), np.vstack([ring[1:] for ring in rings])
 
     def at(points: np.ndarray, z: float) -> np.ndarray:
         return np.concatenate([points, np.full((*points.shape[:-1], 1), z)], axis=-1)
