@@ -5,6 +5,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from palpate.api.arguments import checked
+from palpate.api.warning import warning
 from palpate.config import CalibrationFile, ContactsFile, ObjectsFile, RigFile, Scene
 from palpate.config import load_calibration as read_calibration
 from palpate.config import load_contacts as read_contacts
@@ -42,8 +43,14 @@ def load_rig(path: PathLike | None = None) -> RigFile:
 
 @checked
 def load_objects(path: PathLike | None = None) -> ObjectsFile:
-    """Load object models (JSON, `palpate/objects@1`), or the six shipped ones; InputError if wrong."""
-    return read_objects(_path(path, shipped_objects()))
+    """Load object models (JSON, `palpate/objects@1`), or the six shipped ones; InputError if wrong.
+
+    Warns (`RigWarning`) of points of outlines that repeat others or lie on straight lines: they are left out.
+    """
+    found = read_objects(_path(path, shipped_objects()))
+    for line in found.notices:
+        warning(line)
+    return found
 
 
 @checked

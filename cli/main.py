@@ -9,6 +9,7 @@ import errno
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 from enum import IntEnum
@@ -18,6 +19,7 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
+from palpate.api.warning import RigWarning
 from palpate.cli.commissioning.calibrate import calibrate
 from palpate.cli.commissioning.setup_motors import setup_motors
 from palpate.cli.diagnostics.check import check
@@ -34,6 +36,7 @@ from palpate.cli.objects_show import show_objects
 from palpate.cli.plan import plan
 from palpate.cli.recognize import recognize
 from palpate.cli.replay import replay
+from palpate.cli.terminal import print_notices
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
 
@@ -134,8 +137,11 @@ def _fill_closed_streams() -> None:
 
 def _guarded() -> int:
     try:
-        # In its own "standalone" mode typer would print several lines for an error.
-        return _flushed(int(app(standalone_mode=False) or 0))
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", RigWarning)
+            warnings.showwarning = _notice
+            # In its own "standalone" mode typer would print several lines for an error.
+            return _flushed(int(app(standalone_mode=False) or 0))
     except typer.Exit as end:
         return _flushed(int(end.exit_code))
     except TyperException as error:
@@ -145,6 +151,12 @@ def _guarded() -> int:
         return _report(error)
     except OSError as error:
         return _unprinted(error)
+
+
+def _notice(message: Warning | str, *_: object) -> None:
+    """A warning as one line; those of other packages are nothing that an operator can act on."""
+    if isinstance(message, RigWarning):
+        print_notices([str(message)])
 
 
 def _report(error: Interrupted | PalpateError | MemoryError) -> int:

@@ -10,8 +10,9 @@ the last edge back to point 0. Edges of a section are counted polygon by polygon
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
+from palpate.config.idle_points import without_idle_points
 from palpate.config.loading import Source, load_json, source_name
 from palpate.config.objects_checks import NOUNS, objects_problems
 from palpate.config.objects_rings import curve_of, facets_for, flat_curve, stray_for_mm
@@ -37,9 +38,13 @@ _SHOWN = 8  # names in a repr
 
 @dataclass(frozen=True, slots=True)
 class ObjectsFile:
-    """A catalogue of objects with different names, in the file's order."""
+    """A catalogue of objects with different names, in the file's order.
+
+    `notices`: what was left out of the file that it was read from, in words.
+    """
 
     objects: tuple[ObjectModel, ...]
+    notices: tuple[str, ...] = field(default=(), compare=False)
 
     def __repr__(self) -> str:
         names = ", ".join(model.name for model in self.objects[:_SHOWN])
@@ -49,6 +54,8 @@ class ObjectsFile:
 
 def load_objects(source: Source) -> ObjectsFile:
     """Read and check the object models in `source`.
+
+    Points of outlines that repeat others or lie on straight lines are left out (`idle_points`).
 
     Raises:
         InputError: unreadable, wrong keys or values, a name given twice, an outline that is no simple
@@ -66,7 +73,9 @@ def load_objects(source: Source) -> ObjectsFile:
 
 
 def _loaded(source: Source) -> ObjectsFile:
-    return checked_objects(load_objects_text(source), source_name(source))
+    text, notices = without_idle_points(load_objects_text(source))
+    name = source_name(source)
+    return replace(checked_objects(text, name), notices=tuple(f"{name}: {line}" for line in notices))
 
 
 def _large(source: Source) -> bool:

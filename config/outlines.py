@@ -1,8 +1,7 @@
 """Is an outline fit to be an object's cross section? Geometry checks that name the place.
 
-Stands behind `objects_file`: the values have the right kinds already, here their meaning is checked.
-Nothing is repaired: edge k of a model is the edge from point k to point k + 1 of the file, so merging or
-turning points silently would renumber the edges that recognition reports.
+Stands behind `objects_file`: the values have the right kinds already, here their meaning is checked. Points
+that say nothing are gone by then (`idle_points`); nothing else is repaired.
 """
 
 import numpy as np
