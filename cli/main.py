@@ -139,7 +139,7 @@ def _guarded() -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", RigWarning)
-            warnings.showwarning = _notice
+            warnings.showwarning = _notice  # type: ignore[assignment]
             # In its own "standalone" mode typer would print several lines for an error.
             return _flushed(int(app(standalone_mode=False) or 0))
     except typer.Exit as end:
@@ -153,7 +153,7 @@ def _guarded() -> int:
         return _unprinted(error)
 
 
-def _notice(message: Warning | str, *_: object) -> None:
+def _notice(message: Warning | str, *_: object, **__: object) -> None:
     """A warning as one line; those of other packages are nothing that an operator can act on."""
     if isinstance(message, RigWarning):
         print_notices([str(message)])
