@@ -139,7 +139,7 @@ def _guarded() -> int:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("always", RigWarning)
-            warnings.showwarning = _notice  # type: ignore[assignment]
+            warnings.showwarning = _notice
             # In its own "standalone" mode typer would print several lines for an error.
             return _flushed(int(app(standalone_mode=False) or 0))
     except typer.Exit as end:
