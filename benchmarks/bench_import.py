@@ -21,7 +21,6 @@ Ends with exit code 1 if a bound is broken.
 import argparse
 import json
 import math
-import os
 import random
 import statistics
 import subprocess
@@ -35,6 +34,12 @@ import shapely
 import trimesh
 from shapely.ops import polygonize
 
+_MEASURED = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=False)
+used = resource.getrusage(resource.RUSAGE_CHILDREN)
+print(end=f"\\n{used.ru_utime + used.ru_stime} {used.ru_maxrss}", file=sys.stderr)
+"""
 _SEED, _HEIGHTS, _POINTS = 1, 5, 60
 _CHORD_MM, _CHORD_RAD = 0.02, 0.04
 _ALIKE_MM = np.array([0.5, 0.2])  # of height, which facets change by their tilt, and of the centre of mass
@@ -153,12 +158,14 @@ def imported(palpate, file, target):
     units = [] if file.suffix in (".step", ".3mf") else ["--units", "mm"]
     command = [palpate, "objects", "import", str(file), *units, "--out", str(target), "--json"]
     begin = time.monotonic()
-    child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    printed, complaint = child.stdout.read(), child.stderr.read()
-    _, _, used = os.wait4(child.pid, 0)
-    child.returncode = 0
-    cost = time.monotonic() - begin, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
-    return printed, complaint, cost
+    # In a process between, since the memory of a child is at least that of who starts it.
+    ended = subprocess.run(
+        [sys.executable, "-c", _MEASURED, *command], capture_output=True, text=True, check=False
+    )
+    wall_s = time.monotonic() - begin
+    complaint, _, used = ended.stderr.rpartition("\n")
+    processor_s, memory_kb = map(float, used.split())
+    return ended.stdout, complaint, (wall_s, processor_s, memory_kb / 1024)
 
 
 def row_of(palpate, file, target, rng):

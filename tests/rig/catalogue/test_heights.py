@@ -56,6 +56,17 @@ def test_a_finger_must_be_where_the_state_is_known(tmp_path: Path, height: float
     assert missing(str(caught.value), *words) == []
 
 
+def test_a_height_that_would_do_is_named(tmp_path: Path) -> None:
+    low = load_objects(write(tmp_path, [[4.5, 5.5], [9.0, 9.806]], name="low.json")).objects
+    whole = load_objects(write(tmp_path, None, 9.5, name="whole.json")).objects
+    with pytest.raises(InputError, match=r"or set the finger to 9\.8 mm, where all states are known"):
+        check_known([*low, *whole], [FingerAtHeight("f1", 10.0)])
+    high = load_objects(write(tmp_path, [[10.5, 11.0]], name="high.json")).objects
+    with pytest.raises(InputError, match=r"\(1 more state is not known where fingers are\)") as caught:
+        check_known([*low, *high], [FingerAtHeight("f1", 10.0)])
+    assert "set the finger" not in str(caught.value)
+
+
 def test_objects_without_heights_are_known(tmp_path: Path) -> None:
     check_known(load_objects(write(tmp_path, None)).objects, [FingerAtHeight("f1", 10.0)])
 
