@@ -81,6 +81,7 @@ class Run:
     hardest_n: float
     rig_s: float
     wall_s: float
+    processor_s: float
 
     @property
     def answered(self) -> bool:
@@ -149,7 +150,7 @@ class Watch:
 
 def run(job: Job) -> Run:
     """One run on emulated devices."""
-    begin = time.perf_counter()
+    begin, begin_processor = time.perf_counter(), time.process_time()
     rig = load_rig(FIRM_RIG)
     objects = load_objects(job.objects or shipped_objects())
     catalogue = Catalogue(objects.objects)
@@ -184,6 +185,7 @@ def run(job: Job) -> Run:
         max(finger.hardest_n for finger in bench.mock.rig.bench.fingers),
         bench.clock.now(),
         time.perf_counter() - begin,
+        time.process_time() - begin_processor,
     )
 
 
@@ -304,6 +306,11 @@ def main() -> int:
             if options.push:
                 print(f"  noticed that it moved: {sum(item.moved for item in runs)} of {len(runs)}")
             print(f"  touches that no hypothesis had predicted: {sum(item.unforeseen for item in runs)}")
+            cost, most = [item.processor_s for item in runs], max(runs, key=lambda item: item.processor_s)
+            print(
+                f"  processor s: median {np.median(cost):.1f}, 90 % {np.percentile(cost, 90):.1f}, "
+                f"most {most.processor_s:.1f} ({most.name}, seed {most.job.seed})"
+            )
             for item in runs:
                 if not item.right:
                     print(f"  not right: {item}", flush=True)
