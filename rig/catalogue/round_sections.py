@@ -66,7 +66,7 @@ def _about(
     regions = (region for section in sections for region in section.regions)
     if not all(shapely.Polygon(ring).contains(axis) for region in regions for ring in _rings(region)):
         return None
-    walls = _Walls.of(solid, state, centre)
+    walls = _Walls.of(solid, state, centre, sections)
     if walls.turn_rad > _LARGEST_TURN_RAD:
         return None
     texts, off = [], 0.0
@@ -134,18 +134,27 @@ def _circle_text(centre: Floats, radii_mm: tuple[float, float]) -> CircleText:
 
 @dataclass(frozen=True, eq=False)
 class _Walls:
-    """Facets (m, 3, 3) mm of a state, no level ones, seen from an axis; `turn_rad`: normals from radial."""
+    """Facets (m, 3, 3) mm of a state, seen from an axis; `turn_rad`: how far normals are from radial.
+
+    Those at heights of sections that are not level: the head of a bolt says nothing of its shank.
+    """
 
     corner: Floats
     turn_rad: float
 
     @classmethod
-    def of(cls, solid: Solid, state: StableState, centre: Floats) -> "_Walls":
+    def of(
+        cls, solid: Solid, state: StableState, centre: Floats, sections: Sequence[CrossSection]
+    ) -> "_Walls":
+        """The walls of a state at the heights of its sections."""
         vertices = solid.vertices_mm @ state.rotation.T + state.offset_mm - [*centre, 0.0]
         corner = vertices[solid.faces]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         level = np.hypot(normal[:, 0], normal[:, 1]) <= _LEVEL * np.linalg.norm(normal, axis=1)
-        corner, outward = corner[~level], normal[~level][:, None, :2]
+        z = corner[..., 2]
+        met = [(z.min(axis=1) < item.z_mm[1]) & (z.max(axis=1) > item.z_mm[0]) for item in sections]
+        some = np.any(met, axis=0) & ~level
+        corner, outward = corner[some], normal[some][:, None, :2]
         radial = corner[..., :2]
         across = radial[..., 0] * outward[..., 1] - radial[..., 1] * outward[..., 0]
         along = np.abs(np.sum(radial * outward, axis=2))  # inward on the wall of a hole

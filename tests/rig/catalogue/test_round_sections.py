@@ -6,10 +6,18 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
+from solids import prism
 
 from palpate.config.objects_rings import CircleText
 from palpate.config.objects_tables import StateText
 from palpate.rig.catalogue.cad_import import ImportedObject, ImportOptions, import_file
+
+
+def without_facets(mesh: trimesh.Trimesh, height: float, *, others: bool = False) -> trimesh.Trimesh:
+    """A mesh without its level facets at a height, or without all others."""
+    level = (np.abs(mesh.triangles[..., 2] - height) < 1e-9).all(axis=1)
+    mesh.update_faces(level if others else ~level)
+    return mesh
 
 
 def imported(mesh: trimesh.Trimesh, folder: Path, **options: object) -> ImportedObject:
@@ -119,3 +127,25 @@ def test_normals_of_what_is_made_otherwise_than_drawn_are_not_bounded(tmp_path: 
     assert is_round(made_so)
     assert drawn_so.normal_bound == pytest.approx(np.pi / 64, abs=1e-5)
     assert made_so.normal_bound is None
+
+
+def test_a_bolt_is_round_where_fingers_meet_its_shank(tmp_path: Path) -> None:
+    """Whatever its head is: a hexagon below has no part in what is known at 10 mm."""
+    turns = np.arange(6) * np.pi / 3
+    head = shapely.Polygon(8 * np.column_stack([np.cos(turns), np.sin(turns)]))
+    shank = shapely.Point(0, 0).buffer(4, quad_segs=16)
+    # The head's top is a ring, so that both together are one closed surface.
+    bolt = trimesh.util.concatenate(
+        [
+            without_facets(prism(head, 5.0), 5.0),
+            without_facets(prism(head - shank, 5.0), 5.0, others=True),
+            without_facets(prism(shank, 25.0).apply_translation([0, 0, 5.0]), 5.0),
+        ]
+    )
+    bolt.merge_vertices()
+    assert bolt.is_volume
+    item = imported(bolt, tmp_path, heights_mm=(2.0, 10.0))
+    assert not is_round(item.text.states[0])
+    item = imported(bolt, tmp_path, heights_mm=(10.0,))
+    assert is_round(item.text.states[0])
+    assert [ring.circle.radius for ring in circles(item.text.states[0])] == [pytest.approx(4.0, abs=0.01)]
