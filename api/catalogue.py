@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from palpate.api.arguments import checked
 from palpate.api.files import PathLike
@@ -79,26 +80,30 @@ def check_objects(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ObjectsListing:
-    """States of a catalogue, pairs that a rig does not tell apart, and a picture (SVG) of the sections."""
+    """States of a catalogue, pairs that a rig does not tell apart, and pictures (SVG) of the sections.
+
+    `pages`: one picture, or several of a large catalogue.
+    """
 
     states: tuple[StateListedOut, ...]
     pairs: tuple[Pair, ...]
     left_out: tuple[StateSections, ...]
-    svg: str
+    pages: tuple[str, ...]
 
-    def out(self, rig: RigFile, objects: str, picture: str, *, shipped: bool) -> ObjectsListingOut:
-        """`palpate/objects-listing@1`, for the objects file and the picture of these names."""
+    def out(self, rig: RigFile, objects: str, pictures: Sequence[str], *, shipped: bool) -> ObjectsListingOut:
+        """`palpate/objects-listing@1`, for the objects file and the pictures of these names."""
         return ObjectsListingOut(
             objects=objects,
             rig=rig_out(rig_fingers(rig), shipped=shipped),
             states=self.states,
             twins=tuple(pair_out(pair) for pair in self.pairs),
-            picture=picture,
+            picture=pictures[0],
+            pictures=tuple(pictures),
             left_out=tuple(name_out(state) for state in self.left_out),
         )
 
     def _repr_svg_(self) -> str:
-        return self.svg
+        return self.pages[0]
 
     def __repr__(self) -> str:
         return f"<ObjectsListing {len(self.states)} states, {len(self.pairs)} pairs not told apart>"
@@ -121,10 +126,10 @@ def list_objects(
         state: CardFacts(0 if state.state.is_round else symmetry_of_state(state).order, _twins(state, pairs))
         for state in states
     }
-    drawing, left_out = draw_objects(name, states, facts, fingers)
+    pages, left_out = draw_objects(name, states, facts, fingers)
     heights = [finger.height_mm for finger in rig.fingers]
     listed = tuple(_listed(state, facts[state], heights) for state in states)
-    return ObjectsListing(listed, tuple(pairs), tuple(left_out), drawing)
+    return ObjectsListing(listed, tuple(pairs), tuple(left_out), pages)
 
 
 def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
@@ -138,6 +143,14 @@ def _twins(state: StateSections, pairs: Sequence[Pair]) -> tuple[TwinNote, ...]:
     return tuple(TwinNote(_LIKE[likeness], tuple(names)) for likeness, names in others.items() if names)
 
 
+def _met(state: StateSections, heights_mm: Sequence[float]) -> Literal["all", "some", "none", "unknown"]:
+    """Which of the fingers at some heights meet a state."""
+    if not all(state.state.known_at(height) for height in heights_mm):
+        return "unknown"
+    met = [bool(state.state.sections_at(height)) for height in heights_mm]
+    return "all" if all(met) else "some" if any(met) else "none"
+
+
 def _listed(state: StateSections, facts: CardFacts, heights_mm: Sequence[float]) -> StateListedOut:
     edges = [level.edges for level in state.levels]
     stability = stability_of(state.state, state.tolerance_mm, heights_mm)
@@ -148,6 +161,7 @@ def _listed(state: StateSections, facts: CardFacts, heights_mm: Sequence[float])
         sections=len(state.levels),
         edges=(min(edges), max(edges)),
         symmetry_order=facts.symmetry_order,
+        fingers=_met(state, heights_mm),
         tolerance_mm=state.tolerance_mm,
         when_pushed=stability.response,
         why=stability.why or None,

@@ -17,13 +17,16 @@ def show_objects(
     rig: RigOption = None,
     picture: Annotated[
         Path | None,
-        typer.Option("--picture", help="Where to write the picture (SVG); FILE's stem + .objects.svg, here."),
+        typer.Option(
+            "--picture",
+            help="Where to write the picture (SVG); FILE's stem + .objects.svg, here; further pages: -2, …",
+        ),
     ] = None,
     no_calibration: NoCalibrationOption = False,
     every: Annotated[bool, typer.Option("--all", help="List all states, and pairs one by one.")] = False,
     json: JsonOption = False,
 ) -> None:
-    """List every state of every object, and draw its sections into one picture (SVG).
+    """List every state of every object, and draw its sections into a picture (SVG), 60 cards a page.
 
     Says which states the rig's fingers would not tell apart; `objects check` says what would.
     """
@@ -41,8 +44,13 @@ def show_objects(
     check_place(place)
     with Doing(Terminal(stderr=True, soft_wrap=True), "reading") as doing:
         listing = list_objects(bench, models, name=file.name, progress=doing.now)
-    write_text(place, listing.svg)
-    out = listing.out(bench, str(file), str(place), shipped=rig is None)
+    places = [
+        place if page == 1 else place.with_stem(f"{place.stem}-{page}")
+        for page in range(1, len(listing.pages) + 1)
+    ]
+    for where, page in zip(places, listing.pages, strict=True):
+        write_text(where, page)
+    out = listing.out(bench, str(file), list(map(str, places)), shipped=rig is None)
     if json:
         typer.echo(to_json(out))
     else:

@@ -12,6 +12,8 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from palpate.config.idle_points import without_idle_points
 from palpate.config.loading import Source, load_json, source_name
 from palpate.config.objects_checks import NOUNS, objects_problems
@@ -142,6 +144,7 @@ def _state(state: StateText, stray_mm: float) -> State:
         state.normal_bound,
         max(item.off_mm for item in flat),
         max(item.turn_rad for item in flat),
+        tuple(np.array(ring, dtype=np.float64) for ring in state.side or () if len(ring) > 2),
     )
 
 

@@ -89,6 +89,7 @@ class StateListedOut(Out):
 
     `edges`: fewest and most of a section. `heights_mm`: ranges at which the sections are known, null for all.
     `top_mm`: how high it is. `symmetry_order`: it looks the same after each nth of a turn.
+    `fingers`: how many of the rig's meet it; "unknown" if it is not known at the height of some.
     `when_pushed`: what it may do when the rig's fingers push it, and `why`; null if it slides.
     `base_margin_mm`: from below its centre of mass to the nearest edge of its base, at least; 0 if not known.
     """
@@ -100,6 +101,7 @@ class StateListedOut(Out):
     top_mm: Rounded
     heights_mm: tuple[Interval, ...] | None
     symmetry_order: int
+    fingers: Literal["all", "some", "none", "unknown"]
     probability: Rounded | None
     tipping_angle_rad: Rounded | None
     tolerance_mm: Rounded
@@ -111,8 +113,8 @@ class StateListedOut(Out):
 class ObjectsListingOut(Out):
     """Every state of the file, and those that the rig's fingers do not tell apart for certain.
 
-    `picture`: where the picture was written; `left_out`: states that are not in it, because it would get too
-    large.
+    `pictures`: where the picture was written, page by page, and `picture` the first of them; `left_out`:
+    states that are not in it, because it would get too large.
     """
 
     format: Literal["palpate/objects-listing@1"] = "palpate/objects-listing@1"
@@ -121,6 +123,7 @@ class ObjectsListingOut(Out):
     states: tuple[StateListedOut, ...]
     twins: tuple[PairOut, ...]
     picture: str
+    pictures: tuple[str, ...]
     left_out: tuple[StateNameOut, ...]
 
 

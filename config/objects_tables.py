@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Positive, Text
+from palpate.config.fields import Bounded, FileModel, Fraction, Items, Length, Name, Point, Positive, Text
 from palpate.config.objects_rings import Outline
 
 __all__ = [
@@ -61,6 +61,12 @@ class StateText(FileModel):
         default=None, description="As that of the object, before which it goes."
     )
     sections: Items[SectionText] = Field(min_length=1)
+    side: Items[Items[Point]] | None = Field(
+        default=None,
+        max_length=64,
+        description="Rings of [across, z], mm, of the silhouette seen from the side, for pictures only. "
+        "Written by the import.",
+    )
 
 
 class SourceText(FileModel):

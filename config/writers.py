@@ -81,6 +81,7 @@ def _state(state: State) -> dict[str, Any]:
         "height": state.height_mm,
         "heights": state.heights_mm,
         "normal_bound": state.normal_bound_rad,
+        "side": [[(x, z) for x, z in ring.tolist()] for ring in state.side_mm] or None,
     }
     sections = [
         {"z": section.z_mm, "polygons": [_polygon(polygon) for polygon in section.polygons]}

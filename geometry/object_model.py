@@ -67,6 +67,7 @@ class State(ShortRepr):
     Within them a height without a section is free. `height_mm`: height of the part; None: its sections'.
     `normal_bound_rad`: as that of the object, before which it goes. Polygons that stand for curves are within
     `curves_off_mm` of them, and their normals within `curves_turn_rad`: that is not in any other bound.
+    `side_mm`: rings (n, 2) of (across, z) of its silhouette from the side, for pictures; none: not known.
     """
 
     name: str
@@ -78,6 +79,7 @@ class State(ShortRepr):
     normal_bound_rad: float | None = None
     curves_off_mm: float = 0.0
     curves_turn_rad: float = 0.0
+    side_mm: tuple[Floats, ...] = ()
 
     @property
     def is_round(self) -> bool:

@@ -16,6 +16,7 @@ from palpate.cad.as_drawn import as_drawn
 from palpate.cad.merging import MergedState, merge_states
 from palpate.cad.resting_surface import RestingSurface, surface_of
 from palpate.cad.sections import sections_of
+from palpate.cad.silhouette import silhouette
 from palpate.cad.slicing import regions_of, slice_surface
 from palpate.cad.stable import LeftOut, stable_states
 from palpate.cad.values import CrossSection, Solid, StableState
@@ -34,6 +35,7 @@ from palpate.rig.catalogue.objects_text import (
     rounded_up,
     sections_text,
     share,
+    side_text,
 )
 from palpate.rig.catalogue.processes import in_processes
 from palpate.rig.catalogue.round_sections import RoundSections, round_sections
@@ -239,6 +241,7 @@ def _imported_state(
         heights=heights,
         normal_bound=circles and _normal_bound_rad(circles, solid, shares, found),
         sections=some,
+        side=side_text(silhouette(solid, state)),
     )
     off = max(section.off_mm for section in sections) if circles is None else circles.off_mm
     result = ImportedStateOut.of(

@@ -24,12 +24,14 @@ __all__ = [
     "rounded",
     "rounded_up",
     "sections_text",
+    "side_text",
 ]
 
 NEGLIGIBLE_MM = 1e-5
 """What rounding does to coordinates, here and in files with single precision; it is no tolerance."""
 
 _NEAR_MM = 0.5
+_MOST_RINGS = 64
 _SUMMING = 1e-9  # a sixth, six times added, is less than 1
 _BOUND_STEPS = 10_000  # to a millimetre
 
@@ -79,6 +81,12 @@ def polygons_text(
     """Regions as they stand in a file, seen from another origin."""
     origin = np.array(origin_mm)
     return [_polygon_text(region, origin) for region in regions]
+
+
+def side_text(rings: Sequence[Floats]) -> list[list[tuple[float, float]]] | None:
+    """Rings of a picture, to a hundredth of a millimetre; the longest of very many."""
+    longest = sorted(rings, key=len, reverse=True)[:_MOST_RINGS]
+    return [[(round(x, 2) + 0.0, round(z, 2) + 0.0) for x, z in ring.tolist()] for ring in longest] or None
 
 
 def edges_of(section: SectionText) -> int:

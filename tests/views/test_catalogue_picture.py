@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import shapely
 from stacked_parts import L_SHAPE, fingers_at, moved, objects, part, polygon, rectangle, section
 
 from palpate.config import load_objects, shipped_objects
@@ -15,8 +16,9 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.symmetry import symmetry_of_region, symmetry_of_state
 from palpate.views.catalogue.card import CardFacts, TwinNote, ranges_words
 from palpate.views.catalogue.height_ladder import shade
-from palpate.views.catalogue.layout import MOST_CARDS, MOST_CONTOURS, cards_of
+from palpate.views.catalogue.layout import MOST_CONTOURS, cards_of
 from palpate.views.catalogue.picture import draw_objects
+from palpate.views.catalogue.side_view import side_rings
 from palpate.views.catalogue.style import CONCAVE, HEIGHT, UNREACHED, WIDTH
 from palpate.views.label_placement import Box
 from palpate.views.svg import shorten_middle, text_width
@@ -50,7 +52,8 @@ TWINS = (
 def drawn(found: tuple[StateSections, ...], fingers: RigFingers = FINGERS) -> ET.Element:
     """The picture, parsed; every state feels like some, of which one has a long name."""
     told = {state: CardFacts(symmetry_of_state(state).order, TWINS) for state in found}
-    return ET.fromstring(draw_objects("parts.json", found, told, fingers)[0])
+    (page,), _ = draw_objects("parts.json", found, told, fingers)
+    return ET.fromstring(page)
 
 
 def odd_parts() -> list[dict[str, Any]]:
@@ -136,7 +139,7 @@ def test_the_picture_is_the_same_each_time_and_tells_itself_in_words(states: Any
     told = {state: CardFacts(1, ()) for state in found}
     first, second = (draw_objects("a.json", found, told, FINGERS)[0] for _ in range(2))
     assert first == second
-    description = ET.fromstring(first).findtext(f"{NS}desc")
+    description = ET.fromstring(first[0]).findtext(f"{NS}desc")
     assert description is not None
     assert description.count("up to") == len(found)
 
@@ -198,14 +201,21 @@ def test_of_many_sections_some_are_drawn_with_those_that_fingers_meet(states: An
     assert any(said.startswith(f"{len(shown)} of 200 sections up to 50 mm") for _, said in texts(picture))
 
 
-def test_a_large_file_makes_a_bounded_picture_that_says_what_is_left_out(states: Any) -> None:
+def test_a_large_file_makes_pages_of_bounded_size_that_say_what_is_left_out(
+    states: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.views.catalogue.layout.MOST_CARDS", 240)
     tall = [part(f"p{k}", *(section(z, z + 1, polygon(60, 30 - z)) for z in range(5))) for k in range(250)]
     found = states(*tall)
     told = {state: CardFacts(1, ()) for state in found}
-    text, left_out = draw_objects("many.json", found, told, FINGERS)
-    assert [state.object_name for state in left_out] == [f"p{k}" for k in range(MOST_CARDS, 250)]
-    assert len(text) < 4e6
-    said = " ".join(words for _, words in texts(ET.fromstring(text)))
+    pages, left_out = draw_objects("many.json", found, told, FINGERS)
+    assert [state.object_name for state in left_out] == [f"p{k}" for k in range(240, 250)]
+    assert len(pages) == 4
+    assert max(map(len, pages)) < 1e6
+    parsed = [ET.fromstring(page) for page in pages]
+    assert [len(cards(page)) for page in parsed] == [60] * 4
+    assert any("page 3 of 4" in words for _, words in texts(parsed[2]))
+    said = " ".join(words for _, words in texts(parsed[3]))
     assert "Not drawn, for want of room: 10 states: p240, s; " in said
     assert "and 4 more" in said
     few = states(*(part(f"p{k}", section(0, 1, L_SHAPE), section(1, 2, rectangle(5, 5))) for k in range(130)))
@@ -234,3 +244,32 @@ def test_higher_is_darker() -> None:
     light = [sum(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in colours]
     assert light == sorted(light, reverse=True)
     assert len(set(light)) == 5
+
+
+def test_sections_that_look_alike_share_a_card(states: Any) -> None:
+    """A wall that leans a little is not worth many cards; one that leans more is."""
+
+    def numbers(step: float) -> list[int]:
+        levels = [section(9 + k / 8, 9 + (k + 1) / 8, polygon(48, 20 - step * k)) for k in range(8)]
+        found, _ = cards_of(states(part("a", *levels)), FINGERS)
+        return [len(card.shown) for card in found]
+
+    assert numbers(0.01) == [1]
+    assert numbers(0.15) == [1, 1]
+    assert numbers(1.0) == [8]
+
+
+def test_a_side_view_shows_which_side_is_down(states: Any) -> None:
+    """From the file, or from sections that are known at all heights; none where neither says it."""
+    tee = [section(0, 10, rectangle(10, 10, 15)), section(10, 20, rectangle(40, 10))]
+    (ring,) = side_rings(states(part("t", *tee))[0].state)
+    assert shapely.Polygon(ring).bounds == (0, 0, 40, 20)
+    assert shapely.Polygon(ring).area == pytest.approx(500)
+    known = {"heights": [[9.5, 10.5]], "height": 20.0}
+    partly = part("t", section(9.5, 10.5, rectangle(40, 10)), **known)
+    assert side_rings(states(partly)[0].state) == ()
+    partly["states"][0]["side"] = [[[0, 0], [5, 0], [5, 20], [0, 20]], [[1, 5], [1, 9], [3, 9], [3, 5]]]
+    (state,) = states(partly)
+    assert [len(ring) for ring in side_rings(state.state)] == [4, 4]
+    fills = [item.get("fill-rule") for item in drawn((state,)).findall(f"{NS}path")]
+    assert fills.count("evenodd") >= 1

@@ -17,6 +17,7 @@ from palpate.rig.catalogue.tip_reach import unreached
 from palpate.views.catalogue.height_ladder import draw_ladder, shade
 from palpate.views.catalogue.known_heights import known_words
 from palpate.views.catalogue.layout import Card
+from palpate.views.catalogue.side_view import draw_side, side_rings
 from palpate.views.catalogue.style import (
     BAR_WIDTH,
     BOTTOM,
@@ -25,6 +26,7 @@ from palpate.views.catalogue.style import (
     LINES,
     MARGIN,
     ROOM,
+    SIDE,
     UNREACHED,
     UNREACHED_LINE,
     WIDTH,
@@ -36,6 +38,7 @@ from palpate.views.table_picture.style import CARD, FOUND, FOUND_FILL, INK, MUTE
 __all__ = ["CardFacts", "TwinNote", "draw_card", "ranges_words"]
 
 _FINE = 0.15  # SVG units that a drawn line may be off
+_BETWEEN = 14.0  # ladder and side view
 _MOST_RAYS = 12
 _MOST_RANGES = 4
 _RAY = 0.6  # of the way to the furthest corner
@@ -74,7 +77,9 @@ def draw_card(
         tip_mm = min(_radii(card.ranges_mm, fingers), default=fingers.slimmest_mm)
         drawing = _section(card.shown[0], page, tip_mm, symmetry)
         beneath = _section_words(card, facts, symmetry)
-    ladder = draw_ladder(card, fingers, left + WIDTH - MARGIN - BAR_WIDTH, top + LINES)
+    beside, rings = left + WIDTH - MARGIN - BAR_WIDTH, side_rings(card.state.state)
+    ladder = draw_ladder(card, fingers, beside, top + LINES, ROOM - SIDE - _BETWEEN if rings else ROOM)
+    ladder += draw_side(rings, beside, top + LINES + ROOM - SIDE) if rings else ""
     return (
         frame
         + _heading(card, left, top)

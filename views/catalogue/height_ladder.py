@@ -9,7 +9,7 @@ import numpy as np
 from palpate.rig.catalogue.finger_model import RigFingers
 from palpate.rig.catalogue.section_stack import Level, Range
 from palpate.views.catalogue.layout import Card
-from palpate.views.catalogue.style import ROOM, SHADES
+from palpate.views.catalogue.style import SHADES
 from palpate.views.svg import element, path_data, text
 from palpate.views.table_picture.style import AXIS, FAINT, FOUND, INK, MUTED, PAPER, RULE, THIN, TIP
 
@@ -28,11 +28,11 @@ def shade(z_mm: float, top_mm: float) -> str:
     return "#" + "".join(f"{round(a + share * (b - a)):02x}" for a, b in zip(low, high, strict=True))
 
 
-def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float) -> str:
-    """The ladder, as high as a card's room, with its upper left corner at `left`, `top`."""
+def draw_ladder(card: Card, fingers: RigFingers, left: float, top: float, room: float) -> str:
+    """The ladder, as high as its `room`, with its upper left corner at `left`, `top`."""
     heights = [at.height_mm for at in fingers.at]
     high = card.state.state.top_mm
-    ladder = _Ladder(left + _BEFORE, top + ROOM - 4, (ROOM - 14) / max(high, *heights))
+    ladder = _Ladder(left + _BEFORE, top + room - 4, (room - 14) / max(high, *heights))
     drawn = [ladder.band((0.0, high), PAPER, AXIS, "2 2")]
     drawn += [ladder.band(run, FAINT, RULE) for run in _runs(card.state.levels, ladder.scale)]
     if card.is_stack:

@@ -1,7 +1,7 @@
 """Layout of the picture of objects: which sections share a card, and what is left out of a large file.
 
 A state with a few different sections gets a card for each, one with many gets one card with some of them over
-each other; so do all in a file that would need too many.
+each other; so do all in a file that would need too many. Sections that differ by less than is drawn are one.
 """
 
 from collections.abc import Sequence
@@ -15,12 +15,14 @@ from palpate.rig.catalogue.section_stack import Level, Range, StateSections
 
 __all__ = ["MOST_CARDS", "MOST_CONTOURS", "Card", "cards_of"]
 
-MOST_CARDS = 240
+MOST_CARDS = 960
+"""Of all pages."""
 MOST_CONTOURS = 12
 """Sections drawn over each other in one card."""
 _FEW = 3
 """Different sections of a state that get cards of their own."""
-_GRID_MM = 1e-6
+_ALIKE = 0.015
+"""Share of a section's size: sections that are as near are one card."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,7 @@ def cards_of(
     for state, found in zip(states[:MOST_CARDS], sections[:MOST_CARDS], strict=True):
         if len(found) == 1 or (len(found) <= _FEW and not single):
             cards += [
-                Card(state, levels[:1], len(found), number, tuple(level.z_mm for level in levels))
+                Card(state, levels[:1], len(found), number, _joined([level.z_mm for level in levels]))
                 for number, levels in enumerate(found, 1)
             ]
         else:
@@ -60,13 +62,41 @@ def cards_of(
     return tuple(cards), tuple(states[MOST_CARDS:])
 
 
+def _joined(ranges_mm: Sequence[Range]) -> tuple[Range, ...]:
+    """Ranges of height with those that touch as one, ascending."""
+    joined: list[Range] = []
+    for low, high in sorted(ranges_mm):
+        if joined and low <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(high, joined[-1][1])
+        else:
+            joined.append((low, high))
+    return tuple(joined)
+
+
 def _different(state: StateSections) -> list[tuple[Level, ...]]:
-    """The state's different sections from the bottom up, each with all levels at which it is found."""
-    found: dict[bytes, list[Level]] = {}
+    """The state's different sections from the bottom up, each with all levels at which it is found.
+
+    No more are told apart than matters to the layout: the last one then has the rest.
+    """
+    found: list[list[Level]] = []
     for level in state.levels:
-        rounded = shapely.set_precision(level.region, _GRID_MM, mode="pointwise")
-        found.setdefault(shapely.to_wkb(shapely.normalize(rounded)), []).append(level)
-    return [tuple(levels) for levels in found.values()]
+        same = next((levels for levels in found if _alike(levels[0].region, level.region)), None)
+        if same is not None:
+            same.append(level)
+        elif len(found) <= _FEW:
+            found.append([level])
+        else:
+            found[-1].append(level)
+    return [tuple(levels) for levels in found]
+
+
+def _alike(one: shapely.Geometry, other: shapely.Geometry) -> bool:
+    """Whether two sections would be drawn alike."""
+    west, south, east, north = one.bounds
+    within_mm = _ALIKE * max(east - west, north - south)
+    if np.abs(np.subtract(one.bounds, other.bounds)).max() > within_mm:
+        return False
+    return bool(shapely.hausdorff_distance(one.boundary, other.boundary) <= within_mm)
 
 
 def _chosen(levels: Sequence[Level], fingers: RigFingers) -> tuple[Level, ...]:

@@ -25,7 +25,9 @@ __all__ = ["print_listing"]
 
 _SHOWN = 20  # twins, and states of an object
 _RANGES = 3
-_NAME = 26  # columns for a name
+_SHOWN_PUSHED = 6
+_NAME = 20  # columns for a name
+_MET = {"all": "all", "some": "some", "none": "none", "unknown": "?*"}
 _SIGNS = {"same": "=", "doubtful": "≈", "unknown": "?"}
 
 
@@ -50,13 +52,14 @@ def print_listing(out: ObjectsListingOut, console: Console, *, every: bool = Fal
         console.print(line)
     for line in _twin_lines(out, console.width, every=every):
         console.print(line)
-    console.print(f"picture {out.picture}")
+    more = f" to {out.pictures[-1]}" if len(out.pictures) > 1 else ""
+    console.print(f"picture {out.picture}{more}")
     if out.left_out:
         console.print(f"not in it, for want of room: {counted(len(out.left_out), 'state', 'states')}")
 
 
 def _table(out: ObjectsListingOut, *, every: bool) -> Table:
-    numbers = "sections", "edges", "top mm", "symmetry", "prob.", "tips"
+    numbers = "sections", "edges", "top mm", "symmetry", "prob.", "tips", "met by"
     rows = table(Column("object", width=_NAME, no_wrap=True), *numbers, numbers=numbers)
     for name, states in groupby(out.states, key=lambda item: item.object):
         listed = list(states)
@@ -78,10 +81,11 @@ def _cells(state: StateListedOut) -> list[str]:
         f"  {_cut(state.state, _NAME - 2)}",
         str(state.sections),
         str(low) if low == high else f"{low}–{high}",
-        f"{state.top_mm:.4g}" + ("" if state.heights_mm is None else "*"),
+        f"{state.top_mm:.4g}",
         {0: "round", 1: "–"}.get(state.symmetry_order, f"{state.symmetry_order}-fold"),
         "–" if state.probability is None else f"{100 * state.probability:.3g} %",
         "–" if tips is None else f"{math.degrees(tips):.3g}°",
+        _MET[state.fingers],
     ]
 
 
@@ -91,10 +95,13 @@ def _up(tolerance_mm: float) -> float:
 
 
 def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
-    """Which states are not known at all heights, a line for those of an object that are known alike."""
+    """Which states are not known at the fingers' heights, a line for those of an object that are known alike.
+
+    `every`: not at all heights.
+    """
     alike: dict[tuple[str, str], list[StateNameOut]] = {}
     for item in out.states:
-        if item.heights_mm is not None:
+        if item.heights_mm is not None and (every or item.fingers == "unknown"):
             words = known_words(item.heights_mm, item.top_mm, len(item.heights_mm) + 1 if every else _RANGES)
             name = StateNameOut(object=item.object, state=item.state)
             alike.setdefault((item.object, words), []).append(name)
@@ -103,7 +110,7 @@ def _known_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator
         yield from _wrapped(f"{_names(states)} {'is' if len(states) == 1 else 'are'} {words}", "* ", width)
     left = sum(len(states) for states in list(alike.values())[shown:])
     if left:
-        yield f"* and {counted(left, 'more state is', 'more states are')} not known at all heights; --all"
+        yield f"* and {counted(left, 'more state is', 'more states are')} not known there; --all"
 
 
 def _pushed_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterator[str]:
@@ -112,7 +119,7 @@ def _pushed_lines(out: ObjectsListingOut, width: int, *, every: bool) -> Iterato
     if not unsteady:
         return
     yield "when pushed (bounds hold for parts that slide):"
-    shown = len(unsteady) if every or len(unsteady) <= _SHOWN + 1 else _SHOWN
+    shown = len(unsteady) if every or len(unsteady) <= _SHOWN_PUSHED + 1 else _SHOWN_PUSHED
     for item in unsteady[:shown]:
         yield from _wrapped(f"{item.object}, {item.state} {item.why}", "  ", width)
     if shown < len(unsteady):

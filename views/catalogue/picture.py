@@ -29,18 +29,42 @@ __all__ = ["draw_objects"]
 
 _EDGE = 28.0
 _COLUMNS = 4
+_PER_PAGE = 60
 _NAMES_LEFT_OUT = 6
 
 
 def draw_objects(
     title: str, states: Sequence[StateSections], facts: Mapping[StateSections, CardFacts], fingers: RigFingers
-) -> tuple[str, tuple[StateSections, ...]]:
-    """The picture as an SVG document, and the states that it has no room for. `title`: the file's name."""
+) -> tuple[tuple[str, ...], tuple[StateSections, ...]]:
+    """The picture as SVG documents, a page each, and the states that it has no room for.
+
+    `title`: the file's name.
+    """
     cards, left_out = cards_of(states, fingers)
+    scales = _scales(cards)
+    count = max(-(-len(cards) // _PER_PAGE), 1)
+    pages = []
+    for page in range(count):
+        some = cards[page * _PER_PAGE : (page + 1) * _PER_PAGE]
+        heading = title if count == 1 else f"{title}, page {page + 1} of {count}"
+        end = left_out if page == count - 1 else ()
+        pages.append(_page(heading, states, some, facts, fingers, scales, end))
+    return tuple(pages), left_out
+
+
+def _page(
+    title: str,
+    states: Sequence[StateSections],
+    cards: Sequence[Card],
+    facts: Mapping[StateSections, CardFacts],
+    fingers: RigFingers,
+    scales: Mapping[str, float],
+    left_out: Sequence[StateSections],
+) -> str:
+    """One page: the heading, the cards, and at the end which states are left out."""
     columns = min(_COLUMNS, max(len(cards), 2))
     width = 2 * _EDGE + columns * WIDTH + (columns - 1) * GAP
     head, y = _head(title, states, cards, fingers, width - 2 * _EDGE)
-    scales = _scales(cards)
     drawn = []
     for index, card in enumerate(cards):
         row, column = divmod(index, columns)
@@ -54,7 +78,7 @@ def draw_objects(
     picture = element(
         "svg",
         element("title", escape(title)),
-        element("desc", escape(_description(states, facts))),
+        element("desc", escape(_description([*dict.fromkeys(card.state for card in cards)], facts))),
         element("rect", width=width, height=height, fill=PAPER),
         *head,
         *drawn,
@@ -65,7 +89,7 @@ def draw_objects(
         role="img",
         font_family="sans-serif",
     )
-    return picture + "\n", left_out
+    return picture + "\n"
 
 
 def _head(

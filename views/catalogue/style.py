@@ -10,6 +10,7 @@ __all__ = [
     "MARGIN",
     "ROOM",
     "SHADES",
+    "SIDE",
     "UNREACHED",
     "UNREACHED_LINE",
     "WIDTH",
@@ -20,6 +21,8 @@ ROOM = 190.0
 """Side of the square in which a section is drawn."""
 BAR_WIDTH = 78.0
 """Width of the ladder of heights with its numbers."""
+SIDE = 76.0
+"""Height of the side view, beneath the ladder."""
 WIDTH = 2 * MARGIN + ROOM + 12 + BAR_WIDTH
 LINES, BOTTOM = 102.0, 102.0
 HEIGHT = LINES + ROOM + BOTTOM
