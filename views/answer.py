@@ -34,6 +34,8 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
             lines.append(f"  {_stranger_words(out.stranger_probability)}")
         if out.detectable_shift is not None:
             lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
+    if out.verdict == IdentificationVerdict.UNRESOLVED and out.object is not None and not out.alternatives:
+        lines.append(f"  {_unconfirmed_words(out)}")
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
     if out.unfinished is not None:
         lines.append(f"  {_unfinished_words(out.unfinished)}")
@@ -81,6 +83,14 @@ def _stranger_words(probability: float) -> str:
         f"{100 * probability:.2g} %" if probability >= _LEAST_SHOWN else f"less than {100 * _LEAST_SHOWN:g} %"
     )
     return f"something outside the catalogue would have matched, too, with probability {share}"
+
+
+def _unconfirmed_words(out: IdentificationOut) -> str:
+    """Why the only hypothesis is no answer yet."""
+    matched = f"{counted(out.predicted, 'touch', 'touches')} matched the prediction"
+    if out.stranger_probability is None:
+        return f"not confirmed: {matched}"
+    return f"not confirmed: {matched}, but {_stranger_words(out.stranger_probability)}"
 
 
 def _place_lines(out: IdentificationOut) -> list[str]:

@@ -128,7 +128,12 @@ class _Lying:
 
 
 def _plausible_scale(bench: _Bench, model: ObjectModel) -> float | None:
-    """Of the usual mistakes with units, the one that would explain why no state can be felt."""
+    """Of the usual mistakes with units, the one that would explain why no state can be felt.
+
+    None is guessed of what is known near some heights only: imports have said their units.
+    """
+    if any(state.heights_mm is not None for state in model.states):
+        return None
     for scale in _SCALES:
         if any(_Lying(bench, state, scale).is_usable for state in model.states):
             return scale

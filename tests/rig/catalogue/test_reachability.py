@@ -191,3 +191,8 @@ def test_what_a_search_identifies_is_never_hopeless(seeds: int) -> None:
             identified += 1
             assert not {item.trouble for item in findings_of(BENCH, [model])} & HOPELESS, seed
     assert identified >= 0.37 * seeds
+
+
+def test_no_unit_is_guessed_of_what_is_known_near_some_heights_only(tmp_path: Path) -> None:
+    (finding,) = found(tmp_path, BENCH, states((1.5, 2.5), height=2.5, heights=[[1.5, 2.5]]))
+    assert (finding.trouble, finding.scale) == (Trouble.MISSED, None)
