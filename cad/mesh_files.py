@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from palpate.cad.mesh_checks import check_solids
+from palpate.cad.obj_polygons import with_triangles
 from palpate.cad.optional_imports import needed
 from palpate.cad.part_size import GIVE_NO_UNITS, UNIT_MM
 from palpate.cad.ply_header import ply_problem
@@ -62,6 +63,8 @@ def read_mesh_file(path: Path, units: str | None) -> tuple[Solid, ...]:
         raise InputError(f"{path}: {problem}")
     if kind == "obj" or (kind == "stl" and not _is_binary_stl(data)):
         data = _as_utf8(data)
+    if kind == "obj":
+        data = with_triangles(data)
     vertices, faces = _one_mesh(path, _scene(path, data, kind))
     if kind == "stl" and len(faces) != _stl_faces(data):
         raise InputError(f"{path}: only {len(faces)} of its {_stl_faces(data)} faces can be read")

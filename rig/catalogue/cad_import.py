@@ -18,7 +18,7 @@ from palpate.cad.orbits import NEGLIGIBLE
 from palpate.cad.readers import is_drawing, read_drawings, read_solids, simpler
 from palpate.cad.revolution import as_revolved
 from palpate.cad.rotational_symmetry import with_symmetry
-from palpate.cad.values import Drawing, Solid
+from palpate.cad.values import Drawing, DrawingFile, Solid
 from palpate.config.import_result import ImportedObjectOut, ImportedStateOut
 from palpate.config.objects_file import FLAT
 from palpate.config.objects_tables import ObjectText, SectionText, StateText
@@ -26,6 +26,7 @@ from palpate.errors import InputError
 from palpate.files import confined
 from palpate.rig.catalogue.import_states import ImportedStates, Shares, import_states
 from palpate.rig.catalogue.objects_text import bound_mm, edges_of, frame_out, polygons_text, rounded
+from palpate.rig.catalogue.round_drawings import RoundDrawing, round_drawing
 
 __all__ = ["ImportOptions", "Imported", "ImportedObject", "LossError", "import_file"]
 
@@ -33,6 +34,7 @@ Report = Callable[[str], None]
 _Part = TypeVar("_Part")
 
 _CURVE_SHARE, _REVOLVED_SHARE, _MERGED_SHARE = 0.06, 0.04, 0.3  # the last one of what the others leave
+_ROUND_SHARE = 0.03  # of the tolerance, for the curves of a drawing that is round
 _LITTLE_LOST, _MOST_LOST = 0.05, 0.2  # of resting probability, in states that are left out
 _ORIGIN_DECIMALS = 3
 _SHOWN = 12  # parts in a message
@@ -196,20 +198,46 @@ def _drawings(path: Path, options: ImportOptions) -> Imported:
         raise InputError(
             f"{path} is a drawing, which says nothing of heights: give the thickness of the part"
         )
-    asked = path, options.units, options.tolerance_mm, options.layers
-    found = confined(path, simpler(path), read_drawings, *asked)
+    found = _read_drawings(path, options, options.tolerance_mm)
     names = _names([drawing.name for drawing in found.drawings], options)
     pairs = _wanted(path, found.drawings, names, options)
     rest = (f"{path}: left out of the drawing: {', '.join(found.left_out)}",) if found.left_out else ()
-    return Imported(tuple(_flat_object(drawing, name, thickness, options) for drawing, name in pairs), rest)
+    circles = _circles(path, pairs, options)
+    objects = (_flat_object(drawing, name, circles.get(name), thickness, options) for drawing, name in pairs)
+    return Imported(tuple(objects), rest)
 
 
-def _flat_object(drawing: Drawing, name: str, thickness_mm: float, options: ImportOptions) -> ImportedObject:
+def _read_drawings(path: Path, options: ImportOptions, curve_mm: float) -> DrawingFile:
+    asked = path, options.units, curve_mm, options.layers
+    return confined(path, simpler(path), read_drawings, *asked)
+
+
+def _circles(
+    path: Path, pairs: Sequence[tuple[Drawing, str]], options: ImportOptions
+) -> dict[str, RoundDrawing]:
+    """Round ones among drawings, by name; read anew, as chords of the usual length say it only nearly."""
+    nearly = 2 * options.tolerance_mm
+    coarse = {name: found for drawing, name in pairs if (found := round_drawing(drawing, nearly))}
+    if not coarse:
+        return {}
+    again = _read_drawings(path, options, _ROUND_SHARE * options.tolerance_mm).drawings
+    fine = [found for drawing in again if (found := round_drawing(drawing, options.tolerance_mm))]
+    # Parts do not overlap: what has this centre and this radius is this part, whatever the order is now.
+    return {name: found for name, about in coarse.items() for found in fine if found.is_near(about, nearly)}
+
+
+def _flat_object(
+    drawing: Drawing, name: str, circles: RoundDrawing | None, thickness_mm: float, options: ImportOptions
+) -> ImportedObject:
     """A drawing is an object with one state, its centre of area above the origin, to a micrometre."""
     area = shapely.Polygon(drawing.region.outer, drawing.region.holes)
-    x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
     height = rounded(thickness_mm)
-    section = SectionText(z=(0.0, height), polygons=polygons_text((drawing.region,), (x, y)))
+    if circles is None:
+        x, y = round(area.centroid.x, _ORIGIN_DECIMALS), round(area.centroid.y, _ORIGIN_DECIMALS)
+        polygons, off = polygons_text((drawing.region,), (x, y)), drawing.off_mm
+    else:
+        (x, y), polygons, off = circles.centre_mm, [circles.polygon()], circles.off_mm
+    section = SectionText(z=(0.0, height), polygons=polygons)
     result = ImportedStateOut(
         name=FLAT,
         probability=None,
@@ -223,8 +251,8 @@ def _flat_object(drawing: Drawing, name: str, thickness_mm: float, options: Impo
         merged_tolerance=0.0,
         frame=frame_out(np.eye(3), np.array([-x, -y, 0.0])),
     )
-    tolerance = bound_mm([drawing.off_mm, options.deviation_mm])
-    west, south, east, north = area.bounds
+    tolerance = bound_mm([off, options.deviation_mm])
+    west, south, east, north = area.bounds if circles is None else circles.bounds_mm
     out = ImportedObjectOut(
         name=name,
         replaced=False,
@@ -232,7 +260,7 @@ def _flat_object(drawing: Drawing, name: str, thickness_mm: float, options: Impo
         volume=None,
         facets=None,
         tolerance=tolerance,
-        curve_tolerance=bound_mm([drawing.off_mm]),
+        curve_tolerance=bound_mm([off]),
         deviation=options.deviation_mm,
         states=(result,),
         left_out=(),
