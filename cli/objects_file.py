@@ -128,7 +128,7 @@ class ObjectsTarget:
     def __init__(self, path: Path, there: ObjectsFileText | None) -> None:
         """`there`: what the file holds already."""
         self._path = path
-        self._written = None if there is None else objects_json(there)
+        self._written = there
         self._kept: ObjectsFileText | None = None
         self._not_before = 0.0
 
@@ -142,12 +142,11 @@ class ObjectsTarget:
 
     def write(self, text: ObjectsFileText) -> int:
         """Write a text that can be read again, unless the file holds it already; its number of bytes."""
-        checked_objects(text, str(self._path))
-        wanted = objects_json(text)
-        if wanted != self._written:
-            write_text(self._path, wanted)
-            self._written = wanted
-        return len(wanted.encode())
+        if text != self._written:
+            checked_objects(text, str(self._path))
+            write_text(self._path, objects_json(text))
+            self._written = text
+        return self._path.stat().st_size
 
     def __enter__(self) -> Self:
         return self
