@@ -15,10 +15,10 @@ Two judges:
   centre of mass as high as a state of ours. The column has the largest difference of any state, and of what
   is left out.
 
-Ends with exit code 1 if a bound is broken. Of 73 parts, on two cores: 70 imported, 3 refused for what they leave
-out (a bead 91 %, an ogive 86 %, a flange that rolls on its rim 51 %); the largest "off, by it" is 0.93, the
-largest difference from trimesh's probabilities 0.004, but 0.018 of a shaft with a flat, whose mesh for trimesh
-has facets. Median 2.5 s, at most 16 s and 762 MB (a hollow hemisphere). The ones that were slow or lost:
+Ends with exit code 1 if a bound is broken. Of 73 parts, on two cores: 70 imported, 3 refused for what they
+leave out (a bead 91 %, an ogive 86 %, a flange that rolls on its rim 51 %); the largest "off, by it" is 0.93,
+the largest difference from trimesh's probabilities 0.004, but 0.018 of a shaft with a flat, whose mesh for
+trimesh has facets. Median 2.5 s, at most 16 s and 762 MB (a hollow hemisphere). Those that were slow or lost:
 
 | file | wall s | processor s | MB | states: % |
 |---|---|---|---|---|

@@ -13,7 +13,7 @@ from palpate.geometry.segments import cross
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import ROUNDING_MM, ROUNDING_RAD, CatalogueState, EdgeSet
 from palpate.recognizer.minkowski import GrownSection, grow
-from palpate.recognizer.round_edges import round_outlines, round_touchable
+from palpate.recognizer.round_edges import anchors, round_outlines, round_touchable
 from palpate.recognizer.simplification import simplify_outline
 from palpate.recognizer.tables import Table
 from palpate.recognizer.tolerance_band import ToleranceBand, touchable_edges
@@ -158,9 +158,7 @@ def _representative(part: GrownSection, item: CatalogueState) -> Bools:
     another radius or height might meet edges that have no images, as in a notch that it only just enters.
     """
     if item.state.is_round:
-        one = np.zeros(len(part.length), dtype=bool)
-        one[np.unique(part.feature, return_index=True)[1]] = True  # the chords of a circle have one number
-        return one
+        return anchors(part)
     order = item.symmetry.order
     everything = np.ones(len(part.length), dtype=bool)
     if order == 1 or not len(part.length) or not item.is_exactly_symmetric:

@@ -1,12 +1,15 @@
 """Edges of round states: every outline is a circle about one centre, and so is every grown outline.
 
-A circle needs no polygon of many sides. It is searched in 48 chords that turn into each other exactly: one of
-them stands for all (`representative`). How far the circle stands out over a chord, and how its normals turn,
-is part of the chord's slack and span, as with the arcs of grown outlines.
+A circle needs no polygon of many sides. It is searched in a few chords and the *anchor*, a chord so short
+that it is a point of the circle. Turned about its centre the state lies as before, so it may be taken to be
+turned such that the first contact is at the anchor: that one stands for all (`representative`). How far the
+circle stands out over a chord, and how its normals turn, is part of the chord's slack and span, as with the
+arcs of grown outlines.
 
-A tip of radius r that touches the true outline at q has its centre at q + r n. By what the model promises, q
-is within δ of a point p of the circle, and the normal n within β of that at p. So the centre is within
-δ + r sin β along the grown circle from p + r n(p), within δ + r (1 − cos β) inside of it, and δ outside.
+A tip of radius r cannot enter what is deeper than δ in the circle of radius R, and touches nothing that is
+more than δ outside. So its centre is from R + r − δ to R + r + δ away from the circle's, whatever the outline
+is between, and it is paired with the chord at which its centre is. Only normals depend on how rough the
+outline is.
 """
 
 import math
@@ -14,17 +17,24 @@ import math
 import numpy as np
 import shapely
 
-from palpate.geometry import Circle, Floats, Section
+from palpate.geometry import Bools, Circle, Floats, Section
 from palpate.recognizer.minkowski import GrownSection
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.tolerance_band import ToleranceBand, Touchable
 
-__all__ = ["ROUND_ORDER", "round_outlines", "round_touchable"]
+__all__ = ["ROUND_ORDER", "anchors", "round_outlines", "round_touchable"]
 
 ROUND_ORDER = 48
-"""Chords of a circle. Polygons that stand for circles have as many sides, or a multiple."""
+"""Of the turns that take a round state to itself. Polygons that stand for circles have as many sides."""
 
-_HALF_RAD = math.pi / ROUND_ORDER
+_CHORDS = 24
+"""Fewer are more slack, more are more ways to pair a contact that is unsure by a millimetre."""
+
+_ANCHOR_HALF_RAD = 1e-4
+_ENDS: Floats = np.append(
+    -_ANCHOR_HALF_RAD, np.linspace(_ANCHOR_HALF_RAD, 2 * np.pi - _ANCHOR_HALF_RAD, _CHORDS + 1)
+)
+"""Where chords end, from the one before the anchor to the same again."""
 
 
 def round_outlines(section: Section, radius_mm: float) -> GrownSection:
@@ -69,14 +79,10 @@ def _touchable(
     band: ToleranceBand,
 ) -> Touchable:
     grown = circle.radius_mm + sign * radius_mm
-    beta = _tilt_rad(solid, ring[::sign], radius_mm, band)
     chords = _chords(circle, max(grown, 0.0), sign, number)
-    chords.span[:] = np.minimum(chords.span + beta, np.pi)
+    chords.span[:] = np.minimum(chords.span + _tilt_rad(solid, ring[::sign], radius_mm, band), np.pi)
     off = band.off_mm + max(-grown, 0.0)
-    sunk = radius_mm * (1 - math.cos(beta))
-    aside = radius_mm * math.sin(min(beta, math.pi / 2))
-    every = np.ones(len(chords))
-    return Touchable(chords, off + sunk + chords.dent, off + chords.bulge, (off + aside) * every)
+    return Touchable(chords, off + chords.dent, off + chords.bulge, np.full(len(chords), off))
 
 
 def _tilt_rad(solid: shapely.Geometry, ring: Floats, radius_mm: float, band: ToleranceBand) -> float:
@@ -89,19 +95,28 @@ def _tilt_rad(solid: shapely.Geometry, ring: Floats, radius_mm: float, band: Tol
 
 
 def _chords(circle: Circle, radius_mm: float, sign: int, number: int) -> GrownSection:
-    """Chords of a circle, the solid on their left: on its inside, if `sign` is 1, or around it."""
-    angle = sign * 2 * np.pi * np.arange(ROUND_ORDER) / ROUND_ORDER
+    """Chords of a circle, the anchor first, the solid on their left: inside, if `sign` is 1, or around."""
+    half = np.diff(_ENDS) / 2
+    angle = sign * _ENDS[:-1]
     corner = np.array(circle.centre_mm) + radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
-    middle = angle + sign * _HALF_RAD
-    sagitta = np.full(ROUND_ORDER, radius_mm * (1 - math.cos(_HALF_RAD)))
-    nothing = np.zeros(ROUND_ORDER)
+    middle = angle + sign * half
+    sagitta, nothing = radius_mm * (1 - np.cos(half)), np.zeros(len(half))
     return GrownSection(
         start=corner,
         end=np.roll(corner, -1, axis=0),
         direction=sign * np.column_stack([-np.sin(middle), np.cos(middle)]),
-        length=np.full(ROUND_ORDER, 2 * radius_mm * math.sin(_HALF_RAD)),
+        length=2 * radius_mm * np.sin(half),
         bulge=sagitta if sign > 0 else nothing,
-        dent=nothing if sign > 0 else sagitta.copy(),
-        span=np.full(ROUND_ORDER, _HALF_RAD),
-        feature=np.full(ROUND_ORDER, number),
+        dent=nothing if sign > 0 else sagitta,
+        span=half,
+        feature=np.full(len(half), number),
     )
+
+
+def anchors(chords: GrownSection) -> Bools:
+    """Which chords (n,) are anchors: the shortest of each circle."""
+    shortest = np.zeros(len(chords), dtype=bool)
+    for number in np.unique(chords.feature):
+        of_circle = np.flatnonzero(chords.feature == number)
+        shortest[of_circle[np.argmin(chords.length[of_circle])]] = True
+    return shortest

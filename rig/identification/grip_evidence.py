@@ -175,6 +175,8 @@ def _survives(hypothesis: Hypothesis, recognition: Recognition) -> bool:
 
 
 def _overlap(a: Hypothesis, b: Hypothesis) -> bool:
+    if a.state.state.is_round:
+        return True
     turn = 2 * math.pi / a.state.symmetry.order
     lo, hi = a.search_bounds.theta_rad
     other_lo, other_hi = b.search_bounds.theta_rad

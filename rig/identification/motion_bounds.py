@@ -130,7 +130,9 @@ class MotionBounds:
                     continue
             slides[row] = _slides_mm(support, loads, leverages)
         shift = np.array([support.shift for support in self.supports])
-        turn = np.array([support.turn_rad_per_mm for support in self.supports])
+        # A round part that is turned about its centre lies as before.
+        round_ = [item.state.is_round for item in self.catalogue.states]
+        turn = np.where(round_, 0.0, [support.turn_rad_per_mm for support in self.supports])
         before, after, whole = (Motion(_times(slide, shift), _times(slide, turn)) for slide in slides.T)
         return GripMotion(before, after, whole)
 

@@ -130,8 +130,10 @@ def _alternative(item: Hypothesis, first: Hypothesis) -> AlternativeOut:
 def _displacement(first: Hypothesis, other: Hypothesis) -> tuple[float, float]:
     """From one configuration of a state to another: turned (rad) and how far its centre of area is (mm).
 
-    Of the turns that the state's symmetry makes equal, the smallest.
+    Of the turns that the state's symmetry makes equal, the smallest; 0 of a round one.
     """
+    if first.state.state.is_round:
+        return 0.0, math.dist(_centre(first), _centre(other))
     turn = 2 * math.pi / first.state.symmetry.order
     turned = other.configuration.theta_rad - first.configuration.theta_rad
     turned -= turn * round(turned / turn)

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 import shapely
 from sampling import sample
-from shapely_bench import Placed, flat, grip, holding_truth, place
+from shapely_bench import Placed, flat, grip, holding_truth, place, until_touched
 
 from palpate.config.objects_file import checked_objects
 from palpate.config.objects_tables import ObjectsFileText
 from palpate.geometry import ObjectModel, Polygon, Section, State
-from palpate.recognizer import Catalogue, Finger, recognise
-from palpate.recognizer.round_edges import ROUND_ORDER
+from palpate.recognizer import Catalogue, Finger, Motion, recognise
 
 RADIUS = 18.0
 
@@ -117,13 +116,13 @@ def test_a_slot_with_true_arcs_stays(seed: int) -> None:
     )
 
 
-def test_one_chord_of_each_circle_stands_for_all() -> None:
+def test_the_anchor_of_each_circle_stands_for_all() -> None:
     catalogue = Catalogue([round_model()])
     (state,) = catalogue.states
-    assert (state.symmetry.order, state.symmetry_order) == (ROUND_ORDER, 0)
+    assert (state.symmetry.order, state.symmetry_order) == (48, 0)
     for height, circles in ((5.0, 2), (15.0, 1)):
         for edges in (catalogue.edges(Finger(3.0, height)), catalogue.outlines(Finger(3.0, height))):
-            assert (edges.representative.sum(), len(edges.state)) == (circles, circles * ROUND_ORDER)
+            assert (edges.representative.sum(), len(edges.state)) == (circles, circles * 25)
 
 
 def test_a_hole_that_the_tip_does_not_enter_has_no_edges() -> None:
@@ -156,3 +155,24 @@ def test_a_state_is_round_only_if_all_its_circles_have_one_centre() -> None:
     moved = Polygon(outer, (), (replace(circle, centre_mm=(1.0, 0.0)),))
     assert not State("a", (low, Section((12.0, 20.0), (moved,)))).is_round
     assert not square().states[0].is_round
+
+
+@pytest.mark.parametrize("seed", sample(range(40), range(9)))
+def test_a_rough_disc_that_is_shifted_and_turned_by_any_angle_stays(seed: int) -> None:
+    """Its turn is no motion: what is known of a circle is the same for all of them."""
+    rng = np.random.default_rng([53, seed])
+    off, shift = float(rng.choice([0.02, 0.1, 0.3])), float(rng.choice([0.05, 0.4, 1.5]))
+    model = round_model(off)
+    catalogue = Catalogue([model])
+    motion = Motion(np.array([shift]), np.array([0.0]))
+    true = true_disc(RADIUS + rng.uniform(-off, off, int(rng.choice([60, 300]))))
+    placed = place(true, rng)
+    how = {"bound": 0.2, "half_range": 0.1, "at_bound": bool(seed % 2)}
+    found = recognise(catalogue, until_touched(grip, placed, rng, fingers=3, **how))
+    for _ in range(3):
+        bearing, share = rng.uniform(0, 2 * math.pi), float(rng.choice([1.0, rng.random()]))
+        x, y = share * shift * np.array([math.cos(bearing), math.sin(bearing)])
+        placed = replace(placed, x=placed.x + x, y=placed.y + y, theta=rng.uniform(-math.pi, math.pi))
+        assert holding_truth(found.moved(motion), placed) is not None
+        found = found.extend(grip(placed, rng, fingers=2, **how), motion)
+        assert holding_truth(found, placed) is not None

@@ -322,3 +322,11 @@ def test_legend_of_a_plan_names_what_is_drawn() -> None:
     assert "object found" not in shown
     assert "other hypothesis, by letter" not in shown
     assert "approach of the next grip" not in texts(draw(picture()))
+
+
+def test_of_a_round_part_theta_is_any() -> None:
+    pose = BoundedPose((1.0, 0.9, 1.1), (-2.0, -2.1, -1.9), (0.3, -math.pi, math.pi))
+    shown = texts(draw(replace(picture(), pose=pose)))
+    assert shown[shown.index("θ") + 1] == "any"
+    assert "its origin" in shown
+    assert "its frame: origin and x axis" not in shown

@@ -158,13 +158,15 @@ def _found(picture: Picture, view: View, placer: LabelPlacer) -> str:
 
 
 def _pose_mark(pose: BoundedPose, view: View, placer: LabelPlacer) -> str:
-    """The origin of the object's frame with its own x axis."""
+    """The origin of the object's frame with its own x axis, which a round part has none of."""
     at = view.at((pose.x_mm[0], pose.y_mm[0]))
+    dot = element("circle", cx=at[0], cy=at[1], r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+    placer.add_disc(at, 4.0, 2.0)
+    if pose.turns_freely:
+        return dot
     tip = at + 22 * np.array([math.cos(pose.theta_rad[0]), -math.sin(pose.theta_rad[0])])
     placer.add_line(np.array([at, tip]), 2.0)
-    placer.add_disc(at, 4.0, 2.0)
     line = element("line", x1=at[0], y1=at[1], x2=tip[0], y2=tip[1], stroke=FOUND, stroke_width=THICK)
-    dot = element("circle", cx=at[0], cy=at[1], r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
     return line + dot
 
 

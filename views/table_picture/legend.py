@@ -38,9 +38,11 @@ def legend(picture: Picture, view: View, column: Column, y: float) -> tuple[str,
     predicted = [item for approach in picture.approaches for item in approach.predictions]
     other = "other " if picture.found else ""
     touched = [touch for touch in picture.touches if touch.touched]
+    is_round = picture.pose is not None and picture.pose.turns_freely
     entries: list[tuple[bool, Callable[[float, float], str], str]] = [
         (bool(picture.found), _found_key, "object found"),
-        (picture.pose is not None, _pose_key, "its frame: origin and x axis"),
+        (picture.pose is not None and not is_round, _pose_key, "its frame: origin and x axis"),
+        (is_round, _origin_key, "its origin"),
         (bool(picture.truth), _truth_key, "where it really is (emulated)"),
         (bool(picture.others) and not planned, _other_key, f"{other}hypothesis, by letter"),
         (planned, _hypothesis_key, "hypothesis, by letter and colour"),
@@ -96,7 +98,11 @@ def _found_key(x: float, y: float) -> str:
 
 def _pose_key(x: float, y: float) -> str:
     line = element("line", x1=x - 8, y1=y, x2=x + 14, y2=y, stroke=FOUND, stroke_width=THICK)
-    return line + element("circle", cx=x - 8, cy=y, r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
+    return line + _origin_key(x - 8, y)
+
+
+def _origin_key(x: float, y: float) -> str:
+    return element("circle", cx=x, cy=y, r=4.0, fill=PAPER, stroke=FOUND, stroke_width=THICK)
 
 
 def _truth_key(x: float, y: float) -> str:

@@ -52,10 +52,11 @@ def _pose(picture: Picture, _view: View, column: Column, y: float) -> tuple[str,
 
 def _pose_rows(pose: BoundedPose) -> list[tuple[str, str, str]]:
     turned = tuple(math.degrees(value) for value in pose.theta_rad)
-    return [
+    rows = [
         (name, f"{_minus(values[0])}{unit}", f"± {_outward(values)}{unit}")
         for name, values, unit in (("x", pose.x_mm, " mm"), ("y", pose.y_mm, " mm"), ("θ", turned, "°"))
     ]
+    return [*rows[:2], ("θ", "any", "")] if pose.turns_freely else rows
 
 
 def _minus(value: float) -> str:

@@ -89,5 +89,6 @@ def _description(picture: Picture) -> str:
     words += [f"Next, {item.finger}: {', '.join(item.words)}." for item in picture.approaches]
     if picture.pose is not None:
         x, y, theta = picture.pose.x_mm[0], picture.pose.y_mm[0], picture.pose.theta_rad[0]
-        words.append(f"Configuration: x {x:.2f} mm, y {y:.2f} mm, θ {theta:.4f} rad.")
+        angle = "any" if picture.pose.turns_freely else f"{theta:.4f} rad"
+        words.append(f"Configuration: x {x:.2f} mm, y {y:.2f} mm, θ {angle}.")
     return " ".join(words)

@@ -29,6 +29,12 @@ class BoundedPose:
     y_mm: tuple[float, float, float]
     theta_rad: tuple[float, float, float]
 
+    @property
+    def turns_freely(self) -> bool:
+        """Whether every orientation is within the bounds, as of a round part."""
+        _, lo, hi = self.theta_rad
+        return hi - lo >= 2 * math.pi - 1e-9
+
 
 @dataclass(frozen=True, eq=False)
 class OtherHypothesis:
