@@ -30,6 +30,7 @@ from palpate.rig.identification.observers import Observer
 from palpate.rig.identification.preconditions import check_known_well
 from palpate.rig.session.inputs import keep_inputs
 from palpate.rig.session.log import SessionLog, session_folder
+from palpate.rig.session.pruning import discard_session
 from palpate.rig.session.run import IdentificationJob, IdentificationRun, run_identification
 from palpate.rig.session.signals import HeldInterrupts
 from palpate.rig.session.truth_event import EVENT
@@ -126,6 +127,7 @@ def _logged(
     folder = session_folder(sessions, inputs.session_name())
     latency_s = bus_latency_s(job.rig)
     answer: Answer | None = None
+    log: SessionLog | None = None
     try:
         with SessionLog(folder, bench.clock, _header(inputs, job, latency_s)) as log:
             keep_inputs(folder, inputs.on_bench, inputs.objects, inputs.scene)
@@ -149,6 +151,9 @@ def _logged(
         if answer is None:
             raise
         answer = replace(answer, failure=error)
+    finally:
+        if log is None or not log.has_traffic:
+            discard_session(folder, is_ours=log is not None)
     return answer
 
 
@@ -161,6 +166,7 @@ def _header(inputs: _Inputs, job: IdentificationJob, latency_s: float) -> dict[s
         "strategy": inputs.strategy.value,
         "scene": inputs.scene is not None,
         "calibration": job.calibration is not None,
+        "emulated": job.rig.emulation is not None,
         "started": job.started.isoformat(),
         "bus_latency_s": latency_s,
     }

@@ -20,7 +20,7 @@ from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
 from palpate.rig.monitor.paced_clock import paced
 from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
-from palpate.rig.session.log import LOG_NAME
+from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 from palpate.rig.session.replay import Replayed, replay
 from palpate.rig.session.run import IdentificationJob
@@ -33,7 +33,7 @@ __all__ = ["Session", "open_session"]
 def open_session(path: PathLike) -> "Session":
     """Open a recorded session: its folder, or the log in it. Raises InputError if there is none."""
     folder = Path(path)
-    folder = folder.parent if folder.name == LOG_NAME and folder.is_file() else folder
+    folder = session_of(folder)
     return Session(folder, read_session(folder))
 
 

@@ -36,6 +36,7 @@ from palpate.cli.objects_show import show_objects
 from palpate.cli.plan import plan
 from palpate.cli.recognize import recognize
 from palpate.cli.replay import replay
+from palpate.cli.sessions import info, list_sessions, prune
 from palpate.cli.terminal import print_notices
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
@@ -56,6 +57,11 @@ objects = typer.Typer(
     name="objects",
     help="Object models: make them from CAD files, see them, and what a rig can tell apart.",
     no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings=_HELP,
+)
+sessions = typer.Typer(
+    name="sessions",
     pretty_exceptions_enable=False,
     context_settings=_HELP,
 )
@@ -98,6 +104,7 @@ _SETTING_UP = "Setting up a rig"
 
 app.command()(identify)
 app.command()(replay)
+app.command()(info)
 app.command()(recognize)
 app.command()(plan)
 app.command()(emulate)
@@ -115,6 +122,9 @@ objects.command("rename")(rename)
 objects.command("remove")(remove)
 objects.command("merge")(merge)
 app.add_typer(objects)
+sessions.callback(invoke_without_command=True)(list_sessions)
+sessions.command("prune")(prune)
+app.add_typer(sessions)
 
 
 def main() -> None:

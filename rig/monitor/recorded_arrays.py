@@ -13,7 +13,7 @@ from palpate.rig.arrays import array_of
 from palpate.rig.monitor.arrays import monitor_finger, select_fingers
 from palpate.rig.monitor.finger_monitor import MonitoredFinger
 from palpate.rig.session.inputs import calibrated_run, kept_inputs
-from palpate.rig.session.log import LOG_NAME
+from palpate.rig.session.log_file import session_of
 from palpate.rig.session.log_reader import SessionFile, read_session
 
 __all__ = ["RecordedArrays", "open_recorded_arrays"]
@@ -60,7 +60,7 @@ def open_recorded_arrays(session: Path, names: Sequence[str]) -> RecordedArrays:
 
     Raises InputError if there is no session, or it does not hold what an array of these fingers is.
     """
-    folder = session.parent if session.name == LOG_NAME and session.is_file() else session
+    folder = session_of(session)
     file = read_session(folder)
     on_bench, _, _ = kept_inputs(folder, scene=False, calibration=calibrated_run(file))
     rig = on_bench.rig

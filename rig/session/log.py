@@ -1,14 +1,14 @@
 """The session log: everything that happened, in one append-only file that survives a crash.
 
-JSON Lines, one event a line, written every 0.05 s beside the thread that drives devices: whatever kills the
-process, every line but perhaps the last is whole, and no more than the last 0.1 s are missing. Raw bytes of
-every port stand beside the values that were made of them, on the rig's clock. So does all else that decides
-what the host does, call by call: `session_file` reads it, and `palpate replay` runs the session again.
+JSON Lines in a Zstandard stream, one event a line, written every 0.05 s beside the thread that drives
+devices: whatever kills the process, every line but perhaps the last is whole, and no more than the last 0.1 s
+are missing. Raw bytes of every port stand beside the values that were made of them, on the rig's clock. So
+does all else that decides what the host does, call by call: `log_reader` reads it, and `palpate replay` runs
+the session again.
 `docs/session-log.md` lists the events.
 """
 
 import base64
-import fcntl
 import json
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -23,10 +23,10 @@ from palpate.errors import InputError, OutputError
 from palpate.rig.background import CAPACITY, Background
 from palpate.rig.session.error_values import values_of
 from palpate.rig.session.events import SessionEvents, plain
+from palpate.rig.session.log_file import LOG_NAME, LogFile
 
-__all__ = ["LOG_NAME", "SessionLog", "check_sum", "session_folder"]
+__all__ = ["SessionLog", "check_sum", "session_folder"]
 
-LOG_NAME = "session.jsonl"
 _STALLED_S = 5.0
 _ENDED = "the run was ended, torque off"
 
@@ -78,11 +78,11 @@ class SessionLog(SessionEvents):
         self._calls: list[str] = []
         self._sum = 0
         self._said = False
+        self.has_traffic = False
+        """Whether any byte went through a port."""
         self._stalled_s, self._capacity = stalled_s, capacity
         try:
-            self._file = self.path.open("a", encoding="utf-8")
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self._file.truncate(0)
+            self._file = LogFile(self.path)
         except BlockingIOError as error:
             raise InputError(
                 f"{self.path} is being written by another palpate; choose another folder for sessions"
@@ -129,6 +129,7 @@ class SessionLog(SessionEvents):
             case PortOpened():
                 self.event("opened", port=what.port, number=what.number, url=what.url)
             case PortBytes():
+                self.has_traffic = True
                 instant = self._clock.now()
                 self._put(lambda: _bytes(instant, what))
             case ErrorRaised():
@@ -142,13 +143,14 @@ class SessionLog(SessionEvents):
 
     def _write(self, lines: Sequence["_Line"]) -> None:
         """Write lines with their calls and check sums, and hand them to the system. On the log's thread."""
+        text = []
         for make, calls in lines:
             line = make()
             if calls:
                 line = f'{line[:-1]},"calls":"{calls}"}}'
             self._sum = check_sum(line, self._sum)
-            self._file.write(f'{line[:-1]},"sum":"{self._sum:08x}"}}\n')
-        self._file.flush()
+            text.append(f'{line[:-1]},"sum":"{self._sum:08x}"}}\n')
+        self._file.write("".join(text))
 
     def _error(self, run: str) -> OutputError:
         """What is wrong with the log; `run`: what became of the run."""

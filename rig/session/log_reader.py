@@ -27,11 +27,11 @@ from palpate.drivers.transport.recording import (
     SessionEvent,
 )
 from palpate.errors import InputError
-from palpate.files import read_bytes
-from palpate.files.limits import LOG_BYTES, LOG_LINE_BYTES, LOG_LINES, VALUES
+from palpate.files.limits import LOG_LINE_BYTES, LOG_LINES, VALUES
 from palpate.files.opening import size_in_words
 from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
-from palpate.rig.session.log import LOG_NAME, check_sum
+from palpate.rig.session.log import check_sum
+from palpate.rig.session.log_file import log_path, read_log
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["FORMAT", "SessionFile", "read_session"]
@@ -64,9 +64,9 @@ class SessionFile(ShortRepr):
 
 def read_session(folder: Path) -> SessionFile:
     """Read the log in a session's folder; InputError if there is none, or a line of it cannot be read."""
-    path = folder / LOG_NAME
+    path = log_path(folder)
     try:
-        raw = read_bytes(path, LOG_BYTES, _ADVICE)
+        raw = read_log(folder)
     except InputError as error:
         raise InputError(f"{folder} is not a session: {error}") from None
     _check_counts(path, raw)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import run, torque_writes
+from command import log_events, run, torque_writes
 from firm_rig import firm_rig
 from quick_rig import quick_bench
 from repository import EXAMPLES, ROOT
@@ -37,7 +37,7 @@ def bytes_sent(session: Path, port: str) -> bytes:
     """What a session's log says was sent to a port."""
     import base64
 
-    lines = [json.loads(line) for line in (session / "session.jsonl").read_text().splitlines()]
+    lines = log_events(session / "session.jsonl.zst")
     sent = [item for item in lines if item["event"] == "bytes" and item["direction"] == "sent"]
     return b"".join(base64.b64decode(item["base64"]) for item in sent if item["port"] == port)
 

@@ -183,7 +183,7 @@ def test_beside_a_run_that_moves(tmp_path: Path, here: Here) -> None:
 
 def _session_log(folder: Path, run: subprocess.Popen[str]) -> Path:
     while True:
-        found = list(folder.glob("palpate-sessions/*/session.jsonl"))
+        found = list(folder.glob("palpate-sessions/*/session.jsonl.zst"))
         if found:
             return found[0]
         assert run.poll() is None, run.communicate()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import PALPATE, Ended, log_events, run, run_here
+from command import PALPATE, Ended, log_events, log_lines, run, run_here, write_log
 from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import small, small_parts
@@ -112,7 +112,7 @@ def test_a_sessions_touches_are_felt_again(here: Here, session: Path) -> None:
     done = here("watch", "--session", session, "--speed", 1e5, "--json")
     assert done.code == 0
     found = updates(done)
-    log = log_events(session / "session.jsonl")
+    log = log_events(session / "session.jsonl.zst")
     for finger in found[-1]["fingers"]:
         assert finger["frames"] == frames_in(log, finger["port"])
         assert finger["lost"] == finger["faults"] == 0
@@ -153,7 +153,7 @@ def frames_in(log: list[dict[str, Any]], port: str) -> int:
 
 
 def test_a_session_as_a_picture(here: Here, session: Path, tmp_path: Path) -> None:
-    log = log_events(session / "session.jsonl")
+    log = log_events(session / "session.jsonl.zst")
     measured = next(event["t_s"] for event in log if event.get("stage") == "retracting")
     pictures = []
     for name in ("one.svg", "two.svg"):
@@ -177,11 +177,11 @@ def test_a_session_keeps_the_walls_time(session: Path) -> None:
 def test_a_changed_log_is_told(here: Here, session: Path, tmp_path: Path) -> None:
     for path in session.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    lines = (session / "session.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
-    (tmp_path / "session.jsonl").write_text("".join(lines[:5] + lines[6:]), encoding="utf-8")
+    lines = log_lines(session / "session.jsonl.zst")
+    write_log(tmp_path / "session.jsonl.zst", lines[:5] + lines[6:])
     done = here("watch", "--session", tmp_path, "--for", 0.1, "--speed", 1e5)
     assert "line 6 of the log is not as it was written" in done.err
-    (tmp_path / "session.jsonl").write_text(lines[0], encoding="utf-8")
+    write_log(tmp_path / "session.jsonl.zst", lines[:1])
     done = here("watch", "--session", tmp_path)
     assert done.code == 2
     assert "array f1 on mock://f1 never says what it is" in done.err

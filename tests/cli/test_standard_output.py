@@ -40,7 +40,7 @@ def test_a_display_that_fails_at_the_end_leaves_the_answer(tmp_path: Path) -> No
     assert json.loads(done.stdout)["grips"] == 1
     (session,) = (tmp_path / "palpate-sessions").iterdir()
     assert (session / "result.json").exists()
-    assert log_events(session / "session.jsonl")[-1]["how"] == "done"
+    assert log_events(session / "session.jsonl.zst")[-1]["how"] == "done"
 
 
 def test_a_reader_that_has_gone_is_no_traceback(tmp_path: Path) -> None:

@@ -3,12 +3,11 @@
 import os
 import threading
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from command import log_events
+from command import log_bytes, log_events
 
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.record import Noted, Recorder
@@ -129,7 +128,7 @@ def log_with(folder: Path, events: int, redirect: int | None) -> SessionLog:
 def test_a_full_disk_is_told_once_by_check(tmp_path: Path) -> None:
     log = log_with(tmp_path, 100, os.open("/dev/full", os.O_WRONLY))
     time.sleep(0.2)
-    with pytest.raises(OutputError, match=r"session\.jsonl cannot be written: No space left on device"):
+    with pytest.raises(OutputError, match=r"session\.jsonl\.zst cannot be written: No space left on device"):
         log.check()
     log.check()
     with log:
@@ -168,7 +167,7 @@ def test_a_log_whose_queue_was_full_says_so_and_is_a_whole_beginning(tmp_path: P
         log.check()
     with log:
         log.event("stage", grip=100, stage="aiming")
-    events = log_events(tmp_path / "session.jsonl")
+    events = log_events(tmp_path / "session.jsonl.zst")
     assert [event.get("grip") for event in events] == [None, *range(len(events) - 1)]
     assert len(events) < 100
 
@@ -192,7 +191,7 @@ def test_lines_are_on_the_disk_a_tenth_of_a_second_later(tmp_path: Path) -> None
     assert _whole_lines(tmp_path) == 4
     with log:
         pass
-    assert [event["event"] for event in log_events(tmp_path / "session.jsonl")] == [
+    assert [event["event"] for event in log_events(tmp_path / "session.jsonl.zst")] == [
         "session",
         *["stage"] * 3,
         "end",
@@ -200,5 +199,4 @@ def test_lines_are_on_the_disk_a_tenth_of_a_second_later(tmp_path: Path) -> None
 
 
 def _whole_lines(folder: Path) -> int:
-    lines: Sequence[bytes] = (folder / "session.jsonl").read_bytes().splitlines(keepends=True)
-    return sum(line.endswith(b"\n") for line in lines)
+    return log_bytes(folder / "session.jsonl.zst").count(b"\n")

@@ -94,7 +94,7 @@ def test_a_session_keeps_its_calibration(loose: Path, here: Here) -> None:
     put_beside(loose, true_calibration(load_rig(loose), SEED))
     assert here("identify", "--rig", loose.name, "--seed", SEED + 1).code == 2, "it is of other arrays"
     (session,) = Path("palpate-sessions").iterdir()
-    assert log_events(session / "session.jsonl")[0]["calibration"] is True
+    assert log_events(session / "session.jsonl.zst")[0]["calibration"] is True
     kept = session / "rig.calibration.toml"
     assert kept.read_bytes() == calibration_path(loose).read_bytes()
     again = here("replay", session)

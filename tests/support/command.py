@@ -1,16 +1,18 @@
 """The installed command: in a process of its own, or its `main` in this one where that is enough."""
 
+import io
 import json
 import re
 import signal
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
 
 from palpate.cli.main import main
 
@@ -67,9 +69,24 @@ def run_here(
 
 def log_events(path: Path) -> list[dict[str, Any]]:
     """Every event of a session log; fails on a line that cannot be read."""
-    text = path.read_text(encoding="utf-8")
+    return [json.loads(line) for line in log_lines(path)]
+
+
+def log_bytes(path: Path) -> bytes:
+    """A session log unpacked, as far as it has been written."""
+    return zstandard.ZstdDecompressor().stream_reader(io.BytesIO(path.read_bytes())).read()
+
+
+def log_lines(path: Path) -> list[str]:
+    """The lines of a session log, each whole."""
+    text = log_bytes(path).decode()
     assert text.endswith("\n")
-    return [json.loads(line) for line in text.splitlines()]
+    return text.splitlines(keepends=True)
+
+
+def write_log(path: Path, lines: Iterable[str]) -> None:
+    """Pack lines as a session log."""
+    path.write_bytes(zstandard.ZstdCompressor().compress("".join(lines).encode()))
 
 
 def torque_writes(sent: bytes) -> list[tuple[int, int]]:

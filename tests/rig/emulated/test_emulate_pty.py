@@ -116,7 +116,7 @@ def test_identify_in_real_time_over_the_ptys(tmp_path: Path) -> None:
         lo, hi = answer["bounds"][key]
         assert lo <= value <= hi
     assert re.fullmatch(r"palpate-sessions/identify-\d{8}-\d{6}", answer["session"])
-    assert log_events(tmp_path / answer["session"] / "session.jsonl")[-1]["how"] == "done"
+    assert log_events(tmp_path / answer["session"] / "session.jsonl.zst")[-1]["how"] == "done"
 
 
 def test_it_ends_by_itself_after_the_time_it_was_given(tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def closing_with(
 
 def check_end(session: EmulatedSession, folder: Path, error: PalpateError | None) -> None:
     """The log is whole and says how it ended; every servo that can hear has its torque off."""
-    events = log_events(folder / "session.jsonl")
+    events = log_events(folder / "session.jsonl.zst")
     assert events[-1]["event"] == "end"
     assert events[-1]["how"] == ("done" if error is None else type(error).__name__)
     assert not any(session.torque().values())

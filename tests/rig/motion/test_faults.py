@@ -19,7 +19,7 @@ IDS = (11, 12, 21, 22, 31, 32)
 
 
 def check_log(folder: Path, how: str) -> None:
-    events = log_events(folder / "session.jsonl")
+    events = log_events(folder / "session.jsonl.zst")
     assert events[0]["event"] == "session"
     assert (events[-1]["event"], events[-1]["how"]) == ("end", how)
     assert all("t_s" in event for event in events)

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from command import PALPATE, run
+from command import PALPATE, log_bytes, run
 from quick_rig import quick_bench
 from sampling import sample
 
@@ -58,7 +58,7 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
         assert torque == dict.fromkeys(IDS, 1), "Bus Watchdog stops motion; it does not switch torque off"
         assert all(abs(after[dxl_id] - before[dxl_id]) <= 1 for dxl_id in IDS)
         assert set(speeds.values()) == {0}
-        lines = log.read_text(encoding="utf-8").splitlines()
+        lines = log_bytes(log).decode().splitlines()
         assert "session" in lines[0]
         assert not any(json.loads(line)["event"] == "end" for line in lines[:-1])
         done = run("stop", "--rig", "real.toml", "--json", cwd=tmp_path)
@@ -70,8 +70,8 @@ def test_killed_in_a_closing_the_watchdog_stops_every_servo(tmp_path: Path, numb
 
 def _log_when_closing(folder: Path, process: subprocess.Popen[bytes]) -> Path:
     while True:
-        for log in folder.glob("palpate-sessions/*/session.jsonl"):
-            if '"stage":"closing"' in log.read_text(encoding="utf-8"):
+        for log in folder.glob("palpate-sessions/*/session.jsonl.zst"):
+            if b'"stage":"closing"' in log_bytes(log):
                 return log
         assert process.poll() is None, "it ended by itself"
         time.sleep(0.05)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command import Ended, run_here
+from command import Ended, log_lines, run_here, write_log
 from firm_rig import firm_rig
 from json_schema import violations
 from quick_rig import quick_rig
@@ -227,8 +227,8 @@ def test_the_age_counts_from_the_start_of_the_session(here: Here) -> None:
     again = here("replay", folder)
     assert (again.code, again.err) == (0, "")
 
-    log = folder / "session.jsonl"
-    first, _, rest = log.read_text().partition("\n")
+    log = folder / "session.jsonl.zst"
+    first, *rest = log_lines(log)
     header = json.loads(first) | {"started": "some day"}
-    log.write_text(json.dumps(header) + "\n" + rest)
+    write_log(log, [json.dumps(header) + "\n", *rest])
     assert '"started" must be a date and time in UTC' in here("replay", folder).err

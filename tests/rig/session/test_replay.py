@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from command import Ended, log_events, run, run_here
+from command import Ended, log_bytes, log_events, log_lines, run, run_here, write_log
 from json_schema import violations
 from quick_rig import quick_bench
 from repository import EXAMPLES
@@ -63,17 +63,16 @@ def brief(rig: Any, folder: Path) -> Path:
 def copied(session: Path, folder: Path, change: Callable[[list[str]], list[str]]) -> Path:
     """The session again, with the lines of its log changed."""
     for path in session.iterdir():
-        if path.name != "session.jsonl":
+        if path.name != "session.jsonl.zst":
             (folder / path.name).write_bytes(path.read_bytes())
-    lines = (session / "session.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
-    (folder / "session.jsonl").write_text("".join(change(lines)), encoding="utf-8")
+    write_log(folder / "session.jsonl.zst", change(log_lines(session / "session.jsonl.zst")))
     return folder
 
 
 def sent_bytes(session: Path) -> int:
     return sum(
         len(base64.b64decode(event["base64"]))
-        for event in log_events(session / "session.jsonl")
+        for event in log_events(session / "session.jsonl.zst")
         if event["event"] == "bytes" and event["direction"] == "sent"
     )
 
@@ -81,14 +80,14 @@ def sent_bytes(session: Path) -> int:
 def test_the_shipped_rig_comes_about_again(seed_7: Path, here: Here) -> None:
     done = here("replay", seed_7)
     assert (done.code, done.err) == (0, "")
-    lines = len(log_events(seed_7 / "session.jsonl")) - 1
+    lines = len(log_events(seed_7 / "session.jsonl.zst")) - 1
     words = (f"{lines} events", f"{sent_bytes(seed_7)} bytes", "as recorded", f"identified: {SEEN}, flat")
     assert missing(done.out, *words) == []
     assert done.out.count("\n") == 1
 
 
 def test_a_program_gets_one_object_and_the_log_itself_may_be_named(seed_7: Path, here: Here) -> None:
-    done = here("replay", seed_7 / "session.jsonl", "--json")
+    done = here("replay", seed_7 / "session.jsonl.zst", "--json")
     assert (done.code, done.err) == (0, "")
     assert violations(done.json, json.loads(schema_text("replay"))) == []
     told = done.json
@@ -152,7 +151,7 @@ def test_the_truth_of_a_part_that_was_pushed_is_read_from_the_log(tmp_path: Path
     done = run("identify", "--rig", rig, "--objects", parts, "--seed", 7, "--json", cwd=tmp_path)
     truth = done.json["truth"]
     session = tmp_path / done.json["session"]
-    (event,) = [item for item in log_events(session / "session.jsonl") if item["event"] == "truth"]
+    (event,) = [item for item in log_events(session / "session.jsonl.zst") if item["event"] == "truth"]
     assert event["part"]["slip_n"] == pytest.approx(0.3 * 0.5 * 9.80665)
     (measured,) = truth["at_measurement"]
     assert measured["x"] == pytest.approx(event["at_measurement"][0]["x_mm"], abs=1e-6)
@@ -242,18 +241,18 @@ def test_a_value_that_is_not_what_it_was_is_named(one_grip: Path, tmp_path: Path
     assert f"\"result\" differs: result.object is '{SEEN}', recorded 'ell'" in done.out
 
 
-@pytest.mark.parametrize("share", [0.001, 0.9999])
+@pytest.mark.parametrize("share", [0.2, 0.9999])
 def test_a_log_cut_off_anywhere_replays_up_to_there(
     one_grip: Path, tmp_path: Path, here: Here, share: float
 ) -> None:
     for path in one_grip.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    raw = (one_grip / "session.jsonl").read_bytes()
+    raw = (one_grip / "session.jsonl.zst").read_bytes()
     kept = raw[: int(share * len(raw))]
-    (tmp_path / "session.jsonl").write_bytes(kept)
+    (tmp_path / "session.jsonl.zst").write_bytes(kept)
     done = here("replay", tmp_path)
     assert (done.code, done.err) == (0, "")
-    last = kept.count(b"\n")
+    last = log_bytes(tmp_path / "session.jsonl.zst").count(b"\n")
     assert done.out.startswith(f"replayed {last - 1} events, ")
     assert "all as recorded; no answer so far" in done.out
     assert f"the log was cut off after line {last}: it has no end\n" in done.out
@@ -264,7 +263,7 @@ def test_what_is_not_a_session_is_one_line(tmp_path: Path, here: Here) -> None:
     assert (done.code, done.out) == (2, "")
     assert "is not a session" in done.err
     assert done.err.count("\n") == 1
-    (tmp_path / "session.jsonl").write_text('{"t_s":0,"event":"session","format":"palpate/session@2"}\n')
+    write_log(tmp_path / "session.jsonl.zst", ['{"t_s":0,"event":"session","format":"palpate/session@2"}\n'])
     done = here("replay", tmp_path)
     assert (done.code, done.err.count("\n")) == (2, 1)
     assert 'line 1: must be the event "session" with format "palpate/session@1"' in done.err

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from command import PALPATE, log_events, run
+from command import PALPATE, log_bytes, log_events, run
 from quick_rig import quick_bench
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
@@ -39,7 +39,7 @@ def served(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def the_session(folder: Path) -> Path:
-    (log,) = folder.glob("palpate-sessions/*/session.jsonl")
+    (log,) = folder.glob("palpate-sessions/*/session.jsonl.zst")
     return log.parent
 
 
@@ -55,7 +55,7 @@ def test_a_run_of_one_grip(tmp_path: Path) -> None:
     assert again.code == 0, again.out + again.err
     told = again.json
     assert told["same"]
-    end = log_events(the_session(tmp_path) / "session.jsonl")[-1]
+    end = log_events(the_session(tmp_path) / "session.jsonl.zst")[-1]
     assert told["end"] == {"how": end["how"], "message": end["message"]}
     if done.code in (0, 1):
         for key in ("verdict", "object", "state"):
@@ -75,8 +75,8 @@ def test_a_run_that_ends_early(tmp_path: Path) -> None:
         try:
             end = time.monotonic() + 60
             while not any(
-                b'"stage":"closing"' in log.read_bytes()
-                for log in tmp_path.glob("palpate-sessions/*/session.jsonl")
+                b'"stage":"closing"' in log_bytes(log)
+                for log in tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
             ):
                 assert time.monotonic() < end
                 time.sleep(0.05)
@@ -89,4 +89,4 @@ def test_a_run_that_ends_early(tmp_path: Path) -> None:
     assert code == 130
     again = run("replay", the_session(tmp_path), "--json", cwd=tmp_path)
     assert again.code == 0, again.out + again.err
-    assert again.json["end"]["how"] == log_events(the_session(tmp_path) / "session.jsonl")[-1]["how"]
+    assert again.json["end"]["how"] == log_events(the_session(tmp_path) / "session.jsonl.zst")[-1]["how"]

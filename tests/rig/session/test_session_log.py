@@ -1,11 +1,15 @@
 """Reading a session log that is damaged: one line that says where and what is allowed, never a traceback."""
 
 import json
+import re
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zstandard
+from command import log_bytes
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from serial import SerialException
@@ -13,6 +17,7 @@ from serial import SerialException
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.recording import Direction, ErrorRaised, PortBytes, PortOpened, SessionEvent
 from palpate.errors import InputError
+from palpate.files.limits import LOG_BYTES
 from palpate.rig.session.error_values import KINDS, error_of, values_of
 from palpate.rig.session.log import SessionLog
 from palpate.rig.session.log_reader import read_session
@@ -20,7 +25,16 @@ from palpate.rig.session.signals import Interrupted
 
 
 def written(folder: Path) -> Path:
-    """A short log with every kind of line in it."""
+    """A short log with every kind of line in it, unpacked."""
+    packed = packed_log(folder)
+    plain = folder / "session.jsonl"
+    plain.write_bytes(log_bytes(packed))
+    packed.unlink()
+    return plain
+
+
+def packed_log(folder: Path) -> Path:
+    """As palpate writes it."""
     clock = VirtualClock()
     with SessionLog(folder, clock, {"palpate": "0", "seed": 7, "strategy": "planned"}) as log:
         log.note("t0~1.z")
@@ -38,7 +52,7 @@ def written(folder: Path) -> Path:
 
 
 def test_a_whole_log_is_read_as_it_was_written(tmp_path: Path) -> None:
-    written(tmp_path)
+    packed_log(tmp_path)
     file = read_session(tmp_path)
     assert (file.header["seed"], file.changed_line) == (7, None)
     assert file.end == {"how": "done", "message": None}
@@ -131,7 +145,7 @@ def read_or_refused(folder: Path) -> None:
     else:
         return
     assert said.isprintable()
-    assert "session.jsonl: " in said
+    assert re.search(r"session\.jsonl(\.zst)?: ", said)
 
 
 JSON = st.recursive(
@@ -154,6 +168,48 @@ def test_any_damage_to_bytes_is_survived(tmp_path: Path, data: st.DataObject) ->
             break
     (tmp_path / "session.jsonl").write_bytes(raw)
     read_or_refused(tmp_path)
+
+
+@FUZZ
+@given(data=st.data())
+def test_any_damage_to_a_packed_log_is_survived(tmp_path: Path, data: st.DataObject) -> None:
+    raw = bytearray(packed_log(tmp_path).read_bytes())
+    at = data.draw(st.integers(0, len(raw) - 1))
+    raw[at : at + data.draw(st.integers(0, 40))] = data.draw(st.binary(max_size=10))
+    (tmp_path / "session.jsonl.zst").write_bytes(raw)
+    read_or_refused(tmp_path)
+
+
+def test_a_packed_log_that_was_cut_off_anywhere_is_read_up_to_there(tmp_path: Path) -> None:
+    path = packed_log(tmp_path)
+    raw, lines = path.read_bytes(), log_bytes(path).splitlines(keepends=True)
+    for end in range(len(raw)):
+        path.write_bytes(raw[:end])
+        left = log_bytes(path)
+        assert b"".join(lines).startswith(left)
+        if not left:
+            with pytest.raises(InputError, match="has no whole line"):
+                read_session(tmp_path)
+            continue
+        assert len(read_session(tmp_path).entries) == left.count(b"\n") - 1
+
+
+def test_what_is_flushed_can_be_read_while_the_log_is_written(tmp_path: Path) -> None:
+    with SessionLog(tmp_path, VirtualClock(), {"seed": 7}) as log:
+        for number in range(5):
+            log.event("stage", grip=number, stage="aiming")
+            end = time.monotonic() + 10
+            while log_bytes(log.path).count(b"\n") < number + 2:
+                assert time.monotonic() < end
+                time.sleep(0.01)
+    assert len(read_session(tmp_path).entries) == 6
+
+
+def test_a_log_that_unpacks_to_too_much_is_refused(tmp_path: Path) -> None:
+    packed = zstandard.ZstdCompressor().compress(bytes(LOG_BYTES + 1))
+    (tmp_path / "session.jsonl.zst").write_bytes(packed)
+    with pytest.raises(InputError, match=r"session.jsonl.zst: holds more than"):
+        read_session(tmp_path)
 
 
 @FUZZ

@@ -1,0 +1,101 @@
+"""The log's file: lines as a Zstandard stream (RFC 8878) that can be read to its last whole block.
+
+A block ends with every flush, so that what a kill leaves can be read: at most the lines since the last flush
+are missing. Logs of older versions, and those that were unpacked by `zstd -d`, are plain text.
+"""
+
+import fcntl
+import io
+from pathlib import Path
+
+import zstandard
+
+from palpate.errors import InputError
+from palpate.files import read_bytes
+from palpate.files.limits import LOG_BYTES
+from palpate.files.opening import size_in_words
+
+__all__ = ["LOG_NAME", "LogFile", "is_written_now", "log_path", "read_log", "session_of"]
+
+LOG_NAME = "session.jsonl.zst"
+_PLAIN_NAME = "session.jsonl"
+_LEVEL = 9
+"""A hundredth of the time in which a run fills the log; higher levels take much more for a few per cent."""
+
+_CHUNK = 1 << 20
+_ADVICE = "record shorter runs"
+
+
+class LogFile:
+    """A log that is written: locked, so that no other process writes it."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin the file anew. Raises OSError, BlockingIOError where another process writes it."""
+        self._file = path.open("ab")
+        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._file.truncate(0)
+        self._stream = zstandard.ZstdCompressor(level=_LEVEL).compressobj()
+
+    def write(self, text: str) -> None:
+        """Write text and hand it to the system."""
+        self._file.write(self._stream.compress(text.encode()))
+        self._file.write(self._stream.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK))
+        self._file.flush()
+
+    def fileno(self) -> int:
+        """The file's descriptor."""
+        return self._file.fileno()
+
+    def close(self) -> None:
+        """End the stream and close the file."""
+        try:
+            self._file.write(self._stream.flush())
+        finally:
+            self._file.close()
+
+
+def session_of(path: Path) -> Path:
+    """The session's folder, which a user may also name by its log."""
+    return path.parent if path.name in (LOG_NAME, _PLAIN_NAME) and path.is_file() else path
+
+
+def log_path(folder: Path) -> Path:
+    """Where the log of a session is, or should be."""
+    plain = folder / _PLAIN_NAME
+    return plain if plain.is_file() and not (folder / LOG_NAME).is_file() else folder / LOG_NAME
+
+
+def read_log(folder: Path) -> bytes:
+    """The lines of a session's log, as far as they can be read after a kill.
+
+    Raises InputError if there is none, if it is too large, or if it was changed.
+    """
+    path = log_path(folder)
+    data = read_bytes(path, LOG_BYTES, _ADVICE)
+    return data if path.name == _PLAIN_NAME else _unpacked(path, data)
+
+
+def _unpacked(path: Path, data: bytes) -> bytes:
+    parts, size = [], 0
+    try:
+        with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)) as stream:
+            while part := stream.read(_CHUNK):
+                parts.append(part)
+                size += len(part)
+                if size > LOG_BYTES:
+                    raise InputError(f"{path}: holds more than {size_in_words(LOG_BYTES)}: {_ADVICE}")
+    except zstandard.ZstdError as error:
+        raise InputError(f"{path}: is no Zstandard stream, or was changed ({error})") from None
+    return b"".join(parts)
+
+
+def is_written_now(path: Path) -> bool:
+    """Whether a process has the log open for writing."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False

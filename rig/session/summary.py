@@ -1,0 +1,109 @@
+"""Summaries of recorded sessions: what a list of them shows, from first and last lines of each log."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from palpate.config.replay_result import EndOut
+from palpate.config.sessions_result import SessionOut, UnreadableOut
+from palpate.errors import InputError
+from palpate.rig.session.log_file import is_written_now, log_path, read_log
+
+__all__ = ["FoundSessions", "find_sessions", "summary_of"]
+
+_LAST_LINES = 4  # truth, result, end, and one that was cut off
+
+
+@dataclass(frozen=True)
+class FoundSessions:
+    """Sessions of a folder, the oldest first, and folders whose logs cannot be read, with the reason."""
+
+    sessions: tuple[SessionOut, ...]
+    unreadable: tuple[UnreadableOut, ...]
+
+
+def find_sessions(root: Path) -> FoundSessions:
+    """Summaries of all sessions in a folder; none if there is no such folder."""
+    found, unreadable = [], []
+    for folder in sorted(root.iterdir()) if root.is_dir() else ():
+        if folder.is_symlink() or not log_path(folder).is_file():
+            continue
+        try:
+            found.append(summary_of(folder))
+        except InputError as error:
+            unreadable.append(UnreadableOut(session=str(folder), why=str(error)))
+    found.sort(key=lambda item: (item.started or "", item.session))
+    return FoundSessions(tuple(found), tuple(unreadable))
+
+
+def summary_of(folder: Path) -> SessionOut:
+    """Summary of one session; InputError if its log cannot be read."""
+    path = log_path(folder)
+    text = read_log(folder)
+    lines = text[: text.rfind(b"\n") + 1]
+    if not lines:
+        raise InputError(f"{path}: has no whole line")
+    header = _event(path, lines[: lines.index(b"\n")])
+    if header.get("event") != "session":
+        raise InputError(f'{path}: line 1: must be the event "session"')
+    last = [_event(path, line) for line in _last_lines(lines)]
+    end = last[-1] if last[-1].get("event") == "end" else None
+    results = (item["result"] for item in last if isinstance(item.get("result"), dict))
+    result: Mapping[str, Any] = next(results, {})
+    return SessionOut(
+        session=str(folder),
+        started=_text(header.get("started")),
+        palpate=_text(header.get("palpate")),
+        rig=_text(header.get("rig")),
+        seed=header.get("seed") if isinstance(header.get("seed"), int) else None,
+        emulated=header.get("emulated") if isinstance(header.get("emulated"), bool) else None,
+        calibration=header.get("calibration") is True,
+        writing=end is None and is_written_now(path),
+        end=end and EndOut(how=str(end.get("how")), message=_text(end.get("message"))),
+        duration=_number(last[-1].get("t_s")),
+        grips=lines.count(b'"event":"touches"'),
+        touches=_touches(lines),
+        verdict=_text(result.get("verdict")),
+        object=_text(result.get("object")),
+        state=_text(result.get("state")),
+        bytes=sum(item.stat().st_size for item in folder.iterdir() if item.is_file()),
+    )
+
+
+def _last_lines(lines: bytes) -> Sequence[bytes]:
+    begin = len(lines)
+    for _ in range(_LAST_LINES):
+        begin = lines.rfind(b"\n", 0, max(begin - 1, 0))
+        if begin < 0:
+            break
+    return lines[begin + 1 :].splitlines()
+
+
+def _event(path: Path, line: bytes) -> dict[str, Any]:
+    try:
+        values = json.loads(line)
+    except (ValueError, RecursionError):
+        values = None
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: holds a line that is no JSON object")
+    return values
+
+
+def _touches(lines: bytes) -> int:
+    """How many contacts there were, over all grips."""
+    count, at = 0, lines.find(b'"event":"touches"')
+    while at >= 0:
+        end = lines.find(b"\n", at)
+        count += lines.count(b'"touched":true', at, end)
+        at = lines.find(b'"event":"touches"', end)
+    return count
+
+
+def _text(value: object) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0

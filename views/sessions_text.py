@@ -1,0 +1,83 @@
+"""Recorded sessions for the terminal: a table of many, or all there is to say of one."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from palpate.config.sessions_result import SessionOut, UnreadableOut
+from palpate.errors import counted
+from palpate.views.tables import folded, table
+
+__all__ = ["info_lines", "show_sessions", "size_words"]
+
+
+def show_sessions(
+    sessions: Sequence[SessionOut], unreadable: Sequence[UnreadableOut], console: Console
+) -> None:
+    """The table of sessions, what they take, and what cannot be read."""
+    rows = table("started (UTC)", "rig", "session", folded("answer"), "size", numbers={"size"})
+    for item in sessions:
+        rows.add_row(
+            (item.started or "?")[:16].replace("T", " "),
+            escape(_rig_words(item)),
+            escape(Path(item.session).name),
+            escape(_answer_words(item)),
+            size_words(item.bytes),
+        )
+    if sessions:
+        console.print(rows)
+    total = size_words(sum(item.bytes for item in sessions))
+    console.print(f"{counted(len(sessions), 'session', 'sessions')}, {total}", highlight=False)
+    for bad in unreadable:
+        console.print(f"! {Path(bad.session).name}: {bad.why}", highlight=False, markup=False)
+
+
+def info_lines(item: SessionOut) -> list[str]:
+    """One session in words."""
+    rows = [
+        ("session", f"{item.session}, {size_words(item.bytes)}"),
+        ("started", f"{item.started or 'not recorded'}, palpate {item.palpate or '?'}"),
+        ("rig", f"{_rig_words(item)}, {_seed_words(item)}{_calibration_words(item)}"),
+        ("ran", f"{item.duration:.1f} s, {counted(item.grips, 'grip', 'grips')}, {_touch_words(item)}"),
+        ("answer", _answer_words(item)),
+        ("ended", _end_words(item)),
+    ]
+    if item.end is not None and item.end.message:
+        rows.append(("", item.end.message))
+    return [f"{name:<8} {words}" for name, words in rows]
+
+
+def size_words(count: int) -> str:
+    """A number of bytes as people say it."""
+    return f"{count / 1e6:.1f} MB" if count >= 100_000 else f"{count / 1e3:.1f} kB"
+
+
+def _touch_words(item: SessionOut) -> str:
+    return counted(item.touches, "contact", "contacts")
+
+
+def _rig_words(item: SessionOut) -> str:
+    kind = {True: " (emulated)", False: "", None: ""}[item.emulated]
+    return f"{item.rig or '?'}{kind}"
+
+
+def _seed_words(item: SessionOut) -> str:
+    return "no seed" if item.seed is None else f"seed {item.seed}"
+
+
+def _calibration_words(item: SessionOut) -> str:
+    return ", calibrated" if item.calibration else ", without a calibration"
+
+
+def _answer_words(item: SessionOut) -> str:
+    if item.verdict is None:
+        return {"done": "none"}.get(_end_words(item), _end_words(item))
+    return f"{item.verdict}: {item.object}, {item.state}" if item.object else item.verdict
+
+
+def _end_words(item: SessionOut) -> str:
+    if item.end is None:
+        return "running" if item.writing else "killed"
+    return item.end.how
