@@ -27,6 +27,7 @@ from palpate.cli.diagnostics.find_port import find_port
 from palpate.cli.diagnostics.scan import scan
 from palpate.cli.diagnostics.stop import stop
 from palpate.cli.emulate import emulate
+from palpate.cli.export import export
 from palpate.cli.identify import identify
 from palpate.cli.monitor.watch import watch
 from palpate.cli.objects_check import check_objects
@@ -105,6 +106,7 @@ _SETTING_UP = "Setting up a rig"
 app.command()(identify)
 app.command()(replay)
 app.command()(info)
+app.command()(export)
 app.command()(recognize)
 app.command()(plan)
 app.command()(emulate)

@@ -15,6 +15,7 @@ from palpate.config.calibrate_result import CalibrateOut
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
+from palpate.config.export_result import ExportOut
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.import_result import ImportOut
@@ -40,6 +41,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "calibration": CalibrationFile,
     "check": CheckOut,
     "contacts": ContactsFile,
+    "export": ExportOut,
     "grip": GripOut,
     "identification": IdentificationOut,
     "import": ImportOut,

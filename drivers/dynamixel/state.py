@@ -20,14 +20,14 @@ from palpate.drivers.dynamixel.errors import (
     Restarted,
     StatusError,
 )
-from palpate.drivers.dynamixel.models import Indirect
+from palpate.drivers.dynamixel.models import Indirect, Model
 from palpate.drivers.dynamixel.packet import StatusPacket
 from palpate.drivers.dynamixel.pending import Block
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.timing import fast_read_time_s, group_read_time_s
 from palpate.errors import DeviceError, InputError
 
-__all__ = ["ServoState", "StateReader"]
+__all__ = ["STATE_BYTES", "ServoState", "StateReader", "state_in"]
 
 _SHOWN = (
     "Present Current",
@@ -40,6 +40,8 @@ _SHOWN = (
 )
 _FINE = HardwareError(0)
 _LAYOUT = struct.Struct("<hiiBBbB")
+STATE_BYTES = _LAYOUT.size
+"""Bytes of a state block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,19 +114,25 @@ class StateReader:
             return answer
         if answer.error_number:
             return StatusError(servo.dxl_id, self.bus.port_name, answer.error_number, "to read its state")
-        current, velocity, position, error, torque, watchdog, level = _LAYOUT.unpack(answer.params)
-        if level != ct.ANSWERS_ALL:
-            return Restarted(servo.dxl_id, self.bus.port_name)
-        model = servo.model
-        unit = math.nan if model.torque is None else model.torque.current_unit_a
-        return ServoState(
-            (position - model.zero_tick) * model.rad_per_tick,
-            velocity * model.velocity_unit_rad_s,
-            current * unit,
-            bool(torque),
-            watchdog < 0,
-            HardwareError(error) if error else _FINE,
-        )
+        return state_in(servo.model, answer.params) or Restarted(servo.dxl_id, self.bus.port_name)
+
+
+def state_in(model: Model, block: bytes) -> ServoState | None:
+    """The state in a block of `STATE_BYTES` bytes; None if the servo has restarted, or for another size."""
+    if len(block) != STATE_BYTES:
+        return None
+    current, velocity, position, error, torque, watchdog, level = _LAYOUT.unpack(block)
+    if level != ct.ANSWERS_ALL:
+        return None
+    unit = math.nan if model.torque is None else model.torque.current_unit_a
+    return ServoState(
+        (position - model.zero_tick) * model.rad_per_tick,
+        velocity * model.velocity_unit_rad_s,
+        current * unit,
+        bool(torque),
+        watchdog < 0,
+        HardwareError(error) if error else _FINE,
+    )
 
 
 def _shown(servo: Servo) -> tuple[Item, int]:

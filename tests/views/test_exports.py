@@ -1,0 +1,208 @@
+"""Exports of a session, read back by others: `mcap` with protobuf, `rosbags`, and the csv module."""
+
+import csv
+import json
+import re
+from collections import Counter
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from command import Ended, log_events, run_here
+from firm_rig import firm_rig
+from json_schema import violations
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+
+from palpate.config import load_rig
+from palpate.config.schema import schema_text
+from palpate.rig.session.log_reader import read_session
+from palpate.rig.session.samples import FrameSample, ServoSample, TipSample, open_samples
+
+Here = Callable[..., Ended]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two grips on emulated devices."""
+    folder = tmp_path_factory.mktemp("run")
+    text, number = re.subn(r"max_grips = \d+", "max_grips = 2", firm_rig().read_text(encoding="utf-8"))
+    assert number == 1
+    (folder / "brief.toml").write_text(text)
+    with pytest.MonkeyPatch.context() as patch, pytest.MonkeyPatch.context():
+        patch.chdir(folder)
+        import palpate
+
+        with palpate.open_rig("brief.toml", seed=7) as rig:
+            rig.identify(sessions=folder / "sessions")
+    (found,) = (folder / "sessions").iterdir()
+    return found
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    monkeypatch.chdir(tmp_path)
+    return lambda *args: run_here(list(args), monkeypatch, capsys)
+
+
+@pytest.fixture(scope="module")
+def events(session: Path) -> list[dict[str, Any]]:
+    """Everything in the log but bytes."""
+    return [item for item in log_events(session / "session.jsonl.zst") if item["event"] not in _NO_EVENTS]
+
+
+_NO_EVENTS = ("bytes", "opened", "raised")
+
+
+@pytest.fixture(scope="module")
+def frames(session: Path) -> Counter[str]:
+    """Frames of each array in the log, counted by what ends each message on the wire."""
+    received: dict[str, int] = {}
+    file = read_session(session)
+    for entry in file.entries:
+        data, port = getattr(entry.what, "data", b""), getattr(entry.what, "port", "")
+        if data and entry.what.direction.value == "received" and port != "mock://bus":
+            received[port] = received.get(port, 0) + data.count(b"\0")
+    return Counter({port.removeprefix("mock://"): count for port, count in received.items()})
+
+
+def test_servos_are_where_the_touches_say(session: Path, events: list[dict[str, Any]]) -> None:
+    samples = list(open_samples(read_session(session), session))
+    assert all(one.t_s <= other.t_s for one, other in pairwise(samples))
+    servos = [item for item in samples if isinstance(item, ServoSample)]
+    tips = [item for item in samples if isinstance(item, TipSample)]
+    fingers = load_rig(session / "rig.toml").fingers
+    for event in events:
+        for touch in event.get("touches", ()):
+            finger = fingers[touch["finger_index"]]
+            joints = [f"{finger.name}_{joint}" for joint in finger.servos]
+            for joint, angle in zip(joints, touch["servos"], strict=True):
+                known = [item.position_rad for item in servos if item.joint == joint]
+                assert min(abs(np.array(known) - angle)) < 1e-9
+            end = np.array(touch["contact"]["end_mm"])
+            reached = [(item.x_mm, item.y_mm) for item in tips if item.finger == finger.name]
+            assert np.hypot(*(np.array(reached) - end).T).min() < 1.0
+
+
+def test_every_frame_is_a_sample(session: Path, frames: Counter[str]) -> None:
+    samples = open_samples(read_session(session), session)
+    found = Counter(item.finger for item in samples if isinstance(item, FrameSample))
+    assert found.keys() == frames.keys()
+    for name, count in found.items():
+        assert frames[name] - 40 <= count <= frames[name], "but for answers, and what came before START"
+
+
+def test_an_mcap_file_holds_what_the_log_holds(
+    session: Path, tmp_path: Path, here: Here, events: list[dict[str, Any]]
+) -> None:
+    ended = here("export", session, "--mcap", "run.mcap", "--json")
+    assert (ended.code, ended.err.strip()) == (0, "")
+    assert violations(ended.json["format"], {"const": "palpate/export@1"}) == []
+    (said,) = ended.json["written"]
+    topics: Counter[str] = Counter()
+    times: dict[str, list[int]] = {}
+    kinds: Counter[str] = Counter()
+    scenes = []
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        for schema, channel, message in make_reader(file).iter_messages():
+            topics[channel.topic] += 1
+            times.setdefault(channel.topic, []).append(message.log_time)
+            if channel.message_encoding == "json":
+                kinds[json.loads(message.data).get("event")] += 1
+            else:
+                assert schema is not None
+                assert schema.name == "foxglove.SceneUpdate"
+        for _, _, _, decoded in reader.iter_decoded_messages(topics=["/scene"]):
+            scenes.append(decoded)
+    assert topics == said["messages"]
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == sum(topics.values())
+    assert {topic.split("/")[1] for topic in topics} == {
+        *("scene", "arrays", "tips", "servos", "contacts", "verdicts", "events")
+    }
+    logged = Counter(event["event"] for event in events)
+    assert {kind: kinds[kind] for kind in logged} == logged
+    for instants in times.values():
+        assert instants == sorted(instants)
+    assert all(abs(lists[0] - lists[-1]) < 300e9 for lists in times.values())
+    last = scenes[-1]
+    names = {entity.id for entity in last.entities}
+    assert {"workspace", "truth-0-0", "hypothesis-0-0", "tip-f1", "tip-f2", "tip-f3"} <= names
+    (truth,) = [entity for entity in last.entities if entity.id == "truth-0-0"]
+    (found,) = [entity for entity in last.entities if entity.id == "hypothesis-0-0"]
+    middles = [np.mean([(p.x, p.y) for p in item.lines[0].points], axis=0) for item in (truth, found)]
+    assert np.hypot(*(middles[0] - middles[1])) < 1e-3, "in m"
+
+
+def test_a_bag_is_read_back_by_rosbags(
+    session: Path, tmp_path: Path, here: Here, events: list[dict[str, Any]]
+) -> None:
+    ended = here("export", session, "--rosbag", "bag", "--json")
+    assert ended.code == 0
+    (said,) = ended.json["written"]
+    counts: Counter[str] = Counter()
+    kinds: Counter[str] = Counter()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        for connection, _, raw in reader.messages():
+            counts[connection.topic] += 1
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            if connection.topic == "/events":
+                kinds[json.loads(message.data)["event"]] += 1
+            elif connection.topic.startswith("/arrays/"):
+                sizes = [item.size for item in message.layout.dim]
+                assert np.prod(sizes) == len(message.data)
+            elif connection.topic == "/answer":
+                turn = message.pose.orientation
+                assert turn.z**2 + turn.w**2 == pytest.approx(1.0)
+        assert {connection.msgtype.split("/")[0] for connection in reader.connections} == {
+            *("sensor_msgs", "geometry_msgs", "std_msgs", "visualization_msgs")
+        }
+    assert counts == said["messages"]
+    assert counts["/answer"] == sum(bool(event.get("hypotheses")) for event in events)
+    logged = Counter(event["event"] for event in events)
+    assert {kind: kinds[kind] for kind in logged} == logged
+
+
+def test_csv_files_have_their_units_in_their_headers_and_a_line_for_each_sample(
+    session: Path, tmp_path: Path, here: Here, events: list[dict[str, Any]]
+) -> None:
+    ended = here("export", session, "--csv", "tables")
+    assert ended.code == 0
+    tables = {}
+    for path in (tmp_path / "tables").iterdir():
+        with path.open(newline="") as file:
+            tables[path.stem] = list(csv.DictReader(file))
+    assert {"servos", "tips", "array-f1", "contacts", "hypotheses", "events"} <= tables.keys()
+    assert len(tables["events"]) == len(events)
+    touched = [touch for event in events for touch in event.get("touches", ())]
+    assert [row["finger"] for row in tables["contacts"]] == [item["contact"]["name"] for item in touched]
+    ends = [item["contact"]["end_mm"] for item in touched]
+    assert [[float(row["x_mm"]), float(row["y_mm"])] for row in tables["contacts"]] == ends
+    assert sum(name.startswith("taxel_") for name in tables["array-f1"][0]) == 160
+    assert f"tables: {sum(map(len, tables.values()))} messages on {len(tables)} topics" in ended.out
+
+
+def test_nothing_is_overwritten_and_something_must_be_asked_for(
+    session: Path, tmp_path: Path, here: Here
+) -> None:
+    (tmp_path / "there.mcap").write_text("of somebody")
+    for option in ("--mcap", "--rosbag"):
+        ended = here("export", session, option, "there.mcap")
+        assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
+        assert "there.mcap is there already" in ended.err
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "note.txt").write_text("")
+    assert "full is there already" in here("export", session, "--csv", "full").err
+    assert "--mcap FILE, --csv FOLDER or --rosbag FOLDER" in here("export", session).err
+    assert (tmp_path / "there.mcap").read_text() == "of somebody"
+
+
+def test_the_schema_of_the_result_is_published() -> None:
+    assert json.loads(schema_text("export"))["properties"]["format"]["const"] == "palpate/export@1"

@@ -1,0 +1,148 @@
+"""Scene of a run at an instant: workspace, tips, contacts and hypotheses as plain shapes in W."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.config import RigFile
+from palpate.geometry import Floats, ObjectModel
+from palpate.rig.session.samples import EventSample, Sample, TipSample
+
+__all__ = ["Outline", "Scene", "Tip", "scene_changes"]
+
+_CIRCLE = 96
+_SHOWN = 12  # hypotheses, the heaviest
+_NORMAL_MM = 12.0
+_PERIOD_S = 0.05
+"""Tips are drawn so often: 20 times a second is what eyes see."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A closed or open line (n, 2) mm at a height; `kind`: "workspace", "hypothesis", "truth" or "normal"."""
+
+    name: str
+    kind: str
+    points_mm: Floats
+    height_mm: float
+    is_closed: bool = True
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Tip:
+    """A finger's tip."""
+
+    finger: str
+    at_mm: tuple[float, float]
+    radius_mm: float
+    height_mm: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything that is there from `t_s` on, until the next one."""
+
+    t_s: float
+    outlines: tuple[Outline, ...]
+    tips: tuple[Tip, ...]
+
+
+def scene_changes(
+    samples: Sequence[Sample] | Iterator[Sample], rig: RigFile, objects: Sequence[ObjectModel]
+) -> Iterator[Scene]:
+    """Scenes of a run, one for each event that changes it and for each 50 ms of motion."""
+    drawn = _Drawn(rig, objects)
+    next_s = 0.0
+    for sample in samples:
+        if isinstance(sample, TipSample):
+            drawn.move(sample)
+            if sample.t_s < next_s:
+                continue
+        elif not (isinstance(sample, EventSample) and drawn.take(sample)):
+            continue
+        next_s = sample.t_s + _PERIOD_S
+        yield drawn.scene(sample.t_s)
+
+
+class _Drawn:
+    def __init__(self, rig: RigFile, objects: Sequence[ObjectModel]) -> None:
+        self._fingers = {finger.name: finger for finger in rig.fingers}
+        self._models = {model.name: model for model in objects}
+        radius = rig.workspace.radius_mm
+        self._table = Outline("workspace", "workspace", _circle((0.0, 0.0), radius), 0.0)
+        self._tips: dict[str, tuple[float, float]] = {}
+        self._hypotheses: tuple[Outline, ...] = ()
+        self._contacts: tuple[Outline, ...] = ()
+        self._truth: tuple[Outline, ...] = ()
+
+    def move(self, sample: TipSample) -> None:
+        self._tips[sample.finger] = (sample.x_mm, sample.y_mm)
+
+    def take(self, sample: EventSample) -> bool:
+        """Whether an event changes what is drawn."""
+        values = sample.values
+        if sample.kind == "session":
+            return True
+        if sample.kind == "moved":
+            self._contacts = ()
+        elif sample.kind == "touches":
+            new = (_contact(values["grip"], touch) for touch in values["touches"])
+            self._contacts += tuple(item for item in new if item is not None)
+        elif sample.kind == "recognised":
+            heaviest = sorted(values["hypotheses"], key=lambda item: -(item["weight"] or 0.0))[:_SHOWN]
+            self._hypotheses = tuple(
+                ring for number, item in enumerate(heaviest) for ring in self._rings(item, number)
+            )
+        elif sample.kind == "truth":
+            self._truth = tuple(self._rings(values, None))
+        else:
+            return False
+        return True
+
+    def scene(self, t_s: float) -> Scene:
+        tips = []
+        for name, at in self._tips.items():
+            finger = self._fingers[name]
+            tips.append(Tip(name, at, finger.tip.radius_mm, finger.height_mm))
+        return Scene(t_s, (self._table, *self._truth, *self._hypotheses, *self._contacts), tuple(tips))
+
+    def _rings(self, item: Mapping[str, Any], number: int | None) -> Iterator[Outline]:
+        """Outlines of an object's lowest section that fingers meet, where it lies."""
+        model = self._models.get(item["object"])
+        states = [] if model is None else [state for state in model.states if state.name == item["state"]]
+        if not states:
+            return
+        height = max(finger.height_mm for finger in self._fingers.values())
+        sections = states[0].sections_at(height) or states[0].sections[:1]
+        at = item["configuration"]
+        c, s = math.cos(at["theta_rad"]), math.sin(at["theta_rad"])
+        kind = "truth" if number is None else "hypothesis"
+        rings = [ring for section in sections for ring in section.rings]
+        for k, ring in enumerate(rings):
+            points = ring @ np.array([[c, s], [-s, c]]) + (at["x_mm"], at["y_mm"])
+            name = f"{kind}-{number or 0}-{k}"
+            yield Outline(name, kind, points, height, weight=float(item.get("weight") or 1.0))
+
+
+def _contact(grip: int, touch: Mapping[str, Any]) -> Outline | None:
+    """The middle of a contact's normal range, from the tip's centre inward to the touched place."""
+    contact = touch["contact"]
+    normal = contact.get("normal")
+    if not contact["touched"] or normal is None:
+        return None
+    angle = (normal["lo_rad"] + normal["hi_rad"]) / 2
+    end = np.array(contact["end_mm"], dtype=float)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    points = np.array([end - contact["finger"]["tip_radius_mm"] * along, end + _NORMAL_MM * along])
+    name = f"contact-{grip}-{contact['name']}"
+    return Outline(name, "normal", points, contact["finger"]["height_mm"], is_closed=False)
+
+
+def _circle(centre: tuple[float, float], radius: float) -> Floats:
+    angle = np.linspace(0, 2 * np.pi, _CIRCLE, endpoint=False)
+    points: Floats = radius * np.column_stack([np.cos(angle), np.sin(angle)]) + centre
+    return points
