@@ -37,6 +37,7 @@ from palpate.cli.objects_show import show_objects
 from palpate.cli.plan import plan
 from palpate.cli.recognize import recognize
 from palpate.cli.replay import replay
+from palpate.cli.report import report
 from palpate.cli.sessions import info, list_sessions, prune
 from palpate.cli.terminal import print_notices
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
@@ -106,6 +107,7 @@ _SETTING_UP = "Setting up a rig"
 app.command()(identify)
 app.command()(replay)
 app.command()(info)
+app.command()(report)
 app.command()(export)
 app.command()(recognize)
 app.command()(plan)

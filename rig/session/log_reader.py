@@ -10,7 +10,7 @@ import io
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -55,6 +55,12 @@ class SessionFile(ShortRepr):
     entries: tuple[Entry, ...]
     end: Mapping[str, Any] | None
     changed_line: int | None
+
+    def events(self) -> Iterator[tuple[float, str, Mapping[str, Any]]]:
+        """Time, kind and values of all events but bytes, opened ports and errors, in order."""
+        for entry in self.entries:
+            if isinstance(entry.what, SessionEvent):
+                yield entry.t_s, entry.what.kind, entry.what.values
 
     def told(self, kind: str) -> list[Mapping[str, Any]]:
         """Values of all events of a kind, in order."""

@@ -16,7 +16,7 @@ from palpate.drivers.finger import FingerKinematics, Turn
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.playback import Piece, PlaybackPort
-from palpate.drivers.transport.recording import Direction, PortBytes, SessionEvent
+from palpate.drivers.transport.recording import Direction, PortBytes
 from palpate.errors import DeviceError
 from palpate.geometry import ObjectModel
 from palpate.rig.arrays import array_of
@@ -103,9 +103,8 @@ class SessionSamples:
 
     def _events(self) -> Iterator[EventSample]:
         yield EventSample(0.0, "session", self.file.header)
-        for entry in self.file.entries:
-            if isinstance(entry.what, SessionEvent):
-                yield EventSample(entry.t_s, entry.what.kind, entry.what.values)
+        for t_s, kind, values in self.file.events():
+            yield EventSample(t_s, kind, values)
 
     def _servos(self) -> Iterator[ServoSample | TipSample]:
         joints = _joints(self.rig)

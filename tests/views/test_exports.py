@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 from collections import Counter
 from collections.abc import Callable
 from itertools import pairwise
@@ -12,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 from command import Ended, log_events, run_here
-from firm_rig import firm_rig
 from json_schema import violations
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+from recorded_run import two_grips
 from rosbags.highlevel import AnyReader
 
 from palpate.config import load_rig
@@ -26,27 +25,15 @@ from palpate.rig.session.samples import FrameSample, ServoSample, TipSample, ope
 Here = Callable[..., Ended]
 
 
-@pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two grips on emulated devices."""
-    folder = tmp_path_factory.mktemp("run")
-    text, number = re.subn(r"max_grips = \d+", "max_grips = 2", firm_rig().read_text(encoding="utf-8"))
-    assert number == 1
-    (folder / "brief.toml").write_text(text)
-    with pytest.MonkeyPatch.context() as patch, pytest.MonkeyPatch.context():
-        patch.chdir(folder)
-        import palpate
-
-        with palpate.open_rig("brief.toml", seed=7) as rig:
-            rig.identify(sessions=folder / "sessions")
-    (found,) = (folder / "sessions").iterdir()
-    return found
-
-
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
     monkeypatch.chdir(tmp_path)
     return lambda *args: run_here(list(args), monkeypatch, capsys)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return two_grips(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,35 @@
+"""`palpate report`: a recorded run as one HTML page."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["report"]
+
+
+def report(
+    session: Annotated[Path, typer.Argument(help="A session's folder, or its log.", show_default=False)],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Default: report.html in the session's folder."),
+    ] = None,
+) -> int:
+    """Write a recorded run as one HTML page, to be read, sent and printed; it needs nothing else.
+
+    Verdict and bounds, each grip's picture, why each rival fell, timing, devices, calibration, settings.
+    """
+    from palpate.files.writing import check_place, write_text
+    from palpate.rig.session.log_file import session_of
+    from palpate.rig.session.log_reader import read_session
+    from palpate.rig.session.samples import open_samples
+    from palpate.rig.session.summary import summary_of
+    from palpate.views.report.run import run_report
+
+    folder = session_of(session)
+    place = out or folder / "report.html"
+    check_place(place)
+    samples = open_samples(read_session(folder), folder)
+    write_text(place, run_report(samples, summary_of(folder), folder))
+    typer.echo(str(place))
+    return 0

@@ -1,0 +1,152 @@
+"""The report of a run: one well-formed page that needs nothing else and says what the log says."""
+
+import re
+import shutil
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from command import Ended, log_events, log_lines, run_here, write_log
+from recorded_run import two_grips
+
+Here = Callable[..., Ended]
+_VOID = {"meta", "link", "br", "img"}
+
+
+class Page(HTMLParser):
+    """Headings, words and tables of a page; fails where tags do not close in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.headings: list[str] = []
+        self.words: list[str] = []
+        self.addresses: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert tag not in ("script", "iframe", "object", "embed", "link", "base", "form")
+        self.addresses += [value or "" for name, value in attrs if name in ("src", "href", "xlink:href")]
+        assert not any(name.startswith("on") for name, _ in attrs)
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in _VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in ("h1", "h2"):
+            self.headings.append(data)
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return two_grips(tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Here:
+    monkeypatch.chdir(tmp_path)
+    return lambda *args: run_here(list(args), monkeypatch, capsys)
+
+
+def report_of(here: Here, session: Path) -> tuple[str, Page]:
+    ended = here("report", session, "--out", "report.html")
+    assert (ended.code, ended.err, ended.out) == (0, "", "report.html\n")
+    text = Path("report.html").read_text(encoding="utf-8")
+    return text, Page(text)
+
+
+def test_the_page_says_what_the_log_says(session: Path, here: Here) -> None:
+    text, page = report_of(here, session)
+    events = log_events(session / "session.jsonl.zst")
+    (result,) = [event["result"] for event in events if event["event"] == "result"]
+    assert page.headings[0].startswith(f"{result['verdict'].capitalize()}: {result['object']}")
+    grips = [event["grip"] for event in events if event["event"] == "touches"]
+    assert [name for name in page.headings if name.startswith("Grip")] == [f"Grip {n}" for n in grips]
+    words = "\n".join(page.words)
+    for name, value in result["configuration"].items():
+        assert name == "theta" or f"{value:.3f} mm" in words
+    for event in events:
+        for touch in event.get("touches", ()):
+            assert f"{touch['contact']['end_mm'][0]:.2f}" in words
+    models = {event["object"] for event in events if event["event"] == "truth"}
+    assert models <= set(re.split(r"[, ;:\n]", words))
+    assert len(re.findall("<svg ", text)) == 1 + len(grips)
+
+
+def test_every_object_of_the_catalogue_is_left_or_has_a_row(session: Path, here: Here) -> None:
+    _, page = report_of(here, session)
+    events = log_events(session / "session.jsonl.zst")
+    last = [event for event in events if event["event"] == "recognised"][-1]
+    left = {f"{item['object']}, {item['state']}" for item in last["hypotheses"]}
+    import palpate
+
+    states = {
+        f"{model.name}, {state.name}"
+        for model in palpate.load_objects(session / "objects.json").objects
+        for state in model.states
+    }
+    begin = page.words.index("Why each rival fell")
+    rows = set(page.words[begin : page.words.index("Timing")])
+    assert states - left <= rows
+    assert not left & rows
+
+
+def test_nothing_is_asked_of_elsewhere(session: Path, here: Here) -> None:
+    text, page = report_of(here, session)
+    assert "default-src 'none'" in text
+    assert page.addresses == []
+    assert "url(" not in text.replace("url(#", "")
+    assert "@import" not in text
+    for svg in re.findall(r"<svg .*?</svg>", text, re.DOTALL):
+        ET.fromstring(svg)
+
+
+def test_ids_of_pictures_differ(session: Path, here: Here) -> None:
+    text, _ = report_of(here, session)
+    ids = re.findall(r' id="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+
+
+def test_a_run_that_was_killed_is_reported_as_far_as_it_went(
+    session: Path, tmp_path: Path, here: Here
+) -> None:
+    folder = tmp_path / "cut"
+    shutil.copytree(session, folder)
+    (folder / "picture.svg").unlink()
+    lines = log_lines(session / "session.jsonl.zst")
+    (end,) = [k for k, line in enumerate(lines) if '"event":"touches","grip":2' in line]
+    write_log(folder / "session.jsonl.zst", lines[:end])
+    _, page = report_of(here, folder)
+    assert page.headings[0].startswith("No answer")
+    assert "ended    killed" in "\n".join(page.words)
+    assert "Grip 2" in page.headings
+
+
+def test_names_are_text(session: Path, tmp_path: Path, here: Here) -> None:
+    """An object may be called anything printable."""
+    folder = tmp_path / "odd"
+    shutil.copytree(session, folder)
+    (folder / "picture.svg").unlink()
+    odd = "<script>alert(1)</script>&amp;"
+    objects = (folder / "objects.json").read_text()
+    name = next(event for event in log_events(folder / "session.jsonl.zst") if event["event"] == "truth")
+    old = f'"{name["object"]}"'
+    assert old in objects
+    (folder / "objects.json").write_text(objects.replace(old, f'"{odd}"'))
+    lines = log_lines(session / "session.jsonl.zst")
+    write_log(folder / "session.jsonl.zst", [line.replace(old, f'"{odd}"') for line in lines])
+    text, page = report_of(here, folder)
+    assert "<script" not in text
+    assert any(odd in word for word in page.words)

@@ -1,0 +1,165 @@
+"""Grips of a run in a report: a picture of what was known after each, what was touched, and what fell."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from palpate.config import RigFile
+from palpate.errors import counted
+from palpate.geometry import Floats, ObjectModel
+from palpate.geometry.plane import rotation_matrix
+from palpate.rig.session.run_record import GripRecord
+from palpate.views.report.page import columns, paragraph, picture, section, table
+from palpate.views.table_picture.picture import draw
+from palpate.views.table_picture.values import BoundedPose, FingerBase, OtherHypothesis, Picture, TouchMark
+
+__all__ = ["grip_sections", "name_of"]
+
+_DRAWN = 8  # hypotheses in a picture
+_LISTED = 20
+
+
+def grip_sections(
+    grips: Sequence[GripRecord], rig: RigFile, objects: Sequence[ObjectModel], truth: Mapping[str, Any] | None
+) -> list[str]:
+    """A section for each grip."""
+    models = {model.name: model for model in objects}
+    found, before = [], None
+    for at, grip in enumerate(grips):
+        marks = tuple(_mark(item.number, touch) for item in grips[: at + 1] for touch in item.touches)
+        parts = [picture(_picture(grip, marks, rig, models, truth))] if grip.touches else []
+        parts.append(columns(_touches(grip), _hypotheses(grip)))
+        parts.append(paragraph(_words(grip, before)))
+        found.append(section(f"Grip {grip.number}", *parts, kind="grip"))
+        before = grip if grip.verdict is not None else before
+    return found
+
+
+def name_of(item: Mapping[str, Any]) -> str:
+    """Object and state of a hypothesis."""
+    return f"{item['object']}, {item['state']}"
+
+
+def _words(grip: GripRecord, before: GripRecord | None) -> str:
+    """Why the grip was made, and what it changed."""
+    words = [_kind(grip, before)]
+    if grip.is_moved:
+        words.append("It contradicts earlier grips: the part was moved, and they no longer count.")
+    if grip.verdict is None:
+        return " ".join([*words, "The run ended before its contacts were interpreted."])
+    left = {name_of(item) for item in grip.hypotheses}
+    if before is not None:
+        fell = sorted({name_of(item) for item in before.hypotheses} - left)
+        words.append(f"Ruled out: {'; '.join(fell)}." if fell else "It ruled out none of the states left.")
+    words.append(f"Left: {counted(len(grip.hypotheses), 'hypothesis', 'hypotheses')}.")
+    return " ".join(words)
+
+
+def _kind(grip: GripRecord, before: GripRecord | None) -> str:
+    if grip.planned is None:
+        return "An exploring grip: too little was known for a plan."
+    if before is not None and len(before.hypotheses) == 1:
+        return "A confirming grip: does the only hypothesis predict it?"
+    if grip.planned["decisive"]:
+        return "A planned grip, decisive: whatever it finds, hypotheses fall."
+    return "A planned grip: what it is expected to find rules out most."
+
+
+def _touches(grip: GripRecord) -> str:
+    rows = []
+    for touch in grip.touches:
+        contact, patch = touch["contact"], touch.get("patch") or {}
+        x, y = contact["end_mm"]
+        force = patch.get("force_n")
+        rows.append(
+            (
+                contact["name"],
+                "touched" if contact["touched"] else "missed",
+                f"{x:.2f}",
+                f"{y:.2f}",
+                f"± {contact['position_bound_mm']:.2f}",
+                _normal(contact.get("normal")),
+                "" if force is None else f"{force:.2f}",
+            )
+        )
+    names = ("finger", "", "x, mm", "y, mm", "bound, mm", "normal, °", "force, N")
+    return table(names, rows, names[2:])
+
+
+def _normal(normal: Mapping[str, float] | None) -> str:
+    if normal is None:
+        return ""
+    lo, hi = math.degrees(normal["lo_rad"]), math.degrees(normal["hi_rad"])
+    return f"{(lo + hi) / 2 % 360:.0f} ± {(hi - lo) / 2:.0f}"
+
+
+def _hypotheses(grip: GripRecord) -> str:
+    heaviest = sorted(grip.hypotheses, key=lambda item: -(item["weight"] or 0.0))
+    rows = []
+    for item in heaviest[:_LISTED]:
+        at = item["configuration"]
+        theta = "any" if item["symmetry_order"] == 0 else f"{math.degrees(at['theta_rad']):.1f}"
+        weight = 100 * (item["weight"] or 0.0)
+        rows.append((name_of(item), f"{weight:.1f}", f"{at['x_mm']:.2f}", f"{at['y_mm']:.2f}", theta))
+    if len(heaviest) > _LISTED:
+        rows.append((f"and {len(heaviest) - _LISTED} more", "", "", "", ""))
+    return table(("hypothesis", "%", "x, mm", "y, mm", "θ, °"), rows, ("%", "x, mm", "y, mm", "θ, °"))
+
+
+def _picture(
+    grip: GripRecord,
+    marks: tuple[TouchMark, ...],
+    rig: RigFile,
+    models: Mapping[str, ObjectModel],
+    truth: Mapping[str, Any] | None,
+) -> str:
+    heaviest = sorted(grip.hypotheses, key=lambda item: -(item["weight"] or 0.0))
+    first = heaviest[0] if heaviest else None
+    others = [
+        OtherHypothesis(item["object"], f"still possible, {100 * (item['weight'] or 0):.0f} %", rings)
+        for item in heaviest[1:_DRAWN]
+        if (rings := _rings(item, models))
+    ]
+    return draw(
+        Picture(
+            title=f"After grip {grip.number}: {'nothing agrees' if first is None else name_of(first)}",
+            found=() if first is None else _rings(first, models),
+            pose=None if first is None else _pose(first),
+            truth=() if truth is None else _rings(truth, models),
+            others=tuple(others),
+            touches=marks,
+            bases=tuple(FingerBase(item.name, item.base_mm) for item in rig.fingers),
+            workspace_radius_mm=rig.workspace.radius_mm,
+        )
+    )
+
+
+def _mark(number: int, touch: Mapping[str, Any]) -> TouchMark:
+    contact, normal = touch["contact"], touch["contact"].get("normal")
+    return TouchMark(
+        contact["name"],
+        number,
+        tuple(contact["start_mm"]),
+        tuple(contact["end_mm"]),
+        contact["finger"]["tip_radius_mm"],
+        contact["touched"],
+        None if normal is None else (normal["lo_rad"], normal["hi_rad"]),
+    )
+
+
+def _pose(item: Mapping[str, Any]) -> BoundedPose:
+    at, bounds = item["configuration"], item["bounds"]
+    x, y, theta = ((at[name], *bounds[name]) for name in ("x_mm", "y_mm", "theta_rad"))
+    return BoundedPose(x, y, theta)
+
+
+def _rings(item: Mapping[str, Any], models: Mapping[str, ObjectModel]) -> tuple[Floats, ...]:
+    """Outlines of the lowest section in W; none of an object that the session does not hold."""
+    model = models.get(item["object"])
+    states = [] if model is None else [state for state in model.states if state.name == item["state"]]
+    if not states:
+        return ()
+    section = min(states[0].sections, key=lambda part: part.z_mm[0])
+    at = item["configuration"]
+    turn = rotation_matrix(at["theta_rad"]).T
+    return tuple(ring @ turn + [at["x_mm"], at["y_mm"]] for ring in section.rings)
