@@ -74,6 +74,7 @@ def identify_on(
     strategy: Strategy,
     sessions: Path | None,
     on_event: Observer | None,
+    on_session: Callable[[Path], None],
     notice: Callable[[str], None],
     warn: Callable[[str], None],
 ) -> Answer:
@@ -110,7 +111,7 @@ def identify_on(
         finished = run_identification(job, environment(bench), None, observers, notice, placement_now)
         out = finished.out(wall_seconds=time.perf_counter() - begin, session=None)
         return Answer(out, finished, objects, finished.late_failure)
-    return _logged(inputs, job, bench, sessions, observers, notice, placement_now, begin)
+    return _logged(inputs, job, bench, sessions, observers, on_session, notice, placement_now, begin)
 
 
 def _logged(
@@ -119,6 +120,7 @@ def _logged(
     bench: BenchRig,
     sessions: Path,
     observers: Sequence[Observer],
+    on_session: Callable[[Path], None],
     notice: Callable[[str], None],
     placement_now: Callable[[], Placement | None],
     begin: float,
@@ -131,6 +133,7 @@ def _logged(
     try:
         with SessionLog(folder, bench.clock, _header(inputs, job, latency_s)) as log:
             keep_inputs(folder, inputs.on_bench, inputs.objects, inputs.scene)
+            on_session(folder)
             with HeldInterrupts() as held:
                 finished = run_identification(
                     job,

@@ -110,6 +110,7 @@ class Rig:
         strategy: Strategy | str = Strategy.PLANNED,
         sessions: PathLike | None = None,
         on_event: Observer | None = None,
+        on_session: Callable[[Path], None] = lambda _: None,
         notice: Callable[[str], None] = warning,
         warn: Callable[[str], None] = warning,
     ) -> Answer:
@@ -121,6 +122,7 @@ class Rig:
             strategy: how grips are chosen (memo §3.2): "planned", "random" or "rotate".
             sessions: where a folder with log, answer, contacts and picture is made; None keeps none.
             on_event: called with every event of the run, beside the thread that drives the devices.
+            on_session: called with the session's folder, if there is one, before anything moves.
             notice: called, beside the thread that drives the devices, with what the operator should do now.
             warn: called before anything moves with what limits the run, such as parts that fingers miss.
 
@@ -146,6 +148,7 @@ class Rig:
                 strategy=recognition.strategy_named(strategy),
                 sessions=None if sessions is None else Path(sessions),
                 on_event=on_event,
+                on_session=on_session,
                 notice=notice,
                 warn=warn,
             )

@@ -15,6 +15,7 @@ from palpate.cli.options import (
     SeedOption,
     StrategyOption,
 )
+from palpate.cli.view import DEFAULT_PORT
 from palpate.errors import PalpateError
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
@@ -33,23 +34,32 @@ def identify(
         "palpate-sessions"
     ),
     no_calibration: NoCalibrationOption = False,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the run on a page in the browser; see palpate view.")
+    ] = False,
+    view_port: Annotated[
+        int, typer.Option("--view-port", min=1, max=65535, help="With --view: its port on this computer.")
+    ] = DEFAULT_PORT,
 ) -> int:
     """Touch what lies on the table until it is known which object it is and where."""
     from palpate.api.rig import open_rig
     from palpate.cli.identification_progress import Progress, answer_lines
     from palpate.cli.terminal import Terminal, print_notices
+    from palpate.cli.view_process import ViewProcess
     from palpate.files.writing import check_place, write_text
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     if picture is not None:
         check_place(picture)
-    with Progress(Terminal(stderr=True, highlight=False, markup=False)) as progress:
+    terminal = Terminal(stderr=True, highlight=False, markup=False)
+    with Progress(terminal) as progress, ViewProcess(view_port if view else None) as shown:
         answer = opened.identify(
             objects,
             scene=scene,
             strategy=strategy.value,
             sessions=sessions,
             on_event=progress,
+            on_session=shown.begin,
             notice=progress.notice,
             warn=lambda line: print_notices([line]),
         )

@@ -40,6 +40,7 @@ from palpate.cli.replay import replay
 from palpate.cli.report import report
 from palpate.cli.sessions import info, list_sessions, prune
 from palpate.cli.terminal import print_notices
+from palpate.cli.view import view
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
 from palpate.rig.session.signals import INTERRUPTS, Interrupted
 
@@ -107,6 +108,7 @@ _SETTING_UP = "Setting up a rig"
 app.command()(identify)
 app.command()(replay)
 app.command()(info)
+app.command()(view)
 app.command()(report)
 app.command()(export)
 app.command()(recognize)

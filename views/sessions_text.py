@@ -21,7 +21,7 @@ def show_sessions(
     for item in sessions:
         rows.add_row(
             (item.started or "?")[:16].replace("T", " "),
-            escape(_rig_words(item)),
+            escape(item.rig or "?"),
             escape(Path(item.session).name),
             escape(_answer_words(item)),
             size_words(item.bytes),

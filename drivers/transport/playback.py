@@ -36,7 +36,7 @@ class PlaybackPort:
         """`pieces` in order, on a clock that stands for the recording's."""
         self.port: str | None = name
         self.timeout: float | None = 0.0
-        self._pieces = pieces
+        self._pieces = list(pieces)
         self._times_s = [piece.t_s for piece in pieces]
         self._clock = clock
         self._at = 0
@@ -55,6 +55,11 @@ class PlaybackPort:
         if self._playing:
             self._pass(bisect_right(self._times_s, self._clock.now()))
         return len(self._ready)
+
+    def extend(self, pieces: Sequence[Piece]) -> None:
+        """Add what was recorded since, in order."""
+        self._pieces += pieces
+        self._times_s += [piece.t_s for piece in pieces]
 
     def play(self) -> None:
         """Give the rest by the clock."""

@@ -34,7 +34,7 @@ from palpate.rig.session.log import check_sum
 from palpate.rig.session.log_file import log_path, read_log
 from palpate.vocabulary.short_repr import ShortRepr
 
-__all__ = ["FORMAT", "SessionFile", "read_session"]
+__all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
 
 FORMAT = "palpate/session@1"
 _ADVICE = "record shorter runs"
@@ -104,6 +104,13 @@ def read_session(folder: Path) -> SessionFile:
     last = entries[-1].what
     end = last.values if isinstance(last, SessionEvent) and last.kind == "end" else None
     return SessionFile(path, header, tuple(entries[1:]), end, changed)
+
+
+def entry_in(path: Path, number: int, line: bytes) -> Entry:
+    """What one line of a log says; InputError, with its number, for what is wrong with it."""
+    if len(line) > LOG_LINE_BYTES:
+        raise InputError(f"{path}: line {number}: has {size_in_words(len(line))}")
+    return _Line.of(path, number, _Line(path, number, {}).decoded(line)).entry()
 
 
 def _check_counts(path: Path, raw: bytes) -> None:

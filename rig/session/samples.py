@@ -1,11 +1,9 @@
 """Samples of a recorded session: what its bytes say of servos and taxels, beside its events, on one clock."""
 
-import heapq
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +11,10 @@ from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.models import Model, model_named
 from palpate.drivers.dynamixel.state_traffic import StateTraffic
 from palpate.drivers.finger import FingerKinematics, Turn
-from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.playback import Piece, PlaybackPort
-from palpate.drivers.transport.recording import Direction, PortBytes
+from palpate.drivers.transport.recording import Direction, Entry, PortBytes, SessionEvent
 from palpate.errors import DeviceError
 from palpate.geometry import ObjectModel
 from palpate.rig.arrays import array_of
@@ -28,6 +26,7 @@ __all__ = [
     "EventSample",
     "FrameSample",
     "Sample",
+    "SampleDecoder",
     "ServoSample",
     "SessionSamples",
     "TipSample",
@@ -97,62 +96,86 @@ class SessionSamples:
             return None
 
     def __iter__(self) -> Iterator[Sample]:
-        parts: list[Iterable[Sample]] = [self._events(), self._servos()]
-        parts += [self._frames(finger) for finger in self.rig.fingers]
-        return heapq.merge(*parts, key=attrgetter("t_s"))
-
-    def _events(self) -> Iterator[EventSample]:
         yield EventSample(0.0, "session", self.file.header)
-        for t_s, kind, values in self.file.events():
-            yield EventSample(t_s, kind, values)
-
-    def _servos(self) -> Iterator[ServoSample | TipSample]:
-        joints = _joints(self.rig)
-        traffic = StateTraffic({dxl_id: model for dxl_id, (_, model) in joints.items()})
-        tips = _Tips(self.rig)
+        decoder = SampleDecoder(self.rig)
         for entry in self.file.entries:
-            what = entry.what
-            if not isinstance(what, PortBytes) or what.port != self.rig.bus.port:
-                continue
-            if what.direction is Direction.SENT:
-                traffic.sent(what.data)
-                continue
-            for dxl_id, state in traffic.received(what.data):
-                yield ServoSample(
-                    entry.t_s,
-                    joints[dxl_id][0],
-                    dxl_id,
-                    state.position_rad,
-                    state.velocity_rad_s,
-                    state.current_a,
-                    state.torque_on,
-                    int(state.hardware_error),
-                )
-                yield from tips.after(entry.t_s, dxl_id, state.position_rad)
+            yield from decoder.feed(entry)
 
-    def _frames(self, finger: FingerConfig) -> Iterator[FrameSample]:
-        """Frames as the array's own driver reads them; none of an array that never said what it is."""
-        name = finger.array.port
-        pairs = ((entry.t_s, entry.what) for entry in self.file.entries)
-        pieces = [
-            Piece(t_s, what.direction, what.data)
-            for t_s, what in pairs
-            if isinstance(what, PortBytes) and what.port == name
-        ]
-        clock = VirtualClock()
-        port = PlaybackPort(name, pieces, clock)
-        array = array_of(finger, port, clock)
+
+class SampleDecoder:
+    """Makes samples of a log's entries, one after the other, while it is being written or later."""
+
+    def __init__(self, rig: RigFile) -> None:
+        self._joints = _joints(rig)
+        self._bus_port = rig.bus.port
+        self._traffic = StateTraffic({dxl_id: model for dxl_id, (_, model) in self._joints.items()})
+        self._tips = _Tips(rig)
+        self._arrays = {finger.array.port: _Array(finger) for finger in rig.fingers}
+
+    def feed(self, entry: Entry) -> Iterator[Sample]:
+        """The samples that an entry completes."""
+        what = entry.what
+        if isinstance(what, SessionEvent):
+            yield EventSample(entry.t_s, what.kind, what.values)
+        elif isinstance(what, PortBytes) and what.port == self._bus_port:
+            yield from self._servos(entry.t_s, what)
+        elif isinstance(what, PortBytes) and what.port in self._arrays:
+            yield from self._arrays[what.port].feed(Piece(entry.t_s, what.direction, what.data))
+
+    def _servos(self, t_s: float, what: PortBytes) -> Iterator[ServoSample | TipSample]:
+        if what.direction is Direction.SENT:
+            self._traffic.sent(what.data)
+            return
+        for dxl_id, state in self._traffic.received(what.data):
+            yield ServoSample(
+                t_s,
+                self._joints[dxl_id][0],
+                dxl_id,
+                state.position_rad,
+                state.velocity_rad_s,
+                state.current_a,
+                state.torque_on,
+                int(state.hardware_error),
+            )
+            yield from self._tips.after(t_s, dxl_id, state.position_rad)
+
+
+class _Array:
+    """An array's own driver, which reads what was recorded; silent until the recording says what it is."""
+
+    def __init__(self, finger: FingerConfig) -> None:
+        self._finger = finger
+        self._clock = VirtualClock()
+        self._before: list[Piece] = []
+        self._driver: tuple[PlaybackPort, ArrayDriver] | None = None
+
+    def feed(self, piece: Piece) -> Iterator[FrameSample]:
+        if self._driver is None:
+            if piece.direction is Direction.SENT and self._before:
+                self._driver = self._connected()
+            self._before.append(piece)
+            if self._driver is None:
+                return
+            self._before.clear()
+        port, array = self._driver
+        port.extend([piece])
+        self._clock.advance_to(piece.t_s)
+        try:
+            for frame in array.frames():
+                yield FrameSample(frame.host_time_s, self._finger.name, frame)
+        except DeviceError:  # as the run's own driver may have raised
+            self._driver, self._before = None, [piece]
+
+    def _connected(self) -> tuple[PlaybackPort, ArrayDriver] | None:
+        """A driver that has met what was said so far; None if the array has not described itself yet."""
+        port = PlaybackPort(self._finger.array.port, self._before, self._clock)
+        array = array_of(self._finger, port, self._clock)
         try:
             array.connect()
-            port.play()
-            for t_s in [piece.t_s for piece in pieces if piece.direction is Direction.RECEIVED]:
-                if t_s < clock.now():
-                    continue
-                clock.advance_to(t_s)
-                for frame in array.frames():
-                    yield FrameSample(frame.host_time_s, finger.name, frame)
         except DeviceError:
-            return
+            return None
+        port.play()
+        return port, array
 
 
 def open_samples(file: SessionFile, folder: Path) -> SessionSamples:

@@ -1,0 +1,46 @@
+"""The live view beside a run: a process of its own, so that nothing it does can slow the run."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+__all__ = ["ViewProcess"]
+
+_LAST_FRAMES_S = 0.5
+
+
+class ViewProcess:
+    """Shows a run's session, from its begin to its end. Use as a context manager."""
+
+    def __init__(self, port: int | None) -> None:
+        """None: shows nothing."""
+        self._port = port
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def begin(self, session: Path) -> None:
+        """Start showing the session that this process records; it says its address on stderr."""
+        if self._port is None:
+            return
+        words = ["view", str(session), "--port", str(self._port), "--run", str(os.getpid())]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "palpate", *words],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,  # Ctrl-C is for the run
+        )
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._process is None:
+            return
+        time.sleep(_LAST_FRAMES_S)
+        self._process.kill()  # it only reads
+        self._process.wait()

@@ -1,0 +1,298 @@
+"""The live view: a page on this computer only, of a recorded session and of a run; its stop button stops."""
+
+import http.client
+import json
+import re
+import shutil
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from command import PALPATE, log_events, torque_writes
+from firm_rig import firm_rig
+from recorded_run import two_grips
+
+CHROMIUM = shutil.which("chromium")
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+
+
+def free_port() -> int:
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        port: int = server.getsockname()[1]
+        return port
+
+
+class Page:
+    """What a browser, or another program, gets of a view."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+
+    def ask(self, path: str, method: str = "GET", **headers: str) -> tuple[int, str, dict[str, str]]:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)) as connection:
+            named = {name.replace("_", "-"): value for name, value in headers.items()}
+            connection.request(method, path, headers=named)
+            answer = connection.getresponse()
+            return answer.status, answer.read().decode(), dict(answer.getheaders())
+
+    def json(self, path: str) -> Any:
+        status, text, _ = self.ask(path)
+        assert status == 200, text
+        return json.loads(text)
+
+    @property
+    def token(self) -> str:
+        found = re.search('name="palpate-token" content="([^"]+)"', self.ask("/")[1])
+        assert found is not None
+        return found[1]
+
+
+def until_served(port: int, process: subprocess.Popen[bytes]) -> Page:
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        assert process.poll() is None, "it ended by itself"
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+        except OSError:
+            time.sleep(0.05)
+            continue
+        return Page(port)
+    raise AssertionError("it never came")
+
+
+@contextmanager
+def viewed(session: Path) -> Iterator[Page]:
+    port = free_port()
+    process = subprocess.Popen([PALPATE, "view", session, "--port", str(port)], stderr=subprocess.DEVNULL)
+    try:
+        page = until_served(port, process)
+        end = time.monotonic() + 60
+        while not page.json("/extent")["ended"]:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        yield page
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return two_grips(tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def page(session: Path) -> Iterator[Page]:
+    with viewed(session) as found:
+        yield found
+
+
+def test_frames_say_what_the_log_says(session: Path, page: Page) -> None:
+    events = log_events(session / "session.jsonl.zst")
+    extent = page.json("/extent")
+    assert extent["last"] == pytest.approx(events[-1]["t_s"], abs=1e-4)
+    last = page.json(f"/frame?t={extent['last']}")
+    (result,) = [event["result"] for event in events if event["event"] == "result"]
+    assert (last["verdict"], last["end"]["how"]) == (result["verdict"], "done")
+    assert last["hypotheses"][0]["x"] == pytest.approx(result["configuration"]["x"], abs=1e-5)
+    touches = [touch for event in events for touch in event.get("touches", ())]
+    assert [item["end"] for item in last["contacts"]] == [touch["contact"]["end_mm"] for touch in touches]
+    for event in events:
+        if event["event"] == "stage":
+            frame = page.json(f"/frame?t={event['t_s'] + 0.001}")
+            assert (frame["grip"], frame["stage"]) == (event["grip"], event["stage"])
+    first = next(event for event in events if event["event"] == "touches")
+    before = page.json(f"/frame?t={first['t_s'] - 0.1}")
+    assert before["contacts"] == []
+    assert set(before["tips"]) == {"f1", "f2", "f3"}
+    assert max(array["most"] for array in before["arrays"].values()) >= 0
+
+
+def test_the_stream_of_a_recorded_session_ends(page: Page) -> None:
+    status, text, headers = page.ask("/stream")
+    assert (status, headers["content-type"].split(";")[0]) == (200, "text/event-stream")
+    assert "event: end" in text
+    assert json.loads(text.split("data: ", 1)[1].split("\n", 1)[0])["end"]["how"] == "done"
+
+
+def test_the_page_may_load_nothing_from_elsewhere(page: Page) -> None:
+    for path in ("/", "/page.js", "/page.css"):
+        status, text, headers = page.ask(path)
+        assert status == 200
+        assert "default-src 'none'" in headers["content-security-policy"]
+        addresses = re.findall(r"https?://[^\s\"']+", text)
+        assert set(addresses) <= {"http://www.w3.org/2000/svg"}
+
+
+@pytest.mark.parametrize("path", ["/", "/frame?t=1", "/setting", "/stream", "/page.js"])
+def test_other_hosts_and_other_sites_are_refused(page: Page, path: str) -> None:
+    assert page.ask(path, Host="evil.example")[0] == 403
+    assert page.ask(path, Host=f"evil.example:{page.port}")[0] == 403
+    assert page.ask(path, Origin="http://evil.example")[0] == 403
+    assert page.ask(path, Origin="null")[0] == 403
+    assert page.ask(path, Host=f"localhost:{page.port}")[0] == 200
+
+
+def test_stopping_needs_the_token_and_a_run(page: Page) -> None:
+    assert page.ask("/stop", "POST")[0] == 403
+    assert page.ask("/stop", "POST", X_Palpate_Token="guess")[0] == 403
+    assert page.ask("/stop", "POST", X_Palpate_Token=page.token, Origin="http://evil.example")[0] == 403
+    assert page.ask("/stop", "GET", X_Palpate_Token=page.token)[0] == 404
+    status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
+    assert (status, text) == (409, "nothing runs that could be stopped")
+
+
+def test_nonsense_is_refused(page: Page) -> None:
+    assert page.ask("/frame?t=soon")[0] == 400
+    assert page.ask("/../config/rigs/bench.toml")[0] == 404
+    assert page.ask("/server.py")[0] == 404
+    assert page.json("/frame?t=nan")["t"] >= 0
+    assert page.json("/frame?t=-1e300")["t"] >= 0
+
+
+def test_it_listens_on_this_computer_only(page: Page) -> None:
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    rows += [line.split() for line in Path("/proc/net/tcp6").read_text().splitlines()[1:]]
+    listening = {row[1] for row in rows if row[3] == "0A"}
+    assert {place for place in listening if int(place.split(":")[1], 16) == page.port} == {
+        f"0100007F:{page.port:04X}"
+    }
+
+
+def test_what_cannot_be_served_or_read_is_one_line(session: Path, tmp_path: Path) -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as server:
+        words = [PALPATE, "view", session, "--port", str(server.getsockname()[1])]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "cannot be served: Address already in use; choose another with --port" in done.stderr
+    done = subprocess.run(
+        [PALPATE, "view", tmp_path], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "is not a session" in done.stderr
+
+
+@contextmanager
+def running(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Page]]:
+    """A run with its view, whose fingers creep."""
+    text = firm_rig().read_text(encoding="utf-8")
+    (folder / "slow.toml").write_text(text.replace("approach_speed_mm_s = 20.0", "approach_speed_mm_s = 5.0"))
+    port = free_port()
+    words = [PALPATE, "identify", "--rig", "slow.toml", "--view", "--view-port", str(port)]
+    process = subprocess.Popen(words, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    try:
+        yield process, until_served(port, process)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def until_closing(page: Page) -> dict[str, Any]:
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        frame = page.json("/frame?t=1e9")
+        if frame and frame["stage"] == "closing":
+            assert isinstance(frame, dict)
+            return frame
+        time.sleep(0.02)
+    raise AssertionError("it never closed")
+
+
+def test_the_stop_button_ends_the_run_with_torque_off(tmp_path: Path) -> None:
+    with running(tmp_path) as (process, page):
+        frame = until_closing(page)
+        assert any(frame["torque"].values())
+        status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
+        assert (status, json.loads(text)["stopped"]) == (200, True)
+        _, said = process.communicate(timeout=30)
+        assert process.returncode == 130
+        assert said.decode().splitlines()[-2:] == ["interrupted", "torque is off"]
+    (log,) = tmp_path.glob("palpate-sessions/*/session.jsonl.zst")
+    events = log_events(log)
+    assert (events[-1]["event"], events[-1]["how"]) == ("end", "Interrupted")
+    import base64
+
+    sent = b"".join(
+        base64.b64decode(item["base64"])
+        for item in events
+        if item["event"] == "bytes" and item["port"] == "mock://bus" and item["direction"] == "sent"
+    )
+    last = dict(torque_writes(sent))
+    assert {dxl_id: last[dxl_id] for dxl_id in (11, 12, 21, 22, 31, 32)} == dict.fromkeys(
+        last.keys() - {254}, 0
+    )
+
+
+def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:
+    """As many as are served, and some that are not; the run goes on, and others are served."""
+    with running(tmp_path) as (process, page), ExitStack() as stack:
+        until_closing(page)
+        answers = []
+        for _ in range(40):
+            silent = stack.enter_context(closing(socket.create_connection(("127.0.0.1", page.port))))
+            silent.sendall(f"GET /stream HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode())
+            silent.settimeout(10)
+            answers.append(silent.recv(12))
+        assert answers.count(b"HTTP/1.1 200") == 32
+        assert answers.count(b"HTTP/1.1 503") == 8
+        first = page.json("/extent")["last"]
+        begin = time.monotonic()
+        time.sleep(1.0)
+        asked = time.monotonic()
+        assert page.json("/extent")["last"] > first
+        assert time.monotonic() - asked < 2.0
+        assert process.poll() is None, time.monotonic() - begin
+
+
+@needs_chromium
+def test_the_page_in_chromium(session: Path, page: Page) -> None:
+    """The slider shows any time of the run; nothing else is asked; nothing is said on the console."""
+    webdriver = pytest.importorskip("selenium.webdriver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for word in ("headless=new", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-sync"):
+        options.add_argument(f"--{word}")
+    options.add_argument("--disable-background-networking")
+    options.add_argument("--disable-component-update")
+    options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
+    service = webdriver.ChromeService(shutil.which("chromedriver"))
+    with webdriver.Chrome(options=options, service=service) as browser:
+        browser.get(f"http://127.0.0.1:{page.port}/")
+        browser.implicitly_wait(10)
+        find = browser.find_element
+        end = time.monotonic() + 20
+        while find("id", "doing").text != "the run has ended":
+            assert time.monotonic() < end, find("id", "doing").text
+            time.sleep(0.1)
+        events = log_events(session / "session.jsonl.zst")
+        (result,) = [event["result"] for event in events if event["event"] == "result"]
+        assert find("id", "title").text == f"{result['verdict']}: {result['object']}, {result['state']}"
+        assert not find("id", "stop").is_displayed()
+        for event in [item for item in events if item["event"] == "stage"]:
+            browser.execute_script(
+                "const s = document.getElementById('time'); s.value = arguments[0];"
+                "s.dispatchEvent(new Event('input'))",
+                event["t_s"] + 0.06,
+            )
+            words = f"grip {event['grip']}: {event['stage']}"
+            end = time.monotonic() + 10
+            while not find("id", "doing").text.startswith(words):
+                assert time.monotonic() < end, (words, find("id", "doing").text)
+                time.sleep(0.05)
+        assert len(browser.find_elements("css selector", "#table .tip")) == 3
+        assert len(browser.find_elements("css selector", "#arrays svg")) == 3
+        said = [item for item in browser.get_log("browser") if item["level"] == "SEVERE"]
+        assert said == []
+        requests = [json.loads(item["message"])["message"] for item in browser.get_log("performance")]
+        urls = {
+            item["params"]["request"]["url"]
+            for item in requests
+            if item["method"] == "Network.requestWillBeSent"
+        }
+        elsewhere = {url for url in urls if not url.startswith(f"http://127.0.0.1:{page.port}/")}
+        assert {url for url in elsewhere if not url.startswith(("data:", "chrome:", "about:"))} == set()

@@ -1,0 +1,215 @@
+"""Frames of the live view: what the page draws, 20 times a second of the rig's time, made of samples."""
+
+import base64
+import json
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from palpate.config import RigFile
+from palpate.geometry import Floats, ObjectModel
+from palpate.rig.session.samples import EventSample, FrameSample, Sample, ServoSample, TipSample
+
+__all__ = ["FrameStore", "setting_of"]
+
+_PERIOD_S = 0.05
+_AT_REST = 20  # frames of an array, at its start, that show it untouched
+_LEAST_SCALE = 150.0  # counts over rest that are drawn at full strength, at least
+_SHOWN = 40  # hypotheses, the heaviest
+_MOST = 40_000  # frames kept: half an hour of rig time
+
+
+class FrameStore:
+    """Takes samples in order and keeps a frame, a JSON text, for each 50 ms of them."""
+
+    def __init__(self) -> None:
+        self.times_s: list[float] = []
+        self.texts: list[str] = []
+        self.dropped = 0
+        """Frames that are not kept any more, the oldest ones."""
+        self.is_ended = False
+        self._taxels: dict[str, _Taxels] = {}
+        self._state: dict[str, Any] = {
+            "t": 0.0,
+            "grip": None,
+            "stage": None,
+            "verdict": None,
+            "tips": {},
+            "torque": {},
+            "contacts": [],
+            "hypotheses": [],
+            "plan": [],
+            "truth": None,
+            "frames": 0,
+            "end": None,
+        }
+
+    def take(self, samples: Iterable[Sample]) -> None:
+        """Bring the frames up to date."""
+        for sample in samples:
+            if self.times_s and sample.t_s >= self.times_s[-1] + _PERIOD_S:
+                self._keep()
+            self._state["t"] = round(max(sample.t_s, self._state["t"]), 4)
+            match sample:
+                case TipSample():
+                    self._state["tips"][sample.finger] = [round(sample.x_mm, 3), round(sample.y_mm, 3)]
+                case ServoSample():
+                    self._state["torque"][sample.joint] = sample.torque_on
+                case FrameSample():
+                    self._state["frames"] += 1
+                    self._taxels.setdefault(sample.finger, _Taxels()).take(sample.frame.counts)
+                case EventSample():
+                    self._event(sample.kind, sample.values)
+                    self._keep()
+
+    def at(self, t_s: float) -> str | None:
+        """The frame that was shown at an instant, None before the first."""
+        return self.texts[max(bisect_right(self.times_s, t_s) - 1, 0)] if self.texts else None
+
+    @property
+    def count(self) -> int:
+        """How many frames there have been."""
+        return self.dropped + len(self.texts)
+
+    def _keep(self) -> None:
+        arrays = {name: taxels.shown() for name, taxels in self._taxels.items()}
+        # Texts first: another thread looks up times.
+        self.texts.append(json.dumps(self._state | {"arrays": arrays}, separators=(",", ":")))
+        self.times_s.append(self._state["t"])
+        if len(self.texts) > _MOST:
+            self.dropped += 1
+            del self.times_s[0]
+            del self.texts[0]
+
+    def _event(self, kind: str, values: Mapping[str, Any]) -> None:
+        state = self._state
+        match kind:
+            case "stage":
+                state["grip"], state["stage"] = values["grip"], values["stage"]
+                if values["stage"] == "retracting":
+                    state["plan"] = []
+            case "touches":
+                state["contacts"] = [*state["contacts"], *map(_contact, _with_grip(values))]
+            case "moved":
+                state["contacts"] = []
+            case "recognised":
+                state["verdict"] = values["verdict"]
+                heaviest = sorted(values["hypotheses"], key=lambda item: -(item["weight"] or 0.0))
+                state["hypotheses"] = [_hypothesis(item) for item in heaviest[:_SHOWN]]
+            case "planned":
+                state["plan"] = [_approach(item) for item in values["approaches"]]
+            case "truth":
+                state["truth"] = _place(values)
+            case "result":
+                state["verdict"] = values["result"]["verdict"]
+            case "end":
+                state["end"] = {"how": values.get("how"), "message": values.get("message")}
+                self.is_ended = True
+
+
+class _Taxels:
+    """Counts of an array over what it read at the start."""
+
+    def __init__(self) -> None:
+        self._at_rest: list[Floats] = []
+        self._newest: Floats = np.zeros((1, 1))
+        self._scale = _LEAST_SCALE
+
+    def take(self, counts: Any) -> None:
+        values: Floats = np.asarray(counts, dtype=float)
+        if len(self._at_rest) < _AT_REST:
+            self._at_rest.append(values)
+        self._newest = values - np.mean(self._at_rest, axis=0)
+        self._scale = max(self._scale, float(self._newest.max()))
+
+    def shown(self) -> dict[str, object]:
+        """Shape, and strength of each taxel from 0 to 255, lowest row first."""
+        strength = np.clip(255 * self._newest / self._scale, 0, 255).astype(np.uint8)
+        rows, columns = strength.shape
+        return {
+            "rows": rows,
+            "columns": columns,
+            "heat": base64.b64encode(strength.tobytes()).decode(),
+            "most": round(float(self._newest.max()), 1),
+        }
+
+
+def _with_grip(values: Mapping[str, Any]) -> Iterable[tuple[int, Mapping[str, Any]]]:
+    return ((values["grip"], touch) for touch in values["touches"])
+
+
+def _contact(item: tuple[int, Mapping[str, Any]]) -> dict[str, object]:
+    grip, touch = item
+    contact, patch = touch["contact"], touch.get("patch") or {}
+    normal = contact.get("normal")
+    return {
+        "finger": contact["name"],
+        "grip": grip,
+        "touched": contact["touched"],
+        "start": contact["start_mm"],
+        "end": contact["end_mm"],
+        "radius": contact["finger"]["tip_radius_mm"],
+        "bound": contact["position_bound_mm"],
+        "normal": None if normal is None else [normal["lo_rad"], normal["hi_rad"]],
+        "force": patch.get("force_n"),
+    }
+
+
+def _place(item: Mapping[str, Any]) -> dict[str, object]:
+    at = item["configuration"]
+    return {
+        "object": item["object"],
+        "state": item["state"],
+        "x": at["x_mm"],
+        "y": at["y_mm"],
+        "theta": at["theta_rad"],
+    }
+
+
+def _hypothesis(item: Mapping[str, Any]) -> dict[str, object]:
+    return _place(item) | {
+        "weight": item["weight"],
+        "round": item["symmetry_order"] == 0,
+        "bounds": item["bounds"],
+    }
+
+
+def _approach(item: Mapping[str, Any]) -> dict[str, object]:
+    approach = item["approach"]
+    return {
+        "finger": item["finger_index"],
+        "start": approach["start_mm"],
+        "direction": approach["direction_rad"],
+        "travel": item["travel_mm"],
+        "radius": approach["finger"]["tip_radius_mm"],
+        "stops": [[prediction["earliest_mm"], prediction["latest_mm"]] for prediction in item["predictions"]],
+    }
+
+
+def setting_of(rig: RigFile, objects: Iterable[ObjectModel]) -> dict[str, object]:
+    """What does not change during a run: fingers, workspace, outlines of states where fingers meet them."""
+    height = max(finger.height_mm for finger in rig.fingers)
+    outlines: dict[str, list[list[list[float]]]] = {}
+    for model in objects:
+        for state in model.states:
+            sections = state.sections_at(height) or state.sections[:1]
+            rings = [ring.round(3).tolist() for section in sections for ring in section.rings]
+            outlines[f"{model.name}/{state.name}"] = rings
+    fingers = [
+        {
+            "name": finger.name,
+            "base": list(finger.base_mm),
+            "heading": math.radians(finger.heading_deg),
+            "radius": finger.tip.radius_mm,
+        }
+        for finger in rig.fingers
+    ]
+    return {
+        "rig": rig.name,
+        "fingers": fingers,
+        "workspace": rig.workspace.radius_mm,
+        "outlines": outlines,
+    }
