@@ -3,7 +3,7 @@
 import os
 import subprocess
 import sys
-import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -41,6 +41,7 @@ class ViewProcess:
     ) -> None:
         if self._process is None:
             return
-        time.sleep(_LAST_FRAMES_S)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LAST_FRAMES_S)
         self._process.kill()  # it only reads
         self._process.wait()

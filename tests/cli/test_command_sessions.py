@@ -94,7 +94,6 @@ def test_a_list_says_what_was_found_and_how_each_ended(here: Here, running: Path
         "killed",
         "identified: hand, flat",
         "ValueError",
-        "bench (emulated)",
         "5 sessions",
     ):
         assert words in shown

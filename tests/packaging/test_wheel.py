@@ -117,7 +117,7 @@ def clean(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_wheel_holds_every_module_and_every_data_file(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         held = {name.removeprefix("palpate/") for name in archive.namelist() if name.startswith("palpate/")}
-    wanted = packaged((".py", ".toml", ".json", "py.typed"))
+    wanted = packaged((".py", ".toml", ".json", ".html", ".css", ".js", "py.typed"))
     assert wanted - held == set()
     assert held - wanted == set()
     for example in ("config/rigs/bench.toml", "config/objects/memo.json", "config/schemas/rig.schema.json"):
