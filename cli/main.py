@@ -38,6 +38,7 @@ from palpate.cli.plan import plan
 from palpate.cli.recognize import recognize
 from palpate.cli.replay import replay
 from palpate.cli.report import report
+from palpate.cli.schema import schema
 from palpate.cli.sessions import info, list_sessions, prune
 from palpate.cli.terminal import print_notices
 from palpate.cli.view import view
@@ -114,6 +115,7 @@ app.command()(export)
 app.command()(recognize)
 app.command()(plan)
 app.command()(emulate)
+app.command(rich_help_panel=_SETTING_UP)(schema)
 app.command(rich_help_panel=_SETTING_UP)(find_port)
 app.command(rich_help_panel=_SETTING_UP)(scan)
 app.command(rich_help_panel=_SETTING_UP)(setup_motors)
