@@ -6,12 +6,13 @@ STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 OTHER  := $(VENV)/other
 
-.PHONY: help demo test lint types layers check firmware campaign clean
+.PHONY: help demo test lint types layers check firmware docs campaign clean
 
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
 	@echo "make test      every check: lint, types, layers, tests"
 	@echo "make firmware  the C firmware for arrays, on this computer, and what its tests need"
+	@echo "make docs      the documentation as a site, in build/docs"
 	@echo "make campaign  the tests with all their cases and the long seeded benchmarks, with their tables"
 	@echo "make clean     remove what the above made"
 
@@ -51,6 +52,10 @@ test: check firmware
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
 # one after the other: a client and an emulator share the computer in real time
 	$(BIN)/pytest -m realtime
+
+# the site, where every warning is an error
+docs: $(DEV)
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
 
 campaign: $(DEV)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m campaign
