@@ -21,6 +21,7 @@ from typer.exceptions import TyperException
 
 from palpate.api.warning import RigWarning
 from palpate.cli.commissioning.calibrate import calibrate
+from palpate.cli.commissioning.init import init
 from palpate.cli.commissioning.setup_motors import setup_motors
 from palpate.cli.diagnostics.check import check
 from palpate.cli.diagnostics.find_port import find_port
@@ -115,6 +116,7 @@ app.command()(export)
 app.command()(recognize)
 app.command()(plan)
 app.command()(emulate)
+app.command(rich_help_panel=_SETTING_UP)(init)
 app.command(rich_help_panel=_SETTING_UP)(schema)
 app.command(rich_help_panel=_SETTING_UP)(find_port)
 app.command(rich_help_panel=_SETTING_UP)(scan)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from command import PALPATE, Ended, run_here
+from command import PALPATE, Ended, log_bytes, run_here
 from firm_rig import firm_rig
 from json_schema import violations
 from motor_wire import MotorWire
@@ -157,7 +157,7 @@ def test_beside_a_run_that_moves(tmp_path: Path, here: Here) -> None:
         )
         try:
             log = _session_log(tmp_path, run)
-            while '"stage":"closing"' not in log.read_text(encoding="utf-8"):
+            while b'"stage":"closing"' not in log_bytes(log):
                 assert run.poll() is None, run.communicate()
                 time.sleep(0.05)
             begin = time.monotonic()

@@ -67,8 +67,7 @@ def report_of(here: Here, session: Path) -> tuple[str, Page]:
     return text, Page(text)
 
 
-def test_the_page_says_what_the_log_says(session: Path, here: Here) -> None:
-    text, page = report_of(here, session)
+def says_what_the_log_says(session: Path, text: str, page: Page) -> None:
     events = log_events(session / "session.jsonl.zst")
     (result,) = [event["result"] for event in events if event["event"] == "result"]
     assert page.headings[0].startswith(f"{result['verdict'].capitalize()}: {result['object']}")
@@ -85,8 +84,7 @@ def test_the_page_says_what_the_log_says(session: Path, here: Here) -> None:
     assert len(re.findall("<svg ", text)) == 1 + len(grips)
 
 
-def test_every_object_of_the_catalogue_is_left_or_has_a_row(session: Path, here: Here) -> None:
-    _, page = report_of(here, session)
+def has_a_row_for_every_state_that_is_not_left(session: Path, page: Page) -> None:
     events = log_events(session / "session.jsonl.zst")
     last = [event for event in events if event["event"] == "recognised"][-1]
     left = {f"{item['object']}, {item['state']}" for item in last["hypotheses"]}
@@ -103,8 +101,7 @@ def test_every_object_of_the_catalogue_is_left_or_has_a_row(session: Path, here:
     assert not left & rows
 
 
-def test_nothing_is_asked_of_elsewhere(session: Path, here: Here) -> None:
-    text, page = report_of(here, session)
+def asks_nothing_of_elsewhere(text: str, page: Page) -> None:
     assert "default-src 'none'" in text
     assert page.addresses == []
     assert "url(" not in text.replace("url(#", "")
@@ -113,10 +110,17 @@ def test_nothing_is_asked_of_elsewhere(session: Path, here: Here) -> None:
         ET.fromstring(svg)
 
 
-def test_ids_of_pictures_differ(session: Path, here: Here) -> None:
-    text, _ = report_of(here, session)
+def has_ids_that_differ(text: str) -> None:
     ids = re.findall(r' id="([^"]+)"', text)
     assert len(ids) == len(set(ids))
+
+
+def test_the_report_of_a_whole_run(session: Path, here: Here) -> None:
+    text, page = report_of(here, session)
+    says_what_the_log_says(session, text, page)
+    has_a_row_for_every_state_that_is_not_left(session, page)
+    asks_nothing_of_elsewhere(text, page)
+    has_ids_that_differ(text)
 
 
 def test_a_run_that_was_killed_is_reported_as_far_as_it_went(
