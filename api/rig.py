@@ -23,6 +23,7 @@ from palpate.api.warning import warning
 from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.config.references_file import ReferencesFile
 from palpate.drivers.emulators.serve import Service, serve_pty, serve_tcp
+from palpate.drivers.emulators.tcp_port import LOOPBACK
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.errors import InputError
 from palpate.rig.bench import connect, place, set_up
@@ -302,10 +303,12 @@ class Rig:
         scene: Scene | PathLike | None = None,
         pty: bool = True,
         tcp_port: int = 0,
+        host: str = LOOPBACK,
     ) -> Iterator[Service]:
         """Serve the emulated devices to other programs, in real time, until the block is left.
 
-        On pseudo-terminals or, without `pty`, on TCP ports of this computer from `tcp_port` on (0: any);
+        On pseudo-terminals or, without `pty`, on TCP ports of this computer from `tcp_port` on (0: any), on
+        its address `host`: another than the loopback's lets everybody on the network drive the devices.
         `service.paths` says where each port of the rig file is. Raises InputError for a real rig.
         """
         described = self._on_bench.described
@@ -317,7 +320,8 @@ class Rig:
             MonotonicClock(),
             threading.Event(),
         )
-        with serve_pty(devices, clock, done) if pty else serve_tcp(devices, clock, done, tcp_port) as service:
+        served = serve_pty(devices, clock, done) if pty else serve_tcp(devices, clock, done, tcp_port, host)
+        with served as service:
             yield service
 
     def __repr__(self) -> str:

@@ -11,6 +11,7 @@ from palpate.errors import InputError
 
 __all__ = ["emulate"]
 
+_LOOPBACK = "127.0.0.1"
 _LATENCY_MS = 100  # two processes share the computer: the devices' may have to wait for its turn
 
 
@@ -29,6 +30,10 @@ def emulate(
             "--tcp-port", min=1, max=65535, help="With --tcp: the first port; any free ones without it."
         ),
     ] = None,
+    host: Annotated[
+        str | None,
+        typer.Option("--host", help="With --tcp: this computer's address to serve on; 127.0.0.1 without it."),
+    ] = None,
     seconds: Annotated[
         float | None, typer.Option("--for", min=0.0, help="End after this many seconds.")
     ] = None,
@@ -43,8 +48,16 @@ def emulate(
 
     if pty and tcp_port is not None:
         raise InputError("--tcp-port is for --tcp; pseudo-terminals have no port numbers")
+    if pty and host is not None:
+        raise InputError("--host is for --tcp; pseudo-terminals have no address")
+    if host is not None and not host.startswith("127."):
+        typer.echo(
+            f"warning: whoever reaches {host} over the network can drive these devices, unasked",
+            err=True,
+        )
     opened = open_rig(rig, seed=seed, calibration=False)
-    with opened.serve(objects, scene=scene, pty=pty, tcp_port=tcp_port or 0) as service:
+    served = opened.serve(objects, scene=scene, pty=pty, tcp_port=tcp_port or 0, host=host or _LOOPBACK)
+    with served as service:
         if rig_out is not None:
             text = (rig or shipped_rig()).read_text(encoding="utf-8")
             write_text(rig_out, _with_ports(text, service.paths))

@@ -16,7 +16,7 @@ from types import TracebackType
 
 from palpate.drivers.emulators.pty_port import PtyPort
 from palpate.drivers.emulators.served_port import ServedPort
-from palpate.drivers.emulators.tcp_port import TcpPort
+from palpate.drivers.emulators.tcp_port import LOOPBACK, TcpPort
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import Device
 from palpate.errors import DeviceError
@@ -144,13 +144,15 @@ def serve_pty(devices: Devices, clock: Clock, stop: threading.Event) -> Service:
     return Service(devices, lambda _, device, baudrate: PtyPort(device, baudrate), clock, stop)
 
 
-def serve_tcp(devices: Devices, clock: Clock, stop: threading.Event, first_port: int = 0) -> Service:
-    """The same on TCP ports of the loopback interface, from `first_port` on in the devices' order.
+def serve_tcp(
+    devices: Devices, clock: Clock, stop: threading.Event, first_port: int = 0, host: str = LOOPBACK
+) -> Service:
+    """The same on TCP ports of an address of this computer, from `first_port` on in the devices' order.
 
     0: any free ones. Raises DeviceError if one is taken.
     """
 
     def line(index: int, device: Device, baudrate: int) -> ServedPort:
-        return TcpPort(device, baudrate, first_port + index if first_port else 0)
+        return TcpPort(device, baudrate, first_port + index if first_port else 0, host)
 
     return Service(devices, line, clock, stop)

@@ -1,4 +1,4 @@
-"""A served device on a TCP port of this computer: for clients that open `socket://127.0.0.1:PORT`.
+"""A served device on a TCP port of this computer: for clients that open `socket://HOST:PORT`.
 
 Raw bytes both ways, as serial device servers give them. A socket has no baud rate: the device is spoken to at
 its own. One client at a time: whoever comes while there is one finds the connection closed again at once.
@@ -20,25 +20,25 @@ LOOPBACK = "127.0.0.1"
 class TcpPort(ServedPort):
     """One device on its TCP port; `address` is the port's URL."""
 
-    def __init__(self, device: Device, baudrate: int, port: int = 0) -> None:
-        """Listen on `port` of the loopback interface, 0 for any free one. DeviceError if it is taken."""
+    def __init__(self, device: Device, baudrate: int, port: int = 0, host: str = LOOPBACK) -> None:
+        """Listen on `port` of an address of this computer, 0 for any free one. DeviceError if it is taken."""
         super().__init__(device, baudrate)
         self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._client: socket.socket | None = None
         try:
             # ports of a service that has just ended may be used again at once
             self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            self._listener.bind((LOOPBACK, port))
+            self._listener.bind((host, port))
             self._listener.listen()
         except (OSError, OverflowError) as error:
             self._listener.close()
             code = error.errno if isinstance(error, OSError) else None
             reason = os.strerror(code).lower() if code else str(error)
             raise DeviceError(
-                f"no TCP port {LOOPBACK}:{port} for an emulated device: {reason}; choose other ports"
+                f"no TCP port {host}:{port} for an emulated device: {reason}; choose other ports"
             ) from error
         self._listener.setblocking(False)
-        self.address = f"socket://{LOOPBACK}:{self._listener.getsockname()[1]}"
+        self.address = f"socket://{host}:{self._listener.getsockname()[1]}"
 
     def handles(self) -> list[int]:
         """Where clients come, and the one that is there."""

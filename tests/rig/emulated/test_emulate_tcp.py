@@ -82,3 +82,23 @@ def test_a_rig_that_is_not_served_any_more(tmp_path: Path) -> None:
     assert checked.code == 3
     assert f"port {bus} does not exist" in checked.err
     assert "connection refused" in checked.err
+
+
+@pytest.mark.realtime
+def test_another_address_of_this_computer(tmp_path: Path) -> None:
+    with served(tmp_path, "--tcp", "--host", "127.0.0.2") as (_, told):
+        url = told["ports"]["mock://bus"]
+        assert url.startswith("socket://127.0.0.2:")
+        port = int(url.rpartition(":")[2])
+        socket.create_connection(("127.0.0.2", port), timeout=5).close()
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.1", port), timeout=5)
+
+
+def test_an_address_that_this_computer_does_not_have_is_one_line(tmp_path: Path) -> None:
+    ended = run("emulate", "--tcp", "--host", "203.0.113.7", cwd=tmp_path)
+    assert (ended.code, ended.out) == (3, "")
+    warning, error = ended.err.splitlines()
+    assert warning == "warning: whoever reaches 203.0.113.7 over the network can drive these devices, unasked"
+    assert error.startswith("device error: no TCP port 203.0.113.7:0 for an emulated device: ")
+    assert run("emulate", "--host", "127.0.0.1", cwd=tmp_path).code == 2
