@@ -48,7 +48,8 @@ class Progress:
         match event:
             case StageEvent(grip, stage):
                 self._now(f"grip {grip}: {stage.value}")
-            case PlanEvent(grip, plan):
+            case PlanEvent(grip, plan, reason):
+                self._console.print(f"        next {reason}")
                 self._now(f"grip {grip}: planned{', decisive' if plan.decisive else ''}")
             case TouchEvent(grip, touches):
                 contacts = [touch.contact for touch in touches]

@@ -160,7 +160,8 @@ class _Search:
         if choice.grip is None:
             return choice.verdict, ()
         self._evidence.checks += choice.is_check
-        self._observers(PlanEvent(len(self._grips) + 1, choice.grip))
+        reason = self._chooser.reason(choice, self._evidence, recognition)
+        self._observers(PlanEvent(len(self._grips) + 1, choice.grip, reason))
         return None, choice.grip.limited_approaches
 
     def _explore(self) -> list[FingerApproach]:

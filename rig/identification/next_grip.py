@@ -74,6 +74,19 @@ class GripChooser:
         grip = self._check(evidence, recognition)
         return Choice(IdentificationVerdict.UNRESOLVED if grip is None else None, grip, is_check=True)
 
+    def reason(self, choice: Choice, evidence: GripEvidence, recognition: Recognition) -> str:
+        """Why a grip is made though hypotheses are left, in words."""
+        limits = self.rig.search
+        if not choice.is_check and self.answer(recognition) is None:
+            return f"to tell {len(recognition.hypotheses)} hypotheses apart"
+        if not choice.is_check:
+            return f"to place it within {limits.goal_position_mm:g} mm and {limits.goal_orientation_deg:g}°"
+        strangers = evidence.strangers
+        if strangers is not None and strangers.probability > limits.false_match_probability:
+            found, allowed = 100 * strangers.probability, 100 * limits.false_match_probability
+            return f"to confirm it: something else would match with {found:.2g} %, limit {allowed:g} %"
+        return f"to confirm it: a shift of {limits.detectable_shift_mm:g} mm could have gone unnoticed"
+
     def answer(self, recognition: Recognition) -> IdentificationVerdict | None:
         """The verdict once it is confirmed: one hypothesis is left, or some that no approach tells apart."""
         if recognition.verdict is RecognitionVerdict.UNIQUE:

@@ -49,10 +49,11 @@ class RecognitionEvent(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanEvent(ShortRepr):
-    """The next grip was chosen by what the hypotheses predict of it."""
+    """The next grip was chosen by what hypotheses predict of it. `reason`: why the run goes on, in words."""
 
     grip: int
     plan: Grip
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
