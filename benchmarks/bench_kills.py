@@ -5,8 +5,8 @@
 Each run is `palpate identify` on an emulated bench that another process serves in real time, ended by SIGKILL
 after a random time. Then its session must be listed as killed, described, exported (CSV, MCAP), reported and
 replayed to its last whole line. The log's age at the kill, by its file's date, is what was lost at most:
-lines wait 0.05 s, and while a run computes there are none. Ends with exit code 1 if a session was not good for
-all of that.
+lines wait 0.05 s, and while a run computes there are none. Ends with exit code 1 if a session was not good
+for all of that.
 
 | kills | too early or late | sessions | wrong | age of the log, s: median | most | above 0.1 s |
 |---|---|---|---|---|---|---|
