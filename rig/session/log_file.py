@@ -6,6 +6,7 @@ are missing. Logs of older versions, and those that were unpacked by `zstd -d`, 
 
 import fcntl
 import io
+import threading
 from pathlib import Path
 
 import zstandard
@@ -23,6 +24,7 @@ _LEVEL = 9
 """A hundredth of the time in which a run fills the log; higher levels take much more for a few per cent."""
 
 _CHUNK = 1 << 20
+_TRIES, _PAUSE_S = 5, 0.01
 _ADVICE = "record shorter runs"
 
 
@@ -32,9 +34,21 @@ class LogFile:
     def __init__(self, path: Path) -> None:
         """Begin the file anew. Raises OSError, BlockingIOError where another process writes it."""
         self._file = path.open("ab")
-        fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        self._lock()
         self._file.truncate(0)
         self._stream = zstandard.ZstdCompressor(level=_LEVEL).compressobj()
+
+    def _lock(self) -> None:
+        """Lock the file; a look at whether it is locked (`is_written_now`) is no reason to give up."""
+        for left in reversed(range(_TRIES)):
+            try:
+                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                return
+            except BlockingIOError:
+                if not left:
+                    self._file.close()
+                    raise
+                threading.Event().wait(_PAUSE_S)
 
     def write(self, text: str) -> None:
         """Write text and hand it to the system."""

@@ -1,8 +1,10 @@
 """Reading a session log that is damaged: one line that says where and what is allowed, never a traceback."""
 
+import fcntl
 import json
 import re
 import signal
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -233,3 +235,15 @@ def test_any_line_is_survived(tmp_path: Path, line: str) -> None:
     lines[4] = line
     path.write_bytes("\n".join(lines).encode("utf-8", "surrogatepass") + b"\n")
     read_or_refused(tmp_path)
+
+
+def test_a_look_at_the_log_does_not_keep_a_run_from_writing_it(tmp_path: Path) -> None:
+    path = packed_log(tmp_path)
+    with path.open("rb") as looking:
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        threading.Timer(0.02, lambda: fcntl.flock(looking, fcntl.LOCK_UN)).start()
+        packed_log(tmp_path)
+        fcntl.flock(looking, fcntl.LOCK_SH)
+        with pytest.raises(InputError, match="is being written by another palpate"):
+            packed_log(tmp_path)
+    assert len(read_session(tmp_path).entries) == 8
