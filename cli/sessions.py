@@ -83,5 +83,5 @@ def prune(
     total = f"{counted(len(old), 'session', 'sessions')}, {size_words(sum(item.bytes for item in old))}"
     typer.echo(f"{'would remove' if dry_run else 'removed'} {total}")
     for name in () if removed is None else removed.kept_folders:
-        typer.echo(f"{name} stays: it holds other files", err=True)
+        typer.echo(f"{name} stays: it holds other files, or is being written", err=True)
     return 0

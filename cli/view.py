@@ -31,7 +31,7 @@ def view(
     from palpate.views.live.server import LiveView, serve
 
     folder = session_of(session)
-    feed = SessionFeed(folder, is_awaited=run is not None)
+    feed = SessionFeed(folder)
 
     def update() -> None:
         feed.update()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from palpate.config.sessions_result import SessionOut
 from palpate.errors import InputError, OutputError
+from palpate.rig.session.log_file import is_written_now, log_path
 
 __all__ = ["Pruned", "discard_session", "remove_sessions", "to_prune"]
 
@@ -30,7 +31,7 @@ _WRITTEN = frozenset(
 
 @dataclass(frozen=True)
 class Pruned:
-    """What was removed, and folders that stay, as they hold files of others."""
+    """What was removed, and folders that stay, as they hold files of others or are being written."""
 
     sessions: tuple[SessionOut, ...]
     kept_folders: tuple[str, ...]
@@ -61,7 +62,7 @@ def remove_sessions(sessions: Sequence[SessionOut]) -> Pruned:
     for item in sessions:
         folder = Path(item.session)
         try:
-            if not _removed(folder):
+            if is_written_now(log_path(folder)) or not _removed(folder):
                 kept.append(item.session)
         except OSError as error:
             raise OutputError(f"session {folder} cannot be removed: {error.strerror}") from error

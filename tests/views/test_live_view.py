@@ -12,10 +12,14 @@ from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
+import dynamixel_sdk
 import pytest
-from command import PALPATE, log_events, torque_writes
+from command import PALPATE, log_events, log_lines, torque_writes, write_log
 from firm_rig import firm_rig
+from quick_rig import quick_bench
 from recorded_run import two_grips
+
+from palpate.testing import served
 
 CHROMIUM = shutil.which("chromium")
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
@@ -177,6 +181,19 @@ def test_what_cannot_be_served_or_read_is_one_line(session: Path, tmp_path: Path
     assert "is not a session" in done.stderr
 
 
+def test_a_log_that_was_changed_is_shown_up_to_there_and_says_so(session: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "changed"
+    shutil.copytree(session, folder)
+    lines = log_lines(folder / "session.jsonl.zst")
+    at = next(k for k, line in enumerate(lines) if '"event":"touches"' in line)
+    write_log(folder / "session.jsonl.zst", [*lines[:at], "nonsense\n", *lines[at:]])
+    with viewed(folder) as page:
+        last = page.json("/frame?t=1e9")
+    assert last["end"]["how"] == "unreadable"
+    assert f"line {at + 1}: is not JSON" in last["end"]["message"]
+    assert (last["stage"], last["contacts"]) == ("retracting", [])
+
+
 @contextmanager
 def running(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Page]]:
     """A run with its view, whose fingers creep."""
@@ -226,6 +243,36 @@ def test_the_stop_button_ends_the_run_with_torque_off(tmp_path: Path) -> None:
     assert {dxl_id: last[dxl_id] for dxl_id in (11, 12, 21, 22, 31, 32)} == dict.fromkeys(
         last.keys() - {254}, 0
     )
+
+
+@pytest.mark.realtime
+@pytest.mark.slow
+def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_finds_torque_off(
+    tmp_path: Path,
+) -> None:
+    rig, parts = quick_bench(tmp_path, fingers=2)
+    with served(tmp_path, "--rig", rig, "--objects", parts, "--rig-out", "real.toml") as (_, told):
+        port = free_port()
+        words = [PALPATE, "identify", "--rig", "real.toml", "--objects", parts]
+        run = subprocess.Popen([*words, "--view", "--view-port", str(port)], cwd=tmp_path)
+        try:
+            page = until_served(port, run)
+            frame = until_closing(page)
+            assert any(frame["torque"].values())
+            status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
+            assert (status, json.loads(text)) == (200, {"stopped": True, "words": "torque is off"})
+            assert run.wait(30) in (3, 130)  # its port may have been taken from it first
+        finally:
+            run.kill()
+            run.wait()
+        bus = dynamixel_sdk.PortHandler(told["ports"]["mock://bus"])
+        assert bus.setBaudRate(1_000_000)
+        packets = dynamixel_sdk.PacketHandler(2.0)
+        try:
+            answers = {dxl_id: packets.read1ByteTxRx(bus, dxl_id, 64)[:2] for dxl_id in (11, 12, 21, 22)}
+        finally:
+            bus.closePort()
+        assert answers == dict.fromkeys(answers, (0, 0)), "off, and the reading went well"
 
 
 def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:

@@ -18,18 +18,12 @@ from palpate.errors import InputError, OutputError
 from palpate.geometry import ObjectModel
 from palpate.rig.session.samples import EventSample, FrameSample, Sample, SessionSamples, TipSample
 from palpate.views.exports.clock import LogClock
-from palpate.views.exports.scene import Outline, Scene, Tip, scene_changes
+from palpate.views.exports.scene import COLOURS, Outline, Scene, Tip, scene_changes
 
 __all__ = ["write_mcap"]
 
 _FRAME = "W"
 _M = 1e-3
-_COLOURS: Mapping[str, tuple[float, float, float]] = {
-    "workspace": (0.6, 0.65, 0.7),
-    "hypothesis": (0.0, 0.45, 0.7),
-    "truth": (0.9, 0.5, 0.1),
-    "normal": (0.0, 0.5, 0.35),
-}
 _TIP_COLOUR = (0.3, 0.75, 0.6)
 _TIP_HEIGHT_MM = 20.0
 _LEAST_ALPHA = 0.25
@@ -136,7 +130,7 @@ class _Writer:
             thickness=2.0,
             scale_invariant=True,
             points=points,
-            color=self._colour(_COLOURS[item.kind], alpha),
+            color=self._colour(COLOURS[item.kind], alpha),
         )
 
     def _tip(self, tip: Tip) -> dict[str, list[Any]]:

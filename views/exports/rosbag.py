@@ -24,7 +24,8 @@ from palpate.rig.session.samples import (
     TipSample,
 )
 from palpate.views.exports.clock import LogClock
-from palpate.views.exports.scene import Outline, Scene, scene_changes
+from palpate.views.exports.scene import COLOURS, Outline, Scene, scene_changes
+from palpate.views.logged_hypotheses import heaviest_first
 
 __all__ = ["write_rosbag"]
 
@@ -32,12 +33,6 @@ _FRAME = "W"
 _M = 1e-3
 _WHAT = "writing ROS 2 bags"
 _BAG_VERSION = 9
-_COLOURS: Mapping[str, tuple[float, float, float]] = {
-    "workspace": (0.6, 0.65, 0.7),
-    "hypothesis": (0.0, 0.45, 0.7),
-    "truth": (0.9, 0.5, 0.1),
-    "normal": (0.0, 0.5, 0.35),
-}
 _LINE_STRIP, _ADD, _DELETE_ALL = 4, 0, 3  # visualization_msgs/Marker
 
 
@@ -123,7 +118,7 @@ class _Writer:
                     self._answer(sample.t_s, sample.values["hypotheses"])
 
     def _answer(self, t_s: float, hypotheses: Sequence[Mapping[str, Any]]) -> None:
-        at = max(hypotheses, key=lambda item: item["weight"] or 0.0)["configuration"]
+        at = heaviest_first(hypotheses)[0]["configuration"]
         make, half = self._make, at["theta_rad"] / 2
         place = make("geometry_msgs/msg/Point", x=at["x_mm"] * _M, y=at["y_mm"] * _M, z=0.0)
         turn = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
@@ -141,7 +136,7 @@ class _Writer:
         ring = item.points_mm * _M
         closed = np.vstack([ring, ring[:1]]) if item.is_closed and len(ring) else ring
         z = item.height_mm * _M
-        red, green, blue = _COLOURS[item.kind]
+        red, green, blue = COLOURS[item.kind]
         zero = make("geometry_msgs/msg/Point", x=0.0, y=0.0, z=0.0)
         level = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
         return make(

@@ -10,8 +10,17 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.samples import EventSample, Sample, TipSample
+from palpate.views.logged_hypotheses import heaviest_first, outlines_in_w
 
-__all__ = ["Outline", "Scene", "Tip", "scene_changes"]
+__all__ = ["COLOURS", "Outline", "Scene", "Tip", "scene_changes"]
+
+COLOURS: Mapping[str, tuple[float, float, float]] = {
+    "workspace": (0.6, 0.65, 0.7),
+    "hypothesis": (0.0, 0.45, 0.7),
+    "truth": (0.9, 0.5, 0.1),
+    "normal": (0.0, 0.5, 0.35),
+}
+"""Red, green and blue of each kind of outline, from 0 to 1."""
 
 _CIRCLE = 96
 _SHOWN = 12  # hypotheses, the heaviest
@@ -93,7 +102,7 @@ class _Drawn:
             new = (_contact(values["grip"], touch) for touch in values["touches"])
             self._contacts += tuple(item for item in new if item is not None)
         elif sample.kind == "recognised":
-            heaviest = sorted(values["hypotheses"], key=lambda item: -(item["weight"] or 0.0))[:_SHOWN]
+            heaviest = heaviest_first(values["hypotheses"])[:_SHOWN]
             self._hypotheses = tuple(
                 ring for number, item in enumerate(heaviest) for ring in self._rings(item, number)
             )
@@ -111,19 +120,10 @@ class _Drawn:
         return Scene(t_s, (self._table, *self._truth, *self._hypotheses, *self._contacts), tuple(tips))
 
     def _rings(self, item: Mapping[str, Any], number: int | None) -> Iterator[Outline]:
-        """Outlines of an object's lowest section that fingers meet, where it lies."""
-        model = self._models.get(item["object"])
-        states = [] if model is None else [state for state in model.states if state.name == item["state"]]
-        if not states:
-            return
+        """Outlines of an object where fingers meet it."""
         height = max(finger.height_mm for finger in self._fingers.values())
-        sections = states[0].sections_at(height) or states[0].sections[:1]
-        at = item["configuration"]
-        c, s = math.cos(at["theta_rad"]), math.sin(at["theta_rad"])
         kind = "truth" if number is None else "hypothesis"
-        rings = [ring for section in sections for ring in section.rings]
-        for k, ring in enumerate(rings):
-            points = ring @ np.array([[c, s], [-s, c]]) + (at["x_mm"], at["y_mm"])
+        for k, points in enumerate(outlines_in_w(item, self._models, height)):
             name = f"{kind}-{number or 0}-{k}"
             yield Outline(name, kind, points, height, weight=float(item.get("weight") or 1.0))
 

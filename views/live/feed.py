@@ -17,36 +17,36 @@ __all__ = ["SessionFeed"]
 class SessionFeed:
     """Brings a frame store up to date with a session, as far as it is recorded."""
 
-    def __init__(self, folder: Path, *, is_awaited: bool) -> None:
-        """`is_awaited`: its log may not be there yet. Raises InputError if it should be and is not."""
+    def __init__(self, folder: Path) -> None:
+        """Raises InputError for a folder without a log, or without the rig and objects files of its run."""
         self.store = FrameStore()
         self._folder = folder
         self._tail = LogTail(folder)
         self._decoder: SampleDecoder | None = None
-        if not is_awaited and not self._tail.path.is_file():
+        if not self._tail.path.is_file():
             raise InputError(f"{folder} is not a session: {self._tail.path} is missing")
-
-    def setting(self) -> Mapping[str, object]:
-        """What does not change; raises InputError while the session's rig and objects are not kept yet."""
-        rig = load_calibrated(self._folder / "rig.toml", calibration=False).rig
-        return setting_of(rig, load_objects(self._folder / "objects.json").objects) | {
-            "session": self._folder.name
-        }
+        objects = load_objects(folder / "objects.json").objects
+        self.setting: Mapping[str, object] = setting_of(self._rig(calibration=False), objects)
 
     def update(self) -> None:
-        """Take what was written since."""
-        if not (self._folder / "rig.toml").is_file():
+        """Take what was written since. A log that cannot be read any further ends the frames and says why."""
+        if self.store.is_ended:
             return
-        for entry in self._tail.read():
-            if self._decoder is None:
-                self._decoder = SampleDecoder(self._rig(entry.what))
-            if isinstance(entry.what, SessionEvent) and entry.what.kind == "session":
-                self.store.take([EventSample(0.0, "session", entry.what.values)])
-            else:
-                self.store.take(self._decoder.feed(entry))
-        if not self._tail.is_written:
+        was_written = self._tail.is_written
+        try:
+            for entry in self._tail.read():
+                what = entry.what
+                if isinstance(what, SessionEvent) and what.kind == "session":
+                    self._decoder = SampleDecoder(
+                        self._rig(calibration=what.values.get("calibration") is True)
+                    )
+                    self.store.take([EventSample(0.0, what.kind, what.values)])
+                elif self._decoder is not None:
+                    self.store.take(self._decoder.feed(entry))
+        except InputError as error:
+            self.store.take([EventSample(0.0, "end", {"how": "unreadable", "message": str(error)})])
+        if not was_written:  # what was written before it was given up has been read
             self.store.is_ended = True
 
-    def _rig(self, first: object) -> RigFile:
-        calibrated = isinstance(first, SessionEvent) and first.values.get("calibration") is True
-        return load_calibrated(self._folder / "rig.toml", calibration=calibrated).rig
+    def _rig(self, *, calibration: bool) -> RigFile:
+        return load_calibrated(self._folder / "rig.toml", calibration=calibration).rig

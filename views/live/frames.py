@@ -12,6 +12,7 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.samples import EventSample, FrameSample, Sample, ServoSample, TipSample
+from palpate.views.logged_hypotheses import heaviest_first
 
 __all__ = ["FrameStore", "setting_of"]
 
@@ -97,7 +98,7 @@ class FrameStore:
                 state["contacts"] = []
             case "recognised":
                 state["verdict"] = values["verdict"]
-                heaviest = sorted(values["hypotheses"], key=lambda item: -(item["weight"] or 0.0))
+                heaviest = heaviest_first(values["hypotheses"])
                 state["hypotheses"] = [_hypothesis(item) for item in heaviest[:_SHOWN]]
             case "planned":
                 state["plan"] = [_approach(item) for item in values["approaches"]]

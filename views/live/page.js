@@ -149,7 +149,7 @@ function draw(frame) {
   document.title = `${title(frame)} – ${setting.rig}`;
   const torque = Object.values(frame.torque).some(Boolean) ? "torque on" : "torque off";
   const doing = frame.end ? "the run has ended" : frame.stage ? `grip ${frame.grip}: ${frame.stage}` : "connecting";
-  byId("doing").textContent = frame.end ? doing : `${doing}, ${torque}`;
+  byId("doing").textContent = frame.end ? frame.end.message || doing : `${doing}, ${torque}`;
   byId("clock").textContent = `${frame.t.toFixed(2)} s`;
   byId("counts").textContent = `${frame.frames} array frames` + (skipped ? `, ${skipped} pictures skipped` : "");
   if (frame.end) byId("stop").hidden = true;

@@ -38,7 +38,7 @@ class LiveView:
     def __init__(
         self,
         store: FrameStore,
-        setting: Callable[[], Mapping[str, object]],
+        setting: Mapping[str, object],
         update: Callable[[], None],
         stop: Callable[[], Mapping[str, object]] | None = None,
     ) -> None:
@@ -71,7 +71,7 @@ def application(view: LiveView, port: int) -> Any:
         return responses.Response(text, media_type=_PAGE_FILES[name])
 
     async def setting(_: Any) -> Any:
-        return responses.JSONResponse(dict(view.setting()))
+        return responses.JSONResponse(dict(view.setting))
 
     async def extent(_: Any) -> Any:
         times = view.store.times_s

@@ -6,9 +6,9 @@ from typing import Any
 
 from palpate.config import RigFile
 from palpate.errors import counted
-from palpate.geometry import Floats, ObjectModel
-from palpate.geometry.plane import rotation_matrix
+from palpate.geometry import ObjectModel
 from palpate.rig.session.run_record import GripRecord
+from palpate.views.logged_hypotheses import heaviest_first, outlines_in_w
 from palpate.views.report.page import columns, paragraph, picture, section, table
 from palpate.views.table_picture.picture import draw
 from palpate.views.table_picture.values import BoundedPose, FingerBase, OtherHypothesis, Picture, TouchMark
@@ -94,7 +94,7 @@ def _normal(normal: Mapping[str, float] | None) -> str:
 
 
 def _hypotheses(grip: GripRecord) -> str:
-    heaviest = sorted(grip.hypotheses, key=lambda item: -(item["weight"] or 0.0))
+    heaviest = heaviest_first(grip.hypotheses)
     rows = []
     for item in heaviest[:_LISTED]:
         at = item["configuration"]
@@ -113,19 +113,19 @@ def _picture(
     models: Mapping[str, ObjectModel],
     truth: Mapping[str, Any] | None,
 ) -> str:
-    heaviest = sorted(grip.hypotheses, key=lambda item: -(item["weight"] or 0.0))
+    heaviest = heaviest_first(grip.hypotheses)
     first = heaviest[0] if heaviest else None
     others = [
         OtherHypothesis(item["object"], f"still possible, {100 * (item['weight'] or 0):.0f} %", rings)
         for item in heaviest[1:_DRAWN]
-        if (rings := _rings(item, models))
+        if (rings := outlines_in_w(item, models))
     ]
     return draw(
         Picture(
             title=f"After grip {grip.number}: {'nothing agrees' if first is None else name_of(first)}",
-            found=() if first is None else _rings(first, models),
+            found=() if first is None else outlines_in_w(first, models),
             pose=None if first is None else _pose(first),
-            truth=() if truth is None else _rings(truth, models),
+            truth=() if truth is None else outlines_in_w(truth, models),
             others=tuple(others),
             touches=marks,
             bases=tuple(FingerBase(item.name, item.base_mm) for item in rig.fingers),
@@ -151,15 +151,3 @@ def _pose(item: Mapping[str, Any]) -> BoundedPose:
     at, bounds = item["configuration"], item["bounds"]
     x, y, theta = ((at[name], *bounds[name]) for name in ("x_mm", "y_mm", "theta_rad"))
     return BoundedPose(x, y, theta)
-
-
-def _rings(item: Mapping[str, Any], models: Mapping[str, ObjectModel]) -> tuple[Floats, ...]:
-    """Outlines of the lowest section in W; none of an object that the session does not hold."""
-    model = models.get(item["object"])
-    states = [] if model is None else [state for state in model.states if state.name == item["state"]]
-    if not states:
-        return ()
-    section = min(states[0].sections, key=lambda part: part.z_mm[0])
-    at = item["configuration"]
-    turn = rotation_matrix(at["theta_rad"]).T
-    return tuple(ring @ turn + [at["x_mm"], at["y_mm"]] for ring in section.rings)
