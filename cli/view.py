@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated
@@ -11,6 +12,7 @@ import typer
 __all__ = ["DEFAULT_PORT", "view"]
 
 DEFAULT_PORT = 8765
+_LAST_FRAMES_S = 0.5
 
 
 def view(
@@ -32,13 +34,15 @@ def view(
 
     folder = session_of(session)
     feed = SessionFeed(folder)
+    lifetime = None if run is None else _Lifetime(run)
 
     def update() -> None:
         feed.update()
-        if run is not None and os.getppid() != run:
-            os._exit(0)  # the run was killed: there is nothing to follow, and its port is wanted again
+        if lifetime is not None:
+            lifetime.check()
 
-    shown = LiveView(feed.store, feed.setting, update, None if run is None else _stopper(run, folder))
+    stop = None if lifetime is None else _stopper(lifetime, folder)
+    shown = LiveView(feed.store, feed.setting, update, stop)
     try:
         serve(shown, port, lambda address: typer.echo(f"{address} shows {folder}; Ctrl-C ends", err=True))
     except OSError as error:
@@ -48,23 +52,55 @@ def view(
     return 0
 
 
-def _stopper(run: int, folder: Path) -> Callable[[], Mapping[str, object]]:
+class _Lifetime:
+    """Ends this process with the run that started it, but not while it stops servos."""
+
+    def __init__(self, run: int) -> None:
+        self.run = run
+        self.is_stopping = False
+        self._idle_since_s: float | None = None
+
+    @property
+    def has_run(self) -> bool:
+        """Whether the run is still there."""
+        return os.getppid() == self.run
+
+    def check(self) -> None:
+        """End the process if nothing is left to show or to do: the next run wants its port."""
+        if self.has_run or self.is_stopping:
+            self._idle_since_s = None
+            return
+        now = time.monotonic()
+        self._idle_since_s = now if self._idle_since_s is None else self._idle_since_s
+        if now - self._idle_since_s > _LAST_FRAMES_S:
+            os._exit(0)
+
+
+def _stopper(lifetime: _Lifetime, folder: Path) -> Callable[[], Mapping[str, object]]:
     """Ends the run as Ctrl-C does, and on real ports sends what `palpate stop` sends as well."""
 
     def stop() -> Mapping[str, object]:
-        from palpate.api import bus
-        from palpate.config import load_rig
-        from palpate.errors import PalpateError
-
-        if os.getppid() != run:
-            return {"stopped": False, "words": "the run has ended already"}
-        os.kill(run, signal.SIGINT)
-        if load_rig(folder / "rig.toml").emulated:
-            return {"stopped": True, "words": "stopped: the run switches torque off"}
+        lifetime.is_stopping = True
         try:
-            confirmed = bus.stop(rig=folder / "rig.toml").confirmed
-        except PalpateError as error:
-            return {"stopped": True, "words": f"stop requested; not confirmed: {error}"}
-        return {"stopped": True, "words": "torque is off" if confirmed else "stop requested; NOT confirmed"}
+            return _stopped(lifetime, folder)
+        finally:
+            lifetime.is_stopping = False
 
     return stop
+
+
+def _stopped(lifetime: _Lifetime, folder: Path) -> Mapping[str, object]:
+    from palpate.api import bus
+    from palpate.config import load_rig
+    from palpate.errors import PalpateError
+
+    if not lifetime.has_run:
+        return {"stopped": False, "words": "the run has ended already"}
+    os.kill(lifetime.run, signal.SIGINT)
+    if load_rig(folder / "rig.toml").emulated:
+        return {"stopped": True, "words": "stopped: the run switches torque off"}
+    try:
+        confirmed = bus.stop(rig=folder / "rig.toml").confirmed
+    except PalpateError as error:
+        return {"stopped": True, "words": f"stop requested; not confirmed: {error}"}
+    return {"stopped": True, "words": "torque is off" if confirmed else "stop requested; NOT confirmed"}

@@ -3,18 +3,15 @@
 import os
 import subprocess
 import sys
-from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 __all__ = ["ViewProcess"]
 
-_LAST_FRAMES_S = 0.5
-
 
 class ViewProcess:
-    """Shows a run's session, from its begin to its end. Use as a context manager."""
+    """Shows a run's session until this process ends. Use as a context manager."""
 
     def __init__(self, port: int | None) -> None:
         """None: shows nothing."""
@@ -39,9 +36,4 @@ class ViewProcess:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._process is None:
-            return
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_LAST_FRAMES_S)
-        self._process.kill()  # it only reads
-        self._process.wait()
+        """Leave it: it ends with this process, once the page has the last frame and a stop is confirmed."""
