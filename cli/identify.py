@@ -1,5 +1,6 @@
 """`palpate identify`: the main job, from a rig file to a verdict, a session log and a picture."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -45,21 +46,21 @@ def identify(
     from palpate.api.rig import open_rig
     from palpate.cli.identification_progress import Progress, answer_lines
     from palpate.cli.terminal import Terminal, print_notices
-    from palpate.cli.view_process import ViewProcess
+    from palpate.cli.view_process import start_view
     from palpate.files.writing import check_place, write_text
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     if picture is not None:
         check_place(picture)
     terminal = Terminal(stderr=True, highlight=False, markup=False)
-    with Progress(terminal) as progress, ViewProcess(view_port if view else None) as shown:
+    with Progress(terminal) as progress:
         answer = opened.identify(
             objects,
             scene=scene,
             strategy=strategy.value,
             sessions=sessions,
             on_event=progress,
-            on_session=shown.begin,
+            on_session=partial(start_view, view_port) if view else lambda _: None,
             notice=progress.notice,
             warn=lambda line: print_notices([line]),
         )
