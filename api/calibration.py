@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Self
 
 from palpate.api.files import PathLike, load_references
+from palpate.api.view_log import view_log
 from palpate.config import (
     CalibrationFile,
     RigFile,
@@ -21,6 +22,7 @@ from palpate.errors import InputError, PalpateError
 from palpate.files.writing import check_place, write_text
 from palpate.rig.background import BackgroundCall
 from palpate.rig.bench import emulated_table, environment, set_up
+from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.commissioning.calibration import CalibrationJob, build_references, calibrate, slide_fingers
 from palpate.rig.commissioning.calibration_hand import rig_connector
 from palpate.rig.commissioning.rig_prober import Table
@@ -93,8 +95,8 @@ def check_references(rig: RigFile, references: ReferencesFile) -> None:
 
 
 def calibrate_rig(
+    on_bench: RigOnBench,
     path: Path,
-    rig: RigFile,
     steps: Sequence[str],
     *,
     references: ReferencesFile | PathLike | None,
@@ -102,8 +104,10 @@ def calibrate_rig(
     table: Table | None,
     restart: bool,
     progress: Callable[[str], None],
+    on_session: Callable[[Path], None] | None,
 ) -> CalibrationAnswer:
     """Calibrate the rig whose file is at `path`; arguments and errors as `Rig.calibrate`."""
+    rig = on_bench.described
     shapes, paths = references_from(references), CalibrationPaths.beside(path)
     check_references(rig, shapes)
     for place in (paths.calibration, paths.record, paths.report):
@@ -126,8 +130,18 @@ def calibrate_rig(
         datetime.now(UTC).replace(microsecond=0),
         _before(paths.calibration, rig, path),
     )
-    with BackgroundCall("the display", progress) as notice:
-        file = calibrate(job, rig_connector(environment(bench), table, notice), keeper, notice)
+    as_described = RigOnBench(rig, rig, None, on_bench.path)
+    with (
+        view_log(as_described, bench.clock, "calibrate", on_session) as log,
+        BackgroundCall("the display", progress) as notice,
+    ):
+
+        def tell(words: str) -> None:
+            if log is not None:
+                log.event("said", words=words)
+            notice(words)
+
+        file = calibrate(job, rig_connector(environment(bench, log), table, notice), keeper, tell)
     write_text(paths.calibration, calibration_toml(file))
     write_report(paths.report, file)
     keeper.forget()

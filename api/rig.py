@@ -19,6 +19,7 @@ from palpate.api.files import PathLike, name_of, objects_from, scene_from
 from palpate.api.identification import identify_on
 from palpate.api.monitor import Monitor, check_streaming
 from palpate.api.signals import unwinding_signals
+from palpate.api.view_log import view_log
 from palpate.api.warning import warning
 from palpate.config import ObjectsFile, RigFile, Scene
 from palpate.config.references_file import ReferencesFile
@@ -211,25 +212,28 @@ class Rig:
         table: Table | None = None,
         restart: bool = False,
         progress: Callable[[str], None] = lambda _: None,
+        on_session: Callable[[Path], None] | None = None,
     ) -> CalibrationAnswer:
         """Calibrate: measure the rig, write what is found beside the rig file, with a report; fingers move.
 
         `steps`: of "actuators", "tactile", "fingers". `table` puts references where they are wanted; an
-        emulated rig has one. An interrupted calibration is resumed unless `restart`. From now on this rig
-        uses the calibration. Raises InputError for the shipped rig, which has no file to lie beside.
+        emulated rig has one. An interrupted calibration is resumed unless `restart`. `on_session`: called
+        with the folder of a log for a live view, removed at the end. From now on this rig uses the
+        calibration. Raises InputError for the shipped rig, which has no file to lie beside.
         """
         if self.path is None:
             raise InputError(SHIPPED_RIG)
         with unwinding_signals():
             answer = calibrate_rig(
+                self._on_bench,
                 self.path,
-                self._on_bench.described,
                 steps,
                 references=references,
                 seed=self._seed,
                 table=table,
                 restart=restart,
                 progress=progress,
+                on_session=on_session,
             )
         self._on_bench = load_calibrated(self.path)
         return answer
@@ -244,12 +248,14 @@ class Rig:
         tare: bool = True,
         speed: float | None = 1.0,
         wall: Clock | None = None,
+        on_session: Callable[[Path], None] | None = None,
     ) -> Iterator[Monitor]:
         """Watch tactile arrays; they stream until the block is left, and nothing moves.
 
         `fingers`: names of some; all without any. `rate_hz`: frames a second; None: the rig file's rate.
         `speed`: seconds of an emulated rig's time in one second of the `wall` clock, this computer's without
-        it; None: as fast as it is computed. A real rig has its own time.
+        it; None: as fast as it is computed. A real rig has its own time. `on_session`: called with the folder
+        of a log for a live view, which is removed at the end.
 
         Raises InputError for a finger that is not there, DeviceError if an array is missing, taken or goes
         away.
@@ -258,8 +264,13 @@ class Rig:
         file, specs = self.file, select_fingers(self.file, names)
         rate = rate_hz or file.closing.sample_rate_hz
         where = find_array_ports(self._on_bench.described)
-        clock = paced(where.clock, speed if file.emulated else None, wall)
-        with stream_arrays(file, specs, where, clock, rate) as found:
+        with (
+            view_log(self._on_bench, where.clock, "watch", on_session) as log,
+            ExitStack() as streams,
+        ):
+            where = where if log is None else where.recorded(log)
+            clock = paced(where.clock, speed if file.emulated else None, wall)
+            found = streams.enter_context(stream_arrays(file, specs, where, clock, rate))
             uids = {finger.name: finger.array.description.unique_id.hex() for finger in found}
             check_arrays(self._on_bench.calibration, uids)
             for finger in found if tare else ():

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.options import (
+    VIEW_PORT,
     JsonOption,
     NoCalibrationOption,
     ObjectsOption,
@@ -15,8 +16,9 @@ from palpate.cli.options import (
     SceneOption,
     SeedOption,
     StrategyOption,
+    ViewOption,
+    ViewPortOption,
 )
-from palpate.cli.view import DEFAULT_PORT
 from palpate.errors import PalpateError
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
@@ -35,12 +37,8 @@ def identify(
         "palpate-sessions"
     ),
     no_calibration: NoCalibrationOption = False,
-    view: Annotated[
-        bool, typer.Option("--view", help="Show the run on a page in the browser; see palpate view.")
-    ] = False,
-    view_port: Annotated[
-        int, typer.Option("--view-port", min=1, max=65535, help="With --view: its port on this computer.")
-    ] = DEFAULT_PORT,
+    view: ViewOption = False,
+    view_port: ViewPortOption = VIEW_PORT,
 ) -> int:
     """Touch what lies on the table until it is known which object it is and where."""
     from palpate.api.rig import open_rig

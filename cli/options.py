@@ -8,6 +8,7 @@ import typer
 from palpate.vocabulary import Strategy
 
 __all__ = [
+    "VIEW_PORT",
     "ContactsOption",
     "JsonOption",
     "NoCalibrationOption",
@@ -19,7 +20,12 @@ __all__ = [
     "SceneOption",
     "SeedOption",
     "StrategyOption",
+    "ViewOption",
+    "ViewPortOption",
 ]
+
+VIEW_PORT = 8765
+"""Of the live view, if no other is given."""
 
 RigOption = Annotated[
     Path | None, typer.Option("--rig", help="Rig file (TOML); without it, the shipped emulated rig.")
@@ -49,4 +55,10 @@ PictureOption = Annotated[Path | None, typer.Option("--picture", help="Also writ
 PortOption = Annotated[str | None, typer.Option("--port", help="Port of the servos' bus.")]
 ObjectsArgument = Annotated[
     Path, typer.Argument(metavar="FILE", help="Object models (JSON).", show_default=False)
+]
+ViewOption = Annotated[
+    bool, typer.Option("--view", help="Show it on a page in the browser; see palpate view.")
+]
+ViewPortOption = Annotated[
+    int, typer.Option("--view-port", min=1, max=65535, help="With --view: its port on this computer.")
 ]

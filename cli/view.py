@@ -5,21 +5,23 @@ import signal
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-__all__ = ["DEFAULT_PORT", "view"]
+from palpate.cli.options import VIEW_PORT
 
-DEFAULT_PORT = 8765
+if TYPE_CHECKING:
+    from palpate.config import RigFile
+
+__all__ = ["view"]
+
 _LAST_FRAMES_S = 0.5
 
 
 def view(
     session: Annotated[Path, typer.Argument(help="A session's folder, or its log.", show_default=False)],
-    port: Annotated[
-        int, typer.Option("--port", min=1, max=65535, help="Port on this computer.")
-    ] = DEFAULT_PORT,
+    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="Port on this computer.")] = VIEW_PORT,
     run: Annotated[int | None, typer.Option("--run", hidden=True)] = None,
 ) -> int:
     """Show a session on a page in the browser: the table from above, taxels, contacts, hypotheses, plan.
@@ -27,6 +29,7 @@ def view(
     A recorded session has a slider; one that is being recorded is followed. The page is served on this
     computer only. Needs the extra `view`.
     """
+    from palpate.config import load_rig
     from palpate.errors import InputError
     from palpate.rig.session.log_file import session_of
     from palpate.views.live.feed import SessionFeed
@@ -41,7 +44,7 @@ def view(
         if lifetime is not None:
             lifetime.check()
 
-    stop = None if lifetime is None else _stopper(lifetime, folder)
+    stop = None if lifetime is None else _stopper(lifetime, load_rig(folder / "rig.toml"))
     shown = LiveView(feed.store, feed.setting, update, stop)
     try:
         serve(shown, port, lambda address: typer.echo(f"{address} shows {folder}; Ctrl-C ends", err=True))
@@ -76,31 +79,31 @@ class _Lifetime:
             os._exit(0)
 
 
-def _stopper(lifetime: _Lifetime, folder: Path) -> Callable[[], Mapping[str, object]]:
+def _stopper(lifetime: _Lifetime, rig: "RigFile") -> Callable[[], Mapping[str, object]]:
     """Ends the run as Ctrl-C does, and on real ports sends what `palpate stop` sends as well."""
 
     def stop() -> Mapping[str, object]:
         lifetime.is_stopping = True
         try:
-            return _stopped(lifetime, folder)
+            return _stopped(lifetime, rig)
         finally:
             lifetime.is_stopping = False
 
     return stop
 
 
-def _stopped(lifetime: _Lifetime, folder: Path) -> Mapping[str, object]:
-    from palpate.api import bus
-    from palpate.config import load_rig
+def _stopped(lifetime: _Lifetime, rig: "RigFile") -> Mapping[str, object]:
     from palpate.errors import PalpateError
+    from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
+    from palpate.rig.diagnostics.emergency_stop import stop_all
 
     if not lifetime.has_run:
         return {"stopped": False, "words": "the run has ended already"}
     os.kill(lifetime.run, signal.SIGINT)
-    if load_rig(folder / "rig.toml").emulated:
+    if rig.emulated:
         return {"stopped": True, "words": "stopped: the run switches torque off"}
     try:
-        confirmed = bus.stop(rig=folder / "rig.toml").confirmed
+        confirmed = stop_all(endpoint_of_rig(rig), rig.bus.baudrate_bps).confirmed
     except PalpateError as error:
         return {"stopped": True, "words": f"stop requested; not confirmed: {error}"}
     return {"stopped": True, "words": "torque is off" if confirmed else "stop requested; NOT confirmed"}

@@ -1,13 +1,14 @@
 """`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report."""
 
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from palpate.cli.interruption import if_interrupted
-from palpate.cli.options import JsonOption
+from palpate.cli.options import VIEW_PORT, JsonOption, ViewOption, ViewPortOption
 
 __all__ = ["calibrate"]
 
@@ -37,6 +38,8 @@ def calibrate(
     restart: Annotated[
         bool, typer.Option("--restart", help="Forget a calibration that was begun before.")
     ] = False,
+    view: ViewOption = False,
+    view_port: ViewPortOption = VIEW_PORT,
     json: JsonOption = False,
 ) -> int:
     """Measure a rig and write its calibration beside the rig file. Fingers move.
@@ -52,6 +55,7 @@ def calibrate(
     from palpate.cli.commissioning.confirm_motion import ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.terminal import Terminal
+    from palpate.cli.view_process import start_view
     from palpate.config.results import to_json
     from palpate.rig.commissioning.calibration import STEPS
 
@@ -72,6 +76,7 @@ def calibrate(
             table=None if opened.emulated else ConsoleTable(console),
             restart=restart,
             progress=progress.tell,
+            on_session=partial(start_view, view_port) if view else None,
         )
     out = calibrate_out(answer, opened.described, steps, time.perf_counter() - begin)
     if json:

@@ -1,13 +1,14 @@
 """`palpate watch`: what the fingers feel, live or from a recorded session. Moves nothing."""
 
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from palpate.cli.interruption import if_interrupted
-from palpate.cli.options import NoCalibrationOption, RigOption
+from palpate.cli.options import VIEW_PORT, NoCalibrationOption, RigOption, ViewOption, ViewPortOption
 from palpate.errors import InputError
 
 __all__ = ["watch"]
@@ -40,6 +41,8 @@ def watch(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a line on stdout.")] = False,
     no_calibration: NoCalibrationOption = False,
+    view: ViewOption = False,
+    view_port: ViewPortOption = VIEW_PORT,
 ) -> None:
     """Show what the arrays feel, live: taxels, force, contact, frames. Moves nothing.
 
@@ -50,6 +53,7 @@ def watch(
     from palpate.cli.monitor.display import forget_stdout, how_to_show, write_picture
     from palpate.cli.monitor.keys import Keys
     from palpate.cli.monitor.updates import show_updates
+    from palpate.cli.view_process import start_view
 
     own = rig is None and rate is None and tare and not no_calibration
     if session is None and speed is not None:
@@ -58,6 +62,8 @@ def watch(
         raise InputError(
             "--session excludes --rig, --no-calibration, --rate and --no-tare: the session has its own"
         )
+    if session is not None and view:
+        raise InputError(f"--view is for arrays; palpate view {session} shows a session, with a slider")
     for name, value in (("--rate", rate), ("--for", seconds), ("--speed", speed)):
         if value is not None and not 0 < value < 1e6:
             raise InputError(f"{name} {value:g}: must be above 0 and below a million")
@@ -69,7 +75,10 @@ def watch(
         else:
             opened = open_rig(rig, calibration=not no_calibration)
             pace = 1.0 if how.screen or seconds is None else None
-            monitor = ways_out.enter_context(opened.watch(fingers, rate_hz=rate, tare=tare, speed=pace))
+            shows = partial(start_view, view_port) if view else None
+            monitor = ways_out.enter_context(
+                opened.watch(fingers, rate_hz=rate, tare=tare, speed=pace, on_session=shows)
+            )
         keys = ways_out.enter_context(Keys())
         how.say(monitor.notes)
         try:

@@ -10,6 +10,7 @@ from palpate.config import FingerConfig, RigFile
 from palpate.drivers.tactile.frames import ArrayDriver
 from palpate.drivers.transport.clock import Clock, MonotonicClock
 from palpate.drivers.transport.port import PortTaken, open_port
+from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import DeviceError, InputError
 from palpate.rig.arrays import array_of, extractor_of
 from palpate.rig.bench import set_up
@@ -25,6 +26,15 @@ class ArrayPorts:
     clock: Clock
     open_port: Callable[[str, int], SerialBase]
     devices: object = None
+
+    def recorded(self, sink: Sink) -> "ArrayPorts":
+        """The same ports and clock, recorded to `sink`."""
+        recorder = Recorder(self.clock, sink)
+
+        def opened(port: str, baudrate: int) -> SerialBase:
+            return recorder.open(port, lambda: self.open_port(port, baudrate))
+
+        return ArrayPorts(recorder.clock, opened, self.devices)
 
 
 def find_array_ports(rig: RigFile) -> ArrayPorts:

@@ -15,7 +15,7 @@ from palpate.files.writing import write_text
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.session.log_reader import SessionFile
 
-__all__ = ["calibrated_run", "keep_inputs", "kept_inputs"]
+__all__ = ["calibrated_run", "keep_inputs", "keep_rig", "kept_inputs"]
 
 _RIG, _OBJECTS, _SCENE, _SCENE_OBJECTS = "rig.toml", "objects.json", "scene.json", "scene-objects.json"
 
@@ -25,15 +25,20 @@ def keep_inputs(folder: Path, on_bench: RigOnBench, objects: ObjectsFile, scene:
 
     A scene whose object comes from a file of its own gets that file's copy instead.
     """
-    write_text(folder / _RIG, _text(on_bench.path))
-    if on_bench.calibration_path is not None:
-        write_text(calibration_path(folder / _RIG), _text(on_bench.calibration_path))
+    keep_rig(folder, on_bench)
     write_text(folder / _OBJECTS, file_text(objects))
     if scene is not None and scene.objects is not None:
         write_text(folder / _SCENE_OBJECTS, file_text(load_objects(scene.objects)))
         scene = replace(scene, objects=Path(_SCENE_OBJECTS))
     if scene is not None:
         write_text(folder / _SCENE, file_text(scene))
+
+
+def keep_rig(folder: Path, on_bench: RigOnBench) -> None:
+    """Keep a rig file and the calibration that is in use; InputError if one cannot be written."""
+    write_text(folder / _RIG, _text(on_bench.path))
+    if on_bench.calibration_path is not None:
+        write_text(calibration_path(folder / _RIG), _text(on_bench.calibration_path))
 
 
 def kept_inputs(

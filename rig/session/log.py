@@ -67,17 +67,19 @@ class SessionLog(SessionEvents):
         *,
         stalled_s: float = _STALLED_S,
         capacity: int = CAPACITY,
+        needed: bool = True,
     ) -> None:
         """Start the log of a session in `folder` with a header line.
 
         A disk that takes nothing for `stalled_s`, in real time, or lets more than `capacity` lines wait,
-        counts as gone. Raises InputError if the log cannot be written, or another process is writing it now.
+        counts as gone. `needed`: whether a run should end if it cannot be logged. Raises InputError if the
+        log cannot be written, or another process is writing it now.
         """
         self.path = folder / LOG_NAME
         self._clock = clock
         self._calls: list[str] = []
         self._sum = 0
-        self._said = False
+        self._said = not needed
         self.has_traffic = False
         """Whether any byte went through a port."""
         self._stalled_s, self._capacity = stalled_s, capacity

@@ -8,6 +8,7 @@ import fcntl
 import io
 import threading
 from pathlib import Path
+from typing import BinaryIO
 
 import zstandard
 
@@ -16,7 +17,7 @@ from palpate.files import read_bytes
 from palpate.files.limits import LOG_BYTES
 from palpate.files.opening import size_in_words
 
-__all__ = ["LOG_NAME", "LogFile", "is_written_now", "log_path", "read_log", "session_of"]
+__all__ = ["LOG_NAME", "LogFile", "is_locked", "is_written_now", "log_path", "read_log", "session_of"]
 
 LOG_NAME = "session.jsonl.zst"
 _PLAIN_NAME = "session.jsonl"
@@ -107,9 +108,16 @@ def is_written_now(path: Path) -> bool:
     """Whether a process has the log open for writing."""
     try:
         with path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            return is_locked(file)
     except OSError:
         return False
+
+
+def is_locked(file: BinaryIO) -> bool:
+    """Whether a process has this open log open for writing, though the log may be removed by now."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    fcntl.flock(file, fcntl.LOCK_UN)
     return False

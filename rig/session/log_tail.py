@@ -1,13 +1,15 @@
 """Tail of a session log: its entries as another process writes them, or all of one that ended."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
 import zstandard
 
 from palpate.drivers.transport.recording import Entry
 from palpate.errors import InputError
-from palpate.rig.session.log_file import is_written_now, log_path
+from palpate.rig.session.log_file import is_locked, log_path
 from palpate.rig.session.log_reader import entry_in
 
 __all__ = ["LogTail"]
@@ -21,8 +23,8 @@ class LogTail:
     def __init__(self, folder: Path) -> None:
         """`folder`: the session's; its log may not be there yet."""
         self._folder = folder
+        self._file: BinaryIO | None = None
         self._stream = zstandard.ZstdDecompressor().decompressobj()
-        self._at = 0
         self._line = 0
         self._rest = b""
 
@@ -34,20 +36,24 @@ class LogTail:
     @property
     def is_written(self) -> bool:
         """Whether a process has the log open now."""
-        return is_written_now(self.path)
+        file = self._opened()
+        return file is not None and is_locked(file)
 
     def read(self) -> Iterator[Entry]:
         """The entries written since; none while there is no log. Raises InputError as `read_session` does."""
         try:
-            with self.path.open("rb") as file:
-                file.seek(self._at)
-                while data := file.read(_CHUNK):
-                    self._at += len(data)
-                    yield from self._entries(self._unpacked(data))
-        except FileNotFoundError:
-            return
+            file = self._opened()
+            while file is not None and (data := file.read(_CHUNK)):
+                yield from self._entries(self._unpacked(data))
         except OSError as error:
             raise InputError(f"{self.path} cannot be read: {error.strerror}") from error
+
+    def _opened(self) -> BinaryIO | None:
+        """The log, kept open: a view's own log is removed when its command ends, and read to its end."""
+        if self._file is None:
+            with suppress(FileNotFoundError):
+                self._file = self.path.open("rb")
+        return self._file
 
     def _unpacked(self, data: bytes) -> bytes:
         if self.path.suffix != ".zst":

@@ -4,10 +4,11 @@ import http.client
 import json
 import re
 import shutil
+import signal
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -245,10 +246,30 @@ def test_the_stop_button_ends_the_run_with_torque_off(tmp_path: Path) -> None:
     )
 
 
+def pressed_by_request(page: Page) -> str:
+    status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
+    said = json.loads(text)
+    assert (status, said["stopped"]) == (200, True)
+    return str(said["words"])
+
+
+def pressed_in_chromium(page: Page) -> str:
+    with chromium() as browser:
+        browser.get(f"http://127.0.0.1:{page.port}/")
+        button = browser.find_element("id", "stop")
+        until(button.is_displayed)
+        button.click()
+        until(lambda: button.text not in ("STOP", "stopping …"))
+        return str(button.text)
+
+
 @pytest.mark.realtime
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    "press", [pressed_by_request, pytest.param(pressed_in_chromium, marks=needs_chromium)]
+)
 def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_finds_torque_off(
-    tmp_path: Path,
+    press: Callable[[Page], str], tmp_path: Path
 ) -> None:
     rig, parts = quick_bench(tmp_path, fingers=2)
     with served(tmp_path, "--rig", rig, "--objects", parts, "--rig-out", "real.toml") as (_, told):
@@ -259,8 +280,7 @@ def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_find
             page = until_served(port, run)
             frame = until_closing(page)
             assert any(frame["torque"].values())
-            status, text, _ = page.ask("/stop", "POST", X_Palpate_Token=page.token)
-            assert (status, json.loads(text)) == (200, {"stopped": True, "words": "torque is off"})
+            assert press(page) == "torque is off"
             assert run.wait(30) in (3, 130)  # its port may have been taken from it first
         finally:
             run.kill()
@@ -273,6 +293,67 @@ def test_the_stop_button_of_a_run_on_ports_is_confirmed_and_the_vendors_sdk_find
         finally:
             bus.closePort()
         assert answers == dict.fromkeys(answers, (0, 0)), "off, and the reading went well"
+
+
+def test_a_calibration_is_shown_and_leaves_nothing(tmp_path: Path) -> None:
+    shutil.copy(firm_rig(), tmp_path / "rig.toml")
+    port = free_port()
+    words = [
+        PALPATE,
+        "calibrate",
+        "--rig",
+        "rig.toml",
+        "tactile",
+        "--yes",
+        "--view",
+        "--view-port",
+        str(port),
+    ]
+    said = (tmp_path / "said").open("wb")
+    with said, subprocess.Popen(words, cwd=tmp_path, stderr=said, stdout=said) as process:
+        try:
+            page = until_served(port, process)
+            until(lambda: len((page.json("/frame?t=1e9") or {"tips": ()})["tips"]) == 3)
+            until(lambda: any(page.json("/frame?t=1e9")["torque"].values()))
+            frame = page.json("/frame?t=1e9")
+            assert page.json("/setting")["outlines"] == {}
+            assert (set(frame["arrays"]), frame["hypotheses"]) == ({"f1", "f2", "f3"}, [])
+            assert frame["doing"] in (tmp_path / "said").read_text(), "as the terminal says"
+            folder = Path(
+                next(
+                    word for word in (tmp_path / "said").read_text().split() if "palpate-view-" in word
+                ).strip(";")
+            )
+            assert folder.is_dir()
+            assert pressed_by_request(page) == "stopped: the run switches torque off"
+            assert process.wait(30) == 130
+        finally:
+            process.kill()
+    assert not folder.exists()
+    assert "torque is off" in (tmp_path / "said").read_text()
+
+
+def test_what_arrays_feel_is_shown(tmp_path: Path) -> None:
+    port = free_port()
+    words = [PALPATE, "watch", "--for", "60", "--view", "--view-port", str(port)]
+    with subprocess.Popen(
+        words, cwd=tmp_path, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL
+    ) as process:
+        try:
+            page = until_served(port, process)
+            until(lambda: len((page.json("/frame?t=1e9") or {"arrays": ()})["arrays"]) == 3)
+            frame = page.json("/frame?t=1e9")
+            assert (frame["tips"], frame["torque"]) == ({}, {}), "nobody asks the servos"
+            until(lambda: page.json("/frame?t=1e9")["frames"] > frame["frames"] + 100)
+        finally:
+            process.send_signal(signal.SIGINT)
+            assert process.wait(30) == 130
+    until(lambda: not is_served(port), 10)
+
+
+def is_served(port: int) -> bool:
+    with closing(socket.socket()) as client:
+        return client.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:
@@ -296,9 +377,15 @@ def test_pages_that_do_not_read_do_no_harm(tmp_path: Path) -> None:
         assert process.poll() is None, time.monotonic() - begin
 
 
-@needs_chromium
-def test_the_page_in_chromium(session: Path, page: Page) -> None:
-    """The slider shows any time of the run; nothing else is asked; nothing is said on the console."""
+def until(told: Callable[[], object], seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not told():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
     webdriver = pytest.importorskip("selenium.webdriver")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
@@ -309,6 +396,13 @@ def test_the_page_in_chromium(session: Path, page: Page) -> None:
     options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
     service = webdriver.ChromeService(shutil.which("chromedriver"))
     with webdriver.Chrome(options=options, service=service) as browser:
+        yield browser
+
+
+@needs_chromium
+def test_the_page_in_chromium(session: Path, page: Page) -> None:
+    """The slider shows any time of the run; nothing else is asked; nothing is said on the console."""
+    with chromium() as browser:
         browser.get(f"http://127.0.0.1:{page.port}/")
         browser.implicitly_wait(10)
         find = browser.find_element

@@ -18,14 +18,15 @@ class SessionFeed:
     """Brings a frame store up to date with a session, as far as it is recorded."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises InputError for a folder without a log, or without the rig and objects files of its run."""
+        """Raises InputError for a folder without a log, or without the rig file of its run."""
         self.store = FrameStore()
         self._folder = folder
         self._tail = LogTail(folder)
         self._decoder: SampleDecoder | None = None
         if not self._tail.path.is_file():
             raise InputError(f"{folder} is not a session: {self._tail.path} is missing")
-        objects = load_objects(folder / "objects.json").objects
+        path = folder / "objects.json"
+        objects = load_objects(path).objects if path.exists() else ()
         self.setting: Mapping[str, object] = setting_of(self._rig(calibration=False), objects)
 
     def update(self) -> None:

@@ -37,6 +37,7 @@ class FrameStore:
             "t": 0.0,
             "grip": None,
             "stage": None,
+            "doing": None,
             "verdict": None,
             "tips": {},
             "torque": {},
@@ -92,6 +93,8 @@ class FrameStore:
                 state["grip"], state["stage"] = values["grip"], values["stage"]
                 if values["stage"] == "retracting":
                     state["plan"] = []
+            case "said":
+                state["doing"] = values["words"]
             case "touches":
                 state["contacts"] = [*state["contacts"], *map(_contact, _with_grip(values))]
             case "moved":

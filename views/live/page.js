@@ -140,7 +140,7 @@ function drawPlan(frame) {
 function title(frame) {
   const first = frame.hypotheses[0];
   if (frame.end && frame.end.how !== "done") return `ended: ${frame.end.how}`;
-  if (!frame.verdict) return "looking";
+  if (!frame.verdict) return frame.doing ? setting.rig : "looking";
   return first ? `${frame.verdict}: ${first.object}, ${first.state}` : frame.verdict;
 }
 
@@ -148,11 +148,12 @@ function draw(frame) {
   byId("title").textContent = title(frame);
   document.title = `${title(frame)} – ${setting.rig}`;
   const torque = Object.values(frame.torque).some(Boolean) ? "torque on" : "torque off";
-  const doing = frame.end ? "the run has ended" : frame.stage ? `grip ${frame.grip}: ${frame.stage}` : "connecting";
+  const doing = frame.end ? "the run has ended" : frame.stage ? `grip ${frame.grip}: ${frame.stage}` : frame.doing || "connecting";
   byId("doing").textContent = frame.end ? frame.end.message || doing : `${doing}, ${torque}`;
   byId("clock").textContent = `${frame.t.toFixed(2)} s`;
   byId("counts").textContent = `${frame.frames} array frames` + (skipped ? `, ${skipped} pictures skipped` : "");
-  if (frame.end) byId("stop").hidden = true;
+  const button = byId("stop");
+  if (frame.end && !button.disabled) button.hidden = true;  // once pressed, it says what came of it
   drawTable(frame); drawHypotheses(frame); drawArrays(frame); drawContacts(frame); drawPlan(frame);
 }
 
@@ -229,6 +230,7 @@ function listen() {
 async function begin() {
   setting = await ask("setting");
   byId("stop").hidden = !isRun;
+  document.body.classList.toggle("bare", !Object.keys(setting.outlines).length);
   byId("stop").addEventListener("click", stop);
   byId("play").addEventListener("click", play);
   byId("live").addEventListener("click", () => { pause(); following = true; });
