@@ -1,5 +1,8 @@
 """`palpate objects check`: which states of a catalogue a rig can never tell apart, and what would help."""
 
+from pathlib import Path
+from typing import Annotated
+
 import typer
 
 from palpate.cli.interruption import if_interrupted
@@ -13,6 +16,12 @@ def check_objects(
     file: ObjectsArgument,
     rig: RigOption = None,
     no_calibration: NoCalibrationOption = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            "--report", help="Also write it here as a page (HTML), with every state and its sections."
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Find states that a rig's fingers can never tell apart, and heights at which a finger would.
@@ -24,12 +33,20 @@ def check_objects(
     from palpate.api.rig import open_rig
     from palpate.cli.terminal import Doing, Terminal, print_notices
     from palpate.config.results import to_json
+    from palpate.files.writing import check_place, write_text
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.catalogue.check_text import check_lines
+    from palpate.views.report.catalogue import catalogue_report
 
     bench, models, name = open_rig(rig, calibration=not no_calibration).file, load_objects(file), str(file)
-    print_notices(finding_lines(bench, models.objects, name))
+    if report is not None:
+        check_place(report)
+    notices = finding_lines(bench, models.objects, name)
+    print_notices(notices)
     with Doing(Terminal(stderr=True, soft_wrap=True), "comparing") as doing:
         out = catalogue.check_objects(bench, models, name=name, shipped=rig is None, progress=doing.now)
+        if report is not None:
+            listing = catalogue.list_objects(bench, models, name=file.name, progress=doing.now)
+            write_text(report, catalogue_report(out, listing.states, listing.pages, notices))
     typer.echo(to_json(out) if json else "\n".join(check_lines(out)))
     return 1 if any(pair.likeness == "same" for pair in out.pairs) else 0

@@ -1,5 +1,6 @@
 """The report of a run: one well-formed page that needs nothing else and says what the log says."""
 
+import json
 import re
 import shutil
 import xml.etree.ElementTree as ET
@@ -154,3 +155,31 @@ def test_names_are_text(session: Path, tmp_path: Path, here: Here) -> None:
     text, page = report_of(here, folder)
     assert "<script" not in text
     assert any(odd in word for word in page.words)
+
+
+def test_a_catalogue_is_reported_with_every_pair_and_every_state(here: Here, tmp_path: Path) -> None:
+    outline = [[0, 0], [60, 0], [60, 20], [22, 20], [22, 45], [0, 45]]
+    parts = [
+        {"name": name, "height": 20.0, "outline": outline, "tolerance": tolerance}
+        for name, tolerance in (("ell", 0.1), ("<b>ell & again</b>", 0.2))
+    ]
+    parts.append({"name": "wedge", "height": 20.0, "outline": [[0, 0], [58, 8], [20, 47]]})
+    Path("parts.json").write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": parts}))
+    done = here("objects", "check", "parts.json", "--report", "page.html", "--json")
+    assert done.code == 1
+    page = Page(Path("page.html").read_text(encoding="utf-8"))
+    assert page.addresses == []
+    assert page.headings == [
+        "1 pair of states can never be distinguished",
+        "Result",
+        "Never distinguished",
+        "States",
+        "Sections",
+        "Rig",
+        "Versions",
+    ]
+    (pair,) = json.loads(done.out)["pairs"]
+    assert {f"{pair[key]['object']}, flat" for key in ("first", "second")} <= set(page.words)
+    assert page.words.count("wedge") >= 2, "in the table and on its card"
+    done = here("objects", "check", "parts.json", "--report", "nowhere/page.html")
+    assert (done.code, done.err.count("\n")) == (2, 1)

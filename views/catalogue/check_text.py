@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from palpate.config.objects_result import ObjectsCheckOut, PairOut, RigHeightsOut, SeparatingOut
 from palpate.errors import counted
 
-__all__ = ["check_lines", "fit_words", "pair_lines", "rig_words"]
+__all__ = ["check_lines", "fit_words", "help_words", "pair_lines", "rig_words"]
 
 _SHOWN = 40  # pairs of a kind
 _RANGES_SHOWN = 4
@@ -94,12 +94,12 @@ def pair_lines(pair: PairOut, sign: str) -> Iterator[str]:
 
 def _separating_lines(pair: SeparatingOut, sign: str) -> Iterator[str]:
     yield from pair_lines(pair, sign)
-    yield f"      {_help_words(pair)}"
+    yield f"      {help_words(pair)}"
     if pair.tried < pair.ranges:
         yield f"      ({pair.tried} of {pair.ranges} ranges of height were looked at)"
 
 
-def _help_words(pair: SeparatingOut) -> str:
+def help_words(pair: SeparatingOut) -> str:
     """Which heights would distinguish the two."""
     if pair.separating_mm:
         shown = [_inside(found) for found in pair.separating_mm[:_RANGES_SHOWN]]

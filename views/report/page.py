@@ -26,13 +26,15 @@ pre { background: color-mix(in srgb, var(--ink) 6%, transparent); padding: .7rem
 figure { margin: .6rem 0; background: #fff; border: 1px solid var(--line); border-radius: .4rem;
   padding: .3rem; }
 figure svg { display: block; width: 100%; height: auto; max-height: 40rem; }
+.sections figure svg { max-height: none; }
 .columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 0 2rem; }
 @media print {
   @page { size: A4; margin: 15mm; }
   :root { --ink: #000; --paper: #fff; --muted: #444; --line: #bbb; }
   body { max-width: none; padding: 0; font-size: 10pt; }
   h2 { break-after: avoid; margin: 5mm 0 2mm; } figure, tr, .grip { break-inside: avoid; }
-  figure svg { max-height: 68mm; } .columns { display: block; } pre { font-size: 7.5pt; }
+  figure svg { max-height: 68mm; } .sections figure svg { max-height: 240mm; }
+  .columns { display: block; } pre { font-size: 7.5pt; }
   .settings pre { column-count: 2; background: none; border: 1px solid var(--line); }
 }
 """
