@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.segment import Segment
 from rich.status import Status
 
+from palpate.cli.time_left import TimeLeft
 from palpate.errors import printable
 
 __all__ = ["Doing", "Terminal", "print_notices"]
@@ -39,6 +40,7 @@ class Doing:
     """A moving line on a terminal while something is done. Use as a context manager."""
 
     def __init__(self, console: Console, what: str) -> None:
+        self._left = TimeLeft()
         self._status: Status | None = console.status(escape(what)) if console.is_terminal else None
 
     def __enter__(self) -> Self:
@@ -53,6 +55,6 @@ class Doing:
             self._status.stop()
 
     def now(self, what: str) -> None:
-        """Say what is done now."""
+        """Say what is done now; how much time is left stands after a count such as "3 of 40"."""
         if self._status is not None:
-            self._status.update(escape(what))
+            self._status.update(escape(self._left.after(what)))

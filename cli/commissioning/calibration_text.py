@@ -36,7 +36,7 @@ class Progress:
     def __init__(self, console: Console, *, asks: bool) -> None:
         self._console = console
         # A moving line and a question would write over each other.
-        self._doing = None if asks else Doing(console, "rig_connector")
+        self._doing = None if asks else Doing(console, "connecting")
         self._step = ""
 
     def __enter__(self) -> "Progress":

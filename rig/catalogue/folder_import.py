@@ -255,12 +255,10 @@ def _all_imported(
     """Every file in a process of its own, as many at once as there are cores, as they come."""
     if not paths:
         return
-    begin = time.monotonic()
     report(f"0 of {len(paths)} files")
     work = in_processes(_imported, [(path, _for_file(path, options)) for path in paths])
     for done, (index, outcome) in enumerate(work, 1):
-        left_s = (time.monotonic() - begin) / done * (len(paths) - done)
-        report(f"{done} of {len(paths)} files, about {left_s:.0f} s left")
+        report(f"{done} of {len(paths)} files")
         yield paths[index], outcome
 
 

@@ -164,7 +164,9 @@ def test_a_catalogue_is_reported_with_every_pair_and_every_state(here: Here, tmp
         for name, tolerance in (("ell", 0.1), ("<b>ell & again</b>", 0.2))
     ]
     parts.append({"name": "wedge", "height": 20.0, "outline": [[0, 0], [58, 8], [20, 47]]})
-    Path("parts.json").write_text(json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": parts}))
+    Path("parts.json").write_text(
+        json.dumps({"format": "palpate/objects@1", "units": "mm", "objects": parts})
+    )
     done = here("objects", "check", "parts.json", "--report", "page.html", "--json")
     assert done.code == 1
     page = Page(Path("page.html").read_text(encoding="utf-8"))
