@@ -3,12 +3,15 @@
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
-__all__ = ["shipped_objects", "shipped_references", "shipped_rig"]
+__all__ = ["SHIPPED_RIGS", "shipped_objects", "shipped_references", "shipped_rig"]
+
+SHIPPED_RIGS = ("bench", "xm430-bench", "xl330-bench")
+"""Rigs that ship with palpate; the first is used where no other is given."""
 
 
-def shipped_rig() -> Traversable:
-    """Give the emulated bench with three fingers; for `load_rig`."""
-    return files("palpate.config").joinpath("rigs", "bench.toml")
+def shipped_rig(name: str = SHIPPED_RIGS[0]) -> Traversable:
+    """Give one of `SHIPPED_RIGS`, else the emulated bench with three fingers; for `load_rig`."""
+    return files("palpate.config").joinpath("rigs", f"{name}.toml")
 
 
 def shipped_objects() -> Traversable:

@@ -38,6 +38,10 @@ def check(
     references: Annotated[
         Path | None, typer.Option("--references", help="With --touch: the disc (TOML); without it, 50 mm.")
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option("--picture", help="Also draw here how the rig stands by its file (SVG)."),
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of an emulated rig's devices and part.")] = 0,
 ) -> int:
     """Look at every servo, array and the bus of a rig. Moves nothing without --touch or --hold.
@@ -48,13 +52,17 @@ def check(
     from palpate.cli.commissioning.confirm_motion import ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.terminal import Doing, Terminal
+    from palpate.files.writing import write_text
     from palpate.views.check_table import show
+    from palpate.views.rig_drawing import draw_rig
 
     with (
         if_interrupted("torque is off" if touch or hold else "torque was left as it was"),
         ExitStack() as looking,
     ):
         opened = open_rig(rig, seed=seed, calibration=not no_calibration)
+        if picture is not None:
+            write_text(picture, draw_rig(opened.file))
         err = Terminal(stderr=True, soft_wrap=True)
         doing = looking.enter_context(Doing(err, "checking"))
         moving = False

@@ -84,7 +84,8 @@ class GripChooser:
         strangers = evidence.strangers
         if strangers is not None and strangers.probability > limits.false_match_probability:
             found, allowed = 100 * strangers.probability, 100 * limits.false_match_probability
-            return f"to confirm it: something else would match with {found:.2g} %, limit {allowed:g} %"
+            shown = f"{found:.0f}" if found >= 10 else f"{found:.2g}"
+            return f"to confirm it: something else would match with {shown} %, limit {allowed:g} %"
         return f"to confirm it: a shift of {limits.detectable_shift_mm:g} mm could have gone unnoticed"
 
     def answer(self, recognition: Recognition) -> IdentificationVerdict | None:

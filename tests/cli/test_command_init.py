@@ -5,16 +5,21 @@ import signal
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.resources import as_file
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 from command import PALPATE, run
 from firm_rig import firm_rig
+from sampling import sample
 
+import palpate
 from palpate.config import load_rig
+from palpate.config.shipped import SHIPPED_RIGS, shipped_rig
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @contextmanager
@@ -35,6 +40,8 @@ def served(folder: Path) -> Iterator[dict[str, str]]:
         process.communicate(timeout=10)
 
 
+@pytest.mark.realtime
+@pytest.mark.slow
 def test_what_answers_is_in_the_file(tmp_path: Path) -> None:
     with served(tmp_path) as ports:
         bus, *arrays = ports.values()
@@ -60,6 +67,8 @@ def test_what_answers_is_in_the_file(tmp_path: Path) -> None:
         assert "mine.toml is there already" in again.err
 
 
+@pytest.mark.realtime
+@pytest.mark.slow
 def test_an_array_that_is_silent_is_named_and_marked(tmp_path: Path) -> None:
     with served(tmp_path) as ports:
         bus = next(iter(ports.values()))
@@ -73,6 +82,8 @@ def test_an_array_that_is_silent_is_named_and_marked(tmp_path: Path) -> None:
     load_rig(tmp_path / "rig.toml")
 
 
+@pytest.mark.realtime
+@pytest.mark.slow
 def test_a_bus_without_servos_is_refused(tmp_path: Path) -> None:
     with served(tmp_path) as ports:
         bus = next(iter(ports.values()))
@@ -80,3 +91,47 @@ def test_a_bus_without_servos_is_refused(tmp_path: Path) -> None:
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
     assert "0 servos answered; a finger has two: check power, cables and ids" in ended.err
     assert list(tmp_path.glob("*.toml")) == []
+
+
+@pytest.mark.parametrize("bench", sample(SHIPPED_RIGS[1:], SHIPPED_RIGS[2:]))
+def test_a_shipped_bench_is_copied_and_can_be_run(bench: str, tmp_path: Path) -> None:
+    ended = run("init", "--bench", bench, "--out", "mine.toml", cwd=tmp_path)
+    assert (ended.code, ended.err) == (0, "")
+    rig = palpate.open_rig(tmp_path / "mine.toml", seed=3)
+    assert rig.file == load_rig(shipped_rig(bench))
+    answer = rig.identify()
+    truth = answer.result.truth
+    assert truth is not None
+    assert (answer.verdict.value, answer.object) == ("identified", truth.object)
+    assert truth.inside_bounds
+    again = run("init", "--bench", bench, "--out", "mine.toml", cwd=tmp_path)
+    assert (again.code, again.err) == (
+        2,
+        "error: mine.toml is there already: choose another with --out, or remove it\n",
+    )
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ((), "give --port, whose servos are asked, or --bench"),
+        (("--bench", "bench", "--port", "/dev/null"), "give --port, whose servos are asked, or --bench"),
+        (("--bench", "bank"), "palpate ships bench, xm430-bench, xl330-bench"),
+        (("--bench", "bench", "--array", "/dev/null"), "a copied rig has its own"),
+    ],
+)
+def test_port_and_bench_exclude_each_other(words: tuple[str, ...], told: str, tmp_path: Path) -> None:
+    ended = run("init", *words, "--out", "mine.toml", cwd=tmp_path)
+    assert (ended.code, ended.err.count("\n")) == (2, 1)
+    assert told in ended.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("bench", SHIPPED_RIGS[1:])
+def test_the_drawing_in_the_docs_is_that_of_the_file(bench: str, tmp_path: Path) -> None:
+    with as_file(shipped_rig(bench)) as file:
+        ended = run("check", "--rig", file, "--picture", "rig.svg", cwd=tmp_path)
+    assert ended.code == 0
+    drawn = (tmp_path / "rig.svg").read_text(encoding="utf-8")
+    assert (DOCS / "images" / f"{bench}.svg").read_text(encoding="utf-8").strip() == drawn.strip()
+    ElementTree.fromstring(drawn)
