@@ -10,7 +10,11 @@ What was lost is judged by the system: strace notes every write of the run to a 
 to a port that is not in the log marks where the log ends; from there to the kill is the time lost (0 where
 the log has every byte). Ends with exit code 1 if a session was not good for all of that.
 
-TABLE
+On two cores, with one to three other processes at full load beside it:
+
+| kills | too early or late | sessions | wrong | lost, s: median | most | more than 0.1 s |
+|---|---|---|---|---|---|---|
+| 200 | 22 | 178 | 0 | 0.023 | 0.114 | 1 |
 """
 
 import argparse

@@ -34,7 +34,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
             lines.append(f"  {_stranger_words(out.stranger_probability)}")
         if out.detectable_shift is not None:
             lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
-    if out.verdict == IdentificationVerdict.UNRESOLVED and out.object is not None and not out.alternatives:
+    if out.verdict == IdentificationVerdict.UNRESOLVED and out.object is not None and _is_one_state(out):
         lines.append(f"  {_unconfirmed_words(out)}")
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
     if out.unfinished is not None:
@@ -85,8 +85,13 @@ def _stranger_words(probability: float) -> str:
     return f"something outside the catalogue would have matched, too, with probability {share}"
 
 
+def _is_one_state(out: IdentificationOut) -> bool:
+    """Whether all that is left is one state of one object, in one or several places."""
+    return all((other.object, other.state) == (out.object, out.state) for other in out.alternatives)
+
+
 def _unconfirmed_words(out: IdentificationOut) -> str:
-    """Why the only hypothesis is no answer yet."""
+    """Why the only state that is left is no answer yet."""
     matched = f"{counted(out.predicted, 'touch', 'touches')} matched the prediction"
     if out.stranger_probability is None:
         return f"not confirmed: {matched}"
