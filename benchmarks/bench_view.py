@@ -1,11 +1,17 @@
 """A run's timing beside its live view: with none, with one page, with a hundred that do not read.
 
-    python benchmarks/bench_view.py --runs 3        # two minutes
+    python benchmarks/bench_view.py --runs 3        # six minutes
 
 Each run is `palpate identify` on an emulated bench that another process serves on pseudo-terminals in real
 time. Judged by the run's log: the time between two packets to the servos, from the first stage to the end.
 
-TABLE
+On two cores, 3 runs each:
+
+| pages | served | packets | between two, ms: median | 99 % | most |
+|---|---|---|---|---|---|
+| no view | 0 | 4746 | 22.62 | 87.72 | 178.64 |
+| one page | 1 | 4757 | 22.45 | 88.39 | 176.29 |
+| 100 pages that do not read | 32 | 4730 | 22.58 | 87.57 | 176.97 |
 """
 
 import argparse

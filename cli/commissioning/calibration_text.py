@@ -30,6 +30,13 @@ _TITLES = (
 )
 
 
+_STEP_S = {"actuators": (50.0, 65.0), "tactile": (115.0, 140.0), "fingers": (50.0, 135.0)}
+"""Least and most time that emulated rigs took: for a finger, in the last step for a finger at a placing.
+
+Most with a touch speed of 1 mm/s and a search speed of 4 mm/s, least with 5 mm/s and none.
+"""
+
+
 class Progress:
     """Says on stderr what goes on: a line for every step, a moving line for what changes all the time."""
 
@@ -69,9 +76,19 @@ def announce(
         "fingers": f"fingers    {placings} placings of disc and plate, touched by all fingers",
     }
     console.print(f"Calibrating rig {rig.name} ({len(rig.fingers)} fingers):", markup=False)
+    counts = {
+        "actuators": len(rig.fingers),
+        "tactile": len(rig.fingers),
+        "fingers": len(rig.fingers) * placings,
+    }
+    least, most = 0.0, 0.0
     for step in STEPS:
         if step in steps:
-            console.print(f"  {words[step]}", markup=False)
+            low, high = (counts[step] * seconds for seconds in _STEP_S[step])
+            least, most = least + low, most + high
+            console.print(f"  {words[step]}; {_about(low, high)}", markup=False)
+    where = "of emulated rig time" if rig.emulated else "besides the time in which you place the references"
+    console.print(f"Together {_about(least, most)} {where}", markup=False)
     corners = shapes.plate.outline_mm
     console.print(
         f"References: a disc of {shapes.disc.diameter_mm:g} mm, a plate with {len(corners)} corners, "
@@ -80,6 +97,11 @@ def announce(
     )
     if places.record.exists():
         console.print(f"A calibration was begun before; it is taken up from {places.record}", markup=False)
+
+
+def _about(least_s: float, most_s: float) -> str:
+    low, high = max(round(least_s / 60), 1), max(round(most_s / 60), 1)
+    return f"about {low} min" if low == high else f"{low} to {high} min"
 
 
 def calibrate_out(

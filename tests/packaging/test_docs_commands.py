@@ -158,6 +158,34 @@ def test_commands_behind_a_prompt_print_what_stands_beneath(name: str, tmp_path:
     assert not wrong, "\n".join(wrong)
 
 
+@pytest.mark.campaign
+def test_the_demo_prints_what_the_readme_says(tmp_path: Path) -> None:
+    readme = ROOT / "README.md"
+    lines = readme.read_text(encoding="utf-8").splitlines()
+    begin = next(k for k, line in enumerate(lines) if line.endswith("`make demo` ends with:"))
+    block = [line.removeprefix("    ") for line in lines[begin + 2 : lines.index("and draws this:") - 1]]
+    words = ("identify", "--seed", "7", "--picture", "demo.svg")
+    shown = Shown(readme, begin + 3, words, tuple(block))
+    assert differences(shown, ran(*words, cwd=tmp_path)) == []
+
+
+def test_a_shell_completes_commands(tmp_path: Path) -> None:
+    for typed, offered in (
+        ("palpate iden", "identify"),
+        ("palpate objects mer", "merge"),
+        ("palpate identify --see", "--seed"),
+    ):
+        asked = {
+            "_PALPATE_COMPLETE": "complete_bash",
+            "COMP_WORDS": typed,
+            "COMP_CWORD": str(len(typed.split()) - 1),
+        }
+        done = subprocess.run(
+            [PALPATE], cwd=tmp_path, env=os.environ | asked, capture_output=True, text=True, check=False
+        )
+        assert done.stdout.split() == [offered]
+
+
 def options_of(words: list[str]) -> tuple[list[str], set[str]] | None:
     """The command's words and its options; None if there is no such command."""
     command: Any = typer.main.get_command(app)
