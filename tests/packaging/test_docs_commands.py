@@ -14,7 +14,7 @@ import pytest
 import trimesh
 import typer.main
 from command import PALPATE
-from documented_commands import PAGES, differences, mentioned, shown_on
+from documented_commands import PAGES, Shown, differences, mentioned, shown_on
 from repository import ROOT
 from sampling import sample
 from solids import ELL, mesh_file, prism
