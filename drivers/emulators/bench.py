@@ -33,6 +33,10 @@ __all__ = ["Bench", "EmulatedFinger", "SampledArray"]
 _STEP_S = 1e-3
 
 
+_Place = tuple[float, ...]
+"""Where a part is: shift (mm) and turn (rad)."""
+
+
 class SampledArray(Device, Protocol):
     """An emulated array, whatever its protocol."""
 
@@ -89,6 +93,8 @@ class EmulatedFinger:
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
         self._displacement = IN_PLACE
+        self._loads: dict[_Place, tuple[TipLoad, Shear | None] | None] = {}  # of this step
+        self._no_force_n = np.zeros((array.description.rows, array.description.cols))
 
     def put(self, outline: PartSection | None) -> None:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
@@ -96,6 +102,7 @@ class EmulatedFinger:
         self._free_centre = np.full(2, np.inf)
         self._seen_centre = None
         self._shear = self._sheared = None
+        self._loads.clear()
 
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
@@ -116,6 +123,7 @@ class EmulatedFinger:
     def step(self, dt_s: float) -> None:
         """Let servos and couplings move on by `dt_s`."""
         self._sheared = None if self.press is None else self._shear
+        self._loads.clear()
         force = None if self.press is None else self.press.force_n
         if force is not None and self._stage:
             force = self._stage.back(force)
@@ -150,16 +158,17 @@ class EmulatedFinger:
     def sample(self, now: float) -> None:
         """Hand the array the forces on its taxels at `now`."""
         if self.press is None or self.outline is None:
-            self.array.sample(now, np.zeros((self.array.description.rows, self.array.description.cols)))
+            self.array.sample(now, self._no_force_n)
         else:
             self.array.sample(now, self._taxels(self.press, self.outline))
 
     def _touch(self, outline: PartSection, displacement: Displacement) -> TipLoad | None:
         # An outline that was further away than tip and part have moved since cannot have been reached.
-        if self.centre_mm is self._seen_centre and displacement is self._displacement:
+        now_at = self.centre_mm
+        if now_at is self._seen_centre and displacement is self._displacement:
             return self.press  # both stand still
-        self._seen_centre, self._displacement = self.centre_mm, displacement
-        centre = displacement.back(self.centre_mm)
+        self._seen_centre, self._displacement = now_at, displacement
+        centre = displacement.back(now_at)
         if math.dist(centre, self._free_centre) < self._free_mm:
             return None
         if self.press is not None and displacement.is_none and np.array_equal(centre, self._pressed_centre):
@@ -175,6 +184,15 @@ class EmulatedFinger:
         return load
 
     def _load(self, outline: PartSection, displacement: Displacement) -> tuple[TipLoad, Shear | None] | None:
+        """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
+        place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
+        if place not in self._loads:
+            self._loads[place] = self._load_at(outline, displacement)
+        return self._loads[place]
+
+    def _load_at(
+        self, outline: PartSection, displacement: Displacement
+    ) -> tuple[TipLoad, Shear | None] | None:
         """What a part that has moved does to the tip: worked out in the part's frame, and turned back.
 
         The load in W has the skin's shear in it, which comes beside it in the part's frame.

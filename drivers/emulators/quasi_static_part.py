@@ -43,7 +43,7 @@ class QuasiStaticPart:
         """Go where skin and friction cost least."""
         motion = np.zeros(3)
         forces = tip_forces(self.displacement) if touched else ()
-        if not self._holds(forces):
+        if forces and not self._holds(forces):
             motion = self._least_motion(tip_forces, self._sum(forces, self.displacement))
             if np.hypot(*motion[:2]) + abs(motion[2]) > _STILL_MM:
                 self.displacement = self._moved(motion)

@@ -70,22 +70,31 @@ class Taxels:
         d = self.description
         if force_n.shape[-2:] != (d.rows, d.cols):
             raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
-        counts = self._spread_rows @ force_n
-        counts += force_n @ self._spread_cols
-        counts += force_n
-        counts *= self._gain_counts
-        counts += self._offset
+        counts = self._felt(force_n)
         if self._wander is not None:
             size, speed, phase = self._wander
             counts += size * np.sin(speed * np.asarray(now)[..., None, None] + phase)
         counts += self._noise * self._rng.standard_normal(counts.shape)
         np.rint(counts, out=counts)
-        np.clip(counts, 0, d.max_count, out=counts)
+        np.maximum(counts, 0, out=counts)
+        np.minimum(counts, d.max_count, out=counts)
         for row, col in self._dead:
             counts[..., row, col] = 0
         for row, col in self._hot:
             counts[..., row, col] = d.max_count
         return counts.astype("<u2")
+
+    def _felt(self, force_n: Floats) -> Floats:
+        """Counts of forces without drift and noise."""
+        if not force_n.any():  # as nearly always
+            rest = self._offset.copy()
+            return rest if force_n.ndim == 2 else np.broadcast_to(rest, force_n.shape).copy()
+        counts: Floats = self._spread_rows @ force_n
+        counts += force_n @ self._spread_cols
+        counts += force_n
+        counts *= self._gain_counts
+        counts += self._offset
+        return counts
 
     def _wandering(self, rate: float) -> tuple[Floats, Floats, Floats]:
         """Size (counts), angular speed (1/s) and phase of each zero's wandering; a round takes 1 to 5 min."""

@@ -89,6 +89,7 @@ class ContactExtractor:
         self._guard_threshold = SIGMAS * baseline.noise_counts + doubt
         gain = np.where(baseline.usable, self._n_per_count, 0.0)
         self._guard_gain = gain.ravel()
+        self._window_gain = _window_matrix(gain)
         self._window_noise = baseline.noise_counts * np.sqrt(_windows(gain**2))
         self._window_doubt = _windows(gain * doubt)
 
@@ -138,9 +139,10 @@ class ContactExtractor:
         return math.sqrt((1 / frames + 1 / tared) / (1 + 1 / tared))
 
     def _matched_n(self, counts: Floats, frames: int = 1) -> float:
-        sums = _windows(counts * self._guard_gain.reshape(counts.shape)) - self._window_doubt
+        sums = counts.ravel() @ self._window_gain - self._window_doubt
         least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
-        return float(np.max(sums, where=sums > least, initial=0.0))
+        found = sums[sums > least]
+        return float(found.max()) if found.size else 0.0
 
     @property
     def least_force_n(self) -> float:
@@ -219,6 +221,16 @@ def _windows(taxels: Floats) -> Floats:
     width = min(_MATCHED_COLUMNS, taxels.shape[1])
     result: Floats = sums[width:] - sums[:-width]
     return result
+
+
+def _window_matrix(gain: Floats) -> Floats:
+    """Matrix (rows · cols, windows) that takes counts to forces (N) of each few neighbouring columns."""
+    rows, cols = gain.shape
+    width = min(_MATCHED_COLUMNS, cols)
+    matrix = np.zeros((rows, cols, cols - width + 1))
+    for window in range(matrix.shape[2]):
+        matrix[:, window : window + width, window] = gain[:, window : window + width]
+    return matrix.reshape(rows * cols, -1)
 
 
 def _check(calibration: TipCalibration, shape: tuple[int, int]) -> None:

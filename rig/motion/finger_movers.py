@@ -15,7 +15,7 @@ from palpate.errors import SafetyStop
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.hand import Hand
-from palpate.rig.reach.swept_volume import capsules_of, gap_mm
+from palpate.rig.reach.swept_volume import is_apart
 
 __all__ = ["ARRIVED_MM", "FreeMover", "SearchMover", "TipMover"]
 
@@ -225,10 +225,8 @@ class TipMover(_FingerMover):
 
     def is_crowded(self) -> bool:
         """Whether another finger is nearer than the rig file's clearance_mm."""
-        own, clearance_mm = capsules_of([self.run.body()]), self.hand.rig.closing.clearance_mm
-        return any(
-            float(gap_mm(own, capsules_of([other.body()])).min()) < clearance_mm for other in self._others
-        )
+        own, clearance_mm = self.run.body(), self.hand.rig.closing.clearance_mm
+        return not all(is_apart(own, other.body(), clearance_mm) for other in self._others)
 
 
 class SearchMover(TipMover):
