@@ -57,6 +57,9 @@ class Progress:
                 self._console.print(f"grip {grip}: {', '.join(each)}")
             case RecognitionEvent():
                 self._console.print(f"        {_hypotheses(event.recognition)}")
+            case MoveEvent(_, float() as furthest_mm):
+                moved = f"fingers may have moved the part by {furthest_mm:.1f} mm"
+                self._console.print(f"        {moved}: earlier grips are dropped")
             case MoveEvent():
                 self._console.print(
                     "        contradicts earlier grips: the part may have moved, they are dropped"

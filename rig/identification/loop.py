@@ -149,7 +149,7 @@ class _Search:
             if not self._may_have_moved():
                 return IdentificationVerdict.UNKNOWN, ()
             self._hold_contradicted |= self._bounds.holds_n(self._states()) is not None
-            self._begin_again()
+            self._begin_again(None)
             recognition = self._evidence.recognition
         if len(self._moved_before) > _MOST_MOVES:
             return IdentificationVerdict.MOVING, ()
@@ -202,12 +202,12 @@ class _Search:
         last = self._contacts()
         return len(self._evidence.contacts) > len(last) and is_explained(self._catalogue, last)
 
-    def _begin_again(self) -> None:
-        """Keep the last grip only, and touch more lightly from now on."""
+    def _begin_again(self, furthest_mm: float | None) -> None:
+        """Keep the last grip only, and touch more lightly from now on; the reason as `MoveEvent` has it."""
         number = len(self._grips)
         self._moved_before.append(number)
         self._evidence = self._no_evidence()
-        self._observers(MoveEvent(number))
+        self._observers(MoveEvent(number, furthest_mm))
         self._add(None)
 
     def _carry_out(self, grip: Sequence[FingerApproach]) -> None:
@@ -244,7 +244,7 @@ class _Search:
         if self._is_bounded(moved) or not any(contact.touched for contact in self._evidence.contacts):
             self._add(moved)
         else:
-            self._begin_again()
+            self._begin_again(moved.furthest_mm(self._catalogue, self._states()))
 
     def _add(self, motion: Motion | None) -> None:
         number, contacts = len(self._grips), self._contacts()

@@ -58,9 +58,14 @@ class PlanEvent(ShortRepr):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MoveEvent(ShortRepr):
-    """The part seems to have been moved before this grip: earlier contacts no longer count."""
+    """Earlier contacts no longer count from this grip on: it contradicts them, or the part may lie elsewhere.
+
+    `furthest_mm`: as far as fingers may have moved the part, more than contacts can be carried over; None
+    where the grip contradicts them.
+    """
 
     grip: int
+    furthest_mm: float | None = None
 
 
 Event = StageEvent | TouchEvent | RecognitionEvent | PlanEvent | MoveEvent

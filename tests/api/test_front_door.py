@@ -287,6 +287,7 @@ def test_contacts_only(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 def test_the_notebook_runs_from_the_first_cell_to_the_last(tmp_path: Path) -> None:
     import nbformat
     from nbclient import NotebookClient

@@ -11,6 +11,7 @@ from rich.text import Text
 from palpate.cli.identification_progress import Progress
 from palpate.cli.terminal import Doing, Terminal
 from palpate.errors import printable
+from palpate.rig.identification.observers import MoveEvent
 from palpate.views.ports_table import show_unplugged
 
 EVIL = "v1\x1b[2J\x1b]0;title\x07\u202e\x9b31m\r"
@@ -57,3 +58,15 @@ def test_markup_in_names_is_shown_as_it_is() -> None:
         doing.now("[/]")
     assert "finger [red]f1[/] waits" in file.getvalue()
     show_unplugged([], Terminal(file=file))
+
+
+def test_why_earlier_grips_are_dropped() -> None:
+    console = Terminal(file=io.StringIO(), width=100)
+    with Progress(console) as progress:
+        progress(MoveEvent(2))
+        progress(MoveEvent(3, 3.84))
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().splitlines() == [
+        "        contradicts earlier grips: the part may have moved, they are dropped",
+        "        fingers may have moved the part by 3.8 mm: earlier grips are dropped",
+    ]

@@ -200,7 +200,7 @@ def spiked() -> ObjectModel:
     return flat("spiked", ring)
 
 
-@pytest.mark.parametrize("tolerance", TOLERANCES)
+@pytest.mark.parametrize("tolerance", sample(TOLERANCES, [0.2]))
 def test_short_edges_and_sharp_vertices(tolerance: float) -> None:
     fine = short_edged(max(1.5, 20 * tolerance))
     models = [replace(model, tolerance_mm=tolerance) for model in (fine, spiked(), spiked())]
@@ -238,7 +238,7 @@ def into_notch(rng: np.random.Generator, fingers: int) -> tuple[np.ndarray, np.n
     return np.array(targets), np.array(directions)
 
 
-@pytest.mark.parametrize(("radius", "slope"), sample(NOTCHES, NOTCHES[::4]))
+@pytest.mark.parametrize(("radius", "slope"), sample(NOTCHES, NOTCHES[::8]))
 def test_notches_about_as_wide_as_the_finger(radius: float, slope: float) -> None:
     """True notches wider and narrower than modelled: a finger enters where the model is shut, or stops."""
     rng = np.random.default_rng(int(10 * radius + 100 * slope))

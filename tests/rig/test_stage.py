@@ -141,6 +141,7 @@ def run_at(session: EmulatedSession, reach: Reach, angles: list[float]) -> None:
     assert not any(session.torque().values())
 
 
+@pytest.mark.campaign
 def test_touches_at_any_stage_angle_are_within_their_bounds() -> None:
     reach = reach_of(SMALL, aims=21)
     angles = np.unique(reach.stage_rad)

@@ -44,7 +44,9 @@ def _words(grip: GripRecord, before: GripRecord | None) -> str:
     """Why the grip was made, and what it changed."""
     words = [_kind(grip, before)]
     if grip.is_moved:
-        words.append("It contradicts earlier grips: the part was moved, and they no longer count.")
+        words.append(
+            "Earlier grips no longer count: it contradicts them, or fingers may have moved the part too far."
+        )
     if grip.verdict is None:
         return " ".join([*words, "The run ended before its contacts were interpreted."])
     left = {name_of(item) for item in grip.hypotheses}

@@ -87,7 +87,7 @@ def test_a_part_outside_the_catalogue_is_not_named(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", sample([Strategy.RANDOM, Strategy.ROTATE], [Strategy.RANDOM]))
+@pytest.mark.parametrize("strategy", sample([Strategy.RANDOM, Strategy.ROTATE], []))
 def test_the_other_strategies_keep_the_truth(strategy: Strategy) -> None:
     result = ended(emulated_session(seed=23, rig=RIG, placement=placement_of("ell")), strategy=strategy)
     assert result.outcome in (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.UNRESOLVED)

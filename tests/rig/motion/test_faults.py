@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 import pytest
 from command import log_events
 from emulated_session import EmulatedSession, small_session
+from sampling import sample
 
 from palpate.drivers.dynamixel import control_table as ct
 from palpate.errors import DeviceError, PalpateError, SafetyStop
@@ -213,11 +214,10 @@ def undisturbed() -> list[Touch]:
 
 @pytest.mark.parametrize(
     ("stage", "after_s"),
-    [
-        (GripPhase.AIMING, 0.01),
-        (GripPhase.CLOSING, 1.0),
-        (GripPhase.TOUCHING, 0.3),
-    ],
+    sample(
+        [(GripPhase.AIMING, 0.01), (GripPhase.CLOSING, 1.0), (GripPhase.TOUCHING, 0.3)],
+        [(GripPhase.TOUCHING, 0.3)],
+    ),
 )
 def test_answers_that_come_late_once_change_nothing(tmp_path: Path, stage: GripPhase, after_s: float) -> None:
     """A stall of 40 ms, longer than the SDK waits: asked again, no late answer is taken for another one."""

@@ -36,7 +36,7 @@ def test_every_touch_is_within_its_bounds(number: int) -> None:
 
 @pytest.mark.slow
 @needs_shared_outlines
-@pytest.mark.parametrize("seed", sample(range(2), [0]))
+@pytest.mark.parametrize("seed", sample(range(2), []))
 def test_every_touch_on_real_parts_is_within_its_bounds(seed: int) -> None:
     touches = run_checked(emulated_session(seed=seed, objects=load_objects(SHARED_OUTLINES)), 2, seed)
     assert touches

@@ -11,6 +11,7 @@ import pytest
 from command import PALPATE, Ended, log_bytes, log_events, run, run_here
 from emulated_session import small_session
 from firm_rig import firm_rig
+from sampling import sample
 
 from palpate.drivers.emulators.servo import OVERLOAD_BIT
 from palpate.drivers.transport.replay import Replayer
@@ -121,8 +122,12 @@ def interrupt() -> None:
 WHEN = [(GripPhase.AIMING, 0.013), (GripPhase.CLOSING, 1.0), (GripPhase.TOUCHING, 0.3)]
 
 
+FAULTY = [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
+
+
 @pytest.mark.parametrize(
-    ("fault", "stage", "after_s"), [(fault, *WHEN[k % 3]) for k, fault in enumerate(FAULTS)]
+    ("fault", "stage", "after_s"),
+    sample(FAULTY, FAULTY[::2]),
 )
 def test_a_grip_with_a_fault_in_it(tmp_path: Path, fault: str, stage: GripPhase, after_s: float) -> None:
     session = small_session()
