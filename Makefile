@@ -51,14 +51,15 @@ firmware:
 test: check firmware
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "not realtime and not campaign"
 # one after the other: a client and an emulator share the computer in real time
-	$(BIN)/pytest -m realtime
+	$(BIN)/pytest -m "realtime and not campaign"
 
 # the site, where every warning is an error
 docs: $(DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
 
 campaign: $(DEV)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m campaign
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "campaign and not realtime"
+	$(BIN)/pytest -m "campaign and realtime"
 	$(BIN)/python benchmarks/bench_completeness.py
 	$(BIN)/python benchmarks/bench_recognizer.py
 	$(BIN)/python benchmarks/bench_identify.py
