@@ -41,6 +41,7 @@ from palpate.cli.replay import replay
 from palpate.cli.report import report
 from palpate.cli.schema import schema
 from palpate.cli.sessions import info, list_sessions, prune
+from palpate.cli.study import study
 from palpate.cli.terminal import print_notices
 from palpate.cli.view import view
 from palpate.errors import DeviceError, OutputError, PalpateError, SafetyStop, printable
@@ -115,6 +116,7 @@ app.command()(report)
 app.command()(export)
 app.command()(recognize)
 app.command()(plan)
+app.command()(study)
 app.command()(emulate)
 app.command(rich_help_panel=_SETTING_UP)(init)
 app.command(rich_help_panel=_SETTING_UP)(schema)

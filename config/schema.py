@@ -32,6 +32,7 @@ from palpate.config.scene_file import SceneFile
 from palpate.config.sessions_result import SessionsOut
 from palpate.config.setup_result import SetupOut
 from palpate.config.stop_result import StopOut
+from palpate.config.study_result import StudyOut
 from palpate.config.watch_result import WatchOut
 
 __all__ = ["FORMATS", "schema_text", "write_schemas"]
@@ -58,6 +59,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "sessions": SessionsOut,
     "setup": SetupOut,
     "stop": StopOut,
+    "study": StudyOut,
     "watch": WatchOut,
 }
 """Short name of each format and the model it is read into or written from."""

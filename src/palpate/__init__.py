@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from palpate.api.rig import open_rig as open_rig
     from palpate.api.session import Session as Session
     from palpate.api.session import open_session as open_session
+    from palpate.api.study import study as study
     from palpate.api.warning import RigWarning as RigWarning
     from palpate.errors import DeviceError as DeviceError
     from palpate.errors import InputError as InputError
@@ -65,6 +66,7 @@ _HOMES = {
     "api.recognition": ("plan", "recognise"),
     "api.rig": ("Rig", "open_rig"),
     "api.session": ("Session", "open_session"),
+    "api.study": ("study",),
     "api.warning": ("RigWarning",),
     "recognizer": ("Contact", "Finger", "NormalRange"),
     "rig.identification.observers": (

@@ -1,0 +1,61 @@
+"""`palpate study`: how well a rig tells a catalogue apart, by simulated identifications on all cores."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.interruption import if_interrupted
+from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsOption, RigOption, StrategyOption
+from palpate.vocabulary import Strategy
+
+__all__ = ["study"]
+
+
+@if_interrupted("runs that were done are kept, if --keep named a file; the same command goes on from there")
+def study(
+    objects: ObjectsOption = None,
+    rig: RigOption = None,
+    runs: Annotated[int, typer.Option("--runs", min=1, help="Simulated identifications.")] = 1000,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, help="Draws parts, places and errors of touches.")
+    ] = 0,
+    strategy: StrategyOption = Strategy.PLANNED,
+    no_calibration: NoCalibrationOption = False,
+    keep: Annotated[
+        Path | None,
+        typer.Option("--keep", help="Keep runs here (JSON Lines), and go on from those there are."),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="Also write it here as a page (HTML).")
+    ] = None,
+    json: JsonOption = False,
+) -> int:
+    """Say how well a rig tells a catalogue apart: verdicts, touches needed, hardest states and pairs.
+
+    Parts lie still, touches are simulated within the rig's bounds. Exit code 1: an answer was wrong.
+    """
+    from palpate.api.files import load_objects
+    from palpate.api.rig import open_rig
+    from palpate.api.study import study as studied
+    from palpate.cli.terminal import Doing, Terminal, print_notices
+    from palpate.config.results import to_json
+    from palpate.files.writing import check_place, write_text
+    from palpate.rig.catalogue.reachability_text import finding_lines
+    from palpate.views.report.study import study_report
+    from palpate.views.study_text import study_lines
+
+    bench, models = open_rig(rig, calibration=not no_calibration).file, load_objects(objects)
+    name = "the shipped objects" if objects is None else str(objects)
+    for place in (report, keep):
+        if place is not None:
+            check_place(place)
+    print_notices(finding_lines(bench, models.objects, name))
+    with Doing(Terminal(stderr=True, soft_wrap=True), "preparing") as doing:
+        out = studied(
+            bench, models, runs=runs, seed=seed, strategy=strategy, keep=keep, name=name, progress=doing.now
+        )
+    if report is not None:
+        write_text(report, study_report(out))
+    typer.echo(to_json(out) if json else "\n".join(study_lines(out)))
+    return 1 if out.wrong else 0

@@ -1,0 +1,99 @@
+"""Result of `palpate study`: `palpate/study@1`, and the lines of its file of runs."""
+
+from typing import Literal
+
+from palpate.config.results import Out, Rounded
+from palpate.vocabulary import IdentificationVerdict, Strategy
+
+__all__ = ["PairStudiedOut", "RivalOut", "StateStudiedOut", "StudyOut", "StudyRunOut", "VerdictCountOut"]
+
+
+class RivalOut(Out):
+    """Another state that was still possible after so many touches."""
+
+    object: str
+    state: str
+    touches: int
+
+
+class StudyRunOut(Out):
+    """One simulated identification: what lay there, what it ended with, mm.
+
+    `inside_bounds`: the true state is among those that are left, and its true place within that one's bounds.
+    `left`: states, object and name, that are still possible. `rivals`: others, those that lasted longest.
+    """
+
+    number: int
+    object: str
+    state: str
+    verdict: IdentificationVerdict
+    named_object: str | None
+    named_state: str | None
+    inside_bounds: bool
+    position_error: Rounded | None
+    position_bound: Rounded | None
+    grips: int
+    touches: int
+    left: tuple[tuple[str, str], ...]
+    rivals: tuple[RivalOut, ...]
+
+
+class StateStudiedOut(Out):
+    """How runs ended in which a state lay on the table. `touches`: median and 90th percentile.
+
+    `position_error` (mm): median, of those that were identified.
+    """
+
+    object: str
+    state: str
+    runs: int
+    identified: int
+    touches: tuple[Rounded, Rounded]
+    position_error: Rounded | None
+
+
+class PairStudiedOut(Out):
+    """A state that lay there, and another that was taken for possible after touches, in so many runs.
+
+    `touches`: after which it was still possible, on average over these. `left`: runs that ended with it.
+    """
+
+    object: str
+    state: str
+    other_object: str
+    other_state: str
+    runs: int
+    touches: Rounded
+    left: int
+
+
+class VerdictCountOut(Out):
+    """How many runs ended with a verdict."""
+
+    verdict: IdentificationVerdict
+    runs: int
+
+
+class StudyOut(Out):
+    """What a study found. `wrong`: runs that named what did not lie there, or whose bounds do not hold.
+
+    `grips`, `touches`: median and 90th percentile. `verdicts`: the most frequent first. `pairs`: the
+    hardest to tell apart first.
+    """
+
+    format: Literal["palpate/study@1"] = "palpate/study@1"
+    units: Literal["mm"] = "mm"
+    objects: str
+    rig: str
+    strategy: Strategy
+    seed: int
+    runs: int
+    wrong: int
+    lost: int
+    verdicts: tuple[VerdictCountOut, ...]
+    grips: tuple[Rounded, Rounded]
+    touches: tuple[Rounded, Rounded]
+    position_error: tuple[Rounded, Rounded] | None
+    states: tuple[StateStudiedOut, ...]
+    pairs: tuple[PairStudiedOut, ...]
+    wrong_runs: tuple[StudyRunOut, ...]

@@ -1,0 +1,1 @@
+"""Study: how well a rig tells a catalogue apart, by simulated identifications."""

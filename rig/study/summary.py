@@ -1,0 +1,105 @@
+"""Summary of a study: verdicts, touches, states that are hard to identify, pairs hard to tell apart."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from palpate.config.study_result import (
+    PairStudiedOut,
+    StateStudiedOut,
+    StudyOut,
+    StudyRunOut,
+    VerdictCountOut,
+)
+from palpate.vocabulary import IdentificationVerdict, Strategy
+
+__all__ = ["is_wrong", "study_out"]
+
+_PAIRS = 200
+_WRONG_SHOWN = 20
+_NAMED = (IdentificationVerdict.IDENTIFIED, IdentificationVerdict.INDISTINGUISHABLE)
+
+
+def is_wrong(run: StudyRunOut) -> bool:
+    """Whether a run gave an answer that the truth is not in."""
+    return run.verdict in _NAMED and not run.inside_bounds
+
+
+def study_out(
+    runs: Sequence[StudyRunOut], *, objects: str, rig: str, strategy: Strategy, seed: int
+) -> StudyOut:
+    """The summary; `objects`, `rig`: their names. There is at least one run."""
+    wrong = [run for run in runs if is_wrong(run)]
+    errors = [run.position_error for run in runs if run.position_error is not None and run.inside_bounds]
+    return StudyOut(
+        objects=objects,
+        rig=rig,
+        strategy=strategy,
+        seed=seed,
+        runs=len(runs),
+        wrong=len(wrong),
+        lost=sum(not run.inside_bounds for run in runs),
+        verdicts=tuple(
+            VerdictCountOut(verdict=verdict, runs=count)
+            for verdict, count in Counter(run.verdict for run in runs).most_common()
+        ),
+        grips=_spread(run.grips for run in runs),
+        touches=_spread(run.touches for run in runs),
+        position_error=_spread(errors) if errors else None,
+        states=_states(runs),
+        pairs=_pairs(runs),
+        wrong_runs=tuple(wrong[:_WRONG_SHOWN]),
+    )
+
+
+def _states(runs: Sequence[StudyRunOut]) -> tuple[StateStudiedOut, ...]:
+    """Those that are identified least often first."""
+    by_state: dict[tuple[str, str], list[StudyRunOut]] = defaultdict(list)
+    for run in runs:
+        by_state[run.object, run.state].append(run)
+    found = [_state(name, some) for name, some in by_state.items()]
+    return tuple(sorted(found, key=lambda item: (item.identified / item.runs, -item.touches[0], item.object)))
+
+
+def _state(name: tuple[str, str], runs: Sequence[StudyRunOut]) -> StateStudiedOut:
+    identified = [run for run in runs if run.verdict is IdentificationVerdict.IDENTIFIED]
+    errors = [run.position_error for run in identified if run.position_error is not None]
+    return StateStudiedOut(
+        object=name[0],
+        state=name[1],
+        runs=len(runs),
+        identified=len(identified),
+        touches=_spread(run.touches for run in runs),
+        position_error=float(np.median(errors)) if errors else None,
+    )
+
+
+def _pairs(runs: Sequence[StudyRunOut]) -> tuple[PairStudiedOut, ...]:
+    """First those that were left at the end most often, then those that lasted longest."""
+    lasted: dict[tuple[str, str, str, str], list[int]] = defaultdict(list)
+    left: Counter[tuple[str, str, str, str]] = Counter()
+    for run in runs:
+        truth = run.object, run.state
+        for rival in run.rivals:
+            lasted[(*truth, rival.object, rival.state)].append(rival.touches)
+        left.update((*truth, *other) for other in run.left if other != truth)
+    found = [
+        PairStudiedOut(
+            object=pair[0],
+            state=pair[1],
+            other_object=pair[2],
+            other_state=pair[3],
+            runs=len(touches),
+            touches=float(np.mean(touches)),
+            left=left[pair],
+        )
+        for pair, touches in lasted.items()
+    ]
+    return tuple(sorted(found, key=lambda item: (-item.left, -item.touches, -item.runs))[:_PAIRS])
+
+
+def _spread(values: Iterable[float]) -> tuple[float, float]:
+    """Median and 90th percentile."""
+    found = np.array(list(values), dtype=float)
+    return float(np.median(found)), float(np.percentile(found, 90))

@@ -1,0 +1,111 @@
+"""Studies: simulated runs never lose the truth, are the same on any number of cores, and are resumed."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from command import run
+from json_schema import violations
+from quick_rig import small_parts
+from report_page import Page
+from sampling import sample
+
+from palpate.api.study import study
+from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
+from palpate.config.schema import schema_text
+from palpate.config.study_result import StudyRunOut
+from palpate.errors import InputError
+from palpate.rig.study.simulation import Simulation, held_still
+from palpate.rig.study.summary import is_wrong, study_out
+from palpate.vocabulary import IdentificationVerdict, Strategy
+
+RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
+
+
+def simulation(seed: int = 1, strategy: Strategy = Strategy.PLANNED) -> Simulation:
+    return Simulation(*held_still(RIG, SIX), strategy, seed)
+
+
+@pytest.mark.parametrize("runs", sample([16, 400], [16]))
+@pytest.mark.parametrize("strategy", sample(Strategy, [Strategy.PLANNED]))
+def test_the_truth_is_never_lost_and_no_answer_is_wrong(strategy: Strategy, runs: int) -> None:
+    some = simulation(strategy=strategy)
+    rows = [some.run(number) for number in range(runs)]
+    assert [row for row in rows if not row.inside_bounds] == []
+    assert not any(map(is_wrong, rows))
+    assert len({row.object for row in rows}) >= 5
+    if strategy is Strategy.PLANNED:
+        assert sum(row.verdict is IdentificationVerdict.IDENTIFIED for row in rows) >= 0.9 * runs
+
+
+def test_what_feels_the_same_is_left_at_the_end(tmp_path: Path) -> None:
+    ell = next(item for item in load_objects(small_parts(tmp_path)).objects if item.name == "ell")
+    twins = replace(SIX, objects=(ell, replace(ell, name="again")))
+    some = Simulation(*held_still(RIG, twins), Strategy.PLANNED, 3)
+    rows = [some.run(number) for number in range(4)]
+    assert all(row.left == (("again", "flat"), ("ell", "flat")) for row in rows)
+    assert not any(row.verdict is IdentificationVerdict.IDENTIFIED for row in rows)
+    out = study_out(rows, objects="twins", rig="r", strategy=Strategy.PLANNED, seed=3)
+    assert (out.wrong, out.lost) == (0, 0)
+    assert sum(pair.left for pair in out.pairs) == 4
+    assert all(state.identified == 0 for state in out.states)
+
+
+def test_a_run_depends_on_its_number_only_and_a_study_goes_on_where_it_ended(tmp_path: Path) -> None:
+    keep = tmp_path / "runs.jsonl"
+    told: list[str] = []
+    whole = study(RIG, SIX, runs=30, seed=5, keep=keep, progress=told.append)
+    assert told[0] == "0 of 30 runs"
+    assert told[-1] == "30 of 30 runs"
+    lines = keep.read_text().splitlines(keepends=True)
+    assert len(lines) == 31
+    rows = {row.number: row for row in map(StudyRunOut.model_validate_json, lines[1:])}
+    alone = simulation(seed=5)
+    assert all(
+        rows[number] == StudyRunOut.model_validate_json(alone.run(number).model_dump_json())
+        for number in (0, 17)
+    )
+    keep.write_text("".join(lines[:12]) + lines[12][:30])  # killed while it wrote
+    told.clear()
+    assert study(RIG, SIX, runs=30, seed=5, keep=keep, progress=told.append) == whole
+    assert told[0] == "11 of 30 runs"
+    assert sorted(keep.read_text().splitlines()) == sorted(line.strip() for line in lines)
+    assert study(RIG, SIX, runs=12, seed=5, keep=keep).runs == 12
+    assert len(keep.read_text().splitlines()) == 31, "nothing was to be done"
+
+
+@pytest.mark.parametrize(
+    "change", [{"seed": 6}, {"strategy": Strategy.RANDOM}, {"objects": replace(SIX, objects=SIX.objects[:5])}]
+)
+def test_runs_of_another_study_are_refused(change: dict[str, object], tmp_path: Path) -> None:
+    keep = tmp_path / "runs.jsonl"
+    study(RIG, SIX, runs=1, seed=5, keep=keep)
+    before = keep.read_bytes()
+    given = {"objects": SIX, "seed": 5} | change
+    with pytest.raises(InputError, match="holds runs of another study"):
+        study(RIG, given.pop("objects"), runs=2, keep=keep, **given)  # type: ignore[arg-type]
+    keep.write_bytes(before + b'{"number": 3}\n')
+    with pytest.raises(InputError, match="line 3 is no run"):
+        study(RIG, SIX, runs=2, seed=5, keep=keep)
+
+
+def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> None:
+    words = ("study", "--runs", 6, "--seed", 2, "--keep", "runs.jsonl")
+    told = run(*words, "--json", "--report", "study.html", cwd=tmp_path)
+    assert (told.code, told.err) == (0, "")
+    assert violations(told.json, json.loads(schema_text("study"))) == []
+    assert (told.json["runs"], told.json["wrong"], told.json["lost"]) == (6, 0, 0)
+    assert (
+        sum(item["runs"] for item in told.json["verdicts"])
+        == sum(state["runs"] for state in told.json["states"])
+        == 6
+    )
+    page = Page((tmp_path / "study.html").read_text(encoding="utf-8"))
+    assert page.addresses == []
+    assert page.headings[0] == "No wrong answer in 6 runs"
+    assert {state["object"] for state in told.json["states"]} <= set(page.words)
+    shown = run(*words, cwd=tmp_path)
+    assert shown.out.splitlines()[0] == f"6 runs, rig bench, {len(told.json['states'])} states:"
+    refused = run("study", "--runs", 1, "--keep", "nowhere/runs.jsonl", cwd=tmp_path)
+    assert (refused.code, refused.err.count("\n")) == (2, 1)
