@@ -149,7 +149,7 @@ def faults(folder: Path) -> list[str]:
     (session,) = (folder / "palpate-sessions").iterdir()
     found = []
     listed = json.loads(asked("sessions", "--json", cwd=folder).stdout)
-    if listed["unreadable"] or [item["end"] for item in listed["sessions"]] != [None]:
+    if listed["unreadable"] or [item["ended"] for item in listed["sessions"]] != [None]:
         found.append(f"sessions: {listed}")
     commands = {
         "info": ("info", session),

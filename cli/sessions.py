@@ -41,14 +41,13 @@ def info(
 ) -> int:
     """Say what a session is: rig, seed, answer, how it ended, how long it took."""
     from palpate.config.results import to_json
-    from palpate.config.sessions_result import SessionsOut
     from palpate.rig.session.log_file import session_of
-    from palpate.rig.session.summary import summary_of
+    from palpate.rig.session.session_info import session_info
     from palpate.views.sessions_text import info_lines
 
-    item = summary_of(session_of(session))
+    item = session_info(session_of(session))
     if json:
-        typer.echo(to_json(SessionsOut(folder=str(session.parent), sessions=(item,), unreadable=())))
+        typer.echo(to_json(item))
     else:
         typer.echo("\n".join(info_lines(item)))
     return 0
@@ -78,7 +77,7 @@ def prune(
     age = None if older_than is None else timedelta(days=older_than)
     old = to_prune(find_sessions(folder).sessions, keep=keep, older_than=age, now=datetime.now(UTC))
     for item in old:
-        typer.echo(f"{'would remove' if dry_run else 'removing'} {item.session}, {size_words(item.bytes)}")
+        typer.echo(f"{'would remove' if dry_run else 'removing'} {item.path}, {size_words(item.bytes)}")
     removed = None if dry_run else remove_sessions(old)
     total = f"{counted(len(old), 'session', 'sessions')}, {size_words(sum(item.bytes for item in old))}"
     typer.echo(f"{'would remove' if dry_run else 'removed'} {total}")

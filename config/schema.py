@@ -29,7 +29,7 @@ from palpate.config.results import Out
 from palpate.config.rig_file import RigFile
 from palpate.config.scan_result import ScanOut
 from palpate.config.scene_file import SceneFile
-from palpate.config.sessions_result import SessionsOut
+from palpate.config.sessions_result import SessionInfoOut, SessionsOut
 from palpate.config.setup_result import SetupOut
 from palpate.config.stop_result import StopOut
 from palpate.config.study_result import StudyOut
@@ -56,6 +56,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "scan": ScanOut,
     "scene": SceneFile,
     "serial-ports": SerialPortsOut,
+    "session-info": SessionInfoOut,
     "sessions": SessionsOut,
     "setup": SetupOut,
     "stop": StopOut,

@@ -1,4 +1,4 @@
-"""Result of `palpate sessions` and `palpate info`: `palpate/sessions@1`."""
+"""Results of `palpate sessions` (`palpate/sessions@1`) and `palpate info` (`palpate/session-info@1`)."""
 
 from typing import Literal
 
@@ -7,26 +7,28 @@ from pydantic import Field
 from palpate.config.replay_result import EndOut
 from palpate.config.results import Out, Rounded
 
-__all__ = ["SessionOut", "SessionsOut", "UnreadableOut"]
+__all__ = ["PortOfSessionOut", "SessionInfoOut", "SessionOut", "SessionsOut", "UnreadableOut", "VersionsOut"]
 
 
 class SessionOut(Out):
     """One recorded session, as its log says.
 
-    `started`: UTC. `emulated`: null for sessions of versions that did not record it. `end` is null while the
-    run goes on, and of one that was killed (`writing` says which). `duration` (s) is the rig's own time.
-    `verdict` is null where there was no answer, `object` and `state` where it names none.
+    `path`: its folder. `began`: UTC. `command` recorded it. `emulated`: null for sessions of versions that
+    did not record it. `ended` is null while the run goes on, and of one that was killed (`writing` says
+    which). `duration` (s) is the rig's own time. `verdict` is null where there was no answer, `object` and
+    `state` where it names none.
     """
 
-    session: str
-    started: str | None
+    path: str
+    began: str | None
+    command: str
     palpate: str | None
     rig: str | None
     seed: int | None
     emulated: bool | None
     calibration: bool
     writing: bool = Field(description="A process is writing it now.")
-    end: EndOut | None
+    ended: EndOut | None
     duration: Rounded
     grips: int
     touches: int
@@ -36,10 +38,32 @@ class SessionOut(Out):
     bytes: int
 
 
+class PortOfSessionOut(Out):
+    """A port of the rig file that the run was made with, and the devices that it names there."""
+
+    port: str
+    devices: tuple[str, ...]
+
+
+class VersionsOut(Out):
+    """What a session was recorded with; null if the log does not say."""
+
+    palpate: str | None
+
+
+class SessionInfoOut(SessionOut):
+    """One session with what its rig file names; no devices where it keeps none."""
+
+    format: Literal["palpate/session-info@1"] = "palpate/session-info@1"
+    units: Literal["s"] = "s"
+    devices: tuple[PortOfSessionOut, ...]
+    versions: VersionsOut
+
+
 class UnreadableOut(Out):
     """A folder whose log cannot be read, and why."""
 
-    session: str
+    path: str
     why: str
 
 

@@ -2,10 +2,20 @@
 
 from typing import Literal
 
-from palpate.config.results import Out, Rounded
+from palpate.config.results import Interval, Out, Rounded
 from palpate.vocabulary import IdentificationVerdict, Strategy
 
-__all__ = ["PairStudiedOut", "RivalOut", "StateStudiedOut", "StudyOut", "StudyRunOut", "VerdictCountOut"]
+__all__ = [
+    "ConfusionOut",
+    "HeightsOut",
+    "PairStudiedOut",
+    "RivalOut",
+    "StateStudiedOut",
+    "StudyOut",
+    "StudyRunOut",
+    "TouchesOut",
+    "VerdictCountOut",
+]
 
 
 class RivalOut(Out):
@@ -74,11 +84,37 @@ class VerdictCountOut(Out):
     runs: int
 
 
+class TouchesOut(Out):
+    """Touches that runs took."""
+
+    mean: Rounded
+    median: Rounded
+    p90: Rounded
+    max: int
+
+
+class ConfusionOut(Out):
+    """State `a` lay there, and this share of its runs ended with `b` still possible: "object, state" each."""
+
+    a: str
+    b: str
+    share: Rounded
+
+
+class HeightsOut(Out):
+    """Heights (mm) at which a finger would tell two confused states apart; none if no one height would."""
+
+    a: str
+    b: str
+    heights: tuple[Interval, ...]
+
+
 class StudyOut(Out):
     """What a study found. `wrong`: runs that named what did not lie there, or whose bounds do not hold.
 
-    `grips`, `touches`: median and 90th percentile. `verdicts`: the most frequent first. `pairs`: the
-    hardest to tell apart first.
+    `lost`: runs that do not end with the truth still possible. `seconds`: taken now, without runs that were
+    kept before. `grips`, `position_error` (mm): median and 90th percentile. `verdicts`: the most frequent
+    first. `hardest`: pairs that take most touches to tell apart.
     """
 
     format: Literal["palpate/study@1"] = "palpate/study@1"
@@ -90,10 +126,13 @@ class StudyOut(Out):
     runs: int
     wrong: int
     lost: int
+    seconds: Rounded
     verdicts: tuple[VerdictCountOut, ...]
     grips: tuple[Rounded, Rounded]
-    touches: tuple[Rounded, Rounded]
+    touches: TouchesOut
     position_error: tuple[Rounded, Rounded] | None
     states: tuple[StateStudiedOut, ...]
-    pairs: tuple[PairStudiedOut, ...]
+    confusion: tuple[ConfusionOut, ...]
+    hardest: tuple[PairStudiedOut, ...]
+    heights: tuple[HeightsOut, ...]
     wrong_runs: tuple[StudyRunOut, ...]

@@ -20,9 +20,9 @@ def show_sessions(
     rows = table("started (UTC)", "rig", "session", folded("answer"), "size", numbers={"size"})
     for item in sessions:
         rows.add_row(
-            (item.started or "?")[:16].replace("T", " "),
+            (item.began or "?")[:16].replace("T", " "),
             escape(item.rig or "?"),
-            escape(Path(item.session).name),
+            escape(Path(item.path).name),
             escape(_answer_words(item)),
             size_words(item.bytes),
         )
@@ -31,21 +31,21 @@ def show_sessions(
     total = size_words(sum(item.bytes for item in sessions))
     console.print(f"{counted(len(sessions), 'session', 'sessions')}, {total}", highlight=False)
     for bad in unreadable:
-        console.print(f"! {Path(bad.session).name}: {bad.why}", highlight=False, markup=False)
+        console.print(f"! {Path(bad.path).name}: {bad.why}", highlight=False, markup=False)
 
 
 def info_lines(item: SessionOut) -> list[str]:
     """One session in words."""
     rows = [
-        ("session", f"{item.session}, {size_words(item.bytes)}"),
-        ("started", f"{item.started or 'not recorded'}, palpate {item.palpate or '?'}"),
+        ("session", f"{item.path}, {size_words(item.bytes)}"),
+        ("started", f"{item.began or 'not recorded'}, palpate {item.palpate or '?'}"),
         ("rig", f"{_rig_words(item)}, {_seed_words(item)}{_calibration_words(item)}"),
         ("ran", f"{item.duration:.1f} s, {counted(item.grips, 'grip', 'grips')}, {_touch_words(item)}"),
         ("answer", _answer_words(item)),
         ("ended", _end_words(item)),
     ]
-    if item.end is not None and item.end.message:
-        rows.append(("", item.end.message))
+    if item.ended is not None and item.ended.message:
+        rows.append(("", item.ended.message))
     return [f"{name:<8} {words}" for name, words in rows]
 
 
@@ -78,6 +78,6 @@ def _answer_words(item: SessionOut) -> str:
 
 
 def _end_words(item: SessionOut) -> str:
-    if item.end is None:
+    if item.ended is None:
         return "running" if item.writing else "killed"
-    return item.end.how
+    return item.ended.how

@@ -24,7 +24,7 @@ def study_lines(out: StudyOut) -> list[str]:
         lines.append(f"  {'truth not left':18s} {out.lost:6d}")
     touches, grips = out.touches, out.grips
     lines.append(
-        f"touches {touches[0]:g}, in 90 % of runs up to {touches[1]:g}; grips {grips[0]:g}, {grips[1]:g}"
+        f"touches {touches.median:g}, in 90 % of runs up to {touches.p90:g}; grips {grips[0]:g}, {grips[1]:g}"
     )
     if out.position_error is not None:
         lines.append(
@@ -36,7 +36,7 @@ def study_lines(out: StudyOut) -> list[str]:
         for state in hard:
             share = f"{state.identified} of {state.runs}"
             lines.append(f"  {state.object}, {state.state}: {share}, {state.touches[0]:g} touches")
-    return lines + _pair_lines(out.pairs)
+    return lines + _pair_lines(out.hardest)
 
 
 def _pair_lines(pairs: Sequence[PairStudiedOut]) -> list[str]:

@@ -60,10 +60,10 @@ def remove_sessions(sessions: Sequence[SessionOut]) -> Pruned:
     """
     kept = []
     for item in sessions:
-        folder = Path(item.session)
+        folder = Path(item.path)
         try:
             if is_written_now(log_path(folder)) or not _removed(folder):
-                kept.append(item.session)
+                kept.append(item.path)
         except OSError as error:
             raise OutputError(f"session {folder} cannot be removed: {error.strerror}") from error
     return Pruned(tuple(sessions), tuple(kept))
@@ -91,7 +91,7 @@ def _removed(folder: Path) -> bool:
 
 def _begun(item: SessionOut) -> datetime | None:
     try:
-        begun = datetime.fromisoformat(item.started or "")
+        begun = datetime.fromisoformat(item.began or "")
     except ValueError:
         return None
     return begun if begun.tzinfo is not None else None

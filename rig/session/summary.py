@@ -33,8 +33,8 @@ def find_sessions(root: Path) -> FoundSessions:
         try:
             found.append(summary_of(folder))
         except InputError as error:
-            unreadable.append(UnreadableOut(session=str(folder), why=str(error)))
-    found.sort(key=lambda item: (item.started or "", item.session))
+            unreadable.append(UnreadableOut(path=str(folder), why=str(error)))
+    found.sort(key=lambda item: (item.began or "", item.path))
     return FoundSessions(tuple(found), tuple(unreadable))
 
 
@@ -53,15 +53,16 @@ def summary_of(folder: Path) -> SessionOut:
     results = (item["result"] for item in last if isinstance(item.get("result"), dict))
     result: Mapping[str, Any] = next(results, {})
     return SessionOut(
-        session=str(folder),
-        started=_text(header.get("started")),
+        path=str(folder),
+        began=_text(header.get("started")),
+        command=_text(header.get("command")) or "identify",
         palpate=_text(header.get("palpate")),
         rig=_text(header.get("rig")),
         seed=header.get("seed") if isinstance(header.get("seed"), int) else None,
         emulated=header.get("emulated") if isinstance(header.get("emulated"), bool) else None,
         calibration=header.get("calibration") is True,
         writing=end is None and is_written_now(path),
-        end=end and EndOut(how=str(end.get("how")), message=_text(end.get("message"))),
+        ended=end and EndOut(how=str(end.get("how")), message=_text(end.get("message"))),
         duration=_number(last[-1].get("t_s")),
         grips=lines.count(b'"event":"touches"'),
         touches=_touches(lines),

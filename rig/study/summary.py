@@ -1,15 +1,18 @@
 """Summary of a study: verdicts, touches, states that are hard to identify, pairs hard to tell apart."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from palpate.config.study_result import (
+    ConfusionOut,
+    HeightsOut,
     PairStudiedOut,
     StateStudiedOut,
     StudyOut,
     StudyRunOut,
+    TouchesOut,
     VerdictCountOut,
 )
 from palpate.vocabulary import IdentificationVerdict, Strategy
@@ -27,9 +30,20 @@ def is_wrong(run: StudyRunOut) -> bool:
 
 
 def study_out(
-    runs: Sequence[StudyRunOut], *, objects: str, rig: str, strategy: Strategy, seed: int
+    runs: Sequence[StudyRunOut],
+    *,
+    objects: str,
+    rig: str,
+    strategy: Strategy,
+    seed: int,
+    seconds: float = 0.0,
+    heights: Callable[[Sequence[ConfusionOut]], tuple[HeightsOut, ...]] = lambda _: (),
 ) -> StudyOut:
-    """The summary; `objects`, `rig`: their names. There is at least one run."""
+    """The summary; `objects`, `rig`: their names. There is at least one run.
+
+    `heights`: finds heights at which confused states differ.
+    """
+    confusion = _confusion(runs)
     wrong = [run for run in runs if is_wrong(run)]
     errors = [run.position_error for run in runs if run.position_error is not None and run.inside_bounds]
     return StudyOut(
@@ -44,13 +58,35 @@ def study_out(
             VerdictCountOut(verdict=verdict, runs=count)
             for verdict, count in Counter(run.verdict for run in runs).most_common()
         ),
+        seconds=seconds,
         grips=_spread(run.grips for run in runs),
-        touches=_spread(run.touches for run in runs),
+        touches=_touches(runs),
         position_error=_spread(errors) if errors else None,
         states=_states(runs),
-        pairs=_pairs(runs),
+        confusion=confusion,
+        hardest=_pairs(runs),
+        heights=heights(confusion),
         wrong_runs=tuple(wrong[:_WRONG_SHOWN]),
     )
+
+
+def _touches(runs: Sequence[StudyRunOut]) -> TouchesOut:
+    found = np.array([run.touches for run in runs])
+    median, p90 = _spread(found)
+    return TouchesOut(mean=float(found.mean()), median=median, p90=p90, max=int(found.max()))
+
+
+def _confusion(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:
+    """The largest shares first."""
+    total: Counter[str] = Counter()
+    left: Counter[tuple[str, str]] = Counter()
+    for run in runs:
+        truth = f"{run.object}, {run.state}"
+        total[truth] += 1
+        others = (f"{name}, {state}" for name, state in run.left)
+        left.update((truth, other) for other in others if other != truth)
+    found = [ConfusionOut(a=a, b=b, share=count / total[a]) for (a, b), count in left.items()]
+    return tuple(sorted(found, key=lambda item: (-item.share, item.a, item.b)))
 
 
 def _states(runs: Sequence[StudyRunOut]) -> tuple[StateStudiedOut, ...]:

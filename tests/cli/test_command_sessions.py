@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
@@ -11,6 +12,7 @@ import pytest
 from command import Ended, log_bytes, run_here
 from json_schema import violations
 
+from palpate.config import shipped_rig
 from palpate.config.schema import schema_text
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.rig.session.log import SessionLog
@@ -69,7 +71,7 @@ def listed(here: Here) -> dict[str, dict[str, object]]:
     ended = here("sessions", "--json")
     assert (ended.code, ended.err) == (0, "")
     assert violations(ended.json, json.loads(schema_text("sessions"))) == []
-    return {Path(item["session"]).name: item for item in ended.json["sessions"]}
+    return {Path(item["path"]).name: item for item in ended.json["sessions"]}
 
 
 def test_a_list_says_what_was_found_and_how_each_ended(here: Here, running: Path) -> None:
@@ -83,9 +85,9 @@ def test_a_list_says_what_was_found_and_how_each_ended(here: Here, running: Path
     assert [item["verdict"] for item in found.values()] == [None, None, "identified", "identified", None]
     assert [item["writing"] for item in found.values()] == [True, False, False, False, False]
     assert [item["emulated"] for item in found.values()] == [True, True, True, False, True]
-    assert found["b-whole"]["end"] == {"how": "done", "message": None}
-    assert found["c-killed"]["end"] is None
-    assert found["e-failed"]["end"] == {"how": "ValueError", "message": "gone"}
+    assert found["b-whole"]["ended"] == {"how": "done", "message": None}
+    assert found["c-killed"]["ended"] is None
+    assert found["e-failed"]["ended"] == {"how": "ValueError", "message": "gone"}
     assert (found["b-whole"]["grips"], found["b-whole"]["touches"]) == (2, 2)
     assert found["b-whole"]["bytes"] == sum(p.stat().st_size for p in (ROOT / "b-whole").iterdir())
     shown = here("sessions").out
@@ -163,3 +165,21 @@ def test_what_others_put_into_a_session_stays(here: Here) -> None:
     ended = here("sessions", "prune", "--keep", 0)
     assert "stays: it holds other files" in ended.err
     assert [path.name for path in folder.iterdir()] == ["photo.jpg"]
+
+
+def test_what_programs_rely_on(here: Here) -> None:
+    folder = recorded("one")
+    (one,) = here("sessions", "--json").json["sessions"]
+    relied_on = {"path", "began", "command", "verdict", "object", "emulated", "seed", "ended", "bytes"}
+    assert relied_on <= set(one)
+    assert (one["command"], Path(one["path"]).name) == ("identify", "one")
+    shutil.copy(shipped_rig(), folder / "rig.toml")
+    told = here("info", folder, "--json").json
+    assert violations(told, json.loads(schema_text("session-info"))) == []
+    assert told["format"] == "palpate/session-info@1"
+    assert {key: told[key] for key in one if key != "bytes"} == {
+        key: one[key] for key in one if key != "bytes"
+    }
+    assert [item["port"] for item in told["devices"]] == ["mock://bus", "mock://f1", "mock://f2", "mock://f3"]
+    assert told["devices"][0]["devices"][1] == "XM430-W350, id 12: f1 slide"
+    assert told["versions"] == {"palpate": "0.1.0"}

@@ -34,9 +34,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
     answer = _answer(file)
     title = f"{answer.verdict.value.capitalize()}: {answer.object or 'no object'}" if answer else "No answer"
     parts = [
-        heading(
-            f"{title} – rig {summary.rig or '?'}", f"{Path(summary.session).name}, {summary.started or ''}"
-        ),
+        heading(f"{title} – rig {summary.rig or '?'}", f"{Path(summary.path).name}, {summary.began or ''}"),
         section("Answer", *_answer_parts(answer, summary, folder)),
         *grip_sections(grips, samples.rig, samples.objects, truth),
         section("Why each rival fell", _rivals(grips, samples.objects)),

@@ -9,7 +9,7 @@ from palpate.views.svg import element, number, text
 
 __all__ = ["study_report"]
 
-_WIDTH, _ROW, _NAME = 760.0, 18.0, 260.0
+_WIDTH, _ROW, _NAME, _BARS = 760.0, 18.0, 260.0, 24
 
 
 def study_report(out: StudyOut) -> str:
@@ -24,7 +24,7 @@ def study_report(out: StudyOut) -> str:
     ]
     spread = [
         ("grips", f"{out.grips[0]:g}", f"{out.grips[1]:g}"),
-        ("touches", f"{out.touches[0]:g}", f"{out.touches[1]:g}"),
+        ("touches", f"{out.touches.median:g}", f"{out.touches.p90:g}"),
     ]
     if out.position_error is not None:
         spread.append(("position error, mm", f"{out.position_error[0]:.2f}", f"{out.position_error[1]:.2f}"))
@@ -48,7 +48,7 @@ def study_report(out: StudyOut) -> str:
             str(item.runs),
             str(item.left),
         )
-        for item in out.pairs
+        for item in out.hardest
     ]
     counts, costs = ("runs", "share"), ("median", "90 %")
     state_names = ("object", "state", "runs", "identified", "touches", "90 %", "error, mm")
@@ -59,9 +59,10 @@ def study_report(out: StudyOut) -> str:
         ),
         section("Verdicts", table(("verdict", *counts), rows, numbers=counts)),
         section("Costs", table(("", *costs), spread, numbers=costs)),
-        section("Share identified", picture(_bars(out))),
+        section("Share identified", picture(_bars(out)), kind="sections"),
         section("States", table(state_names, states, numbers=state_names[2:])),
         section("Hardest to tell apart", table(pair_names, pairs, numbers=pair_names[2:])),
+        *_heights(out),
         section(
             "What was simulated",
             paragraph(
@@ -74,9 +75,22 @@ def study_report(out: StudyOut) -> str:
     return page(f"Study of {out.objects} on rig {out.rig}", parts)
 
 
+def _heights(out: StudyOut) -> list[str]:
+    """What would help where states are confused."""
+    rows = [
+        (item.a, item.b, ", ".join(f"{low:g}–{high:g} mm" for low, high in item.heights) or "no one height")
+        for item in out.heights
+    ]
+    return (
+        [section("Heights of a finger that would help", table(("one", "other", "heights"), rows))]
+        if rows
+        else []
+    )
+
+
 def _bars(out: StudyOut) -> str:
     """A bar for every state, those that are identified least often first."""
-    shown, room = out.states[:60], _WIDTH - _NAME - 60
+    shown, room = out.states[:_BARS], _WIDTH - _NAME - 60
     parts = []
     for k, item in enumerate(shown):
         y, share = k * _ROW, item.identified / item.runs

@@ -120,6 +120,7 @@ def test_an_approach_is_carried_out_within_its_bound() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [7])
 def test_arms_identify(seed: int) -> None:
     objects = load_objects(shipped_objects())

@@ -277,6 +277,7 @@ def test_a_log_from_before_there_were_replays_is_refused(one_grip: Path, tmp_pat
     assert "keeps no rig.toml" in done.err
 
 
+@pytest.mark.campaign
 @pytest.mark.slow
 def test_arms_whose_goals_are_a_function_of_time(tmp_path: Path) -> None:
     rig = brief(EXAMPLES / "two-link-rig.toml", tmp_path)
