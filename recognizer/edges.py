@@ -6,8 +6,10 @@ They are sorted by normal within a state, so that the angle test is a range look
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from palpate.geometry import Bools, Floats, Ints, State
 from palpate.recognizer.budget import BudgetSpentError
@@ -200,6 +202,32 @@ class EdgeSet:
                 rows = slice(row, min(row + size, int(end)))
                 left[rows], right[rows] = _open_cones(self, rows, slice(int(begin), int(end)))
         return left, right
+
+    @cached_property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """What the compiled kernel takes of it, in the order of `recognizer/kernel/edges.h`."""
+        values = (
+            self.first,
+            self.representative,
+            self.start,
+            self.end,
+            self.direction,
+            self.normal,
+            self.length,
+            self.normal_rad,
+            self.span,
+            self.middle[:, 0],
+            self.middle[:, 1],
+            self.half_across,
+            self.half_along,
+            np.hypot(self.half_across, self.half_along),
+            self.side_limits,
+            self.slack_mm,
+            self.state_reach_mm,
+            self.state_slack_mm,
+            np.array([float(np.max(self.span, initial=0.0))]),
+        )
+        return tuple(np.ascontiguousarray(value) for value in values)
 
     @cached_property
     def state_reach_mm(self) -> Floats:

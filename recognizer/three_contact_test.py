@@ -18,6 +18,8 @@ import numpy as np
 from palpate.geometry import Floats, Ints
 from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_tree import narrowed
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import half_planes
 from palpate.recognizer.sinusoid_bounds import clip_to_sinusoids
@@ -35,6 +37,9 @@ def three_contact_hull(
     `paired` (n, 3): the edge of each contact. Where nothing is left, lo > hi. The hull may hold orientations
     that are ruled out, never the other way about.
     """
+    if KERNEL is not None:
+        sets = [catalogue.edges(contact.finger) for contact in contacts]
+        return narrowed(KERNEL, sets, contacts, paired, lo, hi, anchor_mm)
     # Arrays over the choice of direction of the first, the second and the third contact, and over rows.
     one, two, three = (
         _edge_axes(catalogue, paired[:, k], contact, anchor_mm, k) for k, contact in enumerate(contacts)

@@ -7,6 +7,7 @@ normals), by distance, and by the closed-form model test on two and on three con
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from types import ModuleType
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import distance_range
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget, BudgetSpentError
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_tree import second_level_children, third_level_children
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edge_lookup import matching_edges
 from palpate.recognizer.edges import EdgeSet
@@ -116,6 +119,41 @@ def second_level(
         nothing = np.empty(0, np.int64)
         none = Interpretations(nothing, np.empty((0, 2), np.int64), np.empty(0), np.empty(0))
         return none, LevelCount(2, candidates, 0, 0, 0)
+    pocketed = [level for level, contact in enumerate(contacts) if _has_pockets(catalogue, contact)]
+    if KERNEL is not None:
+        found = second_level_children(
+            KERNEL,
+            (first, second),
+            contacts,
+            (normals_1, normals_2),
+            budget.candidates,
+            modelled=not pocketed,
+        )
+        pair = np.column_stack([found.parent, found.edge])
+        paired = Interpretations(first.state[found.parent], pair, found.lo, found.hi)
+        after_distance = found.near
+    else:
+        paired, after_distance = _second_level_pairs(catalogue, contacts, normals_1, normals_2, budget)
+    for level in pocketed:
+        paired = _narrow_by_pocket(catalogue, paired, level, contacts[level])
+    after_angle = len(paired)
+    if KERNEL is None or pocketed:
+        paired = narrow_by_two(catalogue, paired, 0, contacts)
+    if len(paired) > budget.interpretations:
+        raise BudgetSpentError
+    return paired, LevelCount(2, candidates, after_distance, after_angle, len(paired))
+
+
+def _second_level_pairs(
+    catalogue: Catalogue,
+    contacts: list[Contact],
+    normals_1: NormalRange,
+    normals_2: NormalRange,
+    budget: Budget,
+) -> tuple[Interpretations, int]:
+    """Pairs that angle and distance leave, by look-up in the table of pairs, and how many distance left."""
+    one, two = contacts
+    first, second = catalogue.edges(one.finger), catalogue.edges(two.finger)
     edge_a, edge_b = catalogue.pairs(one.finger, two.finger).between(
         normals_1,
         normals_2,
@@ -126,15 +164,7 @@ def second_level(
     lo, hi = orientation_range(normals_1, first, edge_a)
     lo, hi = intersect(lo, hi, *orientation_range(normals_2, second, edge_b))
     paired = Interpretations(first.state[edge_a], np.column_stack([edge_a, edge_b]), lo, hi)
-    after_distance = len(paired)
-    paired = paired.narrowed(lo, hi)
-    for level, contact in enumerate(contacts):
-        paired = _narrow_by_pocket(catalogue, paired, level, contact)
-    after_angle = len(paired)
-    paired = narrow_by_two(catalogue, paired, 0, contacts)
-    if len(paired) > budget.interpretations:
-        raise BudgetSpentError
-    return paired, LevelCount(2, candidates, after_distance, after_angle, len(paired))
+    return paired.narrowed(lo, hi), len(paired)
 
 
 def next_level(
@@ -149,10 +179,25 @@ def next_level(
     Raises BudgetSpentError where there are too many ways.
     """
     contact = contacts[-1]
-    edges = catalogue.edges(contact.finger)
-    children = edges.count[nodes.state]
-    candidates, after_angle, after_distance = int(children.sum()), 0, 0
-    parts = []
+    candidates = int(catalogue.edges(contact.finger).count[nodes.state].sum())
+    if KERNEL is not None and len(contacts) == 3:
+        grown, after_angle, after_distance = _third_level(
+            KERNEL, catalogue, nodes, contacts, anchor_mm, budget
+        )
+    else:
+        grown, after_angle, after_distance = _level_by_parts(catalogue, nodes, contacts, anchor_mm, budget)
+    if len(grown) > budget.interpretations:
+        raise BudgetSpentError
+    return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
+
+
+def _level_by_parts(
+    catalogue: Catalogue, nodes: Interpretations, contacts: list[Contact], anchor_mm: Floats, budget: Budget
+) -> tuple[Interpretations, int, int]:
+    """Children, and how many angle, and then distance, left."""
+    contact = contacts[-1]
+    candidates = int(catalogue.edges(contact.finger).count[nodes.state].sum())
+    after_angle, after_distance, parts = 0, 0, []
     for rows in np.array_split(np.arange(len(nodes)), candidates // _CHILDREN_AT_ONCE + 1):
         # Normals are looked up for a whole range of θ; the exact ranges meet for those that distances leave.
         room = budget.candidates - after_angle
@@ -163,10 +208,38 @@ def next_level(
         grown = _turned_to_fit(catalogue, grown, contact)
         after_distance += len(grown)
         parts.append(_narrow_by_model(catalogue, grown, contacts, anchor_mm))
-    grown = Interpretations.joined(parts)
-    if len(grown) > budget.interpretations:
-        raise BudgetSpentError
-    return grown, LevelCount(len(contacts), candidates, after_angle, after_distance, len(grown))
+    return Interpretations.joined(parts), after_angle, after_distance
+
+
+def _third_level(
+    kernel: ModuleType,
+    catalogue: Catalogue,
+    nodes: Interpretations,
+    contacts: list[Contact],
+    anchor_mm: Floats,
+    budget: Budget,
+) -> tuple[Interpretations, int, int]:
+    """The same by the compiled kernel."""
+    normals = [contact.outward_normals() for contact in contacts]
+    if None in normals:
+        return nodes.paired(np.empty(0, np.int64), np.empty(0, np.int64)), 0, 0
+    one, two, three = (catalogue.edges(contact.finger) for contact in contacts)
+    pocketed = _has_pockets(catalogue, contacts[-1])
+    found = third_level_children(
+        kernel,
+        (one, two, three),
+        contacts,
+        [item for item in normals if item],
+        anchor_mm,
+        (nodes.state, nodes.edges, nodes.lo, nodes.hi),
+        budget.candidates,
+        modelled=not pocketed,
+    )
+    grown = replace(nodes.paired(found.parent, found.edge), lo=found.lo, hi=found.hi)
+    if pocketed:
+        grown = _narrow_by_pocket(catalogue, grown, 2, contacts[-1])
+        grown = _narrow_by_model(catalogue, grown, contacts, anchor_mm)
+    return grown, found.looked_up, found.near
 
 
 def pair_by_angle(
@@ -215,10 +288,8 @@ def _narrow_by_pocket(
     A pocket of several arcs makes several interpretations of one. Pockets are looked at only where no normal
     is known: a measured one says more, and the exact test of the path comes later for all.
     """
-    if contact.normal is not None or not len(nodes):
+    if not len(nodes) or not _has_pockets(catalogue, contact):
         return nodes
-    if catalogue.edges(contact.finger) is not catalogue.outlines(contact.finger):
-        return nodes  # edges that overlap have no pockets; the exact test of the path sees to it
     pockets = catalogue.pockets(
         contact.finger, max(contact.position_bound_mm, contact.free_path_bound_mm), contact.travel_mm
     )
@@ -229,6 +300,11 @@ def _narrow_by_pocket(
     hi = np.minimum(contact.direction_rad - pockets.lo_rad[arc] + error, lo + 2 * np.pi)
     reached = nodes.select(owner)
     return reached.narrowed(*intersect(reached.lo, reached.hi, lo, hi))
+
+
+def _has_pockets(catalogue: Catalogue, contact: Contact) -> bool:
+    """Edges that overlap have none: the exact test of the path sees to it."""
+    return contact.normal is None and catalogue.edges(contact.finger) is catalogue.outlines(contact.finger)
 
 
 def intersect(lo: Floats, hi: Floats, other_lo: Floats, other_hi: Floats) -> tuple[Floats, Floats]:

@@ -14,6 +14,8 @@ import numpy as np
 from palpate.geometry import Floats, Ints
 from palpate.geometry.segments import cross
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_tree import narrowed
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.sinusoid_bounds import clip_to_sinusoids
 
@@ -31,6 +33,9 @@ def two_contact_hull(
     is. Where nothing is left, lo > hi. The hull may hold orientations that are ruled out, never the other way
     about.
     """
+    if KERNEL is not None:
+        sets = [catalogue.edges(contact.finger) for contact in contacts]
+        return narrowed(KERNEL, sets, contacts, paired, lo, hi)
     null = (paired < 0).any(axis=1)
     if null.any():
         lo, hi = lo.copy(), hi.copy()

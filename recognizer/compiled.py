@@ -1,0 +1,24 @@
+"""Compiled kernel: C code for the innermost loops, where it could be built; numpy does the same without it.
+
+`KERNEL` is None where there was no C compiler, or where the environment variable `PALPATE_KERNEL` is `off`.
+See docs/adr/0038-a-compiled-kernel.md.
+"""
+
+import os
+from types import ModuleType
+
+__all__ = ["KERNEL"]
+
+
+def _kernel() -> ModuleType | None:
+    if os.environ.get("PALPATE_KERNEL") == "off":
+        return None
+    try:
+        from palpate.recognizer import _kernel as found  # noqa: PLC0415  # optional
+    except ImportError:
+        return None
+    return found
+
+
+KERNEL = _kernel()
+"""The compiled module, or None."""

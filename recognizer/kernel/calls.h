@@ -1,0 +1,17 @@
+/* What Python may call, one line a function. */
+
+#ifndef PALPATE_CALLS_H
+#define PALPATE_CALLS_H
+
+#include "kernel.h"
+
+PyObject *second_level(PyObject *self, PyObject *arguments);
+PyObject *third_level(PyObject *self, PyObject *arguments);
+PyObject *narrow(PyObject *self, PyObject *arguments);
+
+#define KERNEL_CALLS \
+    {"second_level", second_level, METH_VARARGS, NULL}, \
+    {"third_level", third_level, METH_VARARGS, NULL}, \
+    {"narrow", narrow, METH_VARARGS, NULL},
+
+#endif

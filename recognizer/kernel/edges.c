@@ -1,0 +1,230 @@
+/* Edges: look-up by normal, and the closed-form tests of two and three contacts (docs/recogniser.md). The same
+   as `two_contact_test`, `three_contact_test` and `sinusoid_bounds` do with whole arrays. */
+
+#include "edges.h"
+
+#define ROUNDING_MM 1e-9
+#define ROUNDING_RAD 1e-12
+
+int take_edges(buffers *all, PyObject *arrays, edge_set *edges)
+{
+    Py_ssize_t bytes = 0, index = 0;
+    const void *data[19];
+    for (; index < 19; index++)
+        if (!(data[index] = borrow_item(all, arrays, index, index == 0 || index == 1 ? &bytes : NULL)))
+            return 0;
+        else if (index == 0)
+            edges->states = bytes / (Py_ssize_t)sizeof(int64_t) - 1;
+        else if (index == 1)
+            edges->edges = bytes;
+    edges->first = data[0];
+    edges->representative = data[1];
+    edges->start = data[2];
+    edges->end = data[3];
+    edges->direction = data[4];
+    edges->normal = data[5];
+    edges->length = data[6];
+    edges->normal_rad = data[7];
+    edges->span = data[8];
+    edges->middle_x = data[9];
+    edges->middle_y = data[10];
+    edges->half_across = data[11];
+    edges->half_along = data[12];
+    edges->half_diagonal = data[13];
+    edges->side_limits = data[14];
+    edges->slack_mm = data[15];
+    edges->state_reach = data[16];
+    edges->state_slack = data[17];
+    edges->most_span = *(const double *)data[18];
+    return 1;
+}
+
+int take_sets(buffers *all, PyObject *tuple, edge_set *taken, const edge_set **sets)
+{
+    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(tuple); k++) {
+        sets[k] = NULL;
+        for (Py_ssize_t j = 0; j < k; j++)
+            if (PyTuple_GET_ITEM(tuple, j) == PyTuple_GET_ITEM(tuple, k))
+                sets[k] = sets[j];
+        if (sets[k])
+            continue;
+        if (!take_edges(all, PyTuple_GET_ITEM(tuple, k), &taken[k]))
+            return 0;
+        sets[k] = &taken[k];
+    }
+    return 1;
+}
+
+int take_tips(PyObject *tuple, tip *tips)
+{
+    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(tuple); k++)
+        if (!PyArg_ParseTuple(PyTuple_GET_ITEM(tuple, k), "ddd", &tips[k].x, &tips[k].y, &tips[k].bound))
+            return 0;
+    return 1;
+}
+
+static int64_t lower_bound(const double *values, int64_t from, int64_t to, double value)
+{
+    while (from < to) {
+        int64_t middle = (from + to) / 2;
+        if (values[middle] < value)
+            from = middle + 1;
+        else
+            to = middle;
+    }
+    return from;
+}
+
+runs by_normal(const edge_set *edges, int64_t state, double lo, double width)
+{
+    int64_t begin = edges->first[state], end = edges->first[state + 1];
+    runs found = {{begin, end}, {end, end}, 1};
+    if (width >= TURN)
+        return found;
+    double from = modulo_turn(lo) - 1e-12, to = from + width + 2e-12;
+    found.from[0] = lower_bound(edges->normal_rad, begin, end, from);
+    found.to[0] = lower_bound(edges->normal_rad, found.from[0], end, to);
+    while (found.to[0] < end && edges->normal_rad[found.to[0]] <= to)
+        found.to[0]++;
+    double around = to - TURN;
+    if (around >= 0) {
+        found.count = 2;
+        found.from[1] = begin;
+        found.to[1] = lower_bound(edges->normal_rad, begin, end, around);
+        while (found.to[1] < end && edges->normal_rad[found.to[1]] <= around)
+            found.to[1]++;
+        if (found.to[1] > found.from[0])
+            found.to[1] = found.from[0];
+    }
+    return found;
+}
+
+interval intersect(interval one, interval other)
+{
+    double width = one.hi - one.lo, other_width = other.hi - other.lo;
+    double begin = modulo_turn(other.lo - one.lo);
+    double tail = begin - TURN + other_width;
+    double first = tail >= 0 ? 0.0 : begin <= width ? begin : INFINITY;
+    double last = begin <= width ? smaller(width, begin + other_width) : smaller(width, tail);
+    interval both = {one.lo + first, one.lo + last};
+    return both;
+}
+
+interval orientation_range(const edge_set *edges, int64_t edge, double normals_lo, double normals_hi)
+{
+    double lo = normals_lo - edges->normal_rad[edge] - edges->span[edge];
+    interval range = {lo, lo + smaller(normals_hi - normals_lo + 2 * edges->span[edge], TURN)};
+    return range;
+}
+
+/* How far up from `angle` the first angle with nearest ≤ |angle| ≤ furthest (modulo a turn) is. */
+static double advance_to_allowed(double angle, double nearest, double furthest)
+{
+    double begin = wrapped(angle), at = larger(begin, -furthest);
+    if (at > -nearest && at < nearest)
+        at = nearest;
+    if (at > furthest)
+        at = TURN - furthest;
+    return at - begin;
+}
+
+/* By how much least ≤ height·cos(θ − crest) ≤ most moves the ends of an interval inwards. */
+static void clip_to_sinusoid(interval at, double crest, double least, double most, double height, double *first,
+                             double *last)
+{
+    double scale = larger(height, 1e-9);
+    least /= scale;
+    most /= scale;
+    if (least <= -1.0 && most >= 1.0)
+        return;
+    if (most < -1.0 || least > 1.0) {
+        *first = *last = INFINITY;
+        return;
+    }
+    double nearest = acos(clipped(most, -1.0, 1.0)) - ROUNDING_RAD;
+    double furthest = acos(clipped(least, -1.0, 1.0)) + ROUNDING_RAD;
+    *first = larger(*first, advance_to_allowed(at.lo - crest, nearest, furthest));
+    *last = larger(*last, advance_to_allowed(crest - at.hi, nearest, furthest));
+}
+
+interval two_contacts(const edge_set *first, int64_t edge_a, const edge_set *second, int64_t edge_b, const tip *a,
+                      const tip *b, interval at)
+{
+    if (edge_a < 0 || edge_b < 0)
+        return at;
+    double x = b->x - a->x, y = b->y - a->y, chord = sqrt(x * x + y * y), bearing = atan2(y, x);
+    const double *na = first->normal + 2 * edge_a, *nb = second->normal + 2 * edge_b;
+    double gap_x = second->middle_x[edge_b] - first->middle_x[edge_a];
+    double gap_y = second->middle_y[edge_b] - first->middle_y[edge_a];
+    double across_a = first->half_across[edge_a] + a->bound, along_a = first->half_along[edge_a] + a->bound;
+    double across_b = second->half_across[edge_b] + b->bound, along_b = second->half_along[edge_b] + b->bound;
+    double cosine = fabs(na[0] * nb[0] + na[1] * nb[1]), sine = fabs(na[0] * nb[1] - na[1] * nb[0]);
+    double half[4] = {
+        across_a + cosine * across_b + sine * along_b,
+        along_a + sine * across_b + cosine * along_b,
+        across_b + cosine * across_a + sine * along_a,
+        along_b + sine * across_a + cosine * along_a,
+    };
+    double middle[4] = {
+        na[0] * gap_x + na[1] * gap_y,
+        na[0] * gap_y - na[1] * gap_x,
+        nb[0] * gap_x + nb[1] * gap_y,
+        nb[0] * gap_y - nb[1] * gap_x,
+    };
+    double inner = 0.0, outer = 0.0;
+    for (int k = 0; k < 4; k++) {
+        double turned = bearing - (k < 2 ? first->normal_rad[edge_a] : second->normal_rad[edge_b]);
+        clip_to_sinusoid(at, k % 2 ? turned - PI / 2 : turned, middle[k] - half[k] - ROUNDING_MM,
+                         middle[k] + half[k] + ROUNDING_MM, chord, &inner, &outer);
+    }
+    interval left = {at.lo + inner, at.hi - outer};
+    return left;
+}
+
+/* One direction u of a contact's edge: −lower ≤ u·s − (cosine cos θ + sine sin θ) ≤ upper. */
+typedef struct {
+    double ux, uy, cosine, sine, lower, upper;
+} axis;
+
+static axis axis_of(const edge_set *edges, int64_t edge, const tip *contact, int which)
+{
+    const double *u = (which ? edges->direction : edges->normal) + 2 * edge;
+    const double *limit = edges->side_limits + 4 * edge + 2 * which;
+    axis found = {
+        u[0],
+        u[1],
+        u[0] * contact->x + u[1] * contact->y,
+        u[0] * contact->y - u[1] * contact->x,
+        limit[0] + contact->bound,
+        limit[1] + contact->bound,
+    };
+    return found;
+}
+
+interval three_contacts(const edge_set *const sets[3], const int64_t edge[3], const tip *const tips[3], interval at)
+{
+    axis axes[3][2];
+    for (int k = 0; k < 3; k++) {
+        if (edge[k] < 0)
+            return at;
+        for (int which = 0; which < 2; which++)
+            axes[k][which] = axis_of(sets[k], edge[k], tips[k], which);
+    }
+    double inner = 0.0, outer = 0.0;
+    for (int choice = 0; choice < 8 && inner < INFINITY; choice++) {
+        const axis *side[3] = {&axes[0][choice >> 2], &axes[1][choice >> 1 & 1], &axes[2][choice & 1]};
+        double a = 0.0, b = 0.0, least = 0.0, most = 0.0;
+        for (int k = 0; k < 3; k++) {
+            const axis *two = side[(k + 1) % 3], *three = side[(k + 2) % 3];
+            double weight = two->ux * three->uy - two->uy * three->ux;
+            double up = larger(weight, 0.0), down = larger(-weight, 0.0);
+            a += weight * side[k]->cosine;
+            b += weight * side[k]->sine;
+            least -= up * side[k]->upper + down * side[k]->lower;
+            most += up * side[k]->lower + down * side[k]->upper;
+        }
+        clip_to_sinusoid(at, atan2(b, a), least - ROUNDING_MM, most + ROUNDING_MM, sqrt(a * a + b * b), &inner, &outer);
+    }
+    interval left = {at.lo + inner, at.hi - outer};
+    return left;
+}

@@ -1,0 +1,60 @@
+/* Edge sets, as `palpate.recognizer.edges.EdgeSet.arrays` lists them, and what contacts say of an edge. */
+
+#ifndef PALPATE_EDGES_H
+#define PALPATE_EDGES_H
+
+#include "kernel.h"
+
+typedef struct {
+    Py_ssize_t edges, states;
+    const int64_t *first;           /* states + 1 */
+    const char *representative;     /* edges */
+    const double *start, *end;      /* edges × 2 */
+    const double *direction, *normal;
+    const double *length, *normal_rad, *span;
+    const double *middle_x, *middle_y; /* of the rectangle in which the tip's centre may lie */
+    const double *half_across, *half_along, *half_diagonal;
+    const double *side_limits; /* edges × 4 */
+    const double *slack_mm;
+    const double *state_reach, *state_slack; /* states */
+    double most_span;
+} edge_set;
+
+/* Fill in an edge set from its tuple of arrays; whether that went well. */
+int take_edges(buffers *all, PyObject *arrays, edge_set *edges);
+
+/* The same for a tuple of such tuples, one a contact: fingers of one kind have one set, which is taken once. */
+int take_sets(buffers *all, PyObject *tuple, edge_set *taken, const edge_set **sets);
+
+/* Edges of a state whose normals are within [lo, lo + width]: up to two runs [from, to). */
+typedef struct {
+    int64_t from[2], to[2];
+    int count;
+} runs;
+
+runs by_normal(const edge_set *edges, int64_t state, double lo, double width);
+
+typedef struct {
+    double lo, hi;
+} interval;
+
+/* Hull of the part of `one` inside `other` modulo a turn; lo > hi where there is none. */
+interval intersect(interval one, interval other);
+
+/* Orientations that turn an edge's normal into a range (memo §2.2.2). */
+interval orientation_range(const edge_set *edges, int64_t edge, double normals_lo, double normals_hi);
+
+/* A contact as the tests of the tree take it: place of the tip's centre from the anchor, and its bound. */
+typedef struct {
+    double x, y, bound;
+} tip;
+
+/* A tuple of (x, y, bound). */
+int take_tips(PyObject *tuple, tip *tips);
+
+/* Hulls of the orientations at which two, or three, contacts fit their edges. */
+interval two_contacts(const edge_set *first, int64_t edge_a, const edge_set *second, int64_t edge_b, const tip *a,
+                      const tip *b, interval at);
+interval three_contacts(const edge_set *const sets[3], const int64_t edge[3], const tip *const tips[3], interval at);
+
+#endif

@@ -1,0 +1,305 @@
+/* Levels of the interpretation tree (memo §2.2): look-up by angle, look at distances, model tests.
+
+   What circles about edges cannot reach is left out before anything exact is done; that rules out nothing that
+   the exact tests would keep. No table of pairs is needed: edges lie sorted by normal. */
+
+#include "calls.h"
+#include "edges.h"
+
+#define BLOCK 512
+#define SQRT2 1.4142135623730951
+#define ROUNDING_MM 1e-6
+
+/* One interpretation: its edges, in contact order, and orientations. `parent`: the row it grew from. */
+typedef struct {
+    int64_t parent, edge;
+    interval at;
+} grown;
+
+/* Of edges [from, to), those whose circles meet all of the rings: a centre, a least and a largest distance from
+   there to the middle of the edge's rectangle, each wider by the half diagonal of the edge's own rectangle. */
+typedef struct {
+    double x, y, least, most;
+} ring;
+
+static int within_rings(const edge_set *edges, int64_t from, int64_t to, const ring *rings, int count, int32_t *found)
+{
+    unsigned char fits[BLOCK];
+    const double *restrict mx = edges->middle_x + from, *restrict my = edges->middle_y + from;
+    const double *restrict wide = edges->half_diagonal + from;
+    int size = (int)(to - from), left = 0;
+    memset(fits, 1, (size_t)size);
+    for (int k = 0; k < count; k++) {
+        double x = rings[k].x, y = rings[k].y, least = rings[k].least, most = rings[k].most;
+        for (int j = 0; j < size; j++) {
+            double dx = mx[j] - x, dy = my[j] - y, square = dx * dx + dy * dy;
+            double outer = most + wide[j], inner = larger(least - wide[j], 0.0);
+            fits[j] &= (unsigned char)((square <= outer * outer) & (square >= inner * inner));
+        }
+    }
+    for (int j = 0; j < size; j++) {
+        found[left] = j;
+        left += fits[j];
+    }
+    return left;
+}
+
+static double point_segment(double px, double py, const double *start, const double *u, double length)
+{
+    double x = px - start[0], y = py - start[1];
+    double along = clipped(x * u[0] + y * u[1], 0.0, length);
+    return hypot(x - along * u[0], y - along * u[1]);
+}
+
+/* Whether the distance of two contacts is one that their edges allow (memo §2.2.1). */
+static int distance_fits(const edge_set *first, int64_t a, const edge_set *second, int64_t b, double measured,
+                         double bound)
+{
+    const double *p = first->start + 2 * a, *q = first->end + 2 * a;
+    const double *r = second->start + 2 * b, *s = second->end + 2 * b;
+    double slack = first->slack_mm[a] + second->slack_mm[b] + bound + ROUNDING_MM;
+    const double *ends[4][2] = {{p, r}, {p, s}, {q, r}, {q, s}};
+    double longest = 0.0;
+    for (int k = 0; k < 4; k++) {
+        double dx = ends[k][0][0] - ends[k][1][0], dy = ends[k][0][1] - ends[k][1][1];
+        longest = larger(longest, dx * dx + dy * dy);
+    }
+    if (measured > sqrt(longest) + slack)
+        return 0;
+    const double *u = first->direction + 2 * a, *v = second->direction + 2 * b;
+    double shortest = point_segment(p[0], p[1], r, v, second->length[b]);
+    shortest = smaller(shortest, point_segment(q[0], q[1], r, v, second->length[b]));
+    shortest = smaller(shortest, point_segment(r[0], r[1], p, u, first->length[a]));
+    shortest = smaller(shortest, point_segment(s[0], s[1], p, u, first->length[a]));
+    if (measured >= shortest - slack)
+        return 1;
+    double ux = q[0] - p[0], uy = q[1] - p[1], vx = s[0] - r[0], vy = s[1] - r[1];
+    double one = (ux * (r[1] - p[1]) - uy * (r[0] - p[0])) * (ux * (s[1] - p[1]) - uy * (s[0] - p[0]));
+    double two = (vx * (p[1] - r[1]) - vy * (p[0] - r[0])) * (vx * (q[1] - r[1]) - vy * (q[0] - r[0]));
+    return one < 0 && two < 0 && measured >= -slack;
+}
+
+/* Where the second of two contacts is, seen from an edge of the first, at the orientations `at`. */
+static ring place_of(const edge_set *first, int64_t edge, const tip *a, const tip *b, interval at)
+{
+    double x = b->x - a->x, y = b->y - a->y, middle = (at.lo + at.hi) / 2, half = (at.hi - at.lo) / 2;
+    double c = cos(middle), s = sin(middle);
+    double swing = half >= PI ? 2 : 2 * sin(half / 2);
+    ring place = {
+        first->middle_x[edge] + c * x + s * y,
+        first->middle_y[edge] + c * y - s * x,
+        0.0,
+        swing * sqrt(x * x + y * y) + first->half_diagonal[edge] + SQRT2 * (a->bound + b->bound) + ROUNDING_MM,
+    };
+    return place;
+}
+
+/* The same by distance alone. */
+static ring distance_of(const edge_set *first, int64_t edge, const tip *a, const tip *b)
+{
+    double away = hypot(b->x - a->x, b->y - a->y);
+    double slack = first->half_diagonal[edge] + SQRT2 * (a->bound + b->bound) + ROUNDING_MM;
+    ring place = {first->middle_x[edge], first->middle_y[edge], away - slack, away + slack};
+    return place;
+}
+
+/* A contact to be paired, and those before it: their edge sets, tips, and the range of normals of each. */
+typedef struct {
+    int earlier;
+    const edge_set *sets[3];
+    tip tips[3];
+    double normals_lo[3], normals_hi[3];
+    int64_t most, looked_up, near;
+    int modelled; /* whether the model tests are done, too */
+    list *found;
+} pairing;
+
+/* Pair the last contact with edges of `state` under an interpretation; 0 with an exception set if it failed. */
+static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *paired, interval at)
+{
+    const edge_set *edges = all->sets[all->earlier];
+    const tip *tips = all->tips;
+    double lo = all->normals_lo[all->earlier], hi = all->normals_hi[all->earlier];
+    double margin = edges->most_span, measured[2], bound[2];
+    ring rings[4];
+    for (int k = 0; k < all->earlier; k++) {
+        rings[2 * k] = place_of(all->sets[k], paired[k], &tips[k], &tips[all->earlier], at);
+        rings[2 * k + 1] = distance_of(all->sets[k], paired[k], &tips[k], &tips[all->earlier]);
+        measured[k] = hypot(tips[all->earlier].x - tips[k].x, tips[all->earlier].y - tips[k].y);
+        bound[k] = tips[k].bound + tips[all->earlier].bound;
+    }
+    runs looked = by_normal(edges, state, lo - margin - at.hi, smaller(hi - lo + 2 * margin + at.hi - at.lo, TURN));
+    for (int run = 0; run < looked.count; run++)
+        for (int64_t from = looked.from[run]; from < looked.to[run]; from += BLOCK) {
+            int64_t to = from + BLOCK < looked.to[run] ? from + BLOCK : looked.to[run];
+            int32_t found[BLOCK];
+            int count = within_rings(edges, from, to, rings, 2 * all->earlier, found);
+            all->looked_up += to - from;
+            for (int j = 0; j < count; j++) {
+                int64_t edge = from + found[j];
+                int fits = 1;
+                for (int k = 0; k < all->earlier && fits; k++)
+                    fits = distance_fits(all->sets[k], paired[k], edges, edge, measured[k], bound[k]);
+                interval left = intersect(at, orientation_range(edges, edge, lo, hi));
+                if (!fits || !(left.lo <= left.hi))
+                    continue;
+                if (++all->near > all->most)
+                    return 1;
+                for (int k = 0; k < all->earlier && all->modelled && left.lo <= left.hi; k++)
+                    left = two_contacts(all->sets[k], paired[k], edges, edge, &tips[k], &tips[all->earlier], left);
+                if (all->earlier == 2 && all->modelled && left.lo <= left.hi) {
+                    const int64_t three[3] = {paired[0], paired[1], edge};
+                    const tip *const places[3] = {&tips[0], &tips[1], &tips[2]};
+                    left = three_contacts(all->sets, three, places, left);
+                }
+                if (!(left.lo <= left.hi))
+                    continue;
+                grown *child = list_add(all->found);
+                if (!child) {
+                    PyErr_NoMemory();
+                    return 0;
+                }
+                child->parent = parent;
+                child->edge = edge;
+                child->at = left;
+            }
+        }
+    return 1;
+}
+
+/* What Python gets: whether more than `most` were looked at, how many were looked up and near, and the children. */
+static PyObject *answer_of(pairing *all)
+{
+    PyObject *found = list_bytes(all->found);
+    if (!found)
+        return NULL;
+    return Py_BuildValue("iLLN", all->near > all->most, (long long)all->looked_up, (long long)all->near, found);
+}
+
+/* second_level(first, second, (x, y, bound, normals lo, hi) twice, most, modelled): children of every
+   representative edge; `parent` of a child is that edge. */
+PyObject *second_level(PyObject *self, PyObject *arguments)
+{
+    PyObject *arrays[2];
+    edge_set sets[2];
+    buffers all = {.count = 0};
+    list found = new_list(sizeof(grown));
+    pairing job = {.earlier = 1, .found = &found, .sets = {&sets[0], &sets[1]}};
+    long long most;
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "OO(ddddd)(ddddd)Li", &arrays[0], &arrays[1], &job.tips[0].x, &job.tips[0].y,
+                          &job.tips[0].bound, &job.normals_lo[0], &job.normals_hi[0], &job.tips[1].x, &job.tips[1].y,
+                          &job.tips[1].bound, &job.normals_lo[1], &job.normals_hi[1], &most, &job.modelled))
+        return NULL;
+    job.most = most;
+    int fine = take_edges(&all, arrays[0], &sets[0]) && take_edges(&all, arrays[1], &sets[1]);
+    for (int64_t state = 0; fine && state < sets[0].states && job.near <= job.most; state++)
+        for (int64_t edge = sets[0].first[state]; fine && edge < sets[0].first[state + 1]; edge++)
+            if (sets[0].representative[edge]) {
+                interval at = orientation_range(&sets[0], edge, job.normals_lo[0], job.normals_hi[0]);
+                fine = pair(&job, edge, state, &edge, at);
+            }
+    release(&all);
+    if (!fine) {
+        free_list(&found);
+        return NULL;
+    }
+    return answer_of(&job);
+}
+
+/* third_level(edge sets of 3 contacts, (x, y, bound, normals lo, hi) of each, states, edges, lo, hi, count, most,
+   modelled): children of interpretations of two contacts. */
+PyObject *third_level(PyObject *self, PyObject *arguments)
+{
+    PyObject *sets_in, *states_in, *edges_in, *lo_in, *hi_in;
+    edge_set sets[3];
+    buffers all = {.count = 0};
+    list found = new_list(sizeof(grown));
+    pairing job = {.earlier = 2, .found = &found};
+    double normals[3][2];
+    long long most;
+    Py_ssize_t count;
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "O!(ddddd)(ddddd)(ddddd)OOOOnLi", &PyTuple_Type, &sets_in,
+                          &job.tips[0].x, &job.tips[0].y, &job.tips[0].bound, &normals[0][0], &normals[0][1],
+                          &job.tips[1].x, &job.tips[1].y, &job.tips[1].bound, &normals[1][0], &normals[1][1],
+                          &job.tips[2].x, &job.tips[2].y, &job.tips[2].bound, &normals[2][0], &normals[2][1],
+                          &states_in, &edges_in, &lo_in, &hi_in, &count, &most, &job.modelled))
+        return NULL;
+    if (PyTuple_GET_SIZE(sets_in) != 3) {
+        PyErr_SetString(PyExc_ValueError, "three contacts are needed");
+        return NULL;
+    }
+    job.most = most;
+    for (int k = 0; k < 3; k++) {
+        job.normals_lo[k] = normals[k][0];
+        job.normals_hi[k] = normals[k][1];
+    }
+    const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
+    const int64_t *states = NULL, *edges = NULL;
+    const double *lo = NULL, *hi = NULL;
+    int fine = take_sets(&all, sets_in, sets, job.sets);
+    fine = fine && (states = borrow(&all, states_in, row)) && (edges = borrow(&all, edges_in, 2 * row)) &&
+           (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
+    for (Py_ssize_t node = 0; fine && node < count && job.near <= job.most; node++) {
+        interval at = {lo[node], hi[node]};
+        fine = pair(&job, node, states[node], edges + 2 * node, at);
+    }
+    release(&all);
+    if (!fine) {
+        free_list(&found);
+        return NULL;
+    }
+    return answer_of(&job);
+}
+
+/* narrow(edge sets of k ≤ 3 contacts, (x, y, bound) of each, edges (n × k), lo, hi, n): how far the model test of
+   two, or of three, narrow intervals; one bytearray each. */
+PyObject *narrow(PyObject *self, PyObject *arguments)
+{
+    PyObject *sets_in, *tips_in, *edges_in, *lo_in, *hi_in;
+    Py_ssize_t count;
+    buffers all = {.count = 0};
+    edge_set taken[3];
+    const edge_set *sets[3];
+    tip tips[3];
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "O!O!OOOn", &PyTuple_Type, &sets_in, &PyTuple_Type, &tips_in, &edges_in, &lo_in,
+                          &hi_in, &count))
+        return NULL;
+    Py_ssize_t many = PyTuple_GET_SIZE(sets_in), row = count * (Py_ssize_t)sizeof(double);
+    if (many < 2 || many > 3 || PyTuple_GET_SIZE(tips_in) != many) {
+        PyErr_SetString(PyExc_ValueError, "two or three contacts are needed");
+        return NULL;
+    }
+    const int64_t *edges = NULL;
+    const double *lo = NULL, *hi = NULL;
+    PyObject *lo_out = NULL, *hi_out = NULL;
+    int fine = take_sets(&all, sets_in, taken, sets) && take_tips(tips_in, tips);
+    fine = fine && (edges = borrow(&all, edges_in, many * row)) && (lo = borrow(&all, lo_in, row)) &&
+           (hi = borrow(&all, hi_in, row));
+    if (fine) {
+        lo_out = PyByteArray_FromStringAndSize(NULL, row);
+        hi_out = PyByteArray_FromStringAndSize(NULL, row);
+        fine = lo_out && hi_out;
+    }
+    for (Py_ssize_t k = 0; fine && k < count; k++) {
+        const int64_t *edge = edges + many * k;
+        interval at = {lo[k], hi[k]};
+        if (many == 2)
+            at = two_contacts(sets[0], edge[0], sets[1], edge[1], &tips[0], &tips[1], at);
+        else {
+            const tip *const places[3] = {&tips[0], &tips[1], &tips[2]};
+            at = three_contacts(sets, edge, places, at);
+        }
+        ((double *)PyByteArray_AS_STRING(lo_out))[k] = at.lo;
+        ((double *)PyByteArray_AS_STRING(hi_out))[k] = at.hi;
+    }
+    release(&all);
+    if (!fine) {
+        Py_XDECREF(lo_out);
+        Py_XDECREF(hi_out);
+        return NULL;
+    }
+    return Py_BuildValue("NN", lo_out, hi_out);
+}
