@@ -5,6 +5,7 @@ See docs/adr/0038-a-compiled-kernel.md.
 """
 
 import os
+from importlib import import_module
 from types import ModuleType
 
 __all__ = ["KERNEL"]
@@ -14,10 +15,9 @@ def _kernel() -> ModuleType | None:
     if os.environ.get("PALPATE_KERNEL") == "off":
         return None
     try:
-        from palpate.recognizer import _kernel as found  # noqa: PLC0415  # optional
+        return import_module("palpate.recognizer._kernel")
     except ImportError:
         return None
-    return found
 
 
 KERNEL = _kernel()

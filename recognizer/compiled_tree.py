@@ -13,7 +13,7 @@ from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
 
-__all__ = ["Children", "narrowed", "second_level_children", "third_level_children"]
+__all__ = ["Children", "cut_polygons", "narrowed", "second_level_children", "third_level_children"]
 
 _CHILD = np.dtype([("parent", np.int64), ("edge", np.int64), ("lo", np.float64), ("hi", np.float64)])
 
@@ -46,7 +46,7 @@ def second_level_children(
 ) -> Children:
     """Pairings of the second contact under each representative edge of the first, its `parent`.
 
-    Unless they are `modelled`, the model test is left out. Raises BudgetSpentError if more than `most` have to
+    Unless they are `modelled`, the model test is left out. Raises BudgetSpentError if more than `most` are to
     be looked at.
     """
     one, two = (_tip(contact, of) for contact, of in zip(contacts, normals, strict=True))
@@ -67,8 +67,8 @@ def third_level_children(
     """Pairings of the third contact under interpretations of two: state (n,), edges (n, 2), lo, hi (n,)."""
     tips = [_tip(contact, of, anchor_mm) for contact, of in zip(contacts, normals, strict=True)]
     arrays = tuple(item.arrays for item in sets)
-    state, edges, lo, hi = (np.ascontiguousarray(item) for item in nodes)
-    return Children(kernel.third_level(arrays, *tips, state, edges, lo, hi, len(state), most, modelled))
+    rows = [np.ascontiguousarray(item) for item in nodes]
+    return Children(kernel.third_level(arrays, *tips, *rows, len(nodes[0]), most, modelled))
 
 
 def narrowed(
@@ -83,9 +83,32 @@ def narrowed(
     """Intervals of θ, narrowed by the model test of two or three contacts on edges `paired` (n, 2 or 3)."""
     tips = tuple(_place(contact, anchor_mm) for contact in contacts)
     arrays = tuple(item.arrays for item in sets)
-    edges, lo, hi = (np.ascontiguousarray(item) for item in (paired, lo, hi))
-    data = kernel.narrow(arrays, tips, edges, lo, hi, len(lo))
+    arguments = [np.ascontiguousarray(item) for item in (paired, lo, hi)]
+    data = kernel.narrow(arrays, tips, *arguments, len(lo))
     return np.frombuffer(data[0]), np.frombuffer(data[1])
+
+
+def cut_polygons(
+    kernel: ModuleType,
+    sets: Sequence[EdgeSet],
+    contacts: Sequence[Contact],
+    anchor_mm: Floats,
+    paired: Ints,
+    node: Ints,
+    lo: Floats,
+    hi: Floats,
+) -> tuple[Ints, Floats]:
+    """Polygons (k, v, 2) of positions that intervals [lo, hi] (n,) of interpretations `node` (n,) leave.
+
+    `paired` (i, m): edges of all interpretations. Returned first: which intervals are not empty, (k,).
+    """
+    tips = tuple(_place(contact, anchor_mm) for contact in contacts)
+    arrays = tuple(item.arrays for item in sets)
+    intervals = [np.ascontiguousarray(item) for item in (node, lo, hi)]
+    most, rows, points = kernel.cut_cells(
+        arrays, tips, np.ascontiguousarray(paired), len(paired), *intervals, len(node)
+    )
+    return np.frombuffer(rows, np.int64), np.frombuffer(points).reshape(-1, most, 2)
 
 
 def _place(contact: Contact, anchor_mm: Floats | None) -> tuple[float, float, float]:

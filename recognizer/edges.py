@@ -223,6 +223,8 @@ class EdgeSet:
             np.hypot(self.half_across, self.half_along),
             self.side_limits,
             self.slack_mm,
+            self.centre[:, 0],
+            self.centre[:, 1],
             self.state_reach_mm,
             self.state_slack_mm,
             np.array([float(np.max(self.span, initial=0.0))]),

@@ -15,6 +15,8 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_tree import cut_polygons
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import all_half_planes
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
@@ -276,6 +278,19 @@ def cut_cells(
     Empty ones are left out; returned with the cells is which interval each belongs to.
     """
     node, lo, hi = intervals.node, intervals.lo, intervals.hi
+    if KERNEL is not None:
+        alive, polygon = cut_polygons(
+            KERNEL,
+            [catalogue.edges(contact.finger) for contact in contacts],
+            contacts,
+            anchor_mm,
+            nodes.edges,
+            node,
+            lo,
+            hi,
+        )
+        node = node[alive]
+        return Cells(node, nodes.state[node], lo[alive], hi[alive], polygon), alive
     g, coefficients = all_half_planes(catalogue, nodes.edges[node], contacts, anchor_mm)
     limit = coefficients[..., 0] + sinusoid_maximum(
         coefficients[..., 1], coefficients[..., 2], lo[:, None], hi[:, None]

@@ -13,6 +13,8 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_sweep import cells_left_free, stops
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import EdgeSet
 from palpate.recognizer.rays import Approach, Rays, rays_of, split_rays
@@ -46,6 +48,9 @@ def sweep(
     Those `skipped` (k, m) are not looked at and come back as infinite.
     """
     shape = (len(cells), len(approaches))
+    if KERNEL is not None:
+        outlines = [catalogue.outlines(approach.finger) for approach in approaches]
+        return StopIntervals(*stops(KERNEL, outlines, cells, anchor_mm, approaches, skipped))
     earliest, latest = np.full(shape, np.inf), np.full(shape, np.inf)
     for finger in dict.fromkeys(approach.finger for approach in approaches):
         edges = catalogue.outlines(finger)
@@ -83,6 +88,9 @@ def free_path_test(
         )
         for contact in contacts
     ]
+    if KERNEL is not None:
+        outlines = [catalogue.outlines(path.finger) for path in paths]
+        return cells_left_free(KERNEL, outlines, cells, anchor_mm, paths, skipped)
     travel = np.array([path.travel_mm for path in paths])
     result: Bools = np.all(sweep(catalogue, cells, anchor_mm, paths, skipped).latest >= travel, axis=1)
     return result

@@ -8,10 +8,16 @@
 PyObject *second_level(PyObject *self, PyObject *arguments);
 PyObject *third_level(PyObject *self, PyObject *arguments);
 PyObject *narrow(PyObject *self, PyObject *arguments);
+PyObject *cut_cells(PyObject *self, PyObject *arguments);
+PyObject *sweep(PyObject *self, PyObject *arguments);
+PyObject *free_paths(PyObject *self, PyObject *arguments);
 
 #define KERNEL_CALLS \
     {"second_level", second_level, METH_VARARGS, NULL}, \
     {"third_level", third_level, METH_VARARGS, NULL}, \
-    {"narrow", narrow, METH_VARARGS, NULL},
+    {"narrow", narrow, METH_VARARGS, NULL}, \
+    {"cut_cells", cut_cells, METH_VARARGS, NULL}, \
+    {"sweep", sweep, METH_VARARGS, NULL}, \
+    {"free_paths", free_paths, METH_VARARGS, NULL},
 
 #endif

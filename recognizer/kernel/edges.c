@@ -9,8 +9,8 @@
 int take_edges(buffers *all, PyObject *arrays, edge_set *edges)
 {
     Py_ssize_t bytes = 0, index = 0;
-    const void *data[19];
-    for (; index < 19; index++)
+    const void *data[21];
+    for (; index < 21; index++)
         if (!(data[index] = borrow_item(all, arrays, index, index == 0 || index == 1 ? &bytes : NULL)))
             return 0;
         else if (index == 0)
@@ -33,9 +33,11 @@ int take_edges(buffers *all, PyObject *arrays, edge_set *edges)
     edges->half_diagonal = data[13];
     edges->side_limits = data[14];
     edges->slack_mm = data[15];
-    edges->state_reach = data[16];
-    edges->state_slack = data[17];
-    edges->most_span = *(const double *)data[18];
+    edges->centre_x = data[16];
+    edges->centre_y = data[17];
+    edges->state_reach = data[18];
+    edges->state_slack = data[19];
+    edges->most_span = *(const double *)data[20];
     return 1;
 }
 

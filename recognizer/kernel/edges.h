@@ -16,6 +16,7 @@ typedef struct {
     const double *half_across, *half_along, *half_diagonal;
     const double *side_limits; /* edges × 4 */
     const double *slack_mm;
+    const double *centre_x, *centre_y; /* of the edge itself */
     const double *state_reach, *state_slack; /* states */
     double most_span;
 } edge_set;

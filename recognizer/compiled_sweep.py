@@ -1,0 +1,73 @@
+"""Compiled sweep: calls of the kernel for the stops of approaches, the same as `sweep` works out by whole arrays."""
+
+import math
+from collections.abc import Sequence
+from types import ModuleType
+
+import numpy as np
+
+from palpate.geometry import Bools, Floats
+from palpate.recognizer.edges import EdgeSet
+from palpate.recognizer.rays import Approach
+from palpate.recognizer.region import Cells
+
+__all__ = ["cells_left_free", "stops"]
+
+
+def stops(
+    kernel: ModuleType,
+    outlines: Sequence[EdgeSet],
+    cells: Cells,
+    anchor_mm: Floats,
+    approaches: Sequence[Approach],
+    skipped: Bools | None,
+) -> tuple[Floats, Floats]:
+    """Earliest and latest stop (k, m) of approaches on their outlines; infinite where `skipped` (k, m)."""
+    found = kernel.sweep(*_arguments(outlines, cells, anchor_mm, approaches, skipped))
+    earliest, latest = (np.frombuffer(data).reshape(len(cells), len(approaches)) for data in found)
+    return earliest, latest
+
+
+def cells_left_free(
+    kernel: ModuleType,
+    outlines: Sequence[EdgeSet],
+    cells: Cells,
+    anchor_mm: Floats,
+    paths: Sequence[Approach],
+    skipped: Bools | None,
+) -> Bools:
+    """Cells (k,) in which no path has to stop before its end."""
+    found = kernel.free_paths(*_arguments(outlines, cells, anchor_mm, paths, skipped))
+    return np.frombuffer(found, dtype=bool)
+
+
+def _arguments(
+    outlines: Sequence[EdgeSet],
+    cells: Cells,
+    anchor_mm: Floats,
+    paths: Sequence[Approach],
+    skipped: Bools | None,
+) -> tuple[object, ...]:
+    x, y = anchor_mm.tolist()
+    rows = [
+        (
+            path.start_mm[0] - x,
+            path.start_mm[1] - y,
+            math.cos(path.direction_rad),
+            math.sin(path.direction_rad),
+            path.position_bound_mm,
+            path.travel_mm,
+        )
+        for path in paths
+    ]
+    return (
+        tuple(item.arrays for item in outlines),
+        np.array(rows, dtype=np.float64),
+        np.ascontiguousarray(cells.state),
+        np.ascontiguousarray(cells.lo),
+        np.ascontiguousarray(cells.hi),
+        np.ascontiguousarray(cells.polygon),
+        len(cells),
+        cells.polygon.shape[1],
+        None if skipped is None else np.ascontiguousarray(skipped),
+    )

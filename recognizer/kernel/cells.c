@@ -1,0 +1,198 @@
+/* Cells: for an interval of orientations, the convex polygon of positions that every contact's half-planes, at
+   their largest over the interval, leave. The same as `palpate.recognizer.region.cut_cells` by whole arrays. */
+
+#include "calls.h"
+#include "edges.h"
+
+#define ANYWHERE_MM 1e5 /* limit of a half-plane that constrains nothing */
+
+typedef struct {
+    double x, y;
+} point;
+
+/* g·s ≤ limit, at the largest limit over the interval. */
+typedef struct {
+    double gx, gy, limit;
+} half_plane;
+
+typedef struct {
+    double lo, hi, cos_lo, sin_lo, cos_hi, sin_hi;
+} span;
+
+/* Maximum of a cos θ + b sin θ; over half a turn and more the amplitude stands for it. */
+static double sinusoid_maximum(double a, double b, const span *at)
+{
+    if ((b * at->cos_lo > a * at->sin_lo && b * at->cos_hi < a * at->sin_hi) || at->hi - at->lo >= PI)
+        return sqrt(a * a + b * b);
+    return larger(a * at->cos_lo + b * at->sin_lo, a * at->cos_hi + b * at->sin_hi);
+}
+
+/* The four half-planes of a contact on an edge: outer side, inner side, far end, near end. */
+static void half_planes(const edge_set *edges, int64_t edge, const tip *contact, const span *at, half_plane found[4])
+{
+    static const double axes[4][2] = {{0, 1}, {0, -1}, {-1, 0}, {1, 0}};
+    for (int k = 0; k < 4; k++) {
+        if (edge < 0) {
+            half_plane any = {axes[k][0], axes[k][1], ANYWHERE_MM};
+            found[k] = any;
+            continue;
+        }
+        const double *u = (k < 2 ? edges->normal : edges->direction) + 2 * edge;
+        double sign = k % 2 ? 1.0 : -1.0, gx = sign * u[0], gy = sign * u[1];
+        double a = gx * contact->x + gy * contact->y, b = gx * contact->y - gy * contact->x;
+        half_plane one = {gx, gy, edges->side_limits[4 * edge + k] + contact->bound + sinusoid_maximum(a, b, at)};
+        found[k] = one;
+    }
+}
+
+/* The rectangle of four half-planes that come in opposite pairs. */
+static int rectangle(const half_plane side[4], point corner[4])
+{
+    const double across[2] = {-side[0].limit, side[1].limit}, length[2] = {-side[2].limit, side[3].limit};
+    static const int order[4][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+    for (int k = 0; k < 4; k++) {
+        double a = across[order[k][0]], b = length[order[k][1]];
+        corner[k].x = a * side[1].gx + b * side[3].gx;
+        corner[k].y = a * side[1].gy + b * side[3].gy;
+    }
+    return 4;
+}
+
+/* Clip a convex polygon by a half-plane into `clipped`; number of vertices left. */
+static int clip(const point *polygon, int size, const half_plane *side, point *left)
+{
+    int count = 0;
+    for (int k = 0; k < size; k++) {
+        const point *one = &polygon[k], *two = &polygon[k + 1 < size ? k + 1 : 0];
+        double height = one->x * side->gx + one->y * side->gy - side->limit;
+        double next = two->x * side->gx + two->y * side->gy - side->limit;
+        if (height <= 0)
+            left[count++] = *one;
+        if ((height <= 0) != (next <= 0)) {
+            double share = height / (height - next);
+            left[count].x = one->x + share * (two->x - one->x);
+            left[count++].y = one->y + share * (two->y - one->y);
+        }
+    }
+    return count;
+}
+
+static int sticks_out(const point *polygon, int size, const half_plane *side)
+{
+    for (int k = 0; k < size; k++)
+        if (polygon[k].x * side->gx + polygon[k].y * side->gy - side->limit > 0)
+            return 1;
+    return 0;
+}
+
+/* The polygon of one interval, in either of two buffers; its size, 0 if nothing is left. */
+static int cut(const edge_set *const *sets, const tip *tips, Py_ssize_t contacts, const int64_t *edge, const span *at,
+               point *buffer[2], int *which)
+{
+    half_plane side[4];
+    half_planes(sets[0], edge[0], &tips[0], at, side);
+    int size = rectangle(side, buffer[0]);
+    *which = 0;
+    for (Py_ssize_t k = 1; k < contacts && size; k++) {
+        half_planes(sets[k], edge[k], &tips[k], at, side);
+        for (int j = 0; j < 4 && size; j++)
+            if (sticks_out(buffer[*which], size, &side[j])) {
+                size = clip(buffer[*which], size, &side[j], buffer[1 - *which]);
+                *which = 1 - *which;
+            }
+    }
+    return size;
+}
+
+typedef struct {
+    int64_t row, first, size; /* of an interval: which, and where its polygon is among all points */
+} cell;
+
+/* Polygons side by side, padded with their first vertex to the most vertices; as a bytearray. */
+static PyObject *padded(const list *cells, const list *points, int64_t most)
+{
+    PyObject *found = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells->size * (size_t)most * sizeof(point)));
+    if (!found)
+        return NULL;
+    point *to = (point *)PyByteArray_AS_STRING(found);
+    for (size_t k = 0; k < cells->size; k++) {
+        const cell *one = (const cell *)cells->data + k;
+        const point *from = (const point *)points->data + one->first;
+        for (int64_t j = 0; j < most; j++)
+            *to++ = from[j < one->size ? j : 0];
+    }
+    return found;
+}
+
+/* cut_cells(edge sets of m contacts, (x, y, bound) of each, edges of interpretations (n × m), n, interpretation of
+   each interval, lo, hi, number of intervals): vertices of the largest polygon, rows of intervals that are not
+   empty, and their polygons. */
+PyObject *cut_cells(PyObject *self, PyObject *arguments)
+{
+    PyObject *sets_in, *tips_in, *edges_in, *node_in, *lo_in, *hi_in;
+    Py_ssize_t nodes, count;
+    buffers all = {.count = 0};
+    list cells = new_list(sizeof(cell)), points = new_list(sizeof(point));
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "O!O!OnOOOn", &PyTuple_Type, &sets_in, &PyTuple_Type, &tips_in, &edges_in, &nodes,
+                          &node_in, &lo_in, &hi_in, &count))
+        return NULL;
+    Py_ssize_t contacts = PyTuple_GET_SIZE(sets_in), row = count * (Py_ssize_t)sizeof(double);
+    if (contacts < 1 || PyTuple_GET_SIZE(tips_in) != contacts) {
+        PyErr_SetString(PyExc_ValueError, "a set of edges is needed for every contact");
+        return NULL;
+    }
+    point *room = malloc((size_t)(8 * contacts + 8) * sizeof(point));
+    edge_set *taken = malloc((size_t)contacts * sizeof(edge_set));
+    const edge_set **sets = malloc((size_t)contacts * sizeof(edge_set *));
+    tip *tips = malloc((size_t)contacts * sizeof(tip));
+    const int64_t *edges = NULL, *node = NULL;
+    const double *lo = NULL, *hi = NULL;
+    int fine = room && taken && sets && tips;
+    if (!fine)
+        PyErr_NoMemory();
+    fine = fine && take_sets(&all, sets_in, taken, sets) && take_tips(tips_in, tips);
+    fine = fine && (edges = borrow(&all, edges_in, nodes * contacts * (Py_ssize_t)sizeof(int64_t))) &&
+           (node = borrow(&all, node_in, row)) && (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
+    int64_t most = 4;
+    for (Py_ssize_t k = 0; fine && k < count; k++) {
+        span at = {lo[k], hi[k], cos(lo[k]), sin(lo[k]), cos(hi[k]), sin(hi[k])};
+        point *buffer[2] = {room, room + 4 * contacts + 4};
+        int which, size = cut(sets, tips, contacts, edges + contacts * node[k], &at, buffer, &which);
+        if (!size)
+            continue;
+        cell *one = list_add(&cells);
+        if (one) {
+            cell found = {k, (int64_t)points.size, size};
+            *one = found;
+        }
+        fine = one != NULL;
+        for (int j = 0; fine && j < size; j++) {
+            point *to = list_add(&points);
+            if (to)
+                *to = buffer[which][j];
+            fine = to != NULL;
+        }
+        if (!fine)
+            PyErr_NoMemory();
+        most = size > most ? size : most;
+    }
+    PyObject *rows = NULL, *polygons = NULL;
+    if (fine && (polygons = padded(&cells, &points, most))) {
+        rows = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells.size * sizeof(int64_t)));
+        for (size_t k = 0; rows && k < cells.size; k++)
+            ((int64_t *)PyByteArray_AS_STRING(rows))[k] = ((const cell *)cells.data)[k].row;
+    }
+    release(&all);
+    free_list(&cells);
+    free_list(&points);
+    free(room);
+    free(taken);
+    free(sets);
+    free(tips);
+    if (!rows) {
+        Py_XDECREF(polygons);
+        return NULL;
+    }
+    return Py_BuildValue("LNN", (long long)most, rows, polygons);
+}

@@ -1,0 +1,283 @@
+/* Sweep: where straight approaches must stop and may stop, over all configurations of a cell. The same as
+   `palpate.recognizer.sweep`, `rays` and `swept_edges` work out with whole arrays. */
+
+#include "calls.h"
+#include "edges.h"
+
+#define STILL 1e-15
+
+/* A straight path of a tip's centre: its start from the anchor, its heading in W, the bound on both. */
+typedef struct {
+    double x, y, u, v, bound, travel;
+} approach;
+
+typedef struct {
+    double x, y, u, v, rho; /* in the frame of the object in the cell's middle configuration */
+} ray;
+
+typedef struct {
+    double enter, leave;
+    int crossing;
+} capsule;
+
+typedef struct {
+    double earliest, latest;
+} stop;
+
+static void slab(double at, double speed, double lo, double hi, double *enter, double *leave)
+{
+    if (fabs(speed) < STILL) {
+        int inside = at >= lo && at <= hi;
+        *enter = inside ? -INFINITY : INFINITY;
+        *leave = -*enter;
+        return;
+    }
+    double one = (lo - at) / speed, two = (hi - at) / speed;
+    *enter = smaller(one, two);
+    *leave = larger(one, two);
+}
+
+/* Where the ray's line is within ρ of an edge: one interval, as a capsule is convex. */
+static capsule capsule_of(const edge_set *edges, int64_t edge, const ray *path)
+{
+    const double *start = edges->start + 2 * edge, *end = edges->end + 2 * edge, *d = edges->direction + 2 * edge;
+    double length = edges->length[edge], radius = path->rho;
+    double x = path->x - start[0], y = path->y - start[1];
+    double along = x * d[0] + y * d[1], across = d[0] * y - d[1] * x;
+    double head_along = path->u * d[0] + path->v * d[1], head_across = d[0] * path->v - d[1] * path->u;
+    double enter_1, leave_1, enter_2, leave_2;
+    slab(along, head_along, 0.0, length, &enter_1, &leave_1);
+    slab(across, head_across, -radius, radius, &enter_2, &leave_2);
+    capsule found = {larger(enter_1, enter_2), smaller(leave_1, leave_2), 0};
+    if (found.enter > found.leave) {
+        found.enter = INFINITY;
+        found.leave = -INFINITY;
+    }
+    for (int k = 0; k < 2; k++) {
+        double at = k ? along - length : along;
+        double middle = -(at * head_along + across * head_across), miss = at * head_across - across * head_along;
+        double square = radius * radius - miss * miss;
+        if (square >= 0) {
+            double half = sqrt(square);
+            found.enter = smaller(found.enter, middle - half);
+            found.leave = larger(found.leave, middle + half);
+        }
+    }
+    double begins = path->u * (start[1] - path->y) - path->v * (start[0] - path->x);
+    double ends = path->u * (end[1] - path->y) - path->v * (end[0] - path->x);
+    /* Neighbours share their corner's numbers, so a ray through a corner crosses both of them or neither. */
+    found.crossing = (begins > 0) != (ends > 0);
+    return found;
+}
+
+static int by_enter(const void *one, const void *two)
+{
+    double a = ((const capsule *)one)->enter, b = ((const capsule *)two)->enter;
+    return (a > b) - (a < b);
+}
+
+static void sort_by_enter(capsule *near, int count)
+{
+    if (count > 32) {
+        qsort(near, (size_t)count, sizeof(capsule), by_enter);
+        return;
+    }
+    for (int k = 1; k < count; k++) {
+        capsule one = near[k];
+        int j = k;
+        for (; j > 0 && near[j - 1].enter > one.enter; j--)
+            near[j] = near[j - 1];
+        near[j] = one;
+    }
+}
+
+/* No stop comes before `earliest`; the ray cannot pass `latest`, where it is first inside of the outline and in no
+   capsule. `room`: for as many capsules as the state has edges. */
+static stop stop_of(const edge_set *edges, int64_t state, const ray *path, capsule *room)
+{
+    stop found = {INFINITY, INFINITY};
+    double offset = path->y * path->u - path->x * path->v, reach = path->rho + 1e-9;
+    int count = 0;
+    for (int64_t edge = edges->first[state]; edge < edges->first[state + 1]; edge++) {
+        double away = edges->centre_y[edge] * path->u - edges->centre_x[edge] * path->v - offset;
+        if (fabs(away) > edges->length[edge] / 2 + reach)
+            continue;
+        capsule one = capsule_of(edges, edge, path);
+        if (one.enter == INFINITY)
+            continue;
+        if (one.leave >= 0 && one.enter <= one.leave)
+            found.earliest = smaller(found.earliest, larger(one.enter, 0.0));
+        room[count++] = one;
+    }
+    sort_by_enter(room, count);
+    double covered = -INFINITY;
+    int inside = 0;
+    for (int k = 0; k < count; k++) {
+        double following = k + 1 < count ? room[k + 1].enter : INFINITY;
+        covered = larger(covered, room[k].leave);
+        inside ^= room[k].crossing;
+        if (inside && following > covered && following > 0)
+            found.latest = smaller(found.latest, larger(covered, 0.0));
+    }
+    return found;
+}
+
+typedef struct {
+    double cos, sin, half_width, x, y, radius; /* the middle of the polygon's box, and how far its vertices are */
+} body;
+
+static body body_of(double lo, double hi, const double *polygon, Py_ssize_t vertices)
+{
+    double least[2] = {INFINITY, INFINITY}, most[2] = {-INFINITY, -INFINITY}, square = 0.0;
+    for (Py_ssize_t k = 0; k < 2 * vertices; k++) {
+        least[k % 2] = smaller(least[k % 2], polygon[k]);
+        most[k % 2] = larger(most[k % 2], polygon[k]);
+    }
+    double middle = (lo + hi) / 2;
+    body found = {cos(middle), sin(middle), (hi - lo) / 2, (least[0] + most[0]) / 2, (least[1] + most[1]) / 2, 0.0};
+    for (Py_ssize_t k = 0; k < vertices; k++) {
+        double x = polygon[2 * k] - found.x, y = polygon[2 * k + 1] - found.y;
+        square = larger(square, x * x + y * y);
+    }
+    found.radius = sqrt(square);
+    return found;
+}
+
+/* ρ covers the whole cell, the outline's slack and the approach's bound. */
+static ray ray_of(const edge_set *edges, int64_t state, const body *part, const approach *path)
+{
+    double lever = edges->state_reach[state] + part->radius + sqrt(part->x * part->x + part->y * part->y);
+    ray found = {
+        part->cos * path->x + part->sin * path->y - part->x,
+        part->cos * path->y - part->sin * path->x - part->y,
+        part->cos * path->u + part->sin * path->v,
+        part->cos * path->v - part->sin * path->u,
+        part->half_width * lever + part->radius + edges->state_slack[state] + path->bound,
+    };
+    return found;
+}
+
+typedef struct {
+    Py_ssize_t paths, cells, vertices;
+    edge_set *taken;
+    const edge_set **sets;
+    const approach *path;
+    const int64_t *state;
+    const double *lo, *hi, *polygon;
+    const char *skipped;
+    capsule *room;
+} sweeping;
+
+static int take_sweeping(buffers *all, sweeping *job, PyObject *arguments)
+{
+    PyObject *sets_in, *paths_in, *state_in, *lo_in, *hi_in, *polygon_in, *skipped_in;
+    if (!PyArg_ParseTuple(arguments, "O!OOOOOnnO", &PyTuple_Type, &sets_in, &paths_in, &state_in, &lo_in, &hi_in,
+                          &polygon_in, &job->cells, &job->vertices, &skipped_in))
+        return 0;
+    job->paths = PyTuple_GET_SIZE(sets_in);
+    job->taken = malloc((size_t)(job->paths + 1) * sizeof(edge_set));
+    job->sets = malloc((size_t)(job->paths + 1) * sizeof(edge_set *));
+    if (!job->taken || !job->sets) {
+        PyErr_NoMemory();
+        return 0;
+    }
+    Py_ssize_t row = job->cells * (Py_ssize_t)sizeof(double);
+    if (!take_sets(all, sets_in, job->taken, job->sets) ||
+        !(job->path = borrow(all, paths_in, job->paths * (Py_ssize_t)sizeof(approach))) ||
+        !(job->state = borrow(all, state_in, row)) || !(job->lo = borrow(all, lo_in, row)) ||
+        !(job->hi = borrow(all, hi_in, row)) || !(job->polygon = borrow(all, polygon_in, 2 * job->vertices * row)))
+        return 0;
+    job->skipped = NULL;
+    if (skipped_in != Py_None && !(job->skipped = borrow(all, skipped_in, job->cells * job->paths)))
+        return 0;
+    int64_t most = 1;
+    for (Py_ssize_t k = 0; k < job->paths; k++)
+        for (Py_ssize_t state = 0; state < job->sets[k]->states; state++) {
+            int64_t count = job->sets[k]->first[state + 1] - job->sets[k]->first[state];
+            most = count > most ? count : most;
+        }
+    if (!(job->room = malloc((size_t)most * sizeof(capsule)))) {
+        PyErr_NoMemory();
+        return 0;
+    }
+    return 1;
+}
+
+static void end_sweeping(buffers *all, sweeping *job)
+{
+    release(all);
+    free(job->taken);
+    free(job->sets);
+    free(job->room);
+}
+
+static int is_skipped(const sweeping *job, Py_ssize_t cell, Py_ssize_t path)
+{
+    return job->skipped && job->skipped[cell * job->paths + path];
+}
+
+static stop stop_in(const sweeping *job, Py_ssize_t cell, Py_ssize_t path, const body *part)
+{
+    int64_t state = job->state[cell];
+    ray way = ray_of(job->sets[path], state, part, &job->path[path]);
+    return stop_of(job->sets[path], state, &way, job->room);
+}
+
+static body body_in(const sweeping *job, Py_ssize_t cell)
+{
+    return body_of(job->lo[cell], job->hi[cell], job->polygon + 2 * job->vertices * cell, job->vertices);
+}
+
+/* sweep(outlines of m approaches, approaches (m × 6), states, lo, hi, polygons (k × v × 2), k, v, skipped (k × m) or
+   None): earliest and latest stops (k × m), infinite where skipped. */
+PyObject *sweep(PyObject *self, PyObject *arguments)
+{
+    buffers all = {.count = 0};
+    sweeping job = {.taken = NULL};
+    PyObject *earliest = NULL, *latest = NULL;
+    (void)self;
+    if (take_sweeping(&all, &job, arguments)) {
+        Py_ssize_t bytes = job.cells * job.paths * (Py_ssize_t)sizeof(double);
+        earliest = PyByteArray_FromStringAndSize(NULL, bytes);
+        latest = PyByteArray_FromStringAndSize(NULL, bytes);
+    }
+    if (!earliest || !latest) {
+        Py_XDECREF(earliest);
+        Py_XDECREF(latest);
+        end_sweeping(&all, &job);
+        return NULL;
+    }
+    double *first = (double *)PyByteArray_AS_STRING(earliest), *last = (double *)PyByteArray_AS_STRING(latest);
+    for (Py_ssize_t cell = 0; cell < job.cells; cell++) {
+        body part = body_in(&job, cell);
+        for (Py_ssize_t path = 0; path < job.paths; path++) {
+            stop found = {INFINITY, INFINITY};
+            if (!is_skipped(&job, cell, path))
+                found = stop_in(&job, cell, path, &part);
+            *first++ = found.earliest;
+            *last++ = found.latest;
+        }
+    }
+    end_sweeping(&all, &job);
+    return Py_BuildValue("NN", earliest, latest);
+}
+
+/* free_paths(as sweep): which cells (k) no path rules out: its latest stop is not before the end of its travel. */
+PyObject *free_paths(PyObject *self, PyObject *arguments)
+{
+    buffers all = {.count = 0};
+    sweeping job = {.taken = NULL};
+    PyObject *found = NULL;
+    (void)self;
+    if (take_sweeping(&all, &job, arguments))
+        found = PyByteArray_FromStringAndSize(NULL, job.cells);
+    for (Py_ssize_t cell = 0; found && cell < job.cells; cell++) {
+        body part = body_in(&job, cell);
+        char free_of_all = 1;
+        for (Py_ssize_t path = 0; path < job.paths && free_of_all; path++)
+            free_of_all = is_skipped(&job, cell, path) || stop_in(&job, cell, path, &part).latest >= job.path[path].travel;
+        PyByteArray_AS_STRING(found)[cell] = free_of_all;
+    }
+    end_sweeping(&all, &job);
+    return found;
+}
