@@ -1,4 +1,4 @@
-"""Compiled sweep: calls of the kernel for the stops of approaches, the same as `sweep` works out by whole arrays."""
+"""Compiled sweep: calls of the kernel for stops of approaches, the same as `sweep` has by whole arrays."""
 
 import math
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ def _arguments(
         for path in paths
     ]
     return (
-        tuple(item.arrays for item in outlines),
+        tuple(item.prepared for item in outlines),
         np.array(rows, dtype=np.float64),
         np.ascontiguousarray(cells.state),
         np.ascontiguousarray(cells.lo),

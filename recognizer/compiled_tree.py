@@ -50,7 +50,7 @@ def second_level_children(
     be looked at.
     """
     one, two = (_tip(contact, of) for contact, of in zip(contacts, normals, strict=True))
-    return Children(kernel.second_level(sets[0].arrays, sets[1].arrays, one, two, most, modelled))
+    return Children(kernel.second_level(sets[0].prepared, sets[1].prepared, one, two, most, modelled))
 
 
 def third_level_children(
@@ -66,7 +66,7 @@ def third_level_children(
 ) -> Children:
     """Pairings of the third contact under interpretations of two: state (n,), edges (n, 2), lo, hi (n,)."""
     tips = [_tip(contact, of, anchor_mm) for contact, of in zip(contacts, normals, strict=True)]
-    arrays = tuple(item.arrays for item in sets)
+    arrays = tuple(item.prepared for item in sets)
     rows = [np.ascontiguousarray(item) for item in nodes]
     return Children(kernel.third_level(arrays, *tips, *rows, len(nodes[0]), most, modelled))
 
@@ -82,7 +82,7 @@ def narrowed(
 ) -> tuple[Floats, Floats]:
     """Intervals of θ, narrowed by the model test of two or three contacts on edges `paired` (n, 2 or 3)."""
     tips = tuple(_place(contact, anchor_mm) for contact in contacts)
-    arrays = tuple(item.arrays for item in sets)
+    arrays = tuple(item.prepared for item in sets)
     arguments = [np.ascontiguousarray(item) for item in (paired, lo, hi)]
     data = kernel.narrow(arrays, tips, *arguments, len(lo))
     return np.frombuffer(data[0]), np.frombuffer(data[1])
@@ -103,7 +103,7 @@ def cut_polygons(
     `paired` (i, m): edges of all interpretations. Returned first: which intervals are not empty, (k,).
     """
     tips = tuple(_place(contact, anchor_mm) for contact in contacts)
-    arrays = tuple(item.arrays for item in sets)
+    arrays = tuple(item.prepared for item in sets)
     intervals = [np.ascontiguousarray(item) for item in (node, lo, hi)]
     most, rows, points = kernel.cut_cells(
         arrays, tips, np.ascontiguousarray(paired), len(paired), *intervals, len(node)

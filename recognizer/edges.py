@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.geometry import Bools, Floats, Ints, State
 from palpate.recognizer.budget import BudgetSpentError
+from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.symmetry import Symmetry
 from palpate.recognizer.tables import expand_ranges
 from palpate.vocabulary.short_repr import ShortRepr
@@ -230,6 +231,15 @@ class EdgeSet:
             np.array([float(np.max(self.span, initial=0.0))]),
         )
         return tuple(np.ascontiguousarray(value) for value in values)
+
+    @cached_property
+    def prepared(self) -> object:
+        """The set as the compiled kernel takes it."""
+        return None if KERNEL is None else KERNEL.prepared_edges(self.arrays)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what another process has to prepare anew."""
+        return {key: value for key, value in self.__dict__.items() if key not in {"arrays", "prepared"}}
 
     @cached_property
     def state_reach_mm(self) -> Floats:

@@ -5,6 +5,7 @@
 
 #include "kernel.h"
 
+PyObject *prepared_edges(PyObject *self, PyObject *arrays);
 PyObject *second_level(PyObject *self, PyObject *arguments);
 PyObject *third_level(PyObject *self, PyObject *arguments);
 PyObject *narrow(PyObject *self, PyObject *arguments);
@@ -13,6 +14,7 @@ PyObject *sweep(PyObject *self, PyObject *arguments);
 PyObject *free_paths(PyObject *self, PyObject *arguments);
 
 #define KERNEL_CALLS \
+    {"prepared_edges", prepared_edges, METH_O, NULL}, \
     {"second_level", second_level, METH_VARARGS, NULL}, \
     {"third_level", third_level, METH_VARARGS, NULL}, \
     {"narrow", narrow, METH_VARARGS, NULL}, \

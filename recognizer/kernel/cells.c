@@ -143,15 +143,14 @@ PyObject *cut_cells(PyObject *self, PyObject *arguments)
         return NULL;
     }
     point *room = malloc((size_t)(8 * contacts + 8) * sizeof(point));
-    edge_set *taken = malloc((size_t)contacts * sizeof(edge_set));
     const edge_set **sets = malloc((size_t)contacts * sizeof(edge_set *));
     tip *tips = malloc((size_t)contacts * sizeof(tip));
     const int64_t *edges = NULL, *node = NULL;
     const double *lo = NULL, *hi = NULL;
-    int fine = room && taken && sets && tips;
+    int fine = room && sets && tips;
     if (!fine)
         PyErr_NoMemory();
-    fine = fine && take_sets(&all, sets_in, taken, sets) && take_tips(tips_in, tips);
+    fine = fine && take_sets(sets_in, sets) && take_tips(tips_in, tips);
     fine = fine && (edges = borrow(&all, edges_in, nodes * contacts * (Py_ssize_t)sizeof(int64_t))) &&
            (node = borrow(&all, node_in, row)) && (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
     int64_t most = 4;
@@ -187,7 +186,6 @@ PyObject *cut_cells(PyObject *self, PyObject *arguments)
     free_list(&cells);
     free_list(&points);
     free(room);
-    free(taken);
     free(sets);
     free(tips);
     if (!rows) {

@@ -2,58 +2,99 @@
    as `two_contact_test`, `three_contact_test` and `sinusoid_bounds` do with whole arrays. */
 
 #include "edges.h"
+#include "calls.h"
 
 #define ROUNDING_MM 1e-9
 #define ROUNDING_RAD 1e-12
 
-int take_edges(buffers *all, PyObject *arrays, edge_set *edges)
+#define EDGES "palpate.edges"
+
+/* An edge set, and the arrays that it points into. */
+typedef struct {
+    buffers arrays;
+    edge_set edges;
+} prepared;
+
+static void end_prepared(PyObject *capsule)
 {
-    Py_ssize_t bytes = 0, index = 0;
+    prepared *held = PyCapsule_GetPointer(capsule, EDGES);
+    if (held)
+        release(&held->arrays);
+    free(held);
+}
+
+static int fill(prepared *held, PyObject *arrays)
+{
     const void *data[21];
-    for (; index < 21; index++)
-        if (!(data[index] = borrow_item(all, arrays, index, index == 0 || index == 1 ? &bytes : NULL)))
+    Py_ssize_t bytes[21];
+    for (Py_ssize_t k = 0; k < 21; k++)
+        if (!(data[k] = borrow_item(&held->arrays, arrays, k, &bytes[k])))
             return 0;
-        else if (index == 0)
-            edges->states = bytes / (Py_ssize_t)sizeof(int64_t) - 1;
-        else if (index == 1)
-            edges->edges = bytes;
-    edges->first = data[0];
-    edges->representative = data[1];
-    edges->start = data[2];
-    edges->end = data[3];
-    edges->direction = data[4];
-    edges->normal = data[5];
-    edges->length = data[6];
-    edges->normal_rad = data[7];
-    edges->span = data[8];
-    edges->middle_x = data[9];
-    edges->middle_y = data[10];
-    edges->half_across = data[11];
-    edges->half_along = data[12];
-    edges->half_diagonal = data[13];
-    edges->side_limits = data[14];
-    edges->slack_mm = data[15];
-    edges->centre_x = data[16];
-    edges->centre_y = data[17];
-    edges->state_reach = data[18];
-    edges->state_slack = data[19];
-    edges->most_span = *(const double *)data[20];
+    edge_set found = {
+        .states = bytes[0] / (Py_ssize_t)sizeof(int64_t) - 1,
+        .edges = bytes[1],
+        .first = data[0],
+        .representative = data[1],
+        .start = data[2],
+        .end = data[3],
+        .direction = data[4],
+        .normal = data[5],
+        .length = data[6],
+        .normal_rad = data[7],
+        .span = data[8],
+        .middle_x = data[9],
+        .middle_y = data[10],
+        .half_across = data[11],
+        .half_along = data[12],
+        .half_diagonal = data[13],
+        .side_limits = data[14],
+        .slack_mm = data[15],
+        .centre_x = data[16],
+        .centre_y = data[17],
+        .state_reach = data[18],
+        .state_slack = data[19],
+        .most_span = *(const double *)data[20],
+    };
+    static const int width[21] = {0, 1, 16, 16, 16, 16, 8, 8, 8, 8, 8, 8, 8, 8, 32, 8, 8, 8, 0, 0, 0};
+    int fits = found.states >= 0 && bytes[18] == found.states * 8 && bytes[19] == bytes[18] && bytes[20] == 8;
+    for (int k = 1; k < 18; k++)
+        fits &= bytes[k] == found.edges * width[k];
+    for (Py_ssize_t k = 0; fits && k < found.states; k++)
+        fits = found.first[k] <= found.first[k + 1] && found.first[k] >= 0;
+    if (!fits || found.first[found.states] != found.edges) {
+        PyErr_SetString(PyExc_ValueError, "arrays of edges do not fit together");
+        return 0;
+    }
+    held->edges = found;
     return 1;
 }
 
-int take_sets(buffers *all, PyObject *tuple, edge_set *taken, const edge_set **sets)
+/* prepared_edges(arrays of an edge set): the set as all other calls take it. */
+PyObject *prepared_edges(PyObject *self, PyObject *arrays)
 {
-    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(tuple); k++) {
-        sets[k] = NULL;
-        for (Py_ssize_t j = 0; j < k; j++)
-            if (PyTuple_GET_ITEM(tuple, j) == PyTuple_GET_ITEM(tuple, k))
-                sets[k] = sets[j];
-        if (sets[k])
-            continue;
-        if (!take_edges(all, PyTuple_GET_ITEM(tuple, k), &taken[k]))
-            return 0;
-        sets[k] = &taken[k];
+    (void)self;
+    prepared *held = calloc(1, sizeof(prepared));
+    if (!held)
+        return PyErr_NoMemory();
+    PyObject *capsule = fill(held, arrays) ? PyCapsule_New(held, EDGES, end_prepared) : NULL;
+    if (!capsule) {
+        release(&held->arrays);
+        free(held);
     }
+    return capsule;
+}
+
+const edge_set *edges_of(PyObject *capsule)
+{
+    prepared *held = PyCapsule_GetPointer(capsule, EDGES);
+    return held ? &held->edges : NULL;
+}
+
+int take_sets(PyObject *tuple, const edge_set **sets)
+{
+    for (Py_ssize_t k = 0; k < PyTuple_GET_SIZE(tuple); k++)
+        if (!(sets[k] = edges_of(PyTuple_GET_ITEM(tuple, k))))
+            return 0;
     return 1;
 }
 

@@ -21,11 +21,11 @@ typedef struct {
     double most_span;
 } edge_set;
 
-/* Fill in an edge set from its tuple of arrays; whether that went well. */
-int take_edges(buffers *all, PyObject *arrays, edge_set *edges);
+/* The edge set that `prepared_edges` made; NULL with an exception set if it is something else. */
+const edge_set *edges_of(PyObject *prepared);
 
-/* The same for a tuple of such tuples, one a contact: fingers of one kind have one set, which is taken once. */
-int take_sets(buffers *all, PyObject *tuple, edge_set *taken, const edge_set **sets);
+/* The same for a tuple of these, one a contact; whether all are. */
+int take_sets(PyObject *tuple, const edge_set **sets);
 
 /* Edges of a state whose normals are within [lo, lo + width]: up to two runs [from, to). */
 typedef struct {

@@ -15,7 +15,7 @@
 
 #define PI 3.14159265358979323846
 #define TURN (2 * PI)
-#define MOST_BUFFERS 96
+#define MOST_BUFFERS 32
 
 /* Buffers that are held during a call, released together. */
 typedef struct {

@@ -159,7 +159,6 @@ static ray ray_of(const edge_set *edges, int64_t state, const body *part, const 
 
 typedef struct {
     Py_ssize_t paths, cells, vertices;
-    edge_set *taken;
     const edge_set **sets;
     const approach *path;
     const int64_t *state;
@@ -175,14 +174,13 @@ static int take_sweeping(buffers *all, sweeping *job, PyObject *arguments)
                           &polygon_in, &job->cells, &job->vertices, &skipped_in))
         return 0;
     job->paths = PyTuple_GET_SIZE(sets_in);
-    job->taken = malloc((size_t)(job->paths + 1) * sizeof(edge_set));
     job->sets = malloc((size_t)(job->paths + 1) * sizeof(edge_set *));
-    if (!job->taken || !job->sets) {
+    if (!job->sets) {
         PyErr_NoMemory();
         return 0;
     }
     Py_ssize_t row = job->cells * (Py_ssize_t)sizeof(double);
-    if (!take_sets(all, sets_in, job->taken, job->sets) ||
+    if (!take_sets(sets_in, job->sets) ||
         !(job->path = borrow(all, paths_in, job->paths * (Py_ssize_t)sizeof(approach))) ||
         !(job->state = borrow(all, state_in, row)) || !(job->lo = borrow(all, lo_in, row)) ||
         !(job->hi = borrow(all, hi_in, row)) || !(job->polygon = borrow(all, polygon_in, 2 * job->vertices * row)))
@@ -206,7 +204,6 @@ static int take_sweeping(buffers *all, sweeping *job, PyObject *arguments)
 static void end_sweeping(buffers *all, sweeping *job)
 {
     release(all);
-    free(job->taken);
     free(job->sets);
     free(job->room);
 }
@@ -233,7 +230,7 @@ static body body_in(const sweeping *job, Py_ssize_t cell)
 PyObject *sweep(PyObject *self, PyObject *arguments)
 {
     buffers all = {.count = 0};
-    sweeping job = {.taken = NULL};
+    sweeping job = {.paths = 0};
     PyObject *earliest = NULL, *latest = NULL;
     (void)self;
     if (take_sweeping(&all, &job, arguments)) {
@@ -266,7 +263,7 @@ PyObject *sweep(PyObject *self, PyObject *arguments)
 PyObject *free_paths(PyObject *self, PyObject *arguments)
 {
     buffers all = {.count = 0};
-    sweeping job = {.taken = NULL};
+    sweeping job = {.paths = 0};
     PyObject *found = NULL;
     (void)self;
     if (take_sweeping(&all, &job, arguments))

@@ -181,10 +181,8 @@ static PyObject *answer_of(pairing *all)
 PyObject *second_level(PyObject *self, PyObject *arguments)
 {
     PyObject *arrays[2];
-    edge_set sets[2];
-    buffers all = {.count = 0};
     list found = new_list(sizeof(grown));
-    pairing job = {.earlier = 1, .found = &found, .sets = {&sets[0], &sets[1]}};
+    pairing job = {.earlier = 1, .found = &found};
     long long most;
     (void)self;
     if (!PyArg_ParseTuple(arguments, "OO(ddddd)(ddddd)Li", &arrays[0], &arrays[1], &job.tips[0].x, &job.tips[0].y,
@@ -192,14 +190,14 @@ PyObject *second_level(PyObject *self, PyObject *arguments)
                           &job.tips[1].bound, &job.normals_lo[1], &job.normals_hi[1], &most, &job.modelled))
         return NULL;
     job.most = most;
-    int fine = take_edges(&all, arrays[0], &sets[0]) && take_edges(&all, arrays[1], &sets[1]);
-    for (int64_t state = 0; fine && state < sets[0].states && job.near <= job.most; state++)
-        for (int64_t edge = sets[0].first[state]; fine && edge < sets[0].first[state + 1]; edge++)
-            if (sets[0].representative[edge]) {
-                interval at = orientation_range(&sets[0], edge, job.normals_lo[0], job.normals_hi[0]);
+    const edge_set *first = job.sets[0] = edges_of(arrays[0]);
+    int fine = first && (job.sets[1] = edges_of(arrays[1]));
+    for (int64_t state = 0; fine && state < first->states && job.near <= job.most; state++)
+        for (int64_t edge = first->first[state]; fine && edge < first->first[state + 1]; edge++)
+            if (first->representative[edge]) {
+                interval at = orientation_range(first, edge, job.normals_lo[0], job.normals_hi[0]);
                 fine = pair(&job, edge, state, &edge, at);
             }
-    release(&all);
     if (!fine) {
         free_list(&found);
         return NULL;
@@ -212,7 +210,6 @@ PyObject *second_level(PyObject *self, PyObject *arguments)
 PyObject *third_level(PyObject *self, PyObject *arguments)
 {
     PyObject *sets_in, *states_in, *edges_in, *lo_in, *hi_in;
-    edge_set sets[3];
     buffers all = {.count = 0};
     list found = new_list(sizeof(grown));
     pairing job = {.earlier = 2, .found = &found};
@@ -238,7 +235,7 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
     const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
     const int64_t *states = NULL, *edges = NULL;
     const double *lo = NULL, *hi = NULL;
-    int fine = take_sets(&all, sets_in, sets, job.sets);
+    int fine = take_sets(sets_in, job.sets);
     fine = fine && (states = borrow(&all, states_in, row)) && (edges = borrow(&all, edges_in, 2 * row)) &&
            (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
     for (Py_ssize_t node = 0; fine && node < count && job.near <= job.most; node++) {
@@ -260,7 +257,6 @@ PyObject *narrow(PyObject *self, PyObject *arguments)
     PyObject *sets_in, *tips_in, *edges_in, *lo_in, *hi_in;
     Py_ssize_t count;
     buffers all = {.count = 0};
-    edge_set taken[3];
     const edge_set *sets[3];
     tip tips[3];
     (void)self;
@@ -275,7 +271,7 @@ PyObject *narrow(PyObject *self, PyObject *arguments)
     const int64_t *edges = NULL;
     const double *lo = NULL, *hi = NULL;
     PyObject *lo_out = NULL, *hi_out = NULL;
-    int fine = take_sets(&all, sets_in, taken, sets) && take_tips(tips_in, tips);
+    int fine = take_sets(sets_in, sets) && take_tips(tips_in, tips);
     fine = fine && (edges = borrow(&all, edges_in, many * row)) && (lo = borrow(&all, lo_in, row)) &&
            (hi = borrow(&all, hi_in, row));
     if (fine) {
