@@ -33,6 +33,11 @@ class Budget:
             raise InputError(f"a budget of {self.units} units of work is too small: at least {LEAST_BUDGET}")
 
     @property
+    def pairs(self) -> int:
+        """Pairs of edges of the first two contacts that their normals allow: a look at one is cheap."""
+        return 50 * self.units
+
+    @property
     def candidates(self) -> int:
         """Ways to pair a contact, that are looked at."""
         return self.units

@@ -70,19 +70,22 @@ class PairTable:
 
         `chord_mm`: from the first contact to the second, in W, off by `bound_mm` at most. Only one edge of
         each symmetric orbit stands first. Returns (edge_a, edge_b), each (n,). Raises BudgetSpentError where
-        there are more than `most`.
+        normals alone allow more than `most`.
         """
         turn_lo, turn_hi = two.lo_rad - one.hi_rad, two.hi_rad - one.lo_rad
         distance = math.hypot(*chord_mm)
         parts = []
-        for lo, hi in self._stretches(turn_lo, turn_hi):
-            at, end = np.searchsorted(self._turn, (lo, hi), side="left")
+        stretches = [
+            np.searchsorted(self._turn, ends, side="left").tolist()
+            for ends in self._stretches(turn_lo, turn_hi)
+        ]
+        if most is not None and sum(end - at for at, end in stretches) > most:
+            raise BudgetSpentError
+        for at, end in stretches:
             near, far = self._near[at:end], self._far[at:end]
             fits = (near <= np.float32(distance + bound_mm)) & (far >= np.float32(distance - bound_mm))
             parts.append(at + np.flatnonzero(fits))
         found = np.concatenate(parts)
-        if most is not None and len(found) > most:
-            raise BudgetSpentError
         found = found[self._seen_along(found, one, chord_mm, bound_mm)]
         edge_a, edge_b = self._edge_a[found].astype(np.int64), self._edge_b[found].astype(np.int64)
         if self.flat.all():

@@ -126,7 +126,7 @@ def second_level(
             (first, second),
             contacts,
             (normals_1, normals_2),
-            budget.candidates,
+            budget.pairs,
             modelled=not pocketed,
         )
         pair = np.column_stack([found.parent, found.edge])
@@ -159,7 +159,7 @@ def _second_level_pairs(
         normals_2,
         (two.end_mm[0] - one.end_mm[0], two.end_mm[1] - one.end_mm[1]),
         one.position_bound_mm + two.position_bound_mm,
-        budget.candidates,
+        budget.pairs,
     )
     lo, hi = orientation_range(normals_1, first, edge_a)
     lo, hi = intersect(lo, hi, *orientation_range(normals_2, second, edge_b))

@@ -9,6 +9,8 @@
 #define BLOCK 512
 #define SQRT2 1.4142135623730951
 #define ROUNDING_MM 1e-6
+#define TURN_ROUNDING_RAD 4e-6 /* of the table of pairs that does the same by whole arrays */
+#define FINE_EDGES 600         /* of a state with more, only edges that are near count as looked up */
 
 /* One interpretation: its edges, in contact order, and orientations. `parent`: the row it grew from. */
 typedef struct {
@@ -109,7 +111,7 @@ typedef struct {
     const edge_set *sets[3];
     tip tips[3];
     double normals_lo[3], normals_hi[3];
-    int64_t most, looked_up, near;
+    int64_t looked_up, near;
     int modelled; /* whether the model tests are done, too */
     list *found;
 } pairing;
@@ -129,12 +131,13 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
         bound[k] = tips[k].bound + tips[all->earlier].bound;
     }
     runs looked = by_normal(edges, state, lo - margin - at.hi, smaller(hi - lo + 2 * margin + at.hi - at.lo, TURN));
+    int fine = edges->first[state + 1] - edges->first[state] > FINE_EDGES;
     for (int run = 0; run < looked.count; run++)
         for (int64_t from = looked.from[run]; from < looked.to[run]; from += BLOCK) {
             int64_t to = from + BLOCK < looked.to[run] ? from + BLOCK : looked.to[run];
             int32_t found[BLOCK];
             int count = within_rings(edges, from, to, rings, 2 * all->earlier, found);
-            all->looked_up += to - from;
+            all->looked_up += fine ? count : to - from;
             for (int j = 0; j < count; j++) {
                 int64_t edge = from + found[j];
                 int fits = 1;
@@ -143,8 +146,7 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
                 interval left = intersect(at, orientation_range(edges, edge, lo, hi));
                 if (!fits || !(left.lo <= left.hi))
                     continue;
-                if (++all->near > all->most)
-                    return 1;
+                all->near++;
                 for (int k = 0; k < all->earlier && all->modelled && left.lo <= left.hi; k++)
                     left = two_contacts(all->sets[k], paired[k], edges, edge, &tips[k], &tips[all->earlier], left);
                 if (all->earlier == 2 && all->modelled && left.lo <= left.hi) {
@@ -167,13 +169,35 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
     return 1;
 }
 
-/* What Python gets: whether more than `most` were looked at, how many were looked up and near, and the children. */
-static PyObject *answer_of(pairing *all)
+/* Pairs of edges of the first two contacts that their normals allow. */
+static int64_t pairs_by_angle(const pairing *all)
+{
+    const edge_set *first = all->sets[0], *second = all->sets[1];
+    double margin = first->most_span + second->most_span + TURN_ROUNDING_RAD;
+    double turn = all->normals_lo[1] - all->normals_hi[0] - margin;
+    double width = all->normals_hi[1] - all->normals_lo[0] + margin - turn;
+    int64_t count = 0;
+    for (int64_t state = 0; state < first->states; state++) {
+        if (larger((double)(first->first[state + 1] - first->first[state]),
+                   (double)(second->first[state + 1] - second->first[state])) > FINE_EDGES)
+            continue;
+        for (int64_t edge = first->first[state]; edge < first->first[state + 1]; edge++)
+            if (first->representative[edge]) {
+                runs found = by_normal(second, state, first->normal_rad[edge] + turn, width);
+                for (int k = 0; k < found.count; k++)
+                    count += found.to[k] - found.from[k];
+            }
+    }
+    return count;
+}
+
+/* What Python gets: whether there was too much to look at, how many were looked up and near, and the children. */
+static PyObject *answer_of(pairing *all, int spent)
 {
     PyObject *found = list_bytes(all->found);
     if (!found)
         return NULL;
-    return Py_BuildValue("iLLN", all->near > all->most, (long long)all->looked_up, (long long)all->near, found);
+    return Py_BuildValue("iLLN", spent, (long long)all->looked_up, (long long)all->near, found);
 }
 
 /* second_level(first, second, (x, y, bound, normals lo, hi) twice, most, modelled): children of every
@@ -189,10 +213,10 @@ PyObject *second_level(PyObject *self, PyObject *arguments)
                           &job.tips[0].bound, &job.normals_lo[0], &job.normals_hi[0], &job.tips[1].x, &job.tips[1].y,
                           &job.tips[1].bound, &job.normals_lo[1], &job.normals_hi[1], &most, &job.modelled))
         return NULL;
-    job.most = most;
     const edge_set *first = job.sets[0] = edges_of(arrays[0]);
     int fine = first && (job.sets[1] = edges_of(arrays[1]));
-    for (int64_t state = 0; fine && state < first->states && job.near <= job.most; state++)
+    int spent = fine && pairs_by_angle(&job) > most;
+    for (int64_t state = 0; fine && !spent && state < first->states; state++)
         for (int64_t edge = first->first[state]; fine && edge < first->first[state + 1]; edge++)
             if (first->representative[edge]) {
                 interval at = orientation_range(first, edge, job.normals_lo[0], job.normals_hi[0]);
@@ -202,7 +226,7 @@ PyObject *second_level(PyObject *self, PyObject *arguments)
         free_list(&found);
         return NULL;
     }
-    return answer_of(&job);
+    return answer_of(&job, spent);
 }
 
 /* third_level(edge sets of 3 contacts, (x, y, bound, normals lo, hi) of each, states, edges, lo, hi, count, most,
@@ -227,7 +251,6 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
         PyErr_SetString(PyExc_ValueError, "three contacts are needed");
         return NULL;
     }
-    job.most = most;
     for (int k = 0; k < 3; k++) {
         job.normals_lo[k] = normals[k][0];
         job.normals_hi[k] = normals[k][1];
@@ -238,7 +261,7 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
     int fine = take_sets(sets_in, job.sets);
     fine = fine && (states = borrow(&all, states_in, row)) && (edges = borrow(&all, edges_in, 2 * row)) &&
            (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
-    for (Py_ssize_t node = 0; fine && node < count && job.near <= job.most; node++) {
+    for (Py_ssize_t node = 0; fine && node < count && job.looked_up <= most; node++) {
         interval at = {lo[node], hi[node]};
         fine = pair(&job, node, states[node], edges + 2 * node, at);
     }
@@ -247,7 +270,7 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
         free_list(&found);
         return NULL;
     }
-    return answer_of(&job);
+    return answer_of(&job, job.looked_up > most);
 }
 
 /* narrow(edge sets of k ≤ 3 contacts, (x, y, bound) of each, edges (n × k), lo, hi, n): how far the model test of
