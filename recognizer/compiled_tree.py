@@ -13,7 +13,14 @@ from palpate.recognizer.budget import BudgetSpentError
 from palpate.recognizer.contact import Contact, NormalRange
 from palpate.recognizer.edges import EdgeSet
 
-__all__ = ["Children", "cut_polygons", "narrowed", "second_level_children", "third_level_children"]
+__all__ = [
+    "Children",
+    "cut_polygons",
+    "further_children",
+    "narrowed",
+    "second_level_children",
+    "third_level_children",
+]
 
 _CHILD = np.dtype([("parent", np.int64), ("edge", np.int64), ("lo", np.float64), ("hi", np.float64)])
 
@@ -69,6 +76,23 @@ def third_level_children(
     arrays = tuple(item.prepared for item in sets)
     rows = [np.ascontiguousarray(item) for item in nodes]
     return Children(kernel.third_level(arrays, *tips, *rows, len(nodes[0]), most, modelled))
+
+
+def further_children(
+    kernel: ModuleType,
+    edges: EdgeSet,
+    contact: Contact,
+    normals: NormalRange,
+    cells: tuple[Ints, Floats, Floats],
+    place: tuple[Floats, Floats],
+    most: int,
+) -> Children:
+    """Pairings of a further contact under k cells: state, lo, hi (k,); `parent` is the cell.
+
+    `place`: in the object's frame the contact lies within reach (k,) mm of a point (k, 2).
+    """
+    arrays = [np.ascontiguousarray(item) for item in (*cells, *place)]
+    return Children(kernel.extend(edges.prepared, _tip(contact, normals), *arrays, len(cells[0]), most))
 
 
 def narrowed(

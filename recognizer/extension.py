@@ -10,6 +10,8 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.segments import point_segment_distance
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_tree import further_children
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edge_lookup import matching_edges
 from palpate.recognizer.region import Cells
@@ -40,6 +42,37 @@ def extend_by_region(
     candidates = int(np.sum(edges.count[nodes.state]))
     point, reach = contact_in_object(cells, contact, anchor_mm)
 
+    normals = contact.outward_normals()
+    if normals is None:
+        none = np.empty(0, np.int64)
+        return nodes.paired(none, none), LevelCount(level, candidates, 0, 0, 0)
+    if KERNEL is not None:
+        found = further_children(
+            KERNEL,
+            edges,
+            contact,
+            normals,
+            (cells.state, cells.lo, cells.hi),
+            (point, reach),
+            budget.candidates,
+        )
+        after_angle = found.looked_up
+        owner, edge, lo, hi = found.parent, found.edge, found.lo, found.hi
+    else:
+        owner, edge, after_angle = _near_edges(catalogue, cells, contact, point, reach, budget)
+        lo, hi = intersect(cells.lo[owner], cells.hi[owner], *orientation_range(normals, edges, edge))
+        meets = lo <= hi
+        owner, edge, lo, hi = owner[meets], edge[meets], lo[meets], hi[meets]
+    grown = _merged_cells(nodes, cells.node[owner], edge, lo, hi, len(edges.state))
+    return grown, LevelCount(level, candidates, after_angle, len(grown), len(grown))
+
+
+def _near_edges(
+    catalogue: Catalogue, cells: Cells, contact: Contact, point: Floats, reach: Floats, budget: Budget
+) -> tuple[Ints, Ints, int]:
+    """Cells and edges (n,) within reach of points, seen from the object, and how many normals allowed."""
+    edges = catalogue.edges(contact.finger)
+
     def near(query: Ints, start: Floats, end: Floats, stray: Floats) -> Bools:
         along = end - start
         length = np.hypot(along[:, 0], along[:, 1])
@@ -48,18 +81,9 @@ def extend_by_region(
         return away <= reach[query] + stray
 
     owner, edge = matching_edges(catalogue, cells.state, cells.lo, cells.hi, contact, near, budget.candidates)
-    after_angle = _distinct(cells.node[owner], edge, len(edges.state))
+    after_angle = len(owner)
     close = near(owner, edges.start[edge], edges.end[edge], edges.slack_mm[edge])
-    owner, edge = owner[close], edge[close]
-    normals = contact.outward_normals()
-    if normals is None or not len(owner):
-        count = LevelCount(level, candidates, after_angle, 0, 0)
-        return nodes.paired(np.empty(0, np.int64), np.empty(0, np.int64)), count
-    lo, hi = intersect(cells.lo[owner], cells.hi[owner], *orientation_range(normals, edges, edge))
-    meets = lo <= hi
-    owner, edge, lo, hi = owner[meets], edge[meets], lo[meets], hi[meets]
-    grown = _merged_cells(nodes, cells.node[owner], edge, lo, hi, len(edges.state))
-    return grown, LevelCount(level, candidates, after_angle, len(grown), len(grown))
+    return owner[close], edge[close], after_angle
 
 
 def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretations, Cells]:
@@ -77,10 +101,6 @@ def split_into_runs(nodes: Interpretations, cells: Cells) -> tuple[Interpretatio
     split = Interpretations(nodes.state[owner], nodes.edges[owner], cells.lo[first], cells.hi[last])
     renumbered = Cells(np.cumsum(begins) - 1, cells.state, cells.lo, cells.hi, cells.polygon)
     return split, renumbered
-
-
-def _distinct(node: Ints, edge: Ints, edges: int) -> int:
-    return len(np.unique(node * edges + edge))
 
 
 def contact_in_object(cells: Cells, contact: Contact, anchor_mm: Floats) -> tuple[Floats, Floats]:

@@ -103,7 +103,7 @@ def _witnessed(
     constraints: Constraints, cells: Cells, probed: Ints, section: Floats, *, corners: bool
 ) -> WitnessedCells:
     """Cells that the free paths leave; of those `probed` (t,), places in a section (t, v, 2) are tried."""
-    middle = section.mean(axis=1, keepdims=True)
+    middle = _vertex_means(section)[:, None]
     places = np.concatenate([middle, middle + _OUT * (section - middle)], axis=1) if corners else middle
     spots = _cells_at(cells, np.repeat(probed, places.shape[1]), places.reshape(-1, 2))
     free = constraints.allow(Cells.joined([cells, spots]))
@@ -113,6 +113,14 @@ def _witnessed(
     holds[probed] = open_to.any(axis=1)
     spot[probed] = places[np.arange(len(places)), np.argmax(open_to, axis=1)]
     return WitnessedCells(cells, spot, holds).select(np.flatnonzero(free[:count]))
+
+
+def _vertex_means(polygon: Floats) -> Floats:
+    """Means (t, 2) of the vertices of convex polygons (t, v, 2), whatever they are padded to."""
+    counts = np.any(polygon != polygon[:, :1], axis=2)
+    counts[:, 0] = True
+    result: Floats = np.einsum("tvj,tv->tj", polygon, counts) / counts.sum(axis=1)[:, None]
+    return result
 
 
 def _cells_at(cells: Cells, row: Ints, position: Floats) -> Cells:

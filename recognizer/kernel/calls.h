@@ -8,6 +8,7 @@
 PyObject *prepared_edges(PyObject *self, PyObject *arrays);
 PyObject *second_level(PyObject *self, PyObject *arguments);
 PyObject *third_level(PyObject *self, PyObject *arguments);
+PyObject *extend(PyObject *self, PyObject *arguments);
 PyObject *narrow(PyObject *self, PyObject *arguments);
 PyObject *cut_cells(PyObject *self, PyObject *arguments);
 PyObject *sweep(PyObject *self, PyObject *arguments);
@@ -17,6 +18,7 @@ PyObject *free_paths(PyObject *self, PyObject *arguments);
     {"prepared_edges", prepared_edges, METH_O, NULL}, \
     {"second_level", second_level, METH_VARARGS, NULL}, \
     {"third_level", third_level, METH_VARARGS, NULL}, \
+    {"extend", extend, METH_VARARGS, NULL}, \
     {"narrow", narrow, METH_VARARGS, NULL}, \
     {"cut_cells", cut_cells, METH_VARARGS, NULL}, \
     {"sweep", sweep, METH_VARARGS, NULL}, \

@@ -273,6 +273,66 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
     return answer_of(&job, job.looked_up > most);
 }
 
+/* extend(edges, (x, y, bound, normals lo, hi) of a contact, states, lo, hi, middles (k × 2) and reach: where it lies
+   in the object's frame in each of k cells, k, most): children of the cells, as of interpretations. */
+PyObject *extend(PyObject *self, PyObject *arguments)
+{
+    PyObject *set_in, *state_in, *lo_in, *hi_in, *place_in, *reach_in;
+    Py_ssize_t count;
+    long long most;
+    double normals_lo, normals_hi;
+    tip contact;
+    buffers all = {.count = 0};
+    list found = new_list(sizeof(grown));
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "O(ddddd)OOOOOnL", &set_in, &contact.x, &contact.y, &contact.bound, &normals_lo,
+                          &normals_hi, &state_in, &lo_in, &hi_in, &place_in, &reach_in, &count, &most))
+        return NULL;
+    const edge_set *edges = edges_of(set_in);
+    const int64_t *state = NULL;
+    const double *lo = NULL, *hi = NULL, *place = NULL, *reach = NULL;
+    Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
+    int fine = edges && (state = borrow(&all, state_in, row)) && (lo = borrow(&all, lo_in, row)) &&
+               (hi = borrow(&all, hi_in, row)) && (place = borrow(&all, place_in, 2 * row)) &&
+               (reach = borrow(&all, reach_in, row));
+    int64_t looked_up = 0;
+    for (Py_ssize_t cell = 0; fine && cell < count && looked_up <= most; cell++) {
+        double margin = edges->most_span, wide = normals_hi - normals_lo + 2 * margin + hi[cell] - lo[cell];
+        runs looked = by_normal(edges, state[cell], normals_lo - margin - hi[cell], smaller(wide, TURN));
+        int large = edges->first[state[cell] + 1] - edges->first[state[cell]] > FINE_EDGES;
+        for (int run = 0; run < looked.count; run++) {
+            looked_up += large ? 0 : looked.to[run] - looked.from[run];
+            for (int64_t edge = looked.from[run]; edge < looked.to[run]; edge++) {
+                double away = point_segment(place[2 * cell], place[2 * cell + 1], edges->start + 2 * edge,
+                                            edges->direction + 2 * edge, edges->length[edge]);
+                if (away > reach[cell] + edges->slack_mm[edge])
+                    continue;
+                looked_up += large;
+                interval at = {lo[cell], hi[cell]};
+                at = intersect(at, orientation_range(edges, edge, normals_lo, normals_hi));
+                if (!(at.lo <= at.hi))
+                    continue;
+                grown *child = list_add(&found);
+                if (!child) {
+                    PyErr_NoMemory();
+                    fine = 0;
+                    break;
+                }
+                child->parent = cell;
+                child->edge = edge;
+                child->at = at;
+            }
+        }
+    }
+    release(&all);
+    if (!fine) {
+        free_list(&found);
+        return NULL;
+    }
+    pairing counts = {.found = &found, .looked_up = looked_up, .near = (int64_t)found.size};
+    return answer_of(&counts, looked_up > most);
+}
+
 /* narrow(edge sets of k ≤ 3 contacts, (x, y, bound) of each, edges (n × k), lo, hi, n): how far the model test of
    two, or of three, narrow intervals; one bytearray each. */
 PyObject *narrow(PyObject *self, PyObject *arguments)
