@@ -69,29 +69,30 @@ def nearest_places(
 
     A negative width allows no normal. Looked for are places up to `beyond_mm` beyond the bound (q,) mm.
     Unless places are `judged`, what may cover them is not looked at: `fits` says that some are within bounds.
-    Once `most` pairs of a point and a piece were looked at, points of the smallest bounds first, nothing is
-    known of the others: their distance is 0.
+    Once `most` pairs of a point and a piece with a place so near were found, points of the smallest bounds
+    first, nothing is known of the others: their distance is 0.
     """
     result = Places.nowhere(len(state))
     order = np.arange(len(state)) if most is None else np.argsort(bound, kind="stable")
-    looked = 0
+    near = 0
     for rows in np.array_split(order, len(state) // _AT_ONCE + 1):
-        if most is not None and looked > most:
+        if most is not None and near > most:
             result.distance[rows] = 0.0
             continue
         owner, piece = _near_pieces(boundary, state[rows], point[rows], bound[rows], beyond_mm)
-        looked += len(owner)
-        found = _nearest(
+        found, pairs = _nearest(
             boundary,
             state[rows],
             point[rows],
             lo_rad[rows],
             width_rad[rows],
             bound[rows],
+            beyond_mm,
             owner,
             piece,
             judged=judged,
         )
+        near += pairs
         result.place(rows, found)
     return result
 
@@ -103,18 +104,25 @@ def _nearest(
     lo: Floats,
     width: Floats,
     bound: Floats,
+    beyond_mm: float,
     owner: Ints,
     piece: Ints,
     *,
     judged: bool,
-) -> Places:
-    """The same for points with the pieces that are near: pairs of `owner` and `piece` (m,)."""
+) -> tuple[Places, int]:
+    """The same for points with the pieces that may be near: pairs of `owner` and `piece` (m,).
+
+    Also: how many pairs are near.
+    """
     pieces = boundary.pieces.select(piece)
     which, begin, turn = _common_normals(pieces, lo[owner], width[owner])
     owner, pieces = owner[which], pieces.select(which)
     offset, normal = _offsets(pieces, begin, turn, point[owner], boundary.radius_mm)
     away = np.hypot(*offset.T)
     gap = np.maximum(away - pieces.off, 0.0)
+    near = np.flatnonzero(gap <= bound[owner] + beyond_mm)
+    owner, pieces, offset, normal = owner[near], pieces.select(near), offset[near], normal[near]
+    away, gap = away[near], gap[near]
     fits = gap <= bound[owner] + ALLOWANCE_MM
     loose = np.flatnonzero(fits & (pieces.off > 0) & (boundary.clearance_mm[state[owner]] > 0))
     if judged and len(loose):
@@ -138,7 +146,7 @@ def _nearest(
     found.limited[rows] = (angle % (2 * np.pi) <= 2 * _AT_END_RAD) | (
         (angle - width[rows]) % (2 * np.pi) <= 2 * _AT_END_RAD
     )
-    return found
+    return found, len(near)
 
 
 def _near_pieces(

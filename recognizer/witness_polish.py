@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_verification import evidence_of, polished
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.null_branch import null_mask
 from palpate.recognizer.region import Cells
@@ -59,10 +61,15 @@ def polish(
 
     Orientations stay in the cell: beyond it normals would leave their ranges.
     """
-    regions = _Regions(cells, first, constraints.nodes.edges < 0)
-    node, inner = cells.node[cell], _INNER * cells.half_width[cell]
-    lo, hi = cells.middle[cell] - inner, cells.middle[cell] + inner
+    node, null = cells.node[cell], constraints.nodes.edges < 0
     skipped = null_mask(constraints.nodes, node, constraints.evidence)
+    if KERNEL is not None:
+        evidence = evidence_of(constraints.catalogue, constraints.evidence, constraints.anchor_mm)
+        rows = (poses.state, poses.theta, poses.position)
+        theta, position, holds = polished(KERNEL, evidence, cells, first, null, region, cell, rows, skipped)
+        return Poses(poses.state, theta, position), holds
+    regions, inner = _Regions(cells, first, null), _INNER * cells.half_width[cell]
+    lo, hi = cells.middle[cell] - inner, cells.middle[cell] + inner
     theta, position, holds = poses.theta.copy(), poses.position.copy(), np.zeros(len(poses), dtype=bool)
     bound = np.array([contact.position_bound_mm for contact in constraints.evidence])
     left, worst = np.arange(len(poses)), np.full(len(poses), np.inf)
