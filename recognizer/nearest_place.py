@@ -22,6 +22,8 @@ NEAR_MM = 1.0
 """So far beyond bounds places are looked for, to be moved to."""
 
 _AT_END_RAD = 1e-6
+_STEP_MM = 1e-9  # distances that differ by less are the same
+_AS_NEAR, _AS_NEAR_MM2 = 1e-9, 1e-18  # and squares of distances by this share of them, and this
 _AT_ONCE = 2_000  # points: each may have hundreds of pieces
 
 
@@ -137,7 +139,8 @@ def _nearest(
         )
     found = Places.nowhere(len(state))
     found.fits[owner[fits]] = True
-    order = np.lexsort((gap, owner))
+    # Where two pieces share a place, rounding must not choose.
+    order = np.lexsort((np.rint(gap / _STEP_MM), owner))
     first = order[np.flatnonzero(np.diff(owner[order], prepend=-1))]
     shorter = offset[first] * (gap[first] / np.maximum(away[first], 1e-300))[:, None]
     rows = owner[first]
@@ -194,7 +197,7 @@ def _offsets(
 ) -> tuple[Floats, Floats]:
     """From each point (k, 2) to the nearest centre of a tip on its piece, and the normal there.
 
-    Normals are from `begin` on by `turn` (k,) rad.
+    Normals are from `begin` on by `turn` (k,) rad; of those that are as good it is the first one tried.
     """
     rel, along = point - pieces.start, pieces.along
     across = rel[:, 0] * along[:, 1] - rel[:, 1] * along[:, 0]
@@ -216,7 +219,9 @@ def _offsets(
     left = rel - radius * normal
     foot = np.clip(np.sum(left * along, axis=2), 0.0, pieces.length)
     offset = along * foot[..., None] - left
-    best = np.argmin(np.sum(offset * offset, axis=2), axis=0)
+    # Where two normals lead to the same place, rounding must not choose.
+    square = np.sum(offset * offset, axis=2)
+    best = np.argmax(square <= square.min(axis=0) * (1 + _AS_NEAR) + _AS_NEAR_MM2, axis=0)
     every = np.arange(len(rel))
     return offset[best, every], normal[best, every]
 

@@ -66,7 +66,8 @@ typedef struct {
 
 extern const place nowhere;
 
-/* Find the nearest place; how many pieces have one near by. */
+/* Find the nearest place; how many pieces have one near by. Unless it is `judged`, what may cover places is not
+   looked at, and whether it is `limited` is not said. */
 int64_t nearest_place(const boundary *all, int64_t state, const claim *of, int judged, place *found);
 
 /* Whether a point is no nearer to the section than `least`; negative: no deeper in it. */

@@ -6,6 +6,9 @@
 #include "boundary.h"
 
 #define AT_END_RAD 1e-6
+#define STEP_MM 1e-9
+#define AS_NEAR 1e-9
+#define AS_NEAR_MM2 1e-18
 
 const place nowhere = {INFINITY, {0, 0}, {0, 0}, 0, 0};
 
@@ -15,7 +18,7 @@ typedef struct {
     double turn;
 } arc;
 
-/* What is nearest of what was looked at; `square`: of the offset. */
+/* A place: from the point to it, the normal there, and how far that is, squared. */
 typedef struct {
     vector offset, normal;
     double square;
@@ -36,16 +39,13 @@ static inline int within(const arc *range, vector direction)
     return range->turn <= PI ? first >= 0 && last >= 0 : first >= 0 || last >= 0;
 }
 
-static inline void consider(const piece *on, vector from_start, double radius, vector normal, nearest *best)
+static inline nearest at_normal(const piece *on, vector from_start, double radius, vector normal)
 {
     vector left = {from_start.x - radius * normal.x, from_start.y - radius * normal.y};
     double foot = clipped(left.x * on->along.x + left.y * on->along.y, 0.0, on->length);
-    vector offset = {on->along.x * foot - left.x, on->along.y * foot - left.y};
-    double square = offset.x * offset.x + offset.y * offset.y;
-    if (square < best->square) {
-        nearest found = {offset, normal, square};
-        *best = found;
-    }
+    nearest found = {{on->along.x * foot - left.x, on->along.y * foot - left.y}, normal, 0.0};
+    found.square = found.offset.x * found.offset.x + found.offset.y * found.offset.y;
+    return found;
 }
 
 static inline vector unit(vector a)
@@ -59,15 +59,16 @@ static inline vector unit(vector a)
     return ahead;
 }
 
-/* From a point to the nearest centre of a tip on a piece with normals in a range: `nearest_place._offsets`. */
+/* From a point to the nearest centre of a tip on a piece with normals in a range; of normals that are as good the
+   first one tried: `nearest_place._offsets`. */
 static nearest offset_to(const piece *on, const arc *range, vector point, double radius)
 {
-    nearest best = {{0, 0}, {0, 0}, INFINITY};
     vector from_start = {point.x - on->start.x, point.y - on->start.y};
-    consider(on, from_start, radius, range->begin, &best);
+    nearest tried[6] = {at_normal(on, from_start, radius, range->begin)};
     if (!(range->turn > 0))
-        return best;
-    consider(on, from_start, radius, range->end, &best);
+        return tried[0];
+    int count = 2;
+    tried[1] = at_normal(on, from_start, radius, range->end);
     if (on->length > 0) {
         vector out = {on->along.y, -on->along.x};
         double cosine = clipped(cross(from_start, on->along) / larger(radius, NEXT_TO_NOTHING), -1.0, 1.0);
@@ -75,19 +76,25 @@ static nearest offset_to(const piece *on, const arc *range, vector point, double
         for (int hand = -1; hand <= 1; hand += 2) {
             vector lean = {cosine * out.x + hand * sine * on->along.x, cosine * out.y + hand * sine * on->along.y};
             if (within(range, lean))
-                consider(on, from_start, radius, lean, &best);
+                tried[count++] = at_normal(on, from_start, radius, lean);
         }
     }
     vector straight = unit(from_start);
     if (within(range, straight))
-        consider(on, from_start, radius, straight, &best);
+        tried[count++] = at_normal(on, from_start, radius, straight);
     if (on->length > 0) {
         vector from_end = {from_start.x - on->along.x * on->length, from_start.y - on->along.y * on->length};
         straight = unit(from_end);
         if (within(range, straight))
-            consider(on, from_start, radius, straight, &best);
+            tried[count++] = at_normal(on, from_start, radius, straight);
     }
-    return best;
+    double least = tried[0].square;
+    for (int k = 1; k < count; k++)
+        least = smaller(least, tried[k].square);
+    int first = 0;
+    while (tried[first].square > least * (1 + AS_NEAR) + AS_NEAR_MM2)
+        first++;
+    return tried[first];
 }
 
 static vector towards(vector begin, vector end, double most)
@@ -123,16 +130,23 @@ static int uncovered(const boundary *all, int64_t state, vector point, const nea
     return 0;
 }
 
-/* A search for the place that is nearest to one point. Of two that are as near, that of the lower piece counts;
-   `after`: normals that begin where the contact's do come after all those that begin where the piece's do. */
+/* A search for the place that is nearest to one point, in steps of STEP_MM. Of two that are as near, that of the
+   lower piece counts; normals that begin where the contact's do, [1], come after all that begin where the piece's
+   do, [0]. */
 typedef struct {
     const boundary *all;
     const claim *of;
     int64_t state, near;
     int judged, fits;
-    double away[2], gap[2];
+    double away[2], gap[2], steps[2];
     nearest best[2];
 } search;
+
+static vector turned(double angle)
+{
+    vector ahead = {cos(angle), sin(angle)};
+    return ahead;
+}
 
 static void look_at(search *job, const piece *on, const arc *range, int after)
 {
@@ -145,17 +159,33 @@ static void look_at(search *job, const piece *on, const arc *range, int after)
     if (!job->fits && gap <= of->bound + ALLOWANCE_MM)
         job->fits = !(job->judged && on->off > 0 && job->all->clearance[job->state] > 0) ||
                     uncovered(job->all, job->state, of->point, &found, on->off, of->bound);
-    if (gap < job->gap[after]) {
+    double steps = rint(gap / STEP_MM);
+    if (steps < job->steps[after]) {
+        job->steps[after] = steps;
         job->gap[after] = gap;
         job->away[after] = away;
         job->best[after] = found;
     }
 }
 
-static vector turned(double angle)
+/* What pieces and the contact's normals, from `base` in [0, 2π) on by `width`, have in common:
+   `nearest_place._common_normals`. */
+static void look_at_piece(search *job, const piece *on, double base, double width)
 {
-    vector ahead = {cos(angle), sin(angle)};
-    return ahead;
+    double after_lo = on->normal - base;
+    if (after_lo < 0)
+        after_lo += TURN;
+    double after_piece = after_lo > 0 ? TURN - after_lo : 0.0;
+    if (after_lo <= width) {
+        int whole = on->turn <= width - after_lo;
+        arc range = {on->first, whole ? on->last : turned(base + width), whole ? on->turn : width - after_lo};
+        look_at(job, on, &range, 0);
+    }
+    if (after_piece <= on->turn) {
+        int whole = width <= on->turn - after_piece;
+        arc range = {turned(base), whole ? turned(base + width) : on->last, whole ? width : on->turn - after_piece};
+        look_at(job, on, &range, 1);
+    }
 }
 
 int64_t nearest_place(const boundary *all, int64_t state, const claim *of, int judged, place *found)
@@ -163,38 +193,21 @@ int64_t nearest_place(const boundary *all, int64_t state, const claim *of, int j
     *found = nowhere;
     if (!(of->width >= 0))
         return 0;
-    search job = {.all = all, .of = of, .state = state, .judged = judged, .gap = {INFINITY, INFINITY}};
-    double lo = of->lo - ALLOWANCE_RAD, width = of->width + 2 * ALLOWANCE_RAD, base = modulo_turn(lo);
+    search job = {.all = all, .of = of, .state = state, .judged = judged, .steps = {INFINITY, INFINITY}};
+    double width = of->width + 2 * ALLOWANCE_RAD, base = modulo_turn(of->lo - ALLOWANCE_RAD);
     double reach = of->bound + of->beyond;
-    vector first = turned(lo), last = turned(lo + width);
     int64_t begin = all->first_piece[state], end = all->first_piece[state + 1];
     const circle *block = all->piece_blocks + all->first_piece_block[state];
     for (; begin < end; begin += BLOCK_ROWS, block++) {
         if (beyond(block, of->point, reach))
             continue;
-        for (int64_t k = begin; k < end && k < begin + BLOCK_ROWS; k++) {
-            if (beyond(&all->piece_circles[k], of->point, reach))
-                continue;
-            const piece *on = &all->pieces[k];
-            double after_lo = on->normal - base;
-            if (after_lo < 0)
-                after_lo += TURN;
-            double after_piece = after_lo > 0 ? TURN - after_lo : 0.0;
-            if (after_lo <= width) {
-                int whole = on->turn <= width - after_lo;
-                arc range = {on->first, whole ? on->last : last, whole ? on->turn : width - after_lo};
-                look_at(&job, on, &range, 0);
-            }
-            if (after_piece <= on->turn) {
-                int whole = width <= on->turn - after_piece;
-                arc range = {first, whole ? last : on->last, whole ? width : on->turn - after_piece};
-                look_at(&job, on, &range, 1);
-            }
-        }
+        for (int64_t k = begin; k < end && k < begin + BLOCK_ROWS; k++)
+            if (!beyond(&all->piece_circles[k], of->point, reach))
+                look_at_piece(&job, &all->pieces[k], base, width);
     }
     found->fits = (char)job.fits;
-    int which = job.gap[1] < job.gap[0];
-    if (isinf(job.gap[which]))
+    int which = job.steps[1] < job.steps[0];
+    if (isinf(job.steps[which]))
         return job.near;
     const nearest *best = &job.best[which];
     double share = job.gap[which] / larger(job.away[which], NEXT_TO_NOTHING);
@@ -202,6 +215,8 @@ int64_t nearest_place(const boundary *all, int64_t state, const claim *of, int j
     found->offset.x = best->offset.x * share;
     found->offset.y = best->offset.y * share;
     found->normal = best->normal;
+    if (!judged)
+        return job.near;
     double angle = atan2(best->normal.y, best->normal.x) - of->lo + AT_END_RAD;
     found->limited = modulo_turn(angle) <= 2 * AT_END_RAD || modulo_turn(angle - of->width) <= 2 * AT_END_RAD;
     return job.near;

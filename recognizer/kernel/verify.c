@@ -159,7 +159,17 @@ PyObject *verify(PyObject *self, PyObject *arguments)
     return NULL;
 }
 
-/* A contact of a pose that may be near enough, give or take `bound`. */
+/* Cells of poses, turned by at most `turn` and shifted by at most `shift`. */
+typedef struct {
+    const int64_t *states;
+    const double *theta;
+    const vector *positions;
+    const double *turn, *shift;
+    const char *skipped;
+    Py_ssize_t count;
+} pose_cells;
+
+/* A contact of a pose, which may be off by `bound`. */
 typedef struct {
     double bound;
     int64_t order, pose, contact;
@@ -173,44 +183,101 @@ static int by_bound(const void *a, const void *b)
     return one->order < two->order ? -1 : 1;
 }
 
-/* Cells of poses, turned by at most `turn` and shifted by at most `shift`. */
-typedef struct {
-    const int64_t *states;
-    const double *theta;
-    const vector *positions;
-    const double *turn, *shift;
-    const char *skipped;
-    Py_ssize_t count;
-} pose_cells;
-
-/* Whether there is a place for a contact near a pose; to `near` is added how many pieces have one. */
-static int has_place(const evidence *by, const pose_cells *cells, const question *asked, int64_t *near)
+static int is_asked(const evidence *by, const pose_cells *cells, Py_ssize_t i, Py_ssize_t k, Py_ssize_t kind)
 {
-    const contact *of = &by->contacts[asked->contact];
-    int64_t i = asked->pose;
-    pose at = {cells->states[i], cells->theta[i], cells->positions[i]};
-    double wider = cells->turn[i], width = of->width >= 0 ? of->width + 2 * wider : of->width;
-    claim claimed = {seen_from(&at, cos(-at.theta), sin(-at.theta), of->end), of->lo - at.theta - wider, width,
-                     asked->bound, 10 * ALLOWANCE_MM};
-    place found;
-    *near += nearest_place(by->on[asked->contact], at.state, &claimed, 0, &found);
-    return found.distance <= asked->bound + ALLOWANCE_MM;
+    return by->on[k] == by->on[kind] && by->contacts[k].touched &&
+           !(cells->skipped && cells->skipped[i * by->count + k]);
 }
 
-/* Rule out poses by all contacts of one kind of finger; those of `asked` are `count`. Once `most` pieces were
-   near by, no further ones are ruled out: the smallest bounds come first, as in `nearest_places`. */
-static void rule_out(const evidence *by, const pose_cells *cells, question *asked, int64_t count, int64_t most,
-                     char *left)
+static double bound_of(const pose_cells *cells, Py_ssize_t i, const contact *of)
 {
-    int64_t near = 0, parts = most >= 0 ? count / AT_ONCE + 1 : 1, next = 0;
-    if (parts > 1)
-        qsort(asked, (size_t)count, sizeof(question), by_bound);
-    for (int64_t part = 0; part < parts && (part == 0 || most < 0 || near <= most); part++) {
-        int64_t end = next + count / parts + (part < count % parts);
-        for (; next < end; next++)
-            if ((parts > 1 || left[asked[next].pose]) && !has_place(by, cells, &asked[next], &near))
-                left[asked[next].pose] = 0;
+    return of->bound + (cells->turn[i] * length_of(of->end) + cells->shift[i]);
+}
+
+/* Whether there is a place for a contact near pose i; to `near` is added how many pieces have one. */
+static int has_place(const evidence *by, const pose_cells *cells, Py_ssize_t i, Py_ssize_t k, vector point,
+                     double bound, int64_t *near)
+{
+    const contact *of = &by->contacts[k];
+    double wider = cells->turn[i], width = of->width >= 0 ? of->width + 2 * wider : of->width;
+    claim claimed = {point, of->lo - cells->theta[i] - wider, width, bound, 10 * ALLOWANCE_MM};
+    place found;
+    *near += nearest_place(by->on[k], cells->states[i], &claimed, 0, &found);
+    return found.distance <= bound + ALLOWANCE_MM;
+}
+
+/* Rule out poses by contacts of one kind of finger in any order; whether no more than `most` pieces were near by.
+   Where there are few contacts to look at, the budget is not asked, and no more is looked at than need be. */
+static int rule_out(const evidence *by, const pose_cells *cells, Py_ssize_t kind, int few, int64_t most, char *left)
+{
+    int64_t near = 0;
+    for (Py_ssize_t i = 0; i < cells->count; i++) {
+        pose at = {cells->states[i], cells->theta[i], cells->positions[i]};
+        double c = cos(-at.theta), s = sin(-at.theta);
+        for (Py_ssize_t k = kind; k < by->count; k++) {
+            const contact *of = &by->contacts[k];
+            if (!is_asked(by, cells, i, k, kind) || (few && !left[i]))
+                continue;
+            if (!has_place(by, cells, i, k, seen_from(&at, c, s, of->end), bound_of(cells, i, of), &near))
+                left[i] = 0;
+        }
+        if (!few && near > most)
+            return 0;
     }
+    return 1;
+}
+
+/* The same, smallest bounds first, AT_ONCE by AT_ONCE; once more than `most` pieces were near by, no further poses
+   are ruled out: as `nearest_places` has it. Whether there was memory. */
+static int rule_out_some(const evidence *by, const pose_cells *cells, Py_ssize_t kind, int64_t count, int64_t most,
+                         char *left)
+{
+    question *asked = malloc((size_t)count * sizeof(question));
+    if (!asked)
+        return 0;
+    int64_t near = 0, parts = count / AT_ONCE + 1, next = 0, end = 0;
+    for (Py_ssize_t i = 0; i < cells->count; i++)
+        for (Py_ssize_t k = kind; k < by->count; k++)
+            if (is_asked(by, cells, i, k, kind)) {
+                question one = {bound_of(cells, i, &by->contacts[k]), next, i, k};
+                asked[next++] = one;
+            }
+    qsort(asked, (size_t)count, sizeof(question), by_bound);
+    next = 0;
+    for (int64_t part = 0; part < parts && near <= most; part++) {
+        end += count / parts + (part < count % parts);
+        for (; next < end; next++) {
+            Py_ssize_t i = asked[next].pose, k = asked[next].contact;
+            pose at = {cells->states[i], cells->theta[i], cells->positions[i]};
+            vector point = seen_from(&at, cos(-at.theta), sin(-at.theta), by->contacts[k].end);
+            if (!has_place(by, cells, i, k, point, asked[next].bound, &near))
+                left[i] = 0;
+        }
+    }
+    free(asked);
+    return 1;
+}
+
+/* Rule out poses by all contacts of the same kind of finger as contact `kind`; whether there was memory. */
+static int rule_out_by(const evidence *by, const pose_cells *cells, Py_ssize_t kind, int64_t most, char *left)
+{
+    int64_t count = 0;
+    for (Py_ssize_t i = 0; i < cells->count; i++)
+        for (Py_ssize_t k = kind; k < by->count; k++)
+            count += is_asked(by, cells, i, k, kind);
+    if (most < 0 || count < AT_ONCE)
+        return rule_out(by, cells, kind, 1, most, left);
+    char *before = malloc((size_t)cells->count);
+    if (!before)
+        return 0;
+    memcpy(before, left, (size_t)cells->count);
+    int fine = 1;
+    if (!rule_out(by, cells, kind, 0, most, left)) {
+        memcpy(left, before, (size_t)cells->count);
+        fine = rule_out_some(by, cells, kind, count, most, left);
+    }
+    free(before);
+    return fine;
 }
 
 /* may_fit(evidence, states, θ, positions, turns, shifts, n, skipped or None, most or −1): which poses may. */
@@ -228,38 +295,24 @@ PyObject *may_fit(PyObject *self, PyObject *arguments)
         return NULL;
     int fine = take_evidence(&all, evidence_in, &by);
     Py_ssize_t m = by.count;
+    cells.count = n;
     fine = fine && (cells.states = borrow(&all, in[0], n * 8)) && (cells.theta = borrow(&all, in[1], n * 8)) &&
            (cells.positions = borrow(&all, in[2], n * 16)) && (cells.turn = borrow(&all, in[3], n * 8)) &&
            (cells.shift = borrow(&all, in[4], n * 8)) &&
            (skipped_in == Py_None || (cells.skipped = borrow(&all, skipped_in, n * m))) &&
            states_exist(&by, cells.states, n);
     PyObject *out = fine ? array_of(n, 1) : NULL;
-    question *asked = out ? malloc((size_t)(n * m + 1) * sizeof(question)) : NULL;
-    if (out && !asked) {
-        PyErr_NoMemory();
-        Py_CLEAR(out);
-    }
     if (out)
         memset(AS(char, out), 1, (size_t)n);
     for (Py_ssize_t kind = 0; out && kind < m; kind++) {
         Py_ssize_t earlier = 0;
-        while (earlier < kind && by.on[earlier] != by.on[kind])
+        while (by.on[earlier] != by.on[kind])
             earlier++;
-        if (earlier < kind)
-            continue;
-        int64_t count = 0;
-        for (Py_ssize_t i = 0; i < n; i++)
-            for (Py_ssize_t k = kind; k < m; k++) {
-                const contact *of = &by.contacts[k];
-                if (by.on[k] != by.on[kind] || !of->touched || (cells.skipped && cells.skipped[i * m + k]))
-                    continue;
-                double more = cells.turn[i] * length_of(of->end) + cells.shift[i];
-                question one = {of->bound + more, count, i, k};
-                asked[count++] = one;
-            }
-        rule_out(&by, &cells, asked, count, most, AS(char, out));
+        if (earlier == kind && !rule_out_by(&by, &cells, kind, most, AS(char, out))) {
+            PyErr_NoMemory();
+            Py_CLEAR(out);
+        }
     }
-    free(asked);
     end_evidence(&by);
     release(&all);
     return out;
