@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
+from palpate.recognizer.bounding_circles import ROUNDING_MM
 from palpate.recognizer.tables import Table
 
 __all__ = ["Pieces", "Sides"]
@@ -86,6 +87,16 @@ class Pieces(Table):
         normal = self.normal_rad + np.where(self.is_face, 0.0, at)
         foot = self.start + self.along * np.where(self.is_face, at, 0.0)[:, None]
         return foot + radius_mm * np.column_stack([np.cos(normal), np.sin(normal)])
+
+    def circles(self, radius_mm: float) -> Floats:
+        """Circles (n, 3) round all places of a tip's true centre on each: middle x, y, radius mm."""
+        half = self.turn_rad / 2
+        middle, narrow = self.normal_rad + half, half < np.pi / 2
+        out = radius_mm * np.where(narrow, np.cos(half), 0.0)
+        centre = self.start + self.along * (self.length / 2)[:, None]
+        centre = centre + out[:, None] * np.column_stack([np.cos(middle), np.sin(middle)])
+        wide = radius_mm * np.where(narrow, np.sin(half), 1.0)
+        return np.column_stack([centre, self.length / 2 + wide + self.off + ROUNDING_MM])
 
     def along_at(self, point: Floats) -> Floats:
         """How far along each a centre (n, 2) on its line or circle is, (n,)."""

@@ -9,6 +9,7 @@ from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.budget import STANDARD_BUDGET, Budget
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_verification import Evidence, evidence_of
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.edges import NULL_EDGE
 from palpate.recognizer.null_branch import null_mask
@@ -41,6 +42,11 @@ class Constraints:
         """Number of null contacts of each interpretation, (n,)."""
         count: Ints = np.count_nonzero(self.nodes.edges < 0, axis=1)
         return count
+
+    @cached_property
+    def compiled_evidence(self) -> Evidence:
+        """The evidence as the compiled kernel takes it for verification."""
+        return evidence_of(self.catalogue, self.evidence, self.anchor_mm)
 
     @cached_property
     def has_unpaired(self) -> bool:

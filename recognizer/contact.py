@@ -6,6 +6,7 @@ the tip radius turns the finger into a point (memo footnote 3).
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from palpate.errors import InputError
 from palpate.vocabulary.short_repr import ShortRepr
@@ -136,6 +137,10 @@ class Contact(ShortRepr):
         too narrow. A point on a vertex has the normal of either edge there, and one of these may face away
         from where the point came: a point's measured normal stands alone.
         """
+        return self._outward_normals
+
+    @cached_property
+    def _outward_normals(self) -> NormalRange | None:
         if self.normal is not None and self.finger.tip_radius_mm == 0:
             return self.normal
         cone = math.pi / 2 if self.friction is None else math.atan(self.friction)

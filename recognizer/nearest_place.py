@@ -22,6 +22,8 @@ NEAR_MM = 1.0
 """So far beyond bounds places are looked for, to be moved to."""
 
 _AT_END_RAD = 1e-6
+_STEP_MM = 1e-9  # distances that differ by less are the same
+_AS_NEAR, _AS_NEAR_MM2 = 1e-9, 1e-18  # and squares of distances by this share of them, and this
 _AT_ONCE = 2_000  # points: each may have hundreds of pieces
 
 
@@ -69,29 +71,30 @@ def nearest_places(
 
     A negative width allows no normal. Looked for are places up to `beyond_mm` beyond the bound (q,) mm.
     Unless places are `judged`, what may cover them is not looked at: `fits` says that some are within bounds.
-    Once `most` pairs of a point and a piece were looked at, points of the smallest bounds first, nothing is
-    known of the others: their distance is 0.
+    Once `most` pairs of a point and a piece with a place so near were found, points of the smallest bounds
+    first, nothing is known of the others: their distance is 0.
     """
     result = Places.nowhere(len(state))
     order = np.arange(len(state)) if most is None else np.argsort(bound, kind="stable")
-    looked = 0
+    near = 0
     for rows in np.array_split(order, len(state) // _AT_ONCE + 1):
-        if most is not None and looked > most:
+        if most is not None and near > most:
             result.distance[rows] = 0.0
             continue
         owner, piece = _near_pieces(boundary, state[rows], point[rows], bound[rows], beyond_mm)
-        looked += len(owner)
-        found = _nearest(
+        found, pairs = _nearest(
             boundary,
             state[rows],
             point[rows],
             lo_rad[rows],
             width_rad[rows],
             bound[rows],
+            beyond_mm,
             owner,
             piece,
             judged=judged,
         )
+        near += pairs
         result.place(rows, found)
     return result
 
@@ -103,18 +106,25 @@ def _nearest(
     lo: Floats,
     width: Floats,
     bound: Floats,
+    beyond_mm: float,
     owner: Ints,
     piece: Ints,
     *,
     judged: bool,
-) -> Places:
-    """The same for points with the pieces that are near: pairs of `owner` and `piece` (m,)."""
+) -> tuple[Places, int]:
+    """The same for points with the pieces that may be near: pairs of `owner` and `piece` (m,).
+
+    Also: how many pairs are near.
+    """
     pieces = boundary.pieces.select(piece)
     which, begin, turn = _common_normals(pieces, lo[owner], width[owner])
     owner, pieces = owner[which], pieces.select(which)
     offset, normal = _offsets(pieces, begin, turn, point[owner], boundary.radius_mm)
     away = np.hypot(*offset.T)
     gap = np.maximum(away - pieces.off, 0.0)
+    near = np.flatnonzero(gap <= bound[owner] + beyond_mm)
+    owner, pieces, offset, normal = owner[near], pieces.select(near), offset[near], normal[near]
+    away, gap = away[near], gap[near]
     fits = gap <= bound[owner] + ALLOWANCE_MM
     loose = np.flatnonzero(fits & (pieces.off > 0) & (boundary.clearance_mm[state[owner]] > 0))
     if judged and len(loose):
@@ -129,7 +139,8 @@ def _nearest(
         )
     found = Places.nowhere(len(state))
     found.fits[owner[fits]] = True
-    order = np.lexsort((gap, owner))
+    # Where two pieces share a place, rounding must not choose.
+    order = np.lexsort((np.rint(gap / _STEP_MM), owner))
     first = order[np.flatnonzero(np.diff(owner[order], prepend=-1))]
     shorter = offset[first] * (gap[first] / np.maximum(away[first], 1e-300))[:, None]
     rows = owner[first]
@@ -138,7 +149,7 @@ def _nearest(
     found.limited[rows] = (angle % (2 * np.pi) <= 2 * _AT_END_RAD) | (
         (angle - width[rows]) % (2 * np.pi) <= 2 * _AT_END_RAD
     )
-    return found
+    return found, len(near)
 
 
 def _near_pieces(
@@ -186,7 +197,7 @@ def _offsets(
 ) -> tuple[Floats, Floats]:
     """From each point (k, 2) to the nearest centre of a tip on its piece, and the normal there.
 
-    Normals are from `begin` on by `turn` (k,) rad.
+    Normals are from `begin` on by `turn` (k,) rad; of those that are as good it is the first one tried.
     """
     rel, along = point - pieces.start, pieces.along
     across = rel[:, 0] * along[:, 1] - rel[:, 1] * along[:, 0]
@@ -208,7 +219,9 @@ def _offsets(
     left = rel - radius * normal
     foot = np.clip(np.sum(left * along, axis=2), 0.0, pieces.length)
     offset = along * foot[..., None] - left
-    best = np.argmin(np.sum(offset * offset, axis=2), axis=0)
+    # Where two normals lead to the same place, rounding must not choose.
+    square = np.sum(offset * offset, axis=2)
+    best = np.argmax(square <= square.min(axis=0) * (1 + _AS_NEAR) + _AS_NEAR_MM2, axis=0)
     every = np.arange(len(rel))
     return offset[best, every], normal[best, every]
 

@@ -9,13 +9,17 @@ why); none of it is left out, because what covers it may be off as well.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from palpate.geometry import Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.boundary_pieces import Pieces, Sides
+from palpate.recognizer.bounding_circles import blocks, circles_round
+from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.tables import expand_ranges
@@ -56,6 +60,46 @@ class TrueBoundary:
         owner, line = lines.query(places, predicate="dwithin", distance=reach + most)
         pairs = np.unique(owner * len(self.pieces) + piece[line])
         return np.divmod(pairs, max(len(self.pieces), 1))
+
+    @cached_property
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """What the compiled kernel takes of it, in the order of `recognizer/kernel/boundary.c`."""
+        pieces, sides = self.pieces, self.sides
+        last = pieces.normal_rad + pieces.turn_rad
+        rows = (
+            pieces.start,
+            pieces.along,
+            np.column_stack([pieces.length, pieces.normal_rad % (2 * np.pi), pieces.turn_rad, pieces.off]),
+            np.column_stack(
+                [np.cos(pieces.normal_rad), np.sin(pieces.normal_rad), np.cos(last), np.sin(last)]
+            ),
+        )
+        of_pieces = pieces.circles(self.radius_mm)
+        first_piece_block, of_piece_blocks = blocks(of_pieces, self.first_piece)
+        first_side_block, of_side_blocks = blocks(circles_round(sides.start, sides.end), self.first_side)
+        values = (
+            np.array([self.radius_mm]),
+            self.clearance_mm,
+            np.concatenate(rows, axis=1),
+            np.concatenate([sides.start, sides.end], axis=1),
+            of_pieces,
+            self.first_piece,
+            self.first_side,
+            first_piece_block,
+            first_side_block,
+            of_piece_blocks,
+            of_side_blocks,
+        )
+        return tuple(np.ascontiguousarray(value) for value in values)
+
+    @cached_property
+    def prepared(self) -> object:
+        """The boundary as the compiled kernel takes it."""
+        return None if KERNEL is None else KERNEL.prepared_boundary(self.arrays)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what another process has to prepare anew."""
+        return {key: value for key, value in self.__dict__.items() if key not in {"arrays", "prepared"}}
 
     @cached_property
     def _lines(self) -> tuple[shapely.STRtree, Ints]:

@@ -16,6 +16,8 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_verification import evidence_of, judged, which_may_fit
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.free_line import ALLOWANCE_MM, lines_are_free
 from palpate.recognizer.nearest_place import NEAR_MM, Places, nearest_places
@@ -72,6 +74,9 @@ def verify(
 
     Paths are looked at where all contacts are satisfied.
     """
+    if KERNEL is not None:
+        evidence = evidence_of(catalogue, contacts, anchor_mm)
+        return Verification(*judged(KERNEL, evidence, poses.state, poses.theta, poses.position, skipped))
     shape = (len(poses), len(contacts))
     asked = np.ones(shape, dtype=bool) if skipped is None else ~skipped
     places = _places(catalogue, poses, contacts, anchor_mm, asked)
@@ -98,8 +103,13 @@ def may_fit(
     """Configurations (n,) near which one may satisfy all contacts: False where none can.
 
     Near: turned by at most `turn_rad` and with a position s that is off by at most `shift_mm` (n,). Once
-    `most` pieces of the boundary were looked at for one kind of finger, all others may.
+    `most` pieces of the boundary were found near by for one kind of finger, all others may.
     """
+    if KERNEL is not None:
+        evidence = evidence_of(catalogue, contacts, anchor_mm)
+        return which_may_fit(
+            KERNEL, evidence, poses.state, poses.theta, poses.position, turn_rad, shift_mm, skipped, most
+        )
     shape = (len(poses), len(contacts))
     asked = np.ones(shape, dtype=bool) if skipped is None else ~skipped
     lever = np.hypot(*(_ends(contacts) - anchor_mm).T)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.geometry import Bools, Floats, Ints
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_verification import polished, which_may_fit
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.null_branch import null_mask
 from palpate.recognizer.region import Cells
@@ -59,10 +61,16 @@ def polish(
 
     Orientations stay in the cell: beyond it normals would leave their ranges.
     """
-    regions = _Regions(cells, first, constraints.nodes.edges < 0)
-    node, inner = cells.node[cell], _INNER * cells.half_width[cell]
-    lo, hi = cells.middle[cell] - inner, cells.middle[cell] + inner
+    node, null = cells.node[cell], constraints.nodes.edges < 0
     skipped = null_mask(constraints.nodes, node, constraints.evidence)
+    if KERNEL is not None:
+        rows = (poses.state, poses.theta, poses.position)
+        theta, position, holds = polished(
+            KERNEL, constraints.compiled_evidence, cells, first, null, region, cell, rows, skipped
+        )
+        return Poses(poses.state, theta, position), holds
+    regions, inner = _Regions(cells, first, null), _INNER * cells.half_width[cell]
+    lo, hi = cells.middle[cell] - inner, cells.middle[cell] + inner
     theta, position, holds = poses.theta.copy(), poses.position.copy(), np.zeros(len(poses), dtype=bool)
     bound = np.array([contact.position_bound_mm for contact in constraints.evidence])
     left, worst = np.arange(len(poses)), np.full(len(poses), np.inf)
@@ -137,13 +145,25 @@ def _least_squares(rows: Floats, right: Floats) -> Floats:
 
 def can_be_verified(constraints: Constraints, cells: Cells) -> Bools:
     """Cells (k,) that may hold a configuration which satisfies all contacts; in the others none does."""
+    poses = Poses(cells.state, cells.middle, cells.centre)
+    skipped = null_mask(constraints.nodes, cells.node, constraints.evidence)
+    if KERNEL is not None:
+        return which_may_fit(
+            KERNEL,
+            constraints.compiled_evidence,
+            *(poses.state, poses.theta, poses.position),
+            cells.half_width,
+            cells.radius,
+            skipped,
+            constraints.budget.pieces,
+        )
     return may_fit(
         constraints.catalogue,
-        Poses(cells.state, cells.middle, cells.centre),
+        poses,
         constraints.evidence,
         constraints.anchor_mm,
         cells.half_width,
         cells.radius,
-        null_mask(constraints.nodes, cells.node, constraints.evidence),
+        skipped,
         constraints.budget.pieces,
     )

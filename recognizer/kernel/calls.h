@@ -13,6 +13,10 @@ PyObject *narrow(PyObject *self, PyObject *arguments);
 PyObject *cut_cells(PyObject *self, PyObject *arguments);
 PyObject *sweep(PyObject *self, PyObject *arguments);
 PyObject *free_paths(PyObject *self, PyObject *arguments);
+PyObject *prepared_boundary(PyObject *self, PyObject *arrays);
+PyObject *verify(PyObject *self, PyObject *arguments);
+PyObject *may_fit(PyObject *self, PyObject *arguments);
+PyObject *polish(PyObject *self, PyObject *arguments);
 
 #define KERNEL_CALLS \
     {"prepared_edges", prepared_edges, METH_O, NULL}, \
@@ -22,6 +26,10 @@ PyObject *free_paths(PyObject *self, PyObject *arguments);
     {"narrow", narrow, METH_VARARGS, NULL}, \
     {"cut_cells", cut_cells, METH_VARARGS, NULL}, \
     {"sweep", sweep, METH_VARARGS, NULL}, \
-    {"free_paths", free_paths, METH_VARARGS, NULL},
+    {"free_paths", free_paths, METH_VARARGS, NULL}, \
+    {"prepared_boundary", prepared_boundary, METH_O, NULL}, \
+    {"verify", verify, METH_VARARGS, NULL}, \
+    {"may_fit", may_fit, METH_VARARGS, NULL}, \
+    {"polish", polish, METH_VARARGS, NULL},
 
 #endif
