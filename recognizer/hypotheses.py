@@ -250,9 +250,18 @@ def hypotheses_of(constraints: Constraints, regions: Regions) -> Hypotheses:
     cos, sin = np.cos(regions.theta), np.sin(regions.theta)
     x, y = (regions.position - constraints.catalogue.origins_mm[state]).T
     position = np.column_stack([cos * x - sin * y, sin * x + cos * y]) + constraints.anchor_mm
-    rows = np.lexsort((state, -volume, constraints.nulls[regions.node]))
+    # Of two that are alike in all that, as two places of one state may be, the one turned less is first.
+    rows = np.lexsort(
+        (regions.theta.round(6), state, -_but_for_rounding(volume), constraints.nulls[regions.node])
+    )
     weight = volume / (float(volume.sum()) or 1.0)
     return Hypotheses(constraints, regions.select(rows), state[rows], position[rows], weight[rows])
+
+
+def _but_for_rounding(value: Floats) -> Floats:
+    """Values (h,) to nine digits: what is equal but for rounding has no order that depends on that."""
+    share, power = np.frexp(value)
+    return np.ldexp(share.round(9), power)
 
 
 def _fewest_nulls_first(row: tuple[int | None, ...]) -> tuple[int, tuple[tuple[bool, int], ...]]:
