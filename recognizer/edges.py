@@ -3,7 +3,8 @@
 They are sorted by normal within a state, so that the angle test is a range look-up. Made by `edge_sets`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -116,6 +117,26 @@ class EdgeSet:
     def count(self) -> Ints:
         """Edges in each state, shape (S,)."""
         return np.diff(self.first)
+
+    @property
+    def supports_shape(self) -> tuple[int, ...]:
+        """Of a state's supports."""
+        return (_SUPPORTS,)
+
+    def derived(self, *, cones: bool) -> "dict[str, Floats]":
+        """What is costly to derive of all states: `supports`, and with `cones` `open_left`, `open_right`."""
+        found = {"supports": self._supports}
+        return found | dict(zip(("open_left", "open_right"), self.open_cone, strict=True)) if cones else found
+
+    def with_derived(self, derived: Mapping[str, Floats]) -> "EdgeSet":
+        """The same edges, for which that was `derived` before."""
+        result = replace(self)
+        # Where cached properties keep their values.
+        kept = vars(result)
+        kept["_supports"] = derived["supports"]
+        if "open_left" in derived:
+            kept["open_cone"] = derived["open_left"], derived["open_right"]
+        return result
 
     @cached_property
     def centre(self) -> Floats:
