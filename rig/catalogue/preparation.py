@@ -16,6 +16,7 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from palpate.files.cache import Cache, user_cache
+from palpate.files.code_digest import code_digest
 from palpate.geometry import Ints, ObjectModel
 from palpate.recognizer.catalogue import FACET_ERROR_MM, Catalogue, prepare_states
 from palpate.recognizer.contact import Finger
@@ -23,7 +24,6 @@ from palpate.recognizer.edges import CatalogueState
 from palpate.recognizer.finger_preparation import FingerPreparation, prepare_finger
 from palpate.recognizer.flat_arrays import Arrays, NamedArrays
 from palpate.recognizer.prepared_states import DIGEST_BYTES, PreparedStates, state_digest
-from palpate.rig.catalogue.code_digest import code_digest
 from palpate.rig.catalogue.processes import in_processes
 
 __all__ = ["prepared_catalogue"]
@@ -31,6 +31,7 @@ __all__ = ["prepared_catalogue"]
 _FEW_VERTICES = 2000  # of a catalogue that is prepared in hardly more time than it takes to look for it
 _ALONE_S = 1.0  # after which the rest is prepared on all cores
 _CHUNK_VERTICES = 2000  # of states that are prepared at once
+_CODE = "palpate.recognizer", "palpate.geometry"
 _LOOKED_THROUGH = 3  # files of other catalogues, for states that are the same
 
 _T = TypeVar("_T")
@@ -133,7 +134,7 @@ class _Keeper:
 
     def prepared(self, kind: _Kind[_P]) -> _P:
         """What was kept of just these states, or else of some, with the others made now."""
-        name = f"{kind.name}-{code_digest()}"
+        name = f"{kind.name}-{code_digest(*_CODE)}"
         key = hashlib.sha256(b"".join(self.digests)).hexdigest()[:32]
         found = self._load(kind, self.cache.fetch(name, key))
         if found is not None and found[1] == self.digests:
