@@ -49,7 +49,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
     Whatever ends it before the move leaves `path` as it was. Types: float64, float32, int64, bool, uint8.
     """
     table, at = [], 0
-    stored = {name: np.ascontiguousarray(value, _type_of(value)) for name, value in arrays.items()}
+    stored = {name: np.asarray(value, _type_of(value), order="C") for name, value in arrays.items()}
     for name, value in stored.items():
         table.append([name, value.dtype.str, list(value.shape), at])
         at += _padded(value.nbytes)

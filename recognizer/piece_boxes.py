@@ -37,7 +37,7 @@ class _Rectangles(Table):
         u, v = self.out[rows].T
         out = np.maximum(np.abs(x * u + y * v) - self.half_out[rows], 0.0)
         aside = np.maximum(np.abs(y * u - x * v) - self.half_aside[rows], 0.0)
-        result: Bools = np.hypot(out, aside) <= reach + self.off[rows]
+        result: Bools = out * out + aside * aside <= (reach + self.off[rows]) ** 2
         return result
 
 
@@ -52,7 +52,7 @@ class _Boxes:
     def near(self, rows: Ints, point: Floats, reach: Floats) -> Bools:
         """Whether points (m, 2) are within `reach` (m,) of the boxes `rows` (m,)."""
         x, y = np.maximum(np.maximum(self.low[rows] - point, point - self.high[rows]), 0.0).T
-        result: Bools = np.hypot(x, y) <= reach
+        result: Bools = x * x + y * y <= reach * reach
         return result
 
 

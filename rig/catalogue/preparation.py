@@ -42,23 +42,26 @@ def prepared_catalogue(
     fingers: Iterable[Finger],
     progress: Callable[[str], None] = lambda _: None,
     cache: Cache | None = None,
+    *,
+    alone_s: float = _ALONE_S,
 ) -> Catalogue:
     """A catalogue of objects that is prepared for some fingers; for others it will be when they come.
 
-    `progress` is told how far that is. `cache`: None for the user's own. Raises InputError for objects that
-    are wrong.
+    `progress` is told how far that is. `cache`: None for the user's own. `alone_s`: after so long other
+    processes help. Raises InputError for objects that are wrong.
     """
     if sum(map(_vertices, objects)) < _FEW_VERTICES:
         return Catalogue(objects)
     cache = user_cache() if cache is None else cache
     single = [replace(item, states=(state,)) for item in objects for state in item.states]
     digests = [state_digest(item, item.states[0]) for item in single]
-    states = _prepared_states(single, _Keeper(cache, digests, progress)).states(objects)
+    keeper = _Keeper(cache, digests, progress, alone_s)
+    states = _prepared_states(single, keeper).states(objects)
     catalogue = Catalogue(objects, states=states)
     wanted = sorted(set(fingers))
     for number, finger in enumerate(wanted, 1):
         what = "" if len(wanted) == 1 else f" (finger {number} of {len(wanted)})"
-        catalogue.take(finger, _prepared_finger(states, finger, _Keeper(cache, digests, progress, what)))
+        catalogue.take(finger, _prepared_finger(states, finger, replace(keeper, what=what)))
     return catalogue
 
 
@@ -130,6 +133,7 @@ class _Keeper:
     cache: Cache
     digests: Sequence[bytes]
     progress: Callable[[str], None]
+    alone_s: float
     what: str = ""
 
     def prepared(self, kind: _Kind[_P]) -> _P:
@@ -187,7 +191,7 @@ class _Keeper:
         total, done, begun = sum(len(states) for states, *_ in arguments), 0, time.monotonic()
         alone = parent_process() is not None or (os.cpu_count() or 1) == 1
         at = 0
-        while at < len(arguments) and (alone or time.monotonic() - begun < _ALONE_S):
+        while at < len(arguments) and (alone or time.monotonic() - begun < self.alone_s):
             self._tell(done, total)
             yield function(*arguments[at])
             done += len(arguments[at][0])
