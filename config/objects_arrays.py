@@ -16,10 +16,12 @@ def arrays_of_objects(objects: tuple[ObjectModel, ...], notices: tuple[str, ...]
     """Object models and what there was to say of their file."""
     rings = list(_rings(objects))
     text = json.dumps([list(notices), [_object(item) for item in objects]])
+    points = np.concatenate([np.empty((0, 2)), *rings])
+    points.setflags(write=False)
     return {
         "text": np.frombuffer(text.encode(), np.uint8),
         "sizes": np.array([len(ring) for ring in rings], np.int64),
-        "points": np.concatenate([np.empty((0, 2)), *rings]),
+        "points": points,
     }
 
 
