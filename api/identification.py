@@ -18,11 +18,12 @@ from palpate.config.results import to_json
 from palpate.config.writers import file_text
 from palpate.errors import PalpateError
 from palpate.files.writing import write_text
-from palpate.recognizer import Catalogue
 from palpate.rig.bench import BenchRig, environment, place, set_up
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.catalogue.reachability_text import finding_lines
+from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
 from palpate.rig.emulated.scene import Placement, draw_placement
 from palpate.rig.emulated.scene_reachability import scene_lines
@@ -77,6 +78,7 @@ def identify_on(
     on_session: Callable[[Path], None],
     notice: Callable[[str], None],
     warn: Callable[[str], None],
+    progress: Callable[[str], None],
 ) -> Answer:
     """Identify, with a session log below `sessions`; arguments and errors as `Rig.identify`.
 
@@ -94,12 +96,14 @@ def identify_on(
     for line in scene_lines(on_bench.described, lies) if scene is not None and lies is not None else ():
         warn(line)
     inputs = _Inputs(on_bench, objects, scene, seed, strategy)
+    # Before there are ports, which processes that prepare it would inherit.
+    catalogue = prepared_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers), progress)
     bench = set_up(on_bench.described, lies, seed)
     placement_now = partial(placement_in_hand_frame, on_bench, lies, seed, bench.emulated)
     started = datetime.now(UTC).replace(microsecond=0)
     job = IdentificationJob(
         on_bench.rig,
-        Catalogue(objects.objects),
+        catalogue,
         placement_now(),
         strategy,
         seed,

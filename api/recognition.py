@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from palpate import recognizer
@@ -11,9 +11,10 @@ from palpate.api.arguments import checked
 from palpate.api.files import PathLike, load_contacts, objects_from
 from palpate.config import ContactsFile, ObjectsFile, RigFile
 from palpate.errors import InputError
-from palpate.recognizer import Budget, Catalogue, Contact
+from palpate.recognizer import Budget, Contact, Finger
 from palpate.rig.catalogue.heights import check_known, fingers_of
-from palpate.rig.conversion import grips_of
+from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.conversion import finger_of, grips_of
 from palpate.rig.identification.next_grip import plan_for
 from palpate.views.explanation import ContactRecord
 from palpate.vocabulary import DEFAULT_BUDGET, Strategy
@@ -31,16 +32,18 @@ def recognise(
     *,
     max_spurious: int = 0,
     budget: int = DEFAULT_BUDGET,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> RecognitionAnswer:
     """Recognise: which objects, states and configurations agree with contacts.
 
     `objects`: None for the shipped ones. `max_spurious`: as many contacts need not be the object's.
-    `budget`: units of work; with fewer there are more hypotheses, with wider bounds. Raises InputError for
-    files that are wrong, and for objects that are not known at the contacts' heights.
+    `budget`: units of work; with fewer there are more hypotheses, with wider bounds. `progress` is told of
+    the preparation of a large catalogue. Raises InputError for files that are wrong, and for objects that are
+    not known at the contacts' heights.
     """
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, fingers_of(given.contacts))
-    catalogue = Catalogue(models.objects)
+    catalogue = prepared_catalogue(models.objects, _fingers_in(given), progress)
     begin = time.perf_counter()
     recognition = recognizer.recognise(catalogue, given.contacts, max_spurious, Budget(budget))
     seconds = time.perf_counter() - begin
@@ -56,15 +59,18 @@ def plan(
     *,
     strategy: Strategy | str = Strategy.PLANNED,
     seed: int = 0,
+    progress: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """Plan: the grip of a rig that follows on contacts (memo §3.2), and what each hypothesis predicts of it.
 
-    `seed` draws the grip of the strategy `random`. Raises InputError for files that are wrong, for objects
-    that are not known at the fingers' heights, and if no finger touched anything.
+    `seed` draws the grip of the strategy `random`. `progress` is told of a large catalogue's preparation.
+    Raises InputError for files that are wrong, for objects that are not known at the fingers' heights, and if
+    no finger touched anything.
     """
     models, given = objects_from(objects), _contacts(contacts)
     check_known(models.objects, [*rig.fingers, *fingers_of(given.contacts)])
-    catalogue = Catalogue(models.objects)
+    fingers = {*map(finger_of, rig.fingers), *_fingers_in(given)}
+    catalogue = prepared_catalogue(models.objects, fingers, progress)
     planned = plan_for(rig, catalogue, given.grips, strategy_named(strategy), seed)
     return Plan(planned, given, catalogue, f"{_name(contacts, 'contacts')} on rig {rig.name}")
 
@@ -80,6 +86,10 @@ def _contacts(contacts: Contacts) -> ContactRecord:
     if isinstance(contacts, str | os.PathLike):
         contacts = load_contacts(contacts)
     return ContactRecord(grips_of(contacts) if isinstance(contacts, ContactsFile) else contacts)
+
+
+def _fingers_in(given: ContactRecord) -> set[Finger]:
+    return {contact.finger for contact in given.contacts}
 
 
 def _name(given: object, otherwise: str) -> str:

@@ -115,6 +115,7 @@ class Rig:
         on_session: Callable[[Path], None] = lambda _: None,
         notice: Callable[[str], None] = warning,
         warn: Callable[[str], None] = warning,
+        progress: Callable[[str], None] = lambda _: None,
     ) -> Answer:
         """Identify what lies on the table: touch it until there is one answer, or none can be had.
 
@@ -127,6 +128,7 @@ class Rig:
             on_session: called with the session's folder, if there is one, before anything moves.
             notice: called, beside the thread that drives the devices, with what the operator should do now.
             warn: called before anything moves with what limits the run, such as parts that fingers miss.
+            progress: called before anything moves with how far a large catalogue is prepared.
 
         Raises:
             InputError: something about rig, objects or scene is wrong; nothing was moved.
@@ -153,6 +155,7 @@ class Rig:
                 on_session=on_session,
                 notice=notice,
                 warn=warn,
+                progress=progress,
             )
 
     @checked
@@ -162,9 +165,12 @@ class Rig:
         contacts: recognition.Contacts,
         *,
         strategy: Strategy | str = Strategy.PLANNED,
+        progress: Callable[[str], None] = lambda _: None,
     ) -> Plan:
-        """Plan the next grip for contacts, without touching anything. Raises as `plan`."""
-        return recognition.plan(self.file, objects, contacts, strategy=strategy, seed=self._seed)
+        """Plan the next grip for contacts, without touching anything. `progress` and errors as of `plan`."""
+        return recognition.plan(
+            self.file, objects, contacts, strategy=strategy, seed=self._seed, progress=progress
+        )
 
     @checked
     def check(

@@ -14,8 +14,9 @@ from palpate.api.files import PathLike
 from palpate.api.monitor import Monitor
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import InputError
-from palpate.recognizer import Catalogue
 from palpate.rig.bench import place
+from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.conversion import finger_of
 from palpate.rig.emulated.calibrated_truth import placement_in_hand_frame
 from palpate.rig.monitor.paced_clock import paced
 from palpate.rig.monitor.recorded_arrays import open_recorded_arrays
@@ -110,7 +111,7 @@ class Session:
         on_bench, objects, given = kept_inputs(self.folder, scene=scene, calibration=calibrated_run(self.log))
         seen = placement_in_hand_frame(on_bench, place(on_bench.described, objects, given, seed), seed)
         started = None if on_bench.calibration is None else self._started()
-        models = Catalogue(objects.objects)
+        models = prepared_catalogue(objects.objects, map(finger_of, on_bench.rig.fingers))
         return IdentificationJob(
             on_bench.rig, models, seen, Strategy(strategy), seed, on_bench.calibration, started
         )

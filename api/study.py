@@ -14,9 +14,11 @@ from palpate.config.study_result import ConfusionOut, HeightsOut, StudyOut
 from palpate.errors import InputError
 from palpate.rig.catalogue.finger_model import rig_fingers
 from palpate.rig.catalogue.heights import check_known
+from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.catalogue.section_stack import state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.twins import find_twins
+from palpate.rig.conversion import finger_of
 from palpate.rig.study.campaign import RunsFile, carry_out
 from palpate.rig.study.simulation import Simulation, held_still
 from palpate.rig.study.summary import study_out
@@ -52,6 +54,8 @@ def study(
     begin = time.perf_counter()
     still_rig, still_objects = held_still(rig, objects)
     simulation = Simulation(still_rig, still_objects, strategy, seed)
+    # Kept, it is there for the processes that carry out runs.
+    prepared_catalogue(still_objects.objects, map(finger_of, still_rig.fingers), progress)
     with TemporaryDirectory() as folder:
         path = Path(folder, "runs.jsonl") if keep is None else Path(keep)
         found = carry_out(simulation, runs, RunsFile(path, simulation, version("palpate")), progress)

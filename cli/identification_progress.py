@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.status import Status
 
 from palpate.api.answers import Answer
+from palpate.cli.time_left import TimeLeft
 from palpate.errors import counted
 from palpate.recognizer import Recognition
 from palpate.rig.identification.observers import (
@@ -28,6 +29,7 @@ class Progress:
     def __init__(self, console: Console) -> None:
         self._console = console
         self._status: Status | None = None
+        self._left = TimeLeft()
 
     def __enter__(self) -> "Progress":
         if self._console.is_terminal:
@@ -42,6 +44,10 @@ class Progress:
     def notice(self, text: str) -> None:
         """The operator should know or do something now."""
         self._console.print(text)
+
+    def doing(self, text: str) -> None:
+        """What goes on before the bench is connected; how much time is left stands after a count in it."""
+        self._now(self._left.after(text))
 
     def __call__(self, event: Event) -> None:
         """Show an event."""

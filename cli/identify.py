@@ -61,6 +61,7 @@ def identify(
             on_session=partial(start_view, view_port) if view else lambda _: None,
             notice=progress.notice,
             warn=lambda line: print_notices([line]),
+            progress=progress.doing,
         )
     failure = answer.failure
     try:

@@ -34,7 +34,7 @@ def plan(
     """
     from palpate.api.files import load_objects, name_of
     from palpate.api.rig import open_rig
-    from palpate.cli.terminal import Terminal, print_notices
+    from palpate.cli.terminal import Doing, Terminal, print_notices
     from palpate.files.writing import check_place, write_text
     from palpate.rig.catalogue.reachability_text import finding_lines
     from palpate.views.explanation import explain, explanation_lines
@@ -44,7 +44,8 @@ def plan(
     models = load_objects(objects)
     if picture is not None:
         check_place(picture)
-    answer = opened.plan(models, contacts, strategy=strategy.value)
+    with Doing(Terminal(stderr=True, soft_wrap=True), "planning") as doing:
+        answer = opened.plan(models, contacts, strategy=strategy.value, progress=doing.now)
     print_notices(finding_lines(opened.file, models.objects, name_of(objects)))
     if picture is not None:
         write_text(picture, answer.picture())

@@ -10,6 +10,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib.resources.abc import Traversable
 from typing import Any, TypeVar
 
@@ -20,11 +21,25 @@ from palpate.errors import InputError
 from palpate.files import read_bytes
 from palpate.files.limits import JSON_BYTES, NESTING, TABLE_KEYS, TOML_BYTES, VALUES
 
-__all__ = ["Source", "load_json", "load_toml", "source_name"]
+__all__ = ["Content", "Source", "load_json", "load_toml", "read_json", "source_name"]
 
-Source = str | os.PathLike[str] | Traversable
-"""A path, or a file that ships inside the package."""
 
+@dataclass(frozen=True)
+class Content:
+    """A file that was read already: the name that its user gave it, and its bytes."""
+
+    name: str
+    data: bytes
+
+    def read_bytes(self) -> bytes:
+        """All of it."""
+        return self.data
+
+
+Source = str | os.PathLike[str] | Traversable | Content
+"""A path, a file that ships inside the package, or one that was read already."""
+
+_DIVIDE = "divide it into several files"
 _Model = TypeVar("_Model", bound=BaseModel)
 _TOML_POSITION = re.compile(r"^(?P<what>.*?)\s*\(at (?P<where>.*)\)$", re.DOTALL)
 
@@ -48,7 +63,7 @@ def load_json(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
         InputError: anything is wrong with the file; one line, the first problem and the number of others.
 
     """
-    text = _read_text(source, JSON_BYTES, "divide it into several files")
+    text = _read_text(source, JSON_BYTES, _DIVIDE)
     return _load(source, text, model, nouns, _decode_json, "JSON")
 
 
@@ -56,6 +71,11 @@ def load_toml(source: Source, model: type[_Model], nouns: Mapping[str, str]) -> 
     """Read `source` as TOML into `model`; otherwise as `load_json`."""
     text = _read_text(source, TOML_BYTES, "give the file that was meant")
     return _load(source, text, model, nouns, _decode_toml, "TOML")
+
+
+def read_json(path: str | os.PathLike[str]) -> Content:
+    """The bytes of a JSON file, to be a source. InputError where it cannot be read, or is too large."""
+    return Content(os.fspath(path), read_bytes(path, JSON_BYTES, _DIVIDE))
 
 
 def source_name(source: Source) -> str:

@@ -8,19 +8,26 @@ Outlines keep the order of the file, whichever way round they run: edge k goes f
 the last edge back to point 0. Edges of a section are counted polygon by polygon, outer before holes.
 """
 
+import hashlib
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from typing import TypeGuard
 
 import numpy as np
+import pydantic
 
 from palpate.config.idle_points import without_idle_points
-from palpate.config.loading import Source, load_json, source_name
+from palpate.config.loading import Source, load_json, read_json, source_name
+from palpate.config.objects_arrays import arrays_of_objects, objects_of_arrays
 from palpate.config.objects_checks import NOUNS, objects_problems
 from palpate.config.objects_rings import curve_of, facets_for, flat_curve, stray_for_mm
 from palpate.config.objects_tables import ObjectsFileText, ObjectText, PolygonText, SectionText, StateText
 from palpate.config.problems import Problem, place_in_words, refuse
 from palpate.files import confined
+from palpate.files.cache import user_cache
+from palpate.files.code_digest import code_digest
 from palpate.files.limits import UNCONFINED_BYTES
 from palpate.geometry import Floats, ObjectModel, Polygon, Section, State
 
@@ -35,6 +42,7 @@ __all__ = [
 FLAT = "flat"
 """Name of the only state of an object given in the short form."""
 
+_LIBRARY = pydantic.VERSION.replace(".", "-")
 _SHOWN = 8  # names in a repr
 
 
@@ -65,22 +73,32 @@ def load_objects(source: Source) -> ObjectsFile:
             the object and the place.
 
     """
-    if not _large(source):
-        return _loaded(source)
-    objects = confined(source_name(source), "divide it", _loaded, source)
-    for model in objects.objects:
-        for ring in (ring for state in model.states for section in state.sections for ring in section.rings):
-            ring.setflags(write=False)
-    return objects
+    found = _loaded_large(source) if _is_large(source) else _loaded(source)
+    name = source_name(source)
+    return replace(found, notices=tuple(f"{name}: {line}" for line in found.notices))
 
 
 def _loaded(source: Source) -> ObjectsFile:
     text, notices = without_idle_points(load_objects_text(source))
-    name = source_name(source)
-    return replace(checked_objects(text, name), notices=tuple(f"{name}: {line}" for line in notices))
+    return replace(checked_objects(text, source_name(source)), notices=notices)
 
 
-def _large(source: Source) -> bool:
+def _loaded_large(source: str | os.PathLike[str]) -> ObjectsFile:
+    """What was kept of a file of the same content, or else what a process with limits reads of it."""
+    content, cache = read_json(source), user_cache()
+    kind = f"objects-{code_digest('palpate.config', 'palpate.geometry')}-{_LIBRARY}"
+    key = hashlib.sha256(content.data).hexdigest()
+    kept = cache.fetch(kind, key)
+    if kept is not None:
+        with suppress(ValueError):
+            return ObjectsFile(*objects_of_arrays(kept))
+    found = confined(content.name, "divide it", _loaded, content)
+    arrays = arrays_of_objects(found.objects, found.notices)
+    cache.keep(kind, key, arrays)
+    return ObjectsFile(*objects_of_arrays(arrays))
+
+
+def _is_large(source: Source) -> TypeGuard[str | os.PathLike[str]]:
     """Can checking outlines against each other, by the square of their number, take long?"""
     try:
         return isinstance(source, str | os.PathLike) and os.stat(source).st_size > UNCONFINED_BYTES

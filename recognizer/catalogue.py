@@ -16,6 +16,7 @@ from palpate.recognizer.checks import check_model
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edge_sets import outline_set, pairing_set
 from palpate.recognizer.edges import CatalogueState, EdgeSet
+from palpate.recognizer.finger_preparation import FingerPreparation
 from palpate.recognizer.pairs import PairTable
 from palpate.recognizer.pockets import Pockets, conservative_pockets
 from palpate.recognizer.round_edges import ROUND_ORDER
@@ -23,7 +24,11 @@ from palpate.recognizer.strip_trees import StripForest, strip_forest
 from palpate.recognizer.symmetry import centroid, rotational_symmetry, symmetrised
 from palpate.recognizer.true_boundary import TrueBoundary, true_boundary
 
-__all__ = ["Catalogue"]
+__all__ = ["FACET_ERROR_MM", "Catalogue", "prepare_states"]
+
+FACET_ERROR_MM = 0.1
+"""By how much an arc may bulge over its facet, where nothing else is said."""
+
 
 SYMMETRY_TOLERANCE_MM = 1e-3
 _TRAVEL_STEP_MM = 20.0
@@ -36,26 +41,24 @@ class Catalogue:
 
     `facet_error_mm`: how far an arc may bulge over its facet; part of the error bound, so small, but every
     halving makes the arcs' facets 1.4 times as many. States with more than `flat_edges` edges are searched
-    by strip trees (memo §3.3). `reach_mm` (S,): each state lies within this distance of its centroid. Raises
-    InputError for an empty catalogue.
+    by strip trees (memo §3.3). `states`: of the objects, where `prepare_states` has given them already.
+    `reach_mm` (S,): each state lies within this distance of its centroid. Raises InputError for an empty
+    catalogue.
     """
 
     def __init__(
         self,
         objects: Sequence[ObjectModel],
         *,
-        facet_error_mm: float = 0.1,
+        facet_error_mm: float = FACET_ERROR_MM,
         flat_edges: int = _FLAT_EDGES,
+        states: Sequence[CatalogueState] | None = None,
     ) -> None:
         if not objects:
             raise InputError("the catalogue is empty: at least one object is needed")
         if not 1e-6 <= facet_error_mm <= 1.0:
             raise InputError(f"the facet error must be from 1e-6 to 1 mm, not {facet_error_mm:g}")
-        for item in objects:
-            check_model(item)
-        self.states: tuple[CatalogueState, ...] = tuple(
-            _prepare(item, state) for item in objects for state in item.states
-        )
+        self.states: tuple[CatalogueState, ...] = tuple(prepare_states(objects) if states is None else states)
         self.symmetry_orders: Ints = np.array([state.symmetry.order for state in self.states])
         self.origins_mm: Floats = np.array([state.origin_mm for state in self.states])
         self.reach_mm: Floats = np.array([_reach_mm(state) for state in self.states])
@@ -72,6 +75,12 @@ class Catalogue:
     def __repr__(self) -> str:
         objects = len({state.object_name for state in self.states})
         return f"<Catalogue {len(self.states)} states of {objects} objects>"
+
+    def take(self, finger: Finger, preparation: FingerPreparation) -> None:
+        """Use what is prepared of these states for a finger already."""
+        self._outlines[finger] = preparation.outlines
+        self._edges[finger] = preparation.edges
+        self._boundaries[finger] = preparation.boundary
 
     def edges(self, finger: Finger) -> EdgeSet:
         """The edges that a contact of `finger` may be paired with."""
@@ -127,6 +136,13 @@ class Catalogue:
         if key not in self._pockets:
             self._pockets[key] = conservative_pockets(self.edges(finger), allowance, travel)
         return self._pockets[key]
+
+
+def prepare_states(objects: Sequence[ObjectModel]) -> list[CatalogueState]:
+    """Check objects and find the symmetry of every state. Raises InputError for an object that is wrong."""
+    for item in objects:
+        check_model(item)
+    return [_prepare(item, state) for item in objects for state in item.states]
 
 
 def _reach_mm(item: CatalogueState) -> float:

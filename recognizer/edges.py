@@ -3,7 +3,8 @@
 They are sorted by normal within a state, so that the angle test is a range look-up. Made by `edge_sets`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any
@@ -116,6 +117,26 @@ class EdgeSet:
     def count(self) -> Ints:
         """Edges in each state, shape (S,)."""
         return np.diff(self.first)
+
+    @property
+    def supports_shape(self) -> tuple[int, ...]:
+        """Of a state's supports."""
+        return (_SUPPORTS,)
+
+    def derived(self, *, cones: bool) -> "dict[str, Floats]":
+        """What is costly to derive of all states: `supports`, and with `cones` `open_left`, `open_right`."""
+        found = {"supports": self._supports}
+        return found | dict(zip(("open_left", "open_right"), self.open_cone, strict=True)) if cones else found
+
+    def with_derived(self, derived: Mapping[str, Floats]) -> "EdgeSet":
+        """The same edges, for which that was `derived` before."""
+        result = replace(self)
+        # Where cached properties keep their values.
+        kept = vars(result)
+        kept["_supports"] = derived["supports"]
+        if "open_left" in derived:
+            kept["open_cone"] = derived["open_left"], derived["open_right"]
+        return result
 
     @cached_property
     def centre(self) -> Floats:
@@ -312,20 +333,37 @@ def _open_cones(edges: EdgeSet, rows: slice, block: slice) -> tuple[Floats, Floa
     What is between the left limit's ray from the edge's one end and the right limit's from its other end must
     hold no vertex, and no edge may run across it: then it crosses the normal from the middle as well.
     """
-    normal, along, half = edges.normal[rows, None], edges.direction[rows, None], edges.half_length[rows, None]
-    rel = edges.start[block] - edges.centre[rows, None]
-    out, aside = np.sum(rel * normal, axis=2), np.sum(rel * along, axis=2)
+    half = edges.half_length[rows, None]
+    out, aside = _seen_from(edges, rows, edges.start[block])
     beyond = out > _ON_LINE_MM
     # Seen along the outward normal, left is where the edge goes on to.
-    seen_left = np.where(beyond & (aside >= 0), np.arctan2(aside - half, out), np.pi / 2)
-    seen_right = np.where(beyond & (aside < 0), np.arctan2(-aside - half, out), np.pi / 2)
-    to = edges.end[block] - edges.centre[rows, None]
-    out_to, aside_to = np.sum(to * normal, axis=2), np.sum(to * along, axis=2)
+    seen = [
+        _least_turn(beyond & (aside >= 0), aside - half, out),
+        _least_turn(beyond & (aside < 0), -aside - half, out),
+    ]
+    out_to, aside_to = _seen_from(edges, rows, edges.end[block])
     across = (aside < 0) != (aside_to < 0)
     gap = np.where(across, aside_to - aside, 1.0)
     wall = np.any(across & (out - aside * (out_to - out) / gap > _ON_LINE_MM), axis=1)
-    left, right = (np.where(wall, -1.0, seen.min(axis=1)) for seen in (seen_left, seen_right))
+    left, right = (np.where(wall, -1.0, turn) for turn in seen)
     return left, right
+
+
+def _seen_from(edges: EdgeSet, rows: slice, point: Floats) -> tuple[Floats, Floats]:
+    """How far out and aside points (n, 2) are from the middles of edges (m), (m, n) each."""
+    x, y = (point[:, k] - edges.centre[rows, k, None] for k in (0, 1))
+    normal_x, normal_y = edges.normal[rows, 0, None], edges.normal[rows, 1, None]
+    along_x, along_y = edges.direction[rows, 0, None], edges.direction[rows, 1, None]
+    return x * normal_x + y * normal_y, x * along_x + y * along_y
+
+
+def _least_turn(seen: Bools, aside: Floats, out: Floats) -> Floats:
+    """Least angle (m,) from ahead to what is `seen` (m, n), so far `aside` and `out` > 0; π/2 for nothing."""
+    slope = np.divide(aside, out, out=np.full(seen.shape, np.inf), where=seen)
+    row, least = np.arange(len(seen)), np.argmin(slope, axis=1)
+    turn = np.arctan2(aside[row, least], out[row, least])
+    result: Floats = np.where(seen[row, least], turn, np.pi / 2)
+    return result
 
 
 def ring_order(start: Floats, end: Floats) -> tuple[Ints, list[int]]:

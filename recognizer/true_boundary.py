@@ -22,16 +22,13 @@ from palpate.recognizer.bounding_circles import blocks, circles_round
 from palpate.recognizer.compiled import KERNEL
 from palpate.recognizer.contact import Finger
 from palpate.recognizer.edges import CatalogueState
-from palpate.recognizer.tables import expand_ranges
+from palpate.recognizer.piece_boxes import PieceBoxes, boxes_of
 from palpate.recognizer.tip_clearance import clearance_tilts_rad
 from palpate.recognizer.uncovered_pieces import uncovered
 
 __all__ = ["TrueBoundary", "true_boundary"]
 
 _NOTHING_MM = 1e-9  # shorter sides are none
-_APART_MM = 1e5  # states in the tree of pieces: coordinates are below 10⁴ mm
-_ROUNDING_MM = 1e-5  # at a distance of 10⁴ states
-_STEP_RAD = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +51,7 @@ class TrueBoundary:
 
         And some more.
         """
-        lines, piece = self._lines
-        places = shapely.points(point[:, 0] + _APART_MM * state, point[:, 1])
-        most = self.radius_mm * _STEP_RAD / 2 + float(self.pieces.off.max(initial=0.0)) + _ROUNDING_MM
-        owner, line = lines.query(places, predicate="dwithin", distance=reach + most)
-        pairs = np.unique(owner * len(self.pieces) + piece[line])
-        return np.divmod(pairs, max(len(self.pieces), 1))
+        return self._boxes.near(state, point, reach)
 
     @cached_property
     def arrays(self) -> tuple[NDArray[Any], ...]:
@@ -102,20 +94,8 @@ class TrueBoundary:
         return {key: value for key, value in self.__dict__.items() if key not in {"arrays", "prepared"}}
 
     @cached_property
-    def _lines(self) -> tuple[shapely.STRtree, Ints]:
-        """Where the tip's centre is on pieces, each at some of its normals; and the piece of each line.
-
-        States lie side by side. Between two lines of a piece no place is further from either than half a
-        step of its normals takes it.
-        """
-        pieces = self.pieces
-        count = np.maximum(np.ceil(pieces.turn_rad / _STEP_RAD), 1).astype(np.int64)
-        piece, nth = expand_ranges(np.zeros_like(count), count)
-        angle = pieces.normal_rad[piece] + (nth + 0.5) * (pieces.turn_rad / count)[piece]
-        start = pieces.start[piece] + self.radius_mm * np.column_stack([np.cos(angle), np.sin(angle)])
-        start[:, 0] += _APART_MM * pieces.state[piece]
-        end = start + (pieces.along * pieces.length[:, None])[piece]
-        return shapely.STRtree(shapely.linestrings(np.stack([start, end], axis=1))), piece
+    def _boxes(self) -> PieceBoxes:
+        return boxes_of(self.pieces, self.first_piece, self.radius_mm)
 
 
 def true_boundary(states: Sequence[CatalogueState], finger: Finger) -> TrueBoundary:

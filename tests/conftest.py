@@ -1,11 +1,14 @@
 """What holds for every test: reproducible properties, and nothing left running behind a test."""
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+
+os.environ["PALPATE_CACHE"] = "off"  # also of commands under test: what was kept must not decide a test
 
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")

@@ -9,7 +9,8 @@ import numpy as np
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.study_result import RivalOut, StudyRunOut
 from palpate.recognizer import Catalogue, Recognition
-from palpate.rig.conversion import resolution_of
+from palpate.rig.catalogue.preparation import prepared_catalogue
+from palpate.rig.conversion import finger_of, resolution_of
 from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.scene import draw_placement
 from palpate.rig.identification.loop import search
@@ -44,7 +45,7 @@ class Simulation:
 
     @cached_property
     def _catalogue(self) -> Catalogue:
-        return Catalogue(self.objects.objects)
+        return prepared_catalogue(self.objects.objects, map(finger_of, self.rig.fingers))
 
     @cached_property
     def _reach(self) -> Reach:
