@@ -24,7 +24,7 @@ __all__ = ["ALIKE_MM", "ALIKE_RAD", "Asked", "Case", "Judge", "ask", "drawn_mode
 
 TIP_RADIUS_MM = 5.0
 BOUND_MM = 0.3
-ALIKE_MM, ALIKE_RAD = 5.0, math.radians(5.0)
+ALIKE_MM, ALIKE_RAD = 10.0, math.radians(10.0)  # twice what peers take for one answer
 SLACK_MM, SLACK_RAD = 1e-3, 3e-3
 SYMMETRIC_SHARE = 1e-3
 
@@ -137,7 +137,7 @@ class Judge:
     def covers(self, answer: Answer, other: Answer) -> bool:
         """Whether `answer` holds another one's pose, or one that is the same by the object's symmetry.
 
-        In its box, if it has one; else within 5 mm and 5°.
+        In its box, if it has one; else within 10 mm and 10°.
         """
         if answer.name != other.name:
             return False
