@@ -8,11 +8,13 @@ are consistent with it (`correspondence`): many times as quick as one paving of 
 are one answer.
 """
 
+import ctypes
+import ctypes.util
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import reduce
 
-import codac
 import numpy as np
 from correspondence import Features, adjacency
 from outline import QUAD_SEGMENTS, Outline, Ring, bulge_mm
@@ -20,9 +22,27 @@ from question import Answer, Model, Peer, Solve, Touch
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+_LIBM = ctypes.CDLL(ctypes.util.find_library("m"))
+_NEAREST = _LIBM.fegetround()
+
+import codac  # noqa: E402 (from its import on the processor rounds upward)
+
+_UPWARD = _LIBM.fegetround()
+_LIBM.fesetround(_NEAREST)
+
 LEVER_MM = 20.0  # θ times this is a length like x and y
 RESOLUTION_MM = 0.25
 SPAN_RAD = math.pi / 4 / QUAD_SEGMENTS
+
+
+@contextmanager
+def rounding_upward() -> Iterator[None]:
+    """As codac's intervals need it. Not for shapely: it then grows outlines wrongly, by millimetres."""
+    _LIBM.fesetround(_UPWARD)
+    try:
+        yield
+    finally:
+        _LIBM.fesetround(_NEAREST)
 
 
 def prepare(models: Sequence[Model]) -> Solve:
@@ -51,16 +71,19 @@ def paved(features: Features, touches: Sequence[Touch]) -> np.ndarray:
         others = [np.flatnonzero(fits[0, edge, number]) for number in range(1, len(touches))]
         if not all(len(edges) for edges in others):
             continue
-        parts = [
-            reduce(codac.CtcUnion, [on_edge(ring, touch, other) for other in edges])
-            for touch, edges in zip(touches, [[edge], *others], strict=True)
-        ]
-        paving = codac.pave(first_box(ring, touches[0], edge), reduce(codac.CtcInter, parts), RESOLUTION_MM)
-        boxes += [
-            [(side.lb(), side.ub()) for side in box]
-            for box in paving.boxes(codac.PavingOut.outer)
-            if not box.is_empty()
-        ]
+        with rounding_upward():
+            parts = [
+                reduce(codac.CtcUnion, [on_edge(ring, touch, other) for other in edges])
+                for touch, edges in zip(touches, [[edge], *others], strict=True)
+            ]
+            paving = codac.pave(
+                first_box(ring, touches[0], edge), reduce(codac.CtcInter, parts), RESOLUTION_MM
+            )
+            boxes += [
+                [(side.lb(), side.ub()) for side in box]
+                for box in paving.boxes(codac.PavingOut.outer)
+                if not box.is_empty()
+            ]
     return np.array(boxes)
 
 
