@@ -36,7 +36,7 @@ SHIPPED, DRAWN, SMOOTH = "shipped", "drawn", "smooth"
 
 @dataclass(frozen=True)
 class Setting:
-    """What a row's grips are of: `kind` of outlines, how many and of how many edges, and how they are touched."""
+    """What a row's grips are of: `kind` of outlines, how many, of how many edges, and how touched."""
 
     kind: str = SHIPPED
     outlines: int = 6

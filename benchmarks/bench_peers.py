@@ -77,6 +77,8 @@ class SkippedError(Exception):
 
 def run(peer: str, asked: Asked, python: str, *options: str) -> Run:
     """Let a peer answer. Raises SkippedError if it is not installed, RuntimeError if it fails."""
+    if not Path(python).exists():
+        raise SkippedError("its environment was not made (make bench-torch)")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "problem.json")
         write(asked.problem, path)
