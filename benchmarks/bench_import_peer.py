@@ -13,6 +13,7 @@ import statistics
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import reduce
 from importlib import metadata
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def with_trimesh(path: Path) -> int:
         laid.apply_transform(pose)
         for path_2d in laid.section_multiplane([0.0, 0.0, 0.0], [0.0, 0.0, 1.0], HEIGHTS_MM):
             if path_2d is not None:
-                list(path_2d.polygons_full)
+                reduce(shapely.symmetric_difference, path_2d.polygons_closed)
     return len(probable)
 
 
