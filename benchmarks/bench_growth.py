@@ -99,7 +99,7 @@ GROWTHS = (
     along(
         "Outlines in the catalogue: drawn ones of 20 edges",
         "outlines",
-        (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000, 20_000),
+        (1, 10, 100, 300, 1000, 5000, 20_000),
         lambda n: Setting(DRAWN, int(n)),
     ),
     along("Contacts", "contacts", (1, 2, 3, 4, 6, 8, 10, 12), lambda n: replace(BASE, contacts=int(n))),
