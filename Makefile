@@ -5,8 +5,10 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 DEV    := $(VENV)/.installed-dev
 OTHER  := $(VENV)/other
+PEERS  := $(VENV)/bench
+TORCH  := $(VENV)/bench-torch
 
-.PHONY: help demo test lint types layers check firmware docs campaign clean
+.PHONY: help demo test lint types layers check firmware docs campaign bench bench-torch clean
 
 help:
 	@echo "make demo      identify a part on the emulated bench (installs what it needs first)"
@@ -14,6 +16,8 @@ help:
 	@echo "make firmware  the C firmware for arrays, on this computer, and what its tests need"
 	@echo "make docs      the documentation as a site, in build/docs"
 	@echo "make campaign  the tests with all their cases and the long seeded benchmarks, with their tables"
+	@echo "make bench     palpate beside its peers and how cost grows: writes the tables of docs/performance.md"
+	@echo "make bench-torch  installs the peers that need PyTorch (7 GB) for make bench"
 	@echo "make clean     remove what the above made"
 
 $(STAMP): pyproject.toml
@@ -64,6 +68,23 @@ campaign: $(DEV)
 	$(BIN)/python benchmarks/bench_recognizer.py
 	$(BIN)/python benchmarks/bench_identify.py
 	$(BIN)/python benchmarks/bench_firmware.py
+
+$(PEERS)/.installed: benchmarks/requirements.txt
+	$(PYTHON) benchmarks/install_peers.py $< $(PEERS)
+
+$(TORCH)/.installed: benchmarks/requirements-torch.txt
+	$(PYTHON) benchmarks/install_peers.py $< $(TORCH)
+
+bench-torch: $(TORCH)/.installed
+
+# on one core; what is not installed is named as skipped
+bench: $(DEV) $(PEERS)/.installed
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_peers.py --write \
+		--python $(PEERS)/bin/python --torch-python $(TORCH)/bin/python
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_servo_peers.py --write \
+		--python $(PEERS)/bin/python --torch-python $(TORCH)/bin/python
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_import_peer.py --write
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/bench_growth.py --write
 
 clean:
 	$(MAKE) -C firmware clean
