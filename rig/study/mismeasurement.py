@@ -6,6 +6,7 @@ shared with the recogniser.
 
 import math
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import shapely
@@ -17,7 +18,8 @@ from palpate.recognizer import Contact, FingerApproach, NormalRange, Resolution
 __all__ = ["Mismeasurement"]
 
 _TOUCHES_MM = 1e-9  # the gap at which a tip counts as touching
-_PATH_SHARE = 0.55  # of an approach's own bound: what its way is free within
+_PATH_SHARE = 0.42  # of an approach's own bound: what its way is free within
+_SHARPEST, _BLUNTEST = 0.7, 1.15  # of the resolution's normal range: as touches of the emulated bench are
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +37,10 @@ class Mismeasurement:
     unnoticed_mm: float = 0.0
 
     @classmethod
-    def draw(
-        cls, resolution: Resolution, rng: np.random.Generator, unnoticed_mm: float = 0.0
-    ) -> "Mismeasurement":
-        """Anything within the rig's resolution."""
-        bound, half = resolution.distance_mm / 2, resolution.normal_half_rad
+    def draw(cls, resolution: Resolution, rng: np.random.Generator, unnoticed_mm: float = 0.0) -> Self:
+        """Anything within the rig's resolution; most touches measure the normal a little better than that."""
+        bound = resolution.distance_mm / 2
+        half = resolution.normal_half_rad * (_SHARPEST + (_BLUNTEST - _SHARPEST) * rng.uniform() ** 2)
         bearing, off = rng.uniform(0, 2 * math.pi), bound * math.sqrt(rng.uniform())
         offset = off * np.array([math.cos(bearing), math.sin(bearing)])
         return cls(offset, rng.uniform(-half, half), bound, half, unnoticed_mm)
