@@ -119,7 +119,7 @@ def pair_pictures(pairs: Sequence[PairStudiedOut], objects: Sequence[ObjectModel
 def heights_picture(heights: Sequence[HeightOut], now_mm: Sequence[float], best_mm: Sequence[float]) -> str:
     """A bar for every range of height: pairs that fingers there do not tell apart."""
     shown = heights[:_HEIGHTS][::-1]
-    most = max(max(item.alike for item in shown), 1)
+    most = max(1, *(item.alike for item in shown))
     room, parts = _WIDTH - _NAME - 190, []
     for k, item in enumerate(shown):
         y, (low, high) = k * _ROW, item.range
@@ -140,7 +140,7 @@ def heights_picture(heights: Sequence[HeightOut], now_mm: Sequence[float], best_
 
 def budget_picture(costs: Sequence[NoiseCostOut]) -> str:
     """A bar for every error: touches that half of it would save, with two standard errors either way."""
-    most = max(max(abs(item.saved_touches) + 2 * item.standard_error for item in costs), 0.5)
+    most = max(0.5, *(abs(item.saved_touches) + 2 * item.standard_error for item in costs))
     room = (_WIDTH - _NAME - 80) / 2
     middle, parts = _NAME + room, []
     for k, item in enumerate(costs):
@@ -184,11 +184,12 @@ def _overlaid(one: State, other: State, height_mm: float, x: float, y: float, si
     at = np.array([x + side / 2, y + side / 2 - 12])
 
     def rings(shape: shapely.Geometry) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
-        found = []
-        for part in shapely.get_parts(shape):
-            for ring in (part.exterior, *part.interiors):
-                found.append(at + (np.asarray(ring.coords)[:-1] - middle) * scale * np.array([1, -1]))
-        return found
+        drawn = [
+            np.asarray(ring.coords)[:-1]
+            for part in shapely.get_parts(shape)
+            for ring in (part.exterior, *part.interiors)
+        ]
+        return [at + (ring - middle) * scale * np.array([1, -1]) for ring in drawn]
 
     return "".join(
         element(

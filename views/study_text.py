@@ -27,7 +27,8 @@ def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
         lines.append(f"  {'truth not left':18s} {out.lost:6d}")
     touches, grips = out.touches, out.grips
     lines.append(
-        f"touches {touches.mean:.1f} on average, in 90 % of runs up to {touches.p90:g}; grips {grips[0]:g}, {grips[1]:g}"
+        f"touches {touches.mean:.1f} on average, in 90 % of runs up to {touches.p90:g}; "
+        f"grips {grips[0]:g}, {grips[1]:g}"
     )
     if out.position_error is not None:
         lines.append(

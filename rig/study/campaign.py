@@ -104,8 +104,8 @@ def runs_of(chunk: Chunk) -> list[StudyRunOut]:
     own = version("palpate")
     if own != chunk.palpate:
         raise InputError(
-            f"a worker of the cluster has palpate {own}, and this is palpate {chunk.palpate}: install the same "
-            "on both"
+            f"a worker of the cluster has palpate {own}, and this is palpate {chunk.palpate}: install the "
+            "same on both"
         )
     simulation = _loaded(chunk.simulation)
     return [simulation.run(number, chunk.variation) for number in chunk.numbers]

@@ -24,11 +24,11 @@ __all__ = ["study_report"]
 
 _PAIRS = 40
 _SIMULATED = {
-    PartMotion.STILL: "Parts that lie still, touched by straight approaches as the rig plans them, mismeasured "
-    "within the rig's bounds. What devices do beyond that, and parts that move, are not in it.",
-    PartMotion.MOVING: "Parts that slide when they are pushed, touched at the rig's speeds and forces, as the rig "
-    "file's emulation.part says; contacts are mismeasured within the rig's bounds. What devices do beyond that is "
-    "not in it.",
+    PartMotion.STILL: "Parts that lie still, touched by straight approaches as the rig plans them, "
+    "mismeasured within the rig's bounds. What devices do beyond that, and parts that move, are not in it.",
+    PartMotion.MOVING: "Parts that slide when they are pushed, as the rig file's emulation.part says, touched "
+    "at the rig's speeds and forces; contacts are mismeasured within the rig's bounds. What devices do beyond "
+    "that is not in it.",
 }
 
 
@@ -139,8 +139,8 @@ def _budget(out: StudyOut) -> Iterator[str]:
         return
     runs = out.noise_budget[0].runs
     words = (
-        f"The first {counted(runs, 'run', 'runs')} again, with half of one error, or with the middle half of the "
-        "aims only: what better measurement would save, and what less reach would cost."
+        f"The first {counted(runs, 'run', 'runs')} again, with half of one error, or with the middle half of "
+        "the aims only: what better measurement would save, and what less reach would cost."
     )
     rows = [(f"half the {SOURCE_WORDS[item.source.value]}", item) for item in out.noise_budget]
     yield section(
