@@ -1,8 +1,9 @@
 """Study from Python: how well a rig tells a catalogue apart, by simulated identifications."""
 
 import time
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,24 +11,36 @@ from tempfile import TemporaryDirectory
 from palpate.api.arguments import checked
 from palpate.api.files import PathLike
 from palpate.config import ObjectsFile, RigFile
-from palpate.config.study_result import ConfusionOut, HeightsOut, StudyOut
+from palpate.config.study_result import (
+    BestHeightsOut,
+    ConfusionOut,
+    HeightOut,
+    SeparatingStudiedOut,
+    StudyOut,
+    StudyRunOut,
+)
 from palpate.errors import InputError
-from palpate.rig.catalogue.finger_model import rig_fingers
+from palpate.rig.catalogue.best_heights import BestHeights, best_heights
+from palpate.rig.catalogue.finger_model import RigFingers, rig_fingers
 from palpate.rig.catalogue.heights import check_known
 from palpate.rig.catalogue.preparation import prepared_catalogue
-from palpate.rig.catalogue.section_stack import state_sections
+from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
-from palpate.rig.study.campaign import RunsFile, carry_out
-from palpate.rig.study.simulation import Simulation, held_still
-from palpate.rig.study.summary import study_out
-from palpate.vocabulary import Strategy
+from palpate.rig.study.campaign import RunsFile, carry_out, simulate_here
+from palpate.rig.study.cluster import on_cluster
+from palpate.rig.study.simulation import Simulation, motion_of, with_motion
+from palpate.rig.study.summary import Advice, confusion_of, study_out
+from palpate.rig.study.variations import AS_IT_IS, at_heights, compared, halved, heights_name, noise_budget
+from palpate.vocabulary import PartMotion, Strategy
 
 __all__ = ["study"]
 
 MOST_RUNS = 1_000_000
 _PAIRS_LOOKED_AT = 40
+_VARIED_SHARE = 10  # a tenth of the runs is done again with each variation
+_MOST_VARIED = 200
 
 
 @checked
@@ -38,46 +51,92 @@ def study(
     runs: int = 1000,
     seed: int = 0,
     strategy: Strategy = Strategy.PLANNED,
+    parts: PartMotion | None = None,
+    budget: int | None = None,
     keep: PathLike | None = None,
+    scheduler: str | None = None,
     name: str = "the catalogue",
     progress: Callable[[str], None] = lambda _: None,
 ) -> StudyOut:
-    """Simulate identifications of parts of a catalogue that lie still, on all cores.
+    """Simulate identifications of parts of a catalogue, on all cores or a cluster.
 
-    Touches are worked out by shapely and mismeasured within the rig's bounds; each run draws a state and
-    where it lies, by `seed` and its number. `keep`: a file of runs (JSON Lines), by which a study that was
-    ended goes on. Raises InputError for a catalogue that the rig cannot identify, or a file of another study.
+    Each run draws a state and where it lies, by `seed` and its number; touches are mismeasured within the
+    rig's bounds. `parts`: whether fingers move them, None: as the rig file's `[emulation.part]` says.
+    `budget`: so many runs are done again with each error halved, None: a tenth of them. `keep`: a file of
+    runs (JSON Lines), by which a study that was ended goes on. `scheduler`: address of a dask scheduler.
+    Raises InputError for a catalogue that the rig cannot identify, or a file of another study.
     """
     if not 1 <= runs <= MOST_RUNS:
         raise InputError(f"{runs} runs: it must be from 1 to {MOST_RUNS}")
+    varied = min(runs // _VARIED_SHARE, _MOST_VARIED) if budget is None else min(budget, runs)
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()
-    still_rig, still_objects = held_still(rig, objects)
-    simulation = Simulation(still_rig, still_objects, strategy, seed)
+    execute = simulate_here if scheduler is None else on_cluster(scheduler)
+    motion = parts or motion_of(rig)
+    simulation = Simulation(*with_motion(rig, objects, motion), strategy, seed)
     # Kept, it is there for the processes that carry out runs.
-    prepared_catalogue(still_objects.objects, map(finger_of, still_rig.fingers), progress)
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "runs.jsonl") if keep is None else Path(keep)
-        found = carry_out(simulation, runs, RunsFile(path, simulation, version("palpate")), progress)
+    prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress)
+    states, fingers = state_sections(objects), rig_fingers(rig)
+    progress("comparing heights")
+    heights = best_heights(states, fingers)
+    simulations = {AS_IT_IS: (simulation, runs)}
+    if varied:
+        simulations |= {key: (item, varied) for key, item in halved(simulation).items()}
+        if heights.alike < heights.alike_now:
+            moved = replace(simulation, rig=at_heights(simulation.rig, heights.chosen_mm))
+            simulations[heights_name(heights.chosen_mm)] = (moved, varied)
+    with _runs_file(keep) as path:
+        file = RunsFile(path, simulation, version("palpate"))
+        found = carry_out(simulations, file, progress, execute)
     return study_out(
-        found,
+        found[AS_IT_IS],
         objects=name,
         rig=rig.name,
         strategy=strategy,
         seed=seed,
+        parts=motion,
         seconds=time.perf_counter() - begin,
-        heights=partial(_heights, rig, objects),
+        advice=Advice(
+            _separating(states, fingers, confusion_of(found[AS_IT_IS])),
+            tuple(
+                HeightOut(range=item.range_mm, alike=item.alike, unmet=item.unmet) for item in heights.ranges
+            ),
+            _best(heights, found),
+            noise_budget(found),
+        ),
     )
 
 
-def _heights(rig: RigFile, objects: ObjectsFile, confusion: Sequence[ConfusionOut]) -> tuple[HeightsOut, ...]:
+@contextmanager
+def _runs_file(keep: PathLike | None) -> Iterator[Path]:
+    with TemporaryDirectory() as folder:
+        yield Path(folder, "runs.jsonl") if keep is None else Path(keep)
+
+
+def _best(heights: BestHeights, found: Mapping[str, Sequence[StudyRunOut]]) -> BestHeightsOut | None:
+    if not heights.chosen_mm:
+        return None
+    there = found.get(heights_name(heights.chosen_mm))
+    return BestHeightsOut(
+        heights=heights.chosen_mm,
+        alike=heights.alike,
+        alike_now=heights.alike_now,
+        compared=compared(found[AS_IT_IS], there) if there else None,
+    )
+
+
+def _separating(
+    states: Sequence[StateSections], fingers: RigFingers, confusion: Sequence[ConfusionOut]
+) -> tuple[SeparatingStudiedOut, ...]:
     """For the states that were confused most often, as `check_objects` finds them."""
     names = {frozenset((item.a, item.b)): item for item in confusion[:_PAIRS_LOOKED_AT]}
     if not names:
         return ()
     found = []
-    for pair in find_twins(state_sections(objects), rig_fingers(rig)):
+    for pair in find_twins(states, fingers):
         item = names.get(frozenset((pair.first.state.name, pair.second.state.name)))
         if item is not None:
-            found.append(HeightsOut(a=item.a, b=item.b, heights=separating_heights(pair).heights_mm))
+            found.append(
+                SeparatingStudiedOut(a=item.a, b=item.b, heights=separating_heights(pair).heights_mm)
+            )
     return tuple(found)

@@ -7,7 +7,7 @@ import typer
 
 from palpate.cli.interruption import if_interrupted
 from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsOption, RigOption, StrategyOption
-from palpate.vocabulary import Strategy
+from palpate.vocabulary import PartMotion, Strategy
 
 __all__ = ["study"]
 
@@ -21,6 +21,10 @@ def study(
         int, typer.Option("--seed", min=0, help="Draws parts, places and errors of touches.")
     ] = 0,
     strategy: StrategyOption = Strategy.PLANNED,
+    parts: Annotated[
+        PartMotion | None,
+        typer.Option("--parts", help="Whether fingers move parts; as the rig file says if left out."),
+    ] = None,
     no_calibration: NoCalibrationOption = False,
     keep: Annotated[
         Path | None,
@@ -29,11 +33,19 @@ def study(
     report: Annotated[
         Path | None, typer.Option("--report", help="Also write it here as a page (HTML).")
     ] = None,
+    budget: Annotated[
+        int | None,
+        typer.Option("--budget", min=0, help="Runs to do again with each error halved; a tenth if left out."),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use a dask cluster's workers.")
+    ] = None,
     json: JsonOption = False,
 ) -> int:
     """Say how well a rig tells a catalogue apart: verdicts, touches needed, hardest states and pairs.
 
-    Parts lie still, touches are simulated within the rig's bounds. Exit code 1: an answer was wrong.
+    Touches are simulated within the rig's bounds, and what fingers push moves, if the rig file says how. Also
+    what each error costs, and at which heights fingers should be. Exit code 1: an answer was wrong.
     """
     from palpate.api.files import load_objects
     from palpate.api.rig import open_rig
@@ -53,9 +65,20 @@ def study(
     print_notices(finding_lines(bench, models.objects, name))
     with Doing(Terminal(stderr=True, soft_wrap=True), "preparing") as doing:
         out = studied(
-            bench, models, runs=runs, seed=seed, strategy=strategy, keep=keep, name=name, progress=doing.now
+            bench,
+            models,
+            runs=runs,
+            seed=seed,
+            strategy=strategy,
+            parts=parts,
+            budget=budget,
+            keep=keep,
+            scheduler=scheduler,
+            name=name,
+            progress=doing.now,
         )
+    heights = [finger.height_mm for finger in bench.fingers]
     if report is not None:
-        write_text(report, study_report(out))
-    typer.echo(to_json(out) if json else "\n".join(study_lines(out)))
+        write_text(report, study_report(out, models.objects, heights))
+    typer.echo(to_json(out) if json else "\n".join(study_lines(out, heights)))
     return 1 if out.wrong else 0

@@ -1,19 +1,22 @@
 """A study's result for a terminal."""
 
+import math
 from collections.abc import Sequence
 
-from palpate.config.study_result import PairStudiedOut, StudyOut
+from palpate.config.study_result import BestHeightsOut, NoiseCostOut, PairStudiedOut, StudyOut
 from palpate.errors import counted
+from palpate.vocabulary import PartMotion
 
-__all__ = ["pair_words", "study_lines"]
+__all__ = ["best_heights_words", "pair_words", "study_lines"]
 
 _SHOWN = 8
 
 
-def study_lines(out: StudyOut) -> list[str]:
-    """Verdicts and costs first, then the states and pairs that are hardest."""
+def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
+    """Verdicts and costs first, then the states and pairs that are hardest; fingers are at `heights_mm`."""
     lines = [
-        f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {counted(len(out.states), 'state', 'states')}:"
+        f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {counted(len(out.states), 'state', 'states')}"
+        f"{', parts that move' if out.parts is PartMotion.MOVING else ''}:"
     ]
     lines += [
         f"  {item.verdict.value:18s} {item.runs:6d}  {100 * item.runs / out.runs:5.1f} %"
@@ -24,7 +27,8 @@ def study_lines(out: StudyOut) -> list[str]:
         lines.append(f"  {'truth not left':18s} {out.lost:6d}")
     touches, grips = out.touches, out.grips
     lines.append(
-        f"touches {touches.median:g}, in 90 % of runs up to {touches.p90:g}; grips {grips[0]:g}, {grips[1]:g}"
+        f"touches {touches.mean:.1f} on average, in 90 % of runs up to {touches.p90:g}; "
+        f"grips {grips[0]:g}, {grips[1]:g}"
     )
     if out.position_error is not None:
         lines.append(
@@ -36,7 +40,44 @@ def study_lines(out: StudyOut) -> list[str]:
         for state in hard:
             share = f"{state.identified} of {state.runs}"
             lines.append(f"  {state.object}, {state.state}: {share}, {state.touches[0]:g} touches")
-    return lines + _pair_lines(out.hardest)
+    lines += _pair_lines(out.hardest)
+    if out.best_heights is not None:
+        lines += ["", best_heights_words(out.best_heights, heights_mm)]
+    return lines + _budget_lines(out.noise_budget)
+
+
+def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float]) -> str:
+    """Where fingers should be."""
+    now = ", ".join(f"{height:g}" for height in sorted(set(heights_mm)))
+    alike = (
+        counted(best.alike_now, "pair of states is", "pairs of states are")
+        if best.alike_now
+        else "no pair is"
+    )
+    if best.alike >= best.alike_now:
+        there = f"fingers at {now} mm: {alike} alike there"
+        return f"{there}, and no other heights would do better" if best.alike_now else there
+    wanted = ", ".join(f"{height:g}" for height in best.heights)
+    words = f"fingers at {now} mm: {alike} alike there; at {wanted} mm, {best.alike or 'none'}"
+    if best.compared is not None:
+        words += f", and {best.compared.saved_touches:+.1f} touches saved"
+    return words
+
+
+def _budget_lines(costs: Sequence[NoiseCostOut]) -> list[str]:
+    if not costs:
+        return []
+    head = f"half of an error saves, in {counted(costs[0].runs, 'run', 'runs')}"
+    return ["", head, *(f"  {_budget_words(item)}" for item in costs)]
+
+
+def _budget_words(item: NoiseCostOut) -> str:
+    words = f"{item.source.value:10s} {item.saved_touches:+.2f} ± {item.standard_error:.2f} touches"
+    if item.position_bound is None or item.orientation_bound is None:
+        return words
+    (now, then), (turn, then_turn) = item.position_bound, item.orientation_bound
+    turns = f"± {math.degrees(turn):.2f}° → {math.degrees(then_turn):.2f}°"
+    return f"{words}, bounds ± {now:.2f} → {then:.2f} mm, {turns}"
 
 
 def _pair_lines(pairs: Sequence[PairStudiedOut]) -> list[str]:

@@ -8,7 +8,9 @@ from enum import StrEnum
 __all__ = [
     "DEFAULT_BUDGET",
     "LEAST_BUDGET",
+    "ErrorSource",
     "IdentificationVerdict",
+    "PartMotion",
     "PushResponse",
     "RecognitionVerdict",
     "Strategy",
@@ -52,3 +54,23 @@ class PushResponse(StrEnum):
     SLIDES = "slides"
     MAY_TIP = "may-tip"
     MAY_ROLL = "may-roll"
+
+
+class PartMotion(StrEnum):
+    """Whether fingers move the parts that they push."""
+
+    STILL = "still"
+    MOVING = "moving"
+
+
+class ErrorSource(StrEnum):
+    """What limits how well a rig tells parts apart.
+
+    How far off contacts are, how wide their ranges of normals, how far parts are from their models, and from
+    which sides fingers reach them.
+    """
+
+    POSITION = "position"
+    NORMAL = "normal"
+    TOLERANCE = "tolerance"
+    REACH = "reach"

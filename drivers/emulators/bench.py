@@ -20,8 +20,9 @@ from palpate.drivers.emulators.mechanics import (
 )
 from palpate.drivers.emulators.part import IN_PLACE, Displacement, Part, PointForce, StillPart
 from palpate.drivers.emulators.servo import EmulatedServo
-from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm, tip_load
-from palpate.drivers.emulators.tip_friction import Shear, sheared
+from palpate.drivers.emulators.skin import Press, Skin
+from palpate.drivers.emulators.tip import PartSection, TipLoad, separation_mm
+from palpate.drivers.emulators.tip_friction import Shear
 from palpate.drivers.tactile.messages import Description
 from palpate.drivers.transport.wire import Device
 from palpate.geometry import Floats
@@ -77,7 +78,7 @@ class EmulatedFinger:
     ) -> None:
         """`servos`: the one next to the base first. `stage`: what carries the base, None for the table."""
         self.truth = truth
-        self._tip_friction = tip_friction
+        self._skin = Skin(truth.tip_radius_mm, truth.stiffness_n_per_mm, tip_friction)
         self._shear: Shear | None = None
         self._sheared: Shear | None = None  # before the step
         self.outline = outline
@@ -93,7 +94,7 @@ class EmulatedFinger:
         self._pressed_centre = np.full(2, np.inf)
         self._seen_centre: Floats | None = None
         self._displacement = IN_PLACE
-        self._loads: dict[_Place, tuple[TipLoad, Shear | None] | None] = {}  # of this step
+        self._loads: dict[_Place, Press | None] = {}  # of this step
         self._no_force_n = np.zeros((array.description.rows, array.description.cols))
 
     def put(self, outline: PartSection | None) -> None:
@@ -143,17 +144,7 @@ class EmulatedFinger:
         if math.dist(displacement.back(self.centre_mm), self._free_centre) < self._free_mm:
             return []
         found = self._load(self.outline, displacement)
-        if found is None:
-            return []
-        load, shear = found
-        height = self.truth.height_mm
-        if shear is None:
-            return [PointForce(self.centre_mm, height, -load.force_n)]
-        drag, point = displacement.turned(shear.force_n), displacement.place(shear.point_mm)
-        return [
-            PointForce(self.centre_mm, height, drag - load.force_n),
-            PointForce(point, height, -drag),
-        ]
+        return [] if found is None else found.on_part(self.centre_mm, displacement, self.truth.height_mm)
 
     def sample(self, now: float) -> None:
         """Hand the array the forces on its taxels at `now`."""
@@ -180,44 +171,15 @@ class EmulatedFinger:
         found = self._load(outline, displacement)
         if found is None:
             return None
-        load, self._shear = found
-        return load
+        self._shear = found.shear
+        return found.load
 
-    def _load(self, outline: PartSection, displacement: Displacement) -> tuple[TipLoad, Shear | None] | None:
+    def _load(self, outline: PartSection, displacement: Displacement) -> Press | None:
         """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
-            self._loads[place] = self._load_at(outline, displacement)
+            self._loads[place] = self._skin.press(outline, self.centre_mm, displacement, self._sheared)
         return self._loads[place]
-
-    def _load_at(
-        self, outline: PartSection, displacement: Displacement
-    ) -> tuple[TipLoad, Shear | None] | None:
-        """What a part that has moved does to the tip: worked out in the part's frame, and turned back.
-
-        The load in W has the skin's shear in it, which comes beside it in the part's frame.
-        """
-        truth = self.truth
-        centre = displacement.back(self.centre_mm)
-        load = tip_load(outline, centre, truth.tip_radius_mm, truth.stiffness_n_per_mm)
-        if load is None:
-            return None
-        shear = None
-        if self._tip_friction:
-            shear = sheared(
-                self._sheared,
-                load,
-                centre,
-                displacement.turn_rad,
-                radius_mm=truth.tip_radius_mm,
-                stiffness_n_per_mm=truth.stiffness_n_per_mm,
-                friction=self._tip_friction,
-            )
-            load = TipLoad(load.force_n + shear.force_n, load.angle + shear.angle_rad, load.by_ray_n)
-        if not displacement.is_none:
-            angle = load.angle + displacement.turn_rad
-            load = TipLoad(displacement.turned(load.force_n), angle, load.by_ray_n)
-        return load, shear
 
     def _taxels(self, touch: TipLoad, outline: PartSection) -> Floats:
         """Force (rows, cols) N on each taxel: rays sorted into columns, shared by the rows below the top."""

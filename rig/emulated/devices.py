@@ -36,7 +36,7 @@ from palpate.rig.emulated.emulated_truth import (
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
-__all__ = ["EmulatedRig", "MockRig", "emulate", "on_mock_wires"]
+__all__ = ["EmulatedRig", "MockRig", "description_of", "emulate", "on_mock_wires"]
 
 _ROWS, _COLUMNS = 8, 20
 _ROW_PITCH_MM = 2.0
@@ -94,7 +94,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
         truth = with_yield(truth, finger, rig.emulation, np.random.default_rng([seed, 8, index]))
-        description = _description(finger, seed)
+        description = description_of(finger, seed)
         starts = start_angles_rad(finger, rig)
         near, far = (
             _servo(rig, servo.dxl_id, servo.model, start)
@@ -184,7 +184,7 @@ def _column_pitch_mm(finger: FingerConfig) -> float:
     return round(pitch, 2) if isinstance(finger.array, MountedArrayConfig) else pitch
 
 
-def _description(finger: FingerConfig, seed: int) -> Description:
+def description_of(finger: FingerConfig, seed: int) -> Description:
     """What the emulated array believes: 8 rows of 20 taxels over what it covers of the tip's circumference.
 
     Another seed is another array, and its id tells.

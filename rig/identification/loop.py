@@ -13,6 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 
@@ -26,10 +27,10 @@ from palpate.recognizer import (
     Hypothesis,
     Motion,
     Recognition,
+    Resolution,
     felt_in_motion,
     is_explained,
 )
-from palpate.rig.conversion import resolution_of
 from palpate.rig.identification.exploration import exploring_grip, outside_fast
 from palpate.rig.identification.grip_evidence import GripEvidence
 from palpate.rig.identification.motion_bounds import GripMotion, MotionBounds
@@ -42,13 +43,14 @@ from palpate.rig.identification.observers import (
     StageEvent,
     TouchEvent,
 )
+from palpate.rig.identification.stability_table import StabilityTable
 from palpate.rig.identification.unswept_space import Disc, discs_at, is_swept, places_left, sweeping_grip
 from palpate.rig.motion.guarded_approach import GripPhase, Touch, carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import Reach, reach_of
 from palpate.vocabulary import IdentificationVerdict, RecognitionVerdict, Strategy
 
-__all__ = ["GripExecutor", "Identification", "identify", "search"]
+__all__ = ["GripExecutor", "Identification", "PushTables", "identify", "search"]
 
 GripExecutor = Callable[[Sequence[FingerApproach], Callable[[GripPhase], None]], Sequence[Touch]]
 """Carries out a grip and reports its stages."""
@@ -92,6 +94,19 @@ class Identification:
         return sum(len(grip) for grip in self.grips)
 
 
+@dataclass(frozen=True, eq=False)
+class PushTables:
+    """What is worked out once of a rig and a catalogue: how pushes move its parts, and which may tip."""
+
+    bounds: MotionBounds
+    stability: StabilityTable
+
+    @classmethod
+    def of(cls, rig: RigFile, catalogue: Catalogue) -> Self:
+        """Nothing is worked out before it is asked for."""
+        return cls(MotionBounds(rig, catalogue), StabilityTable(rig, catalogue))
+
+
 class _Search:
     """One identification under way; grips before the last move of the part count no longer."""
 
@@ -101,6 +116,7 @@ class _Search:
         execute: GripExecutor,
         catalogue: Catalogue,
         observers: Observers,
+        bounds: MotionBounds,
     ) -> None:
         self._chooser, self._observers = chooser, observers
         self._execute = execute
@@ -110,7 +126,7 @@ class _Search:
         self._eliminated: list[tuple[int, Hypothesis]] = []
         self._swept = False
         self._evidence = self._no_evidence()
-        self._bounds = MotionBounds(chooser.rig, catalogue)
+        self._bounds = bounds
         self._motions: list[GripMotion] = []
         self._hold_contradicted = False
 
@@ -140,7 +156,7 @@ class _Search:
 
     def _no_evidence(self) -> GripEvidence:
         budget = Budget(self._rig.search.budget)
-        return GripEvidence(self._catalogue, resolution_of(self._rig), budget)
+        return GripEvidence(self._catalogue, self._chooser.resolution, budget)
 
     def _next(self) -> tuple[IdentificationVerdict | None, Sequence[FingerApproach]]:
         """The verdict if there is one already, else the next grip."""
@@ -299,8 +315,15 @@ def search(
     *,
     strategy: Strategy = Strategy.PLANNED,
     seed: int = 0,
+    feels: Resolution | None = None,
+    pushes: PushTables | None = None,
 ) -> Identification:
-    """As `identify`, with a function that carries out grips."""
+    """As `identify`, with a function that carries out grips.
+
+    `feels`: what touches resolve, None: as the rig file says. `pushes`: of this rig and catalogue, for many
+    searches.
+    """
     rng = np.random.default_rng([seed, 2])
-    chooser = GripChooser(rig, reach, strategy, rng)
-    return _Search(chooser, execute, catalogue, observers or Observers()).run()
+    pushes = pushes or PushTables.of(rig, catalogue)
+    chooser = GripChooser(rig, reach, strategy, rng, feels, {catalogue: pushes.stability})
+    return _Search(chooser, execute, catalogue, observers or Observers(), pushes.bounds).run()

@@ -1,7 +1,7 @@
 """Choosing the next grip, or the verdict: the one rule of `palpate identify` and `palpate plan`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -52,13 +52,21 @@ class Choice:
 class GripChooser:
     """Chooses grips for a rig; of good ones, such as do not tip or roll parts.
 
-    `rng` is used by the strategy `random` alone.
+    `rng` is used by the strategy `random` alone. `feels`: what touches resolve, None: as the rig file says.
+    `tables`: stabilities that have been worked out before, by catalogue.
     """
 
     rig: RigFile
     reach: Reach
     strategy: Strategy
     rng: np.random.Generator
+    feels: Resolution | None = None
+    tables: dict[Catalogue, StabilityTable] = field(default_factory=dict)
+
+    @cached_property
+    def resolution(self) -> Resolution:
+        """What touches resolve."""
+        return self.feels or resolution_of(self.rig)
 
     def choose(self, evidence: GripEvidence, recognition: Recognition) -> Choice:
         """The next grip, or the verdict; `recognition` must have hypotheses."""
@@ -97,7 +105,7 @@ class GripChooser:
     def twins(self, recognition: Recognition) -> Bools:
         """Which hypotheses no approach that is left tells apart: (h, h)."""
         used = already_used(recognition.contacts, self.reach.approaches)
-        return twins(recognition, self.reach, resolution_of(self.rig), used)
+        return twins(recognition, self.reach, self.resolution, used)
 
     def is_fine(self, recognition: Recognition) -> bool:
         """Whether every hypothesis is placed as finely as the rig file's goals ask."""
@@ -122,7 +130,7 @@ class GripChooser:
             self.strategy,
             recognition,
             self.reach,
-            resolution_of(self.rig),
+            self.resolution,
             goals_of(self.rig),
             self.rng,
             fingers=2 if one_class else 1,
@@ -142,19 +150,15 @@ class GripChooser:
                 self.rig.search.false_match_probability,
             )
             limits = self._limits(recognition)
-            return checking_grip(recognition, self.reach, resolution_of(self.rig), wanted, limits)
+            return checking_grip(recognition, self.reach, self.resolution, wanted, limits)
         return self._plan(recognition, one_class=True)
 
     def _limits(self, recognition: Recognition) -> PushLimits:
         """What pushes may do to the parts of the recognition's catalogue."""
         catalogue = recognition.catalogue
-        if catalogue not in self._stabilities:
-            self._stabilities[catalogue] = StabilityTable(self.rig, catalogue)
-        return self._stabilities[catalogue]
-
-    @cached_property
-    def _stabilities(self) -> dict[Catalogue, StabilityTable]:
-        return {}
+        if catalogue not in self.tables:
+            self.tables[catalogue] = StabilityTable(self.rig, catalogue)
+        return self.tables[catalogue]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

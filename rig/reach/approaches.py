@@ -61,6 +61,13 @@ class Reach:
         """Indices of all approaches at one stage angle."""
         return np.flatnonzero(self.stage_rad == stage_rad).tolist()
 
+    def only(self, rows: Ints) -> "Reach":
+        """Some of the approaches: `rows` (indices), ascending."""
+        swept = self.swept.only(rows)
+        return Reach(
+            tuple(self.approaches[k] for k in rows.tolist()), self.aiming_s[rows], swept, self.closing
+        )
+
     @property
     def middle_rad(self) -> float:
         """The stage angle that is nearest to 0; all of a grip must have the same one."""

@@ -7,7 +7,7 @@ are larger by as much as any point of them moves up to the middle between two sa
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,6 +63,13 @@ class Swept:
     def of(self, rows: Bools) -> "Swept":
         """Some of the capsules, of all approaches."""
         return Swept(self.capsules.of(rows), self.since[rows], self.grows[rows], self.heading)
+
+    def only(self, which: Ints) -> "Swept":
+        """Of some approaches (indices, ascending), which count from 0 then."""
+        some = self.of(np.isin(self.capsules.owner, which))
+        owner = np.searchsorted(which, some.capsules.owner)
+        capsules = replace(some.capsules, owner=owner)
+        return replace(some, capsules=capsules, heading=self.heading[which])
 
     def at(self, which: Ints, travel_mm: Floats) -> Capsules:
         """Capsules swept by approaches `which` (k,) after travels (k,); `owner` is the place in `which`."""

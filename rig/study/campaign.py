@@ -1,8 +1,12 @@
-"""Campaign of a study: runs on all cores, kept in a file as they come, from which they are resumed."""
+"""Campaign of a study: runs on all cores or a cluster, kept in a file as they come, and resumed from it."""
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+import pickle
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +20,102 @@ from palpate.files.limits import LOG_BYTES
 from palpate.rig.catalogue.processes import in_processes
 from palpate.rig.study.simulation import Simulation
 
-__all__ = ["RunsFile", "carry_out"]
+__all__ = ["Chunk", "Executor", "RunsFile", "carry_out", "runs_of", "simulate_here"]
 
 _FORMAT = "palpate/study-runs@1"
 _CHUNK = 25
 """Runs that a process does before it hands them over: so many are lost at most if it is killed."""
+_LOADED = 8  # simulations that a process keeps ready
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some runs of a study, by `numbers`, as a process gets them.
+
+    `simulation` is pickled, `study` the digest of what decides it, `palpate`: the version that has to do it.
+    """
+
+    simulation: bytes
+    variation: str
+    numbers: tuple[int, ...]
+    study: str
+    palpate: str
+
+    @property
+    def name(self) -> str:
+        """The same for the same runs of the same study."""
+        what = f"{self.study[:12]}-{self.variation.replace(' ', '-') or 'as-it-is'}"
+        return f"palpate-study-{what}-{self.numbers[0]}-{self.numbers[-1]}-{len(self.numbers)}"
+
+
+Executor = Callable[[Sequence[Chunk]], Iterator[Sequence[StudyRunOut]]]
+"""Carries out chunks, in any order; each chunk's runs come once."""
+
+
+def simulate_here(chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
+    """On all cores of this machine."""
+    for _, runs in in_processes(runs_of, [(chunk,) for chunk in chunks]) if chunks else ():
+        yield runs
 
 
 def carry_out(
-    simulation: Simulation, runs: int, file: "RunsFile", progress: Callable[[str], None]
-) -> list[StudyRunOut]:
-    """All runs from 0 to `runs`, in order: those that the file has, and the others, which are added to it."""
-    done = {run.number: run for run in file.runs if run.number < runs}
-    missing = [number for number in range(runs) if number not in done]
-    chunks = [tuple(missing[k : k + _CHUNK]) for k in range(0, len(missing), _CHUNK)]
-    progress(f"{len(done)} of {runs} runs")
-    for _, some in in_processes(_runs_of, [(simulation, chunk) for chunk in chunks]) if chunks else ():
-        file.add(some)
-        done |= {run.number: run for run in some}
-        progress(f"{len(done)} of {runs} runs")
-    return [done[number] for number in range(runs)]
+    simulations: Mapping[str, tuple[Simulation, int]],
+    file: "RunsFile",
+    progress: Callable[[str], None],
+    execute: Executor = simulate_here,
+) -> dict[str, list[StudyRunOut]]:
+    """Of each variation the runs from 0 to as many as are wanted, in order.
+
+    Those that the file has are taken from it, and the others are added to it.
+    """
+    wanted = {(name, number) for name, (_, count) in simulations.items() for number in range(count)}
+    done = {key: run for run in file.runs if (key := _key(run)) in wanted}
+    chunks = [
+        chunk
+        for name, (item, count) in simulations.items()
+        for chunk in _chunks(name, item, count, done, file.study)
+    ]
+    progress(f"{len(done)} of {len(wanted)} runs")
+    for some in execute(chunks):
+        new = [run for run in some if _key(run) not in done]
+        file.add(new)
+        done |= {_key(run): run for run in new}
+        progress(f"{len(done)} of {len(wanted)} runs")
+    return {name: [done[name, number] for number in range(count)] for name, (_, count) in simulations.items()}
 
 
-def _runs_of(simulation: Simulation, numbers: Sequence[int]) -> list[StudyRunOut]:
-    return [simulation.run(number) for number in numbers]
+def _key(run: StudyRunOut) -> tuple[str, int]:
+    return run.variation, run.number
+
+
+def _chunks(
+    name: str, simulation: Simulation, count: int, done: Mapping[tuple[str, int], object], study: str
+) -> list[Chunk]:
+    missing = [number for number in range(count) if (name, number) not in done]
+    pickled = pickle.dumps(simulation)
+    return [
+        Chunk(pickled, name, tuple(missing[k : k + _CHUNK]), study, version("palpate"))
+        for k in range(0, len(missing), _CHUNK)
+    ]
+
+
+def runs_of(chunk: Chunk) -> list[StudyRunOut]:
+    """Carry out a chunk, in whatever process; InputError in one that has another version of palpate."""
+    own = version("palpate")
+    if own != chunk.palpate:
+        raise InputError(
+            f"a worker of the cluster has palpate {own}, and this is palpate {chunk.palpate}: install the "
+            "same on both"
+        )
+    simulation = _loaded(chunk.simulation)
+    return [simulation.run(number, chunk.variation) for number in chunk.numbers]
+
+
+@lru_cache(maxsize=_LOADED)
+def _loaded(pickled: bytes) -> Simulation:
+    """Once a process, with the catalogue that it prepares: chunks come one by one."""
+    simulation: Simulation = pickle.loads(pickled)
+    return simulation
 
 
 class RunsFile:
@@ -51,7 +127,8 @@ class RunsFile:
     def __init__(self, path: Path, simulation: Simulation, version: str) -> None:
         """Read what is there. Raises InputError for a file that cannot be read, or is of another study."""
         self._path = path
-        self._head = {"format": _FORMAT, "palpate": version, "study": _digest(simulation)}
+        self.study = _digest(simulation)
+        self._head = {"format": _FORMAT, "palpate": version, "study": self.study}
         self.runs: list[StudyRunOut] = []
         if path.exists():
             self.runs = list(self._read())

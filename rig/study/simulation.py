@@ -7,56 +7,117 @@ from functools import cached_property
 import numpy as np
 
 from palpate.config import ObjectsFile, RigFile
+from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.study_result import RivalOut, StudyRunOut
-from palpate.recognizer import Catalogue, Recognition
+from palpate.drivers.emulators.part import Part
+from palpate.errors import InputError
+from palpate.recognizer import Catalogue, Recognition, Resolution
 from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.conversion import finger_of, resolution_of
 from palpate.rig.emulated.answer_error import compare
-from palpate.rig.emulated.scene import draw_placement
-from palpate.rig.identification.loop import search
+from palpate.rig.emulated.array_noise import ArrayNoise, noise_of
+from palpate.rig.emulated.part_truth import draw_part, part_of
+from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.identification.loop import PushTables, search
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.result import hypotheses_of
 from palpate.rig.reach.approaches import Reach, reach_of
+from palpate.rig.study.pushing_touches import PushingTouches
 from palpate.rig.study.simulated_touches import SimulatedTouches
-from palpate.vocabulary import Strategy
+from palpate.vocabulary import ErrorSource, PartMotion, Strategy
 
-__all__ = ["Simulation", "held_still"]
+__all__ = ["Simulation", "motion_of", "with_motion"]
 
 _RIVALS_KEPT = 5  # of a run: those that lasted longest
 _PLACED_SHARE = (
     0.16  # of the workspace's radius, where a rig file does not say how far from the middle parts lie
 )
+_DRAWS = 10  # of a part's feet, on which it may not be able to stand
 
 
-def held_still(rig: RigFile, objects: ObjectsFile) -> tuple[RigFile, ObjectsFile]:
-    """The same rig and catalogue with parts that are held: nothing is declared of how they slide."""
+def motion_of(rig: RigFile) -> PartMotion:
+    """Whether the emulated part moves, by the rig file."""
+    part = None if rig.emulation is None else rig.emulation.part
+    return PartMotion.STILL if part is None or part.engine == "still" else PartMotion.MOVING
+
+
+def with_motion(rig: RigFile, objects: ObjectsFile, motion: PartMotion) -> tuple[RigFile, ObjectsFile]:
+    """The same rig and catalogue with parts that move, or that are held.
+
+    Of parts that are held nothing is declared of how they slide. Raises InputError for a rig that says
+    nothing of emulated devices, if parts are to move.
+    """
+    if motion is PartMotion.MOVING and motion_of(rig) is motion:
+        return rig, objects
+    if motion is PartMotion.MOVING:
+        if rig.emulation is None:
+            raise InputError(
+                f'rig "{rig.name}" describes real devices, and nothing of parts that move; add [emulation] '
+                "with [emulation.part] (docs/rig-file.md), or let parts lie still (--parts still)"
+            )
+        part = rig.emulation.part or EmulatedPartConfig(engine="quasi-static")
+        return _with_part(rig, part.model_copy(update={"engine": "quasi-static"})), objects
     still = rig.model_copy(update={"search": rig.search.model_copy(update={"part_holds_n": None})})
-    return still, replace(objects, objects=tuple(replace(item, holds_n=None) for item in objects.objects))
+    return (
+        _with_part(still, None),
+        replace(objects, objects=tuple(replace(item, holds_n=None) for item in objects.objects)),
+    )
+
+
+def _with_part(rig: RigFile, part: EmulatedPartConfig | None) -> RigFile:
+    if rig.emulation is None:
+        return rig
+    return rig.model_copy(update={"emulation": rig.emulation.model_copy(update={"part": part})})
 
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What all runs of a study share."""
+    """What all runs of a study share. `halved`: an error (or the reach) that is half of what it is."""
 
     rig: RigFile
     objects: ObjectsFile
     strategy: Strategy
     seed: int
+    halved: ErrorSource | None = None
 
     @cached_property
     def _catalogue(self) -> Catalogue:
-        return prepared_catalogue(self.objects.objects, map(finger_of, self.rig.fingers))
+        objects = self.objects.objects
+        if self.halved is ErrorSource.TOLERANCE:
+            objects = tuple(replace(item, tolerance_mm=item.tolerance_mm / 2) for item in objects)
+        return prepared_catalogue(objects, map(finger_of, self.rig.fingers))
 
     @cached_property
     def _reach(self) -> Reach:
-        return reach_of(self.rig)
+        reach = reach_of(self.rig)
+        if self.halved is ErrorSource.POSITION:
+            finer = [replace(item, position_bound_mm=item.position_bound_mm / 2) for item in reach.approaches]
+            return replace(reach, approaches=tuple(finer))
+        return _middle_half(reach) if self.halved is ErrorSource.REACH else reach
 
-    def run(self, number: int) -> StudyRunOut:
-        """Draw a part and where it lies, and identify it."""
+    @cached_property
+    def _resolution(self) -> Resolution:
+        found = resolution_of(self.rig)
+        if self.halved is ErrorSource.POSITION:
+            return replace(found, distance_mm=found.distance_mm / 2)
+        if self.halved is ErrorSource.NORMAL:
+            return replace(found, normal_half_rad=found.normal_half_rad / 2)
+        return found
+
+    @cached_property
+    def _pushes(self) -> PushTables:
+        return PushTables.of(self.rig, self._catalogue)
+
+    @cached_property
+    def _noise(self) -> tuple[ArrayNoise, ...]:
+        return tuple(noise_of(self.rig, finger) for finger in self.rig.fingers)
+
+    def run(self, number: int, variation: str = "") -> StudyRunOut:
+        """Draw a part and where it lies, and identify it. `variation`: how this simulation is called."""
         rng = np.random.default_rng([self.seed, number])
         placement = draw_placement(self.objects, self._placed_within_mm(), rng)
         watch = _Watch((placement.model.name, placement.state.name))
-        touches = SimulatedTouches(placement, resolution_of(self.rig), rng)
+        touches = self._touches(placement, rng)
         result = search(
             self.rig,
             self._reach,
@@ -65,29 +126,69 @@ class Simulation:
             Observers(record=watch),
             strategy=self.strategy,
             seed=number,
+            feels=self._resolution,
+            pushes=self._pushes,
         )
         hypotheses = hypotheses_of(result)
-        truth = compare(placement, hypotheses)
+        truth = compare(touches.placement, hypotheses)
+        best = hypotheses[0] if hypotheses else None
         return StudyRunOut(
             number=number,
+            variation=variation,
             object=placement.model.name,
             state=placement.state.name,
             verdict=result.outcome,
-            named_object=hypotheses[0].state.object_name if hypotheses else None,
-            named_state=hypotheses[0].state.state.name if hypotheses else None,
+            named_object=best.state.object_name if best else None,
+            named_state=best.state.state.name if best else None,
             inside_bounds=truth.inside_bounds,
             position_error=truth.position_error_mm,
-            position_bound=hypotheses[0].bounds.position_half_mm if hypotheses else None,
+            position_bound=best.bounds.position_half_mm if best else None,
+            orientation_bound=best.bounds.orientation_half_rad if best else None,
+            moved=float(
+                np.hypot(touches.placement.x_mm - placement.x_mm, touches.placement.y_mm - placement.y_mm)
+            ),
             grips=len(result.grips),
             touches=result.touches,
             left=tuple(sorted({(item.state.object_name, item.state.state.name) for item in hypotheses})),
             rivals=watch.rivals(),
         )
 
+    def _touches(self, placement: Placement, rng: np.random.Generator) -> SimulatedTouches | PushingTouches:
+        emulation = self.rig.emulation
+        if emulation is None or motion_of(self.rig) is PartMotion.STILL:
+            return SimulatedTouches(placement, self._resolution, rng)
+        part, tip_friction = _part(emulation.part, placement, rng)
+        return PushingTouches(self.rig, placement, part, tip_friction, self._noise, rng, self._resolution)
+
     def _placed_within_mm(self) -> float:
         emulation = self.rig.emulation
         radius = self.rig.workspace.radius_mm
         return _PLACED_SHARE * radius if emulation is None else emulation.placement_radius_mm
+
+
+def _part(
+    config: EmulatedPartConfig | None, placement: Placement, rng: np.random.Generator
+) -> tuple[Part, float]:
+    """A part that stands, and the friction at tips."""
+    for draw in range(_DRAWS):
+        truth = draw_part(config, placement, int(rng.integers(2**31)))
+        assert truth is not None, "parts are to move"
+        try:
+            return part_of(truth, placement), truth.tip_friction
+        except InputError:
+            if draw == _DRAWS - 1:
+                raise
+    raise AssertionError("unreachable")
+
+
+def _middle_half(reach: Reach) -> Reach:
+    """Half the aims of every finger at every angle of the stage: those in the middle."""
+    kept: list[int] = []
+    for angle in np.unique(reach.stage_rad).tolist():
+        for finger in np.unique(reach.finger).tolist():
+            own = reach.of_finger(finger, angle)
+            kept += own[len(own) // 4 : len(own) - len(own) // 4]
+    return reach.only(np.array(sorted(kept), dtype=np.int64))
 
 
 class _Watch:
@@ -114,4 +215,7 @@ class _Watch:
 
 
 def _names(recognition: Recognition) -> set[tuple[str, str]]:
-    return {(item.state.object_name, item.state.state.name) for item in recognition.hypotheses}
+    """Of the states that are left; hypotheses themselves would have to be bounded for it."""
+    states = recognition.catalogue.states
+    left = (states[k] for k in np.unique(recognition.interpretations.state).tolist())
+    return {(item.object_name, item.state.name) for item in left}

@@ -1,23 +1,27 @@
 """Summary of a study: verdicts, touches, states that are hard to identify, pairs hard to tell apart."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.config.study_result import (
+    BestHeightsOut,
     ConfusionOut,
-    HeightsOut,
+    HeightOut,
+    NoiseCostOut,
     PairStudiedOut,
+    SeparatingStudiedOut,
     StateStudiedOut,
     StudyOut,
     StudyRunOut,
     TouchesOut,
     VerdictCountOut,
 )
-from palpate.vocabulary import IdentificationVerdict, Strategy
+from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
-__all__ = ["is_wrong", "study_out"]
+__all__ = ["Advice", "confusion_of", "is_wrong", "study_out"]
 
 _PAIRS = 200
 _WRONG_SHOWN = 20
@@ -29,6 +33,16 @@ def is_wrong(run: StudyRunOut) -> bool:
     return run.verdict in _NAMED and not run.inside_bounds
 
 
+@dataclass(frozen=True)
+class Advice:
+    """What a study says beside its runs: where fingers would help, and what errors cost."""
+
+    separating: tuple[SeparatingStudiedOut, ...] = ()
+    heights: tuple[HeightOut, ...] = ()
+    best_heights: BestHeightsOut | None = None
+    noise_budget: tuple[NoiseCostOut, ...] = ()
+
+
 def study_out(
     runs: Sequence[StudyRunOut],
     *,
@@ -36,21 +50,20 @@ def study_out(
     rig: str,
     strategy: Strategy,
     seed: int,
+    parts: PartMotion = PartMotion.STILL,
     seconds: float = 0.0,
-    heights: Callable[[Sequence[ConfusionOut]], tuple[HeightsOut, ...]] = lambda _: (),
+    advice: Advice | None = None,
 ) -> StudyOut:
-    """The summary; `objects`, `rig`: their names. There is at least one run.
-
-    `heights`: finds heights at which confused states differ.
-    """
-    confusion = _confusion(runs)
+    """The summary; `objects`, `rig`: their names. There is at least one run."""
     wrong = [run for run in runs if is_wrong(run)]
     errors = [run.position_error for run in runs if run.position_error is not None and run.inside_bounds]
+    advice = advice or Advice()
     return StudyOut(
         objects=objects,
         rig=rig,
         strategy=strategy,
         seed=seed,
+        parts=parts,
         runs=len(runs),
         wrong=len(wrong),
         lost=sum(not run.inside_bounds for run in runs),
@@ -61,11 +74,16 @@ def study_out(
         seconds=seconds,
         grips=_spread(run.grips for run in runs),
         touches=_touches(runs),
+        touches_of=dict(sorted(Counter(run.touches for run in runs).items())),
+        moved=_spread(run.moved for run in runs),
         position_error=_spread(errors) if errors else None,
         states=_states(runs),
-        confusion=confusion,
+        confusion=confusion_of(runs),
         hardest=_pairs(runs),
-        heights=heights(confusion),
+        separating=advice.separating,
+        heights=advice.heights,
+        best_heights=advice.best_heights,
+        noise_budget=advice.noise_budget,
         wrong_runs=tuple(wrong[:_WRONG_SHOWN]),
     )
 
@@ -76,8 +94,8 @@ def _touches(runs: Sequence[StudyRunOut]) -> TouchesOut:
     return TouchesOut(mean=float(found.mean()), median=median, p90=p90, max=int(found.max()))
 
 
-def _confusion(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:
-    """The largest shares first."""
+def confusion_of(runs: Sequence[StudyRunOut]) -> tuple[ConfusionOut, ...]:
+    """Which states were still possible at the end beside the true one; the largest shares first."""
     total: Counter[str] = Counter()
     left: Counter[tuple[str, str]] = Counter()
     for run in runs:

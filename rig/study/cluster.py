@@ -1,0 +1,93 @@
+"""Study on a cluster: chunks of runs as tasks of a dask scheduler, on any number of machines.
+
+A worker may die at any time: the scheduler gives its chunks to others, and a chunk that was on several
+workers when they died is asked for again. Results are a function of the runs' numbers, so that it does not
+matter who did them, nor whether somebody had begun before.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from palpate.cad.optional_imports import needed
+from palpate.config.study_result import StudyRunOut
+from palpate.errors import InputError
+from palpate.rig.study.campaign import Chunk, Executor, runs_of
+
+__all__ = ["on_cluster"]
+
+_ANSWERS_S = 10.0
+_WORKERS_S = 30.0
+_AHEAD = 4  # chunks under way for each thread: none waits for work, and few are in memory at once
+_LEAST_AHEAD = 16
+_MOST_KILLED = 5  # times that a chunk is asked for again: then it is the chunk that kills workers
+
+
+def on_cluster(address: str) -> Executor:
+    """An executor on the workers of the scheduler at an address, such as tcp://192.168.1.5:8786.
+
+    Raises InputError if `distributed` is not installed, if no scheduler answers there, or one without
+    workers, and for a chunk that every worker dies of.
+    """
+    distributed = needed("distributed", "cluster", "a study on a cluster (--scheduler)")
+
+    def execute(chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
+        if not chunks:
+            return
+        with _client(distributed, address) as client:
+            yield from _results(distributed, client, chunks)
+
+    return execute
+
+
+def _client(distributed: Any, address: str) -> Any:
+    try:
+        client = distributed.Client(address, timeout=_ANSWERS_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"--scheduler {address}: no dask scheduler answers there ({type(error).__name__}); start one "
+            "with `dask scheduler`, and workers with `dask worker ADDRESS`"
+        ) from error
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_S)
+    except TimeoutError:
+        client.close()
+        raise InputError(
+            f"--scheduler {address}: it has no workers; start some with `dask worker {address}`"
+        ) from None
+    return client
+
+
+def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
+    left, killed, chunk_of = list(reversed(chunks)), dict.fromkeys(chunks, 0), {}
+
+    def submit(chunk: Chunk) -> Any:
+        again = f"-again-{killed[chunk]}" if killed[chunk] else ""
+        future = client.submit(runs_of, chunk, key=chunk.name + again)
+        chunk_of[future.key] = chunk
+        return future
+
+    threads = sum(client.nthreads().values())
+    under_way = distributed.as_completed()
+    for _ in range(min(len(left), max(_AHEAD * threads, _LEAST_AHEAD))):
+        under_way.add(submit(left.pop()))
+    for future in under_way:
+        chunk = chunk_of.pop(future.key)
+        try:
+            runs = future.result()
+        except distributed.scheduler.KilledWorker as error:
+            killed[chunk] += 1
+            if killed[chunk] > _MOST_KILLED:
+                raise InputError(
+                    f"runs {chunk.numbers[0]} to {chunk.numbers[-1]}: each worker that had them died, as it "
+                    "does without memory enough; give workers more, or look at their logs"
+                ) from error
+            under_way.add(submit(chunk))
+            continue
+        except distributed.client.FutureCancelledError as error:
+            raise InputError(
+                "the scheduler was lost; runs that were done are kept, if --keep named a file"
+            ) from error
+        yield runs
+        future.release()
+        if left:
+            under_way.add(submit(left.pop()))

@@ -1,0 +1,101 @@
+"""Mismeasurement of simulated touches: contacts that are off by anything within the rig's bounds.
+
+Where a tip on a straight path meets the part is worked out with shapely alone, so that nothing of it is
+shared with the recogniser.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import shapely
+
+from palpate.drivers.emulators.part import Displacement
+from palpate.geometry import Floats
+from palpate.recognizer import Contact, FingerApproach, NormalRange, Resolution
+
+__all__ = ["Mismeasurement"]
+
+_TOUCHES_MM = 1e-9  # the gap at which a tip counts as touching
+_PATH_SHARE = 0.42  # of an approach's own bound: what its way is free within
+_SHARPEST, _BLUNTEST = 0.7, 1.15  # of the resolution's normal range: as touches of the emulated bench are
+
+
+@dataclass(frozen=True, eq=False)
+class Mismeasurement:
+    """Error of one finger in one grip: it is `offset_mm` (2,) from where it is said to be.
+
+    `bound_mm`: what is declared of that; `turn_rad`: how far the middle of the normal's range is off, half of
+    which is `half_rad`; `unnoticed_mm`: how deep the part may be pressed into the tip without being noticed.
+    """
+
+    offset_mm: Floats
+    turn_rad: float
+    bound_mm: float
+    half_rad: float
+    unnoticed_mm: float = 0.0
+
+    @classmethod
+    def draw(cls, resolution: Resolution, rng: np.random.Generator, unnoticed_mm: float = 0.0) -> Self:
+        """Anything within the rig's resolution; most touches measure the normal a little better than that."""
+        bound = resolution.distance_mm / 2
+        half = resolution.normal_half_rad * (_SHARPEST + (_BLUNTEST - _SHARPEST) * rng.uniform() ** 2)
+        bearing, off = rng.uniform(0, 2 * math.pi), bound * math.sqrt(rng.uniform())
+        offset = off * np.array([math.cos(bearing), math.sin(bearing)])
+        return cls(offset, rng.uniform(-half, half), bound, half, unnoticed_mm)
+
+    def contact(
+        self, approach: FingerApproach, shape: shapely.Geometry, displacement: Displacement, far_mm: float
+    ) -> Contact | None:
+        """What is measured of a part: `shape` in W as it was put; None if the way is free up to `far_mm`."""
+        start = np.array(approach.start_mm)
+        heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
+        radius = approach.finger.tip_radius_mm
+        begin = displacement.back(start + self.offset_mm)
+        along = displacement.back(start + self.offset_mm + heading) - begin
+        travel = _travel_mm(shape, begin, along, radius, far_mm)
+        if not math.isfinite(travel):
+            return None
+        normal = _outward_rad(shape, begin + travel * along) + displacement.turn_rad + self.turn_rad
+        end = start + travel * heading
+        return self._contact(approach, end, NormalRange(normal - self.half_rad, normal + self.half_rad))
+
+    def miss(self, approach: FingerApproach, far_mm: float) -> Contact:
+        """The way was free up to `far_mm`."""
+        heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
+        return self._contact(approach, np.array(approach.start_mm) + far_mm * heading, None)
+
+    def _contact(self, approach: FingerApproach, end: Floats, normal: NormalRange | None) -> Contact:
+        return Contact(
+            f"f{approach.finger_index + 1}",
+            approach.finger,
+            normal is not None,
+            approach.start_mm,
+            (float(end[0]), float(end[1])),
+            self.bound_mm,
+            normal,
+            path_bound_mm=max(self.bound_mm + self.unnoticed_mm, _PATH_SHARE * approach.position_bound_mm),
+        )
+
+
+def _travel_mm(
+    shape: shapely.Geometry, start: Floats, heading: Floats, radius_mm: float, reach_mm: float
+) -> float:
+    """Travel after which a disc on a straight path first touches the shape; infinite if it passes by."""
+    if shape.is_empty:
+        return math.inf
+    travel = 0.0
+    while travel < reach_mm:
+        gap = shapely.distance(shape, shapely.Point(start + travel * heading)) - radius_mm
+        if gap < _TOUCHES_MM:
+            return travel
+        travel += gap
+    return math.inf
+
+
+def _outward_rad(shape: shapely.Geometry, centre: Floats) -> float:
+    """Direction from the nearest point of the shape to the centre of a tip that touches it from outside."""
+    way = shapely.get_coordinates(shapely.shortest_line(shape, shapely.Point(centre)))
+    x, y = way[1] - way[0]
+    return math.atan2(y, x)

@@ -1,0 +1,227 @@
+"""Pictures of a study: touches, confusion, pairs that are hard to tell apart, heights, what errors cost."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from palpate.config.study_result import (
+    ConfusionOut,
+    HeightOut,
+    NoiseCostOut,
+    PairStudiedOut,
+    StateStudiedOut,
+)
+from palpate.geometry import ObjectModel, State
+from palpate.views.svg import element, number, path_data, shorten_middle, text
+
+__all__ = ["budget_picture", "confusion_picture", "heights_picture", "pair_pictures"]
+__all__ += ["states_picture", "touches_picture"]
+
+_WIDTH, _SIZE, _ROW = 760.0, 11.0, 18.0
+_ONE, _OTHER, _FAINT, _GREY, _LINE = "#0072b2", "#d55e00", "#eaeef2", "#5b6b78", "#c3ccd3"
+_NAME = 250.0
+_STATES, _MATRIX, _PAIRS, _COLUMNS, _HEIGHTS = 24, 16, 6, 3, 24
+_CELL, _PAIR_MM = 30.0, 150.0
+_TURNS = 72
+
+
+def states_picture(states: Sequence[StateStudiedOut]) -> str:
+    """A bar for every state that was not always identified, those that were so least often first."""
+    room = _WIDTH - _NAME - 60
+    parts = []
+    for k, item in enumerate(states[:_STATES]):
+        y, share = k * _ROW, item.identified / item.runs
+        parts.append(_label(f"{item.object}, {item.state}", y))
+        parts.append(element("rect", x=_NAME, y=y + 3, width=room, height=_ROW - 6, fill=_FAINT))
+        parts.append(element("rect", x=_NAME, y=y + 3, width=room * share, height=_ROW - 6, fill=_ONE))
+        parts.append(text(f"{100 * share:.0f} %", _NAME + room + 6, y + 13, size=_SIZE))
+    return _svg(parts, min(len(states), _STATES) * _ROW + 4)
+
+
+def touches_picture(touches_of: Mapping[int, int]) -> str:
+    """Histogram: runs by how many touches they took."""
+    low, high = min(touches_of), max(touches_of)
+    total, most = sum(touches_of.values()), max(touches_of.values())
+    pitch = min((_WIDTH - 60) / (high - low + 1), 48.0)
+    height, parts = 150.0, []
+    for k, count in enumerate(range(low, high + 1)):
+        runs = touches_of.get(count, 0)
+        tall = height * runs / most
+        x = 30 + k * pitch
+        parts.append(element("rect", x=x + 1, y=20 + height - tall, width=pitch - 2, height=tall, fill=_ONE))
+        if runs and pitch > 24:
+            share = f"{100 * runs / total:.0f} %" if runs / total >= 0.01 else str(runs)
+            parts.append(text(share, x + pitch / 2, 15 + height - tall, size=10, anchor="middle", fill=_GREY))
+        if pitch > 16 or count % 5 == 0:
+            parts.append(text(str(count), x + pitch / 2, 34 + height, size=_SIZE, anchor="middle"))
+    end = 30 + (high - low + 1) * pitch
+    parts.append(element("line", x1=30, x2=end, y1=20 + height, y2=20 + height, stroke=_LINE))
+    parts.append(text("touches", 30, 50 + height, size=_SIZE, fill=_GREY))
+    return _svg(parts, 58 + height)
+
+
+def confusion_picture(confusion: Sequence[ConfusionOut]) -> str:
+    """Matrix: a row for what lay there, a column for what was still possible at the end."""
+    names = list(dict.fromkeys(name for item in confusion for name in (item.a, item.b)))[:_MATRIX]
+    share = {(item.a, item.b): item.share for item in confusion}
+    top, parts = 150.0, []
+    for k, name in enumerate(names):
+        y, x = top + k * _CELL, _NAME + k * _CELL
+        parts.append(_label(name, y + 6))
+        words = shorten_middle(name, _SIZE, top / math.sin(math.pi / 4) - 30)
+        turned = element(
+            "g",
+            text(words, 0, 0, size=_SIZE),
+            transform=f"translate({number(x + 18)},{number(top - 6)}) rotate(-45)",
+        )
+        parts.append(turned)
+        for column, other in enumerate(names):
+            found = share.get((name, other), 0.0)
+            at = {"x": _NAME + column * _CELL + 1, "y": y + 1, "width": _CELL - 2, "height": _CELL - 2}
+            if name == other:
+                parts.append(element("rect", **at, fill="#fff", stroke=_FAINT))
+                continue
+            parts.append(element("rect", **at, fill=_FAINT))
+            parts.append(element("rect", **at, fill=_OTHER, fill_opacity=math.sqrt(found)))
+            if found:
+                parts.append(
+                    text(f"{100 * found:.0f}", at["x"] + _CELL / 2 - 1, y + 19, size=10, anchor="middle")
+                )
+    return _svg(parts, top + len(names) * _CELL + 4)
+
+
+def pair_pictures(pairs: Sequence[PairStudiedOut], objects: Sequence[ObjectModel], height_mm: float) -> str:
+    """Outlines of the hardest pairs at a height, laid on each other as well as they will go."""
+    states = {(item.name, state.name): state for item in objects for state in item.states}
+    drawn: dict[frozenset[tuple[str, str]], tuple[State, State]] = {}
+    for pair in pairs:
+        names = (pair.object, pair.state), (pair.other_object, pair.other_state)
+        if len(set(names)) == 2 and all(name in states for name in names):
+            drawn.setdefault(frozenset(names), (states[names[0]], states[names[1]]))
+            order = tuple(drawn)
+            if len(order) == _PAIRS:
+                break
+    parts, side = [], _WIDTH / _COLUMNS
+    named = {id(state): f"{name[0]}, {name[1]}" for name, state in states.items()}
+    for k, (one, other) in enumerate(drawn.values()):
+        row, column = divmod(k, _COLUMNS)
+        parts.append(_overlaid(one, other, height_mm, column * side, row * (side + 30), side))
+        for line, (state, colour) in enumerate(((one, _ONE), (other, _OTHER))):
+            words = shorten_middle(named[id(state)], _SIZE, side - 24)
+            y = row * (side + 30) + side - 4 + 15 * line
+            parts.append(text(words, column * side + 12, y, size=_SIZE, fill=colour))
+    return _svg(parts, math.ceil(len(drawn) / _COLUMNS) * (side + 30))
+
+
+def heights_picture(heights: Sequence[HeightOut], now_mm: Sequence[float], best_mm: Sequence[float]) -> str:
+    """A bar for every range of height: pairs that fingers there do not tell apart."""
+    shown = heights[:_HEIGHTS][::-1]
+    most = max(1, *(item.alike for item in shown))
+    room, parts = _WIDTH - _NAME - 190, []
+    for k, item in enumerate(shown):
+        y, (low, high) = k * _ROW, item.range
+        parts.append(_label(f"{low:.1f} to {high:.1f} mm", y))
+        width = max(room * item.alike / most, 1.0)
+        parts.append(element("rect", x=_NAME, y=y + 3, width=width, height=_ROW - 6, fill=_ONE))
+        words = f"{item.alike} alike" + (f", {item.unmet} not met" if item.unmet else "")
+        parts.append(text(words, _NAME + width + 6, y + 13, size=_SIZE))
+        marks = [
+            (words, colour)
+            for words, colour, places in (("now", _GREY, now_mm), ("best", _OTHER, best_mm))
+            if any(low <= place < high for place in places)
+        ]
+        for number_, (words, colour) in enumerate(marks):
+            parts.append(text(words, 6 + 40 * number_, y + 13, size=_SIZE, fill=colour, weight="bold"))
+    return _svg(parts, len(shown) * _ROW + 4)
+
+
+def budget_picture(costs: Sequence[NoiseCostOut]) -> str:
+    """A bar for every error: touches that half of it would save, with two standard errors either way."""
+    most = max(0.5, *(abs(item.saved_touches) + 2 * item.standard_error for item in costs))
+    room = (_WIDTH - _NAME - 80) / 2
+    middle, parts = _NAME + room, []
+    for k, item in enumerate(costs):
+        y, width = k * 26.0, room * item.saved_touches / most
+        parts.append(_label(f"half the {SOURCE_WORDS[item.source.value]}", y + 4))
+        colour = _ONE if width >= 0 else _OTHER
+        parts.append(
+            element("rect", x=min(middle, middle + width), y=y + 6, width=abs(width), height=12, fill=colour)
+        )
+        error = 2 * room * item.standard_error / most
+        at = middle + width
+        parts.append(element("line", x1=at - error, x2=at + error, y1=y + 12, y2=y + 12, stroke="#1f2933"))
+        edge = max(middle, at + error) + 8
+        parts.append(text(f"{item.saved_touches:+.2f}", edge, y + 16, size=_SIZE))
+    height = len(costs) * 26.0
+    parts.append(element("line", x1=middle, x2=middle, y1=0, y2=height, stroke=_LINE))
+    parts.append(text("touches saved", middle, height + 14, size=_SIZE, fill=_GREY, anchor="middle"))
+    return _svg(parts, height + 22)
+
+
+SOURCE_WORDS = {
+    "position": "bound of contacts",
+    "normal": "range of normals",
+    "tolerance": "tolerance of parts",
+    "reach": "reach of fingers",
+}
+"""What each source of error is called."""
+
+
+def _label(words: str, y: float) -> str:
+    return text(shorten_middle(words, _SIZE, _NAME - 16), _NAME - 8, y + 13, size=_SIZE, anchor="end")
+
+
+def _overlaid(one: State, other: State, height_mm: float, x: float, y: float, side: float) -> str:
+    """Both outlines, fitted into a square."""
+    first, second = (_region(state, height_mm) for state in (one, other))
+    second = _laid_on(first, second)
+    low, high = np.array(shapely.bounds(shapely.union(first, second))).reshape(2, 2)
+    scale = (side - 60) / max(*(high - low).tolist(), 1.0)
+    middle = (low + high) / 2
+    at = np.array([x + side / 2, y + side / 2 - 12])
+
+    def rings(shape: shapely.Geometry) -> list[np.ndarray[tuple[int, ...], np.dtype[np.float64]]]:
+        drawn = [
+            np.asarray(ring.coords)[:-1]
+            for part in shapely.get_parts(shape)
+            for ring in (part.exterior, *part.interiors)
+        ]
+        return [at + (ring - middle) * scale * np.array([1, -1]) for ring in drawn]
+
+    return "".join(
+        element(
+            "path",
+            d=path_data(rings(shape)),
+            fill=colour,
+            fill_opacity=0.14,
+            fill_rule="evenodd",
+            stroke=colour,
+            stroke_width=1.4,
+        )
+        for shape, colour in ((first, _ONE), (second, _OTHER))
+        if not shape.is_empty
+    )
+
+
+def _region(state: State, height_mm: float) -> shapely.Geometry:
+    """At a height, or the lowest section where nothing is at that height."""
+    sections = state.sections_at(height_mm) or state.sections[:1]
+    return shapely.union_all(
+        [shapely.Polygon(p.outer, p.holes) for section in sections for p in section.polygons]
+    )
+
+
+def _laid_on(first: shapely.Geometry, second: shapely.Geometry) -> shapely.Geometry:
+    """The second with its centroid on that of the first, turned so that they share most."""
+    to = first.centroid
+    second = affinity.translate(second, to.x - second.centroid.x, to.y - second.centroid.y)
+    turned = [affinity.rotate(second, 360 * k / _TURNS, origin=(to.x, to.y)) for k in range(_TURNS)]
+    return turned[int(np.argmax(shapely.area(shapely.intersection(first, turned))))]
+
+
+def _svg(parts: Sequence[str], height: float) -> str:
+    box = f"0 0 {number(_WIDTH)} {number(height)}"
+    return element("svg", *parts, xmlns="http://www.w3.org/2000/svg", viewBox=box, font_family="sans-serif")
