@@ -7,7 +7,7 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import wrap_angle
 from palpate.recognizer.hypotheses import Bounds, Hypotheses
-from palpate.recognizer.region import Cells
+from palpate.recognizer.region import Cells, corners
 from palpate.recognizer.tables import Table
 
 __all__ = ["Goals", "Pairs", "Poses", "pairs_to_distinguish", "sampled_poses", "witness_poses"]
@@ -121,11 +121,14 @@ def _spread(hypotheses: Hypotheses, count: int) -> Cells:
     configurations that are not there would never end.
     """
     cells, first = hypotheses.regions.cells, hypotheses.regions.first
-    vertices = cells.polygon.shape[1]
-    last = np.diff(first) * vertices - 1
-    pick = (last[:, None] * np.linspace(0, 1, count)).astype(np.int64)
-    row = (first[:-1, None] + pick // vertices).ravel()
-    corner = ((pick + pick // vertices) % vertices).ravel()
-    theta = cells.middle[row] + np.where(pick.ravel() % 2 == 0, -_OUT, _OUT) * cells.half_width[row]
+    sizes = corners(cells.polygon).sum(axis=1)
+    begin = np.cumsum(np.append(0, sizes))
+    last = begin[first[1:]] - begin[first[:-1]] - 1
+    pick = (last[:, None] * np.linspace(0, 1, count)).astype(np.int64).ravel()
+    at = np.repeat(begin[first[:-1]], count) + pick
+    row = np.searchsorted(begin, at, side="right") - 1
+    # The corners of one cell after the other: of neighbouring cells others.
+    corner = (at - begin[row] + row) % sizes[row]
+    theta = cells.middle[row] + np.where(pick % 2 == 0, -_OUT, _OUT) * cells.half_width[row]
     position = cells.centre[row] + _OUT * (cells.polygon[row, corner] - cells.centre[row])
     return Cells(cells.node[row], cells.state[row], theta, theta, position[:, None])

@@ -30,6 +30,7 @@ __all__ = [
     "Intervals",
     "ProbedCells",
     "build_cells",
+    "corners",
     "cut_cells",
     "divide_longest",
     "divide_orientations",
@@ -103,6 +104,13 @@ class Cells(Table):
         lever = reach_mm + np.hypot(*self.centre.T)
         result: Floats = self.half_width * lever + self.radius
         return result
+
+
+def corners(polygon: Floats) -> Bools:
+    """Vertices of polygons (k, v, 2) that are no padding, (k, v): all that are not the first once more."""
+    result: Bools = np.any(polygon != polygon[:, :1], axis=2)
+    result[:, :1] = True
+    return result
 
 
 def _padded(polygon: Floats, vertices: int) -> Floats:

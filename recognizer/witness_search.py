@@ -14,7 +14,7 @@ from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.grouping import Boxes, connected
-from palpate.recognizer.region import Cells, Intervals, divide_longest, probe_cells, refine_intervals
+from palpate.recognizer.region import Cells, Intervals, corners, divide_longest, probe_cells, refine_intervals
 from palpate.recognizer.sinusoid_bounds import sinusoid_maximum
 from palpate.recognizer.tables import Table, expand_ranges
 from palpate.recognizer.verification import Poses
@@ -117,9 +117,8 @@ def _witnessed(
 
 def _vertex_means(polygon: Floats) -> Floats:
     """Means (t, 2) of the vertices of convex polygons (t, v, 2), whatever they are padded to."""
-    counts = np.any(polygon != polygon[:, :1], axis=2)
-    counts[:, 0] = True
-    result: Floats = np.einsum("tvj,tv->tj", polygon, counts) / counts.sum(axis=1)[:, None]
+    real = corners(polygon)
+    result: Floats = np.einsum("tvj,tv->tj", polygon, real) / real.sum(axis=1)[:, None]
     return result
 
 
