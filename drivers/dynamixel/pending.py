@@ -28,6 +28,7 @@ PING = 3
 
 _INDIRECT = 168  # from here on there are indirect addresses, then what they show
 _WIDEST, _WIDEST_INDIRECT = 60, 40  # at least as many addresses follow, or come before
+_FOLLOWING = 6  # Indirect Data behind those of a servo's state; in front of them an old XL330 has a gap
 _GOALS = range(
     ITEMS["Goal PWM"].address, ITEMS["Realtime Tick"].address
 )  # changing these changes nothing else
@@ -153,7 +154,7 @@ def _widened(
 ) -> tuple[Mapping[int, Block], Mapping[tuple[int, int], Query]]:
     """Blocks that are wider by some bytes, and the queries for them."""
     wide = tuple(
-        (dxl_id, (first if first < _INDIRECT else first - extra, size + extra))
+        (dxl_id, (first if first < _INDIRECT else first - max(0, extra - _FOLLOWING), size + extra))
         for dxl_id, (first, size) in asked
     )
     return dict(wide), _queries(wide, fast)

@@ -1,13 +1,13 @@
 """State traffic: servo states found in recorded bytes of a bus, without a port.
 
-Pairs each group read of state blocks (`state`) with its answer. Sans-IO: fed with what was sent and
+Pairs each group read whose blocks hold a state (`state`) with its answer. Sans-IO: fed with what was sent and
 received, in the order of the recording.
 """
 
 import struct
 from collections.abc import Iterator, Mapping
 
-from palpate.drivers.dynamixel.models import Model
+from palpate.drivers.dynamixel.models import Model, model_named
 from palpate.drivers.dynamixel.packet import (
     Instruction,
     InstructionPacket,
@@ -15,22 +15,26 @@ from palpate.drivers.dynamixel.packet import (
     StatusPacket,
     parse_fast_status,
 )
+from palpate.drivers.dynamixel.pending import Block, part
 from palpate.drivers.dynamixel.state import STATE_BYTES, ServoState, state_in
 
 __all__ = ["StateTraffic"]
 
-_GROUP = struct.Struct("<HH")  # address and length, before the IDs
-_FAST_BLOCK = 4 + STATE_BYTES
+_SYNC = struct.Struct("<HH")  # address and length, before the IDs
+_BULK = struct.Struct("<BHH")  # ID, address and length of each
+_PING = struct.Struct("<HB")  # model number and firmware
 _FAST_HEAD = 8
+_FAST_FRAME = 4  # bytes of an answer to a fast read that come with each servo's
 
 
 class StateTraffic:
     """Finds states of servos, whose models are given by their IDs, in the traffic of one bus."""
 
     def __init__(self, models: Mapping[int, Model]) -> None:
-        self._models = models
+        self._models = dict(models)
         self._sent, self._received = Parser(), Parser()
-        self._asked: tuple[int, ...] = ()
+        self._asked: Mapping[int, Block] = {}
+        self._is_ping = False
         self._is_fast = False
         self._answer = bytearray()
 
@@ -42,16 +46,19 @@ class StateTraffic:
 
     def received(self, data: bytes) -> Iterator[tuple[int, ServoState]]:
         """What the host has received: ID and state of every servo whose answer is whole with it."""
-        if not self._asked:
-            return
-        if not self._is_fast:
+        if self._is_ping or (self._asked and not self._is_fast):
             for packet in self._received.feed(data):
-                if isinstance(packet, StatusPacket):
+                if isinstance(packet, StatusPacket) and self._is_ping:
+                    self._note_firmware(packet)
+                elif isinstance(packet, StatusPacket):
                     yield from self._state(packet)
             return
+        if not self._asked:
+            return
         self._answer += data
-        if len(self._answer) >= _FAST_HEAD + _FAST_BLOCK * len(self._asked):
-            blocks = parse_fast_status(bytes(self._answer), [STATE_BYTES] * len(self._asked))
+        sizes = [size for _, size in self._asked.values()]
+        if len(self._answer) >= _FAST_HEAD + sum(sizes) + _FAST_FRAME * len(sizes):
+            blocks = parse_fast_status(bytes(self._answer), sizes)
             self._answer.clear()
             for block in blocks:
                 if block is not None:
@@ -61,18 +68,43 @@ class StateTraffic:
         """What is answered next."""
         self._received.reset()
         self._answer.clear()
-        self._is_fast = packet.instruction == Instruction.FAST_SYNC_READ
-        is_group = self._is_fast or packet.instruction == Instruction.SYNC_READ
-        self._asked = ()
-        if is_group and len(packet.params) >= _GROUP.size:
-            _, length = _GROUP.unpack_from(packet.params)
-            if length == STATE_BYTES:
-                self._asked = tuple(packet.params[_GROUP.size :])
+        self._is_ping = packet.instruction == Instruction.PING
+        self._is_fast = packet.instruction in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
+        self._asked = _asked_blocks(packet)
+
+    def _note_firmware(self, answer: StatusPacket) -> None:
+        """Where the state lies depends on the firmware."""
+        model = self._models.get(answer.dxl_id)
+        if model is None or len(answer.params) != _PING.size:
+            return
+        number, firmware = _PING.unpack(answer.params)
+        if number == model.number:
+            self._models[answer.dxl_id] = model_named(model.name, firmware)
 
     def _state(self, packet: StatusPacket) -> Iterator[tuple[int, ServoState]]:
-        model = self._models.get(packet.dxl_id)
-        if model is None or packet.dxl_id not in self._asked or packet.error_number:
+        """The state in an answer; the bus asks for more than that in turn, see `pending`."""
+        model, wide = self._models.get(packet.dxl_id), self._asked.get(packet.dxl_id)
+        if model is None or model.indirect is None or wide is None or packet.error_number:
             return
-        state = state_in(model, packet.params)
+        place = (model.indirect.data, STATE_BYTES)
+        is_within = wide[0] <= place[0] and place[0] + STATE_BYTES <= wide[0] + wide[1]
+        if not is_within or len(packet.params) != wide[1]:
+            return
+        state = state_in(model, part(packet.params, wide, place))
         if state is not None:
             yield packet.dxl_id, state
+
+
+def _asked_blocks(packet: InstructionPacket) -> Mapping[int, Block]:
+    """The block that each servo is asked for; none if the packet is no group read."""
+    params = packet.params
+    if (
+        packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ)
+        and len(params) >= _SYNC.size
+    ):
+        first, size = _SYNC.unpack_from(params)
+        return dict.fromkeys(params[_SYNC.size :], (first, size))
+    if packet.instruction in (Instruction.BULK_READ, Instruction.FAST_BULK_READ):
+        whole = params[: len(params) // _BULK.size * _BULK.size]
+        return {dxl_id: (first, size) for dxl_id, first, size in _BULK.iter_unpack(whole)}
+    return {}

@@ -223,7 +223,7 @@ def test_a_loop_that_reads_and_writes_all_takes_little_more_than_the_wire(
 
 def test_goals_that_get_lost_are_written_again_until_they_are_there() -> None:
     wire = Wire()
-    wire.faulty.rates = WireRates(to_device=FaultRates(lost=0.3))
+    wire.faulty.rates = WireRates(to_device=FaultRates(lost=0.2))
     for step in range(10):
         write_goals(wire.bus, dict.fromkeys(wire.servos, 0.01 * step), confirm=True)
         held = {dxl_id: servo.answer_block(116, 4) for dxl_id, servo in wire.emulated.items()}

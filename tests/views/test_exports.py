@@ -3,7 +3,7 @@
 import csv
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,9 @@ from rosbags.highlevel import AnyReader
 
 from palpate.config import load_rig
 from palpate.config.schema import schema_text
+from palpate.drivers.dynamixel.bus import GroupRead
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.rig.session.log_reader import read_session
 from palpate.rig.session.samples import FrameSample, ServoSample, TipSample, open_samples
 
@@ -32,8 +35,23 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return two_grips(tmp_path_factory.mktemp("run"))
+def states() -> list[tuple[int, float]]:
+    """ID and angle (rad) of every state that the run has read, once it is over."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory, states: list[tuple[int, float]]) -> Path:
+    read = StateReader.read
+
+    def noted(reader: StateReader, servos: Sequence[Servo]) -> GroupRead[ServoState]:
+        found = read(reader, servos)
+        states.extend((dxl_id, state.position_rad) for dxl_id, state in found.values.items())
+        return found
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(StateReader, "read", noted)
+        return two_grips(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +73,13 @@ def frames(session: Path) -> Counter[str]:
         if data and entry.what.direction.value == "received" and port != "mock://bus":
             received[port] = received.get(port, 0) + data.count(b"\0")
     return Counter({port.removeprefix("mock://"): count for port, count in received.items()})
+
+
+def test_every_state_that_was_read_is_a_sample(session: Path, states: list[tuple[int, float]]) -> None:
+    samples = open_samples(read_session(session), session)
+    found = [(item.dxl_id, item.position_rad) for item in samples if isinstance(item, ServoSample)]
+    assert len(states) > 1000
+    assert Counter(found) == Counter(states)
 
 
 def test_servos_are_where_the_touches_say(session: Path, events: list[dict[str, Any]]) -> None:
