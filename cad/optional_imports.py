@@ -1,6 +1,8 @@
 """Packages that only some file formats need: imported when such a file is read, named if they are missing."""
 
 import importlib
+import shlex
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,7 +10,7 @@ from typing import Any
 
 from palpate.errors import InputError
 
-__all__ = ["MissingPackageError", "needed", "readable"]
+__all__ = ["MissingPackageError", "install_command", "needed", "readable"]
 
 
 class MissingPackageError(InputError):
@@ -23,7 +25,15 @@ def needed(module: str, extra: str, purpose: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise MissingPackageError(f"{purpose} needs {module}: pip install 'palpate[{extra}]'") from None
+        raise MissingPackageError(f"{purpose} needs {module}: {install_command(extra)}") from None
+
+
+def install_command(extra: str) -> str:
+    """What installs an extra where this interpreter finds palpate."""
+    python = Path(sys.executable)
+    here = Path.cwd()
+    shown = python.relative_to(here) if python.is_relative_to(here) else python
+    return f"{shlex.quote(str(shown))} -m pip install 'palpate[{extra}]'"
 
 
 @contextmanager

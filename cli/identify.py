@@ -1,6 +1,5 @@
 """`palpate identify`: the main job, from a rig file to a verdict, a session log and a picture."""
 
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -44,7 +43,7 @@ def identify(
     from palpate.api.rig import open_rig
     from palpate.cli.identification_progress import Progress, answer_lines
     from palpate.cli.terminal import Terminal, print_notices
-    from palpate.cli.view_process import start_view
+    from palpate.cli.view_process import view_starter
     from palpate.files.writing import check_place, write_text
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
@@ -58,7 +57,7 @@ def identify(
             strategy=strategy.value,
             sessions=sessions,
             on_event=progress,
-            on_session=partial(start_view, view_port) if view else lambda _: None,
+            on_session=view_starter(view_port) if view else lambda _: None,
             notice=progress.notice,
             warn=lambda line: print_notices([line]),
             progress=progress.doing,

@@ -1,7 +1,6 @@
 """`palpate calibrate`: measure a rig, write what was found beside the rig file, and a report."""
 
 from enum import Enum
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -55,7 +54,7 @@ def calibrate(
     from palpate.cli.commissioning.confirm_motion import ask_to_move
     from palpate.cli.commissioning.reference_placement import ConsoleTable
     from palpate.cli.terminal import Terminal
-    from palpate.cli.view_process import start_view
+    from palpate.cli.view_process import view_starter
     from palpate.config.results import to_json
     from palpate.rig.commissioning.calibration import STEPS
 
@@ -76,7 +75,7 @@ def calibrate(
             table=None if opened.emulated else ConsoleTable(console),
             restart=restart,
             progress=progress.tell,
-            on_session=partial(start_view, view_port) if view else None,
+            on_session=view_starter(view_port) if view else None,
         )
     out = calibrate_out(answer, opened.described, steps, time.perf_counter() - begin)
     if json:

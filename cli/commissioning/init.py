@@ -37,8 +37,9 @@ def init(
     MEASURE in the file; then `palpate check --rig FILE` says what is wrong.
     """
     from palpate.api import bus
-    from palpate.cli.terminal import Terminal
+    from palpate.cli.terminal import Terminal, print_notices
     from palpate.config.shipped import SHIPPED_RIGS, shipped_rig
+    from palpate.drivers.dynamixel.specifications import supply_warnings
     from palpate.errors import DeviceError, InputError, counted
     from palpate.files.writing import check_place
     from palpate.rig.commissioning.new_rig import FoundArray, describe_array, rig_text
@@ -70,6 +71,7 @@ def init(
         except DeviceError as error:
             terminal.print(f"array: {error}")
             arrays.append(place)
+    print_notices(supply_warnings(servo.model for servo in found.servos if servo.model is not None))
     text = rig_text(out.stem, port, found.servos, arrays)
     _write(out, text, schema)
     fingers = counted(text.count("[[fingers]]"), "finger", "fingers")

@@ -25,8 +25,11 @@ def setup_motors(
     Exit code 1: a servo was skipped. 3: a servo is not done.
     """
     from palpate.cli.commissioning.motor_dialogue import set_up_motors
+    from palpate.cli.terminal import print_notices
     from palpate.config import load_rig
-    from palpate.rig.diagnostics.bus_selection import endpoint_of_rig
+    from palpate.drivers.dynamixel.specifications import supply_warnings
+    from palpate.rig.diagnostics.bus_selection import endpoint_of_rig, list_servos
 
     rig_file = load_rig(rig)
+    print_notices(supply_warnings(servo.model for servo in list_servos(rig_file)))
     return set_up_motors(rig_file, endpoint_of_rig(rig_file), dxl_id or [], yes=yes, json=json)

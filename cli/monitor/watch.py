@@ -1,7 +1,6 @@
 """`palpate watch`: what the fingers feel, live or from a recorded session. Moves nothing."""
 
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -53,7 +52,7 @@ def watch(
     from palpate.cli.monitor.display import forget_stdout, how_to_show, write_picture
     from palpate.cli.monitor.keys import Keys
     from palpate.cli.monitor.updates import show_updates
-    from palpate.cli.view_process import start_view
+    from palpate.cli.view_process import view_starter
 
     own = rig is None and rate is None and tare and not no_calibration
     if session is None and speed is not None:
@@ -75,7 +74,7 @@ def watch(
         else:
             opened = open_rig(rig, calibration=not no_calibration)
             pace = 1.0 if how.screen or seconds is None else None
-            shows = partial(start_view, view_port) if view else None
+            shows = view_starter(view_port) if view else None
             monitor = ways_out.enter_context(
                 opened.watch(fingers, rate_hz=rate, tare=tare, speed=pace, on_session=shows)
             )

@@ -6,7 +6,7 @@ tables there. Inertia, friction and heating stand nowhere; the guesses are said 
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -15,7 +15,7 @@ from typing import Any
 from palpate.drivers.dynamixel.emanual_tables import EXTENDED_FIRMWARE, MODEL_NAMES, TableItem, table_of
 from palpate.extensions import SERVO_MODELS, broken, load
 
-__all__ = ["SPECIFICATIONS", "MotorConstants", "ServoSpecification", "specification"]
+__all__ = ["SPECIFICATIONS", "MotorConstants", "ServoSpecification", "specification", "supply_warnings"]
 
 _RPM = 2 * math.pi / 60  # rad/s
 
@@ -101,3 +101,22 @@ def specification(name: str) -> ServoSpecification:
     if not isinstance(found, ServoSpecification):
         raise broken(SERVO_MODELS, name, f"it is a {type(found).__name__}, not a ServoSpecification")
     return found
+
+
+def supply_warnings(models: Iterable[str]) -> list[str]:
+    """What is wrong with the supply of servos on one bus, whose cables pass it on; none if all need the same.
+
+    Models that are not known here are left out.
+    """
+    by_volts: dict[float, set[str]] = {}
+    for name in set(models) & SPECIFICATIONS.keys():
+        by_volts.setdefault(SPECIFICATIONS[name].nominal_v, set()).add(name)
+    if len(by_volts) < 2:
+        return []
+    listed = ", ".join(
+        f"{volts:g} V for {' and '.join(sorted(by_volts[volts]))}" for volts in sorted(by_volts)
+    )
+    return [
+        f"servos on one bus need different supplies ({listed}), and cables pass the supply on: the highest "
+        "destroys the others; use servos of one voltage, or feed them apart, with only ground and data joined"
+    ]

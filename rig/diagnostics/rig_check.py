@@ -17,6 +17,7 @@ from palpate.config.check_result import (
     TouchForceOut,
 )
 from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.specifications import supply_warnings
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.errors import DeviceError, InputError, counted
@@ -65,6 +66,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         slow_n=expected_peak_n(rig, rig.closing.touch_speed_mm_s),
     )
     warnings = [
+        *supply_warnings(item.servo.model.name for item in servos),
         *timer_warnings(rig.bus.port, timer),
         *(_about(item, text) for item in found for text in item.warnings),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.warnings),

@@ -6,6 +6,7 @@ from palpate.config.rig_tables import BUS_BAUDRATES
 from palpate.config.scan_result import ScannedServoOut, ScanOut
 from palpate.drivers.dynamixel.bus_scan import ALL_IDS, FoundServo, Scan, model_name, scan
 from palpate.drivers.dynamixel.models import models_known
+from palpate.drivers.dynamixel.specifications import supply_warnings
 from palpate.drivers.transport.port import has_baudrate
 from palpate.rig.diagnostics.bus_selection import BusEndpoint, RigServo, list_servos
 
@@ -43,6 +44,7 @@ def scan_result(place: BusEndpoint, found: Scan, rates: Sequence[int], ids: Sequ
     warnings = [
         *(f"{rate} baud could not be tried: {reason}" for rate, reason in found.refused.items()),
         *_servo_warnings(servos),
+        *supply_warnings(servo.model for servo in servos if servo.model is not None),
         *_rig_warnings(servos, [owned[i] for i in sorted(owned) if i in ids], place.baudrate),
     ]
     return ScanOut.of(

@@ -137,6 +137,7 @@ def test_warnings_name_what_the_rig_file_has_otherwise() -> None:
         "4000000 baud could not be tried: the port says no",
         "two servos or more seem to have id 22",
         "servo 21 has model number 9999",
+        "servos on one bus need different supplies (5 V for XL330-M288, 12 V for XM430-W350)",
         "servo 11 (f1 aim) answers at 57600 baud, not at the rig file's 1000000",
         "servo 12 (f1 slide) is a XL330-M288, not the rig file's XM430-W350",
         "servo 21 (f2 aim) is a model number 9999, not the rig file's XM430-W350",

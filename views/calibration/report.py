@@ -8,6 +8,7 @@ from base64 import b64encode
 from pathlib import Path
 from types import ModuleType
 
+from palpate.cad.optional_imports import install_command
 from palpate.config.calibration_file import CalibrationFile
 from palpate.files.writing import write_text
 from palpate.views.calibration.numbers import RowGroup, finger_tables, summary
@@ -33,8 +34,6 @@ th[scope=col] {{ font-weight: bold; overflow-wrap: anywhere; }}
 th[scope=rowgroup] {{ font-weight: bold; padding-top: 16px; background: {CARD}; }}
 """.strip()
 
-_NO_PLOTS = "<p>No pictures: matplotlib is not installed (pip install 'palpate[plots]').</p>"
-
 
 def write_report(path: Path, file: CalibrationFile) -> None:
     """Write the report to `path`; raises InputError if the place cannot be written."""
@@ -48,7 +47,7 @@ def report_html(file: CalibrationFile) -> str:
     """
     title, plots = escape(f"Calibration of {file.rig}"), _plots()
     body = [f"<h1>{title}</h1>", _summary(file)]
-    body += [_NO_PLOTS] if plots is None else _residuals(file, plots)
+    body += [_no_plots()] if plots is None else _residuals(file, plots)
     body += _fingers(file)
     body += [] if plots is None else _taxels(file, plots)
     body.append(_devices(file))
@@ -144,3 +143,7 @@ def _devices(file: CalibrationFile) -> str:
         "<h2>Devices</h2><p>The calibration holds for these devices and for the rig file with this geometry: "
         f"{escape(file.geometry_sha256[:16])}…</p><table><thead><tr>{head}</tr></thead>{rows}</table>"
     )
+
+
+def _no_plots() -> str:
+    return f"<p>No pictures: matplotlib is not installed ({escape(install_command('plots'))}).</p>"
