@@ -60,6 +60,7 @@ test: check firmware
 # the site, where every warning is an error
 docs: $(DEV)
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --builder html docs build/docs
+	@echo "build/docs/index.html"
 
 campaign: $(DEV)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist worksteal -m "campaign and not realtime"

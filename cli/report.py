@@ -28,8 +28,9 @@ def report(
 
     folder = session_of(session)
     place = out or folder / "report.html"
+    recorded = read_session(folder)
     check_place(place)
-    samples = open_samples(read_session(folder), folder)
+    samples = open_samples(recorded, folder)
     write_text(place, run_report(samples, summary_of(folder), folder))
     typer.echo(str(place))
     return 0

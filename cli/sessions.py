@@ -10,6 +10,7 @@ from palpate.cli.options import JsonOption
 __all__ = ["info", "list_sessions", "prune"]
 
 _FOLDER = Path("palpate-sessions")
+_WIDE = 1000
 FolderOption = Annotated[Path, typer.Option("--sessions", help="Folder with sessions.")]
 
 
@@ -31,7 +32,10 @@ def list_sessions(context: typer.Context, folder: FolderOption = _FOLDER, json: 
         out = SessionsOut(folder=str(folder), sessions=found.sessions, unreadable=found.unreadable)
         typer.echo(to_json(out))
     else:
-        show_sessions(found.sessions, found.unreadable, Terminal())
+        terminal = Terminal()
+        if not terminal.is_terminal:
+            terminal.width = _WIDE  # a line for each session, for what reads it
+        show_sessions(found.sessions, found.unreadable, terminal)
     return 0
 
 

@@ -10,6 +10,7 @@ from palpate.vocabulary import IdentificationVerdict
 
 __all__ = ["answer_lines", "picture_facts"]
 
+_DETECTABLE_MM = 100.0  # as large as a part: touches would rather have missed it
 _ALTERNATIVES_SHOWN = 12
 _LEAST_SHOWN = 1e-4  # the model of what is not in the catalogue is no better than that
 _RETOUCH = "`palpate check --touch` shows"
@@ -33,7 +34,7 @@ def answer_lines(out: IdentificationOut, advice: Sequence[str] = ()) -> list[str
         if out.stranger_probability is not None:
             lines.append(f"  {_stranger_words(out.stranger_probability)}")
         if out.detectable_shift is not None:
-            lines.append(f"  smallest detectable shift before the last grip: {out.detectable_shift:.1f} mm")
+            lines.append(f"  {_shift_words(out.detectable_shift)}")
     if out.verdict == IdentificationVerdict.UNRESOLVED and out.object is not None and _is_one_state(out):
         lines.append(f"  {_unconfirmed_words(out)}")
     lines += [*_motion_lines(out), *_not_bounded_lines(out)]
@@ -232,3 +233,9 @@ def _truth_line(out: IdentificationOut) -> str:
         f"{line}; off by {truth.position_error_mm:.3f} mm and {turned:.3f}°, "
         f"{'inside' if truth.inside_bounds else 'OUTSIDE'} the bounds"
     )
+
+
+def _shift_words(shift_mm: float) -> str:
+    if shift_mm > _DETECTABLE_MM:
+        return "a shift of the part before the last grip would hardly have been detected"
+    return f"smallest detectable shift before the last grip: {shift_mm:.1f} mm"
