@@ -1,4 +1,4 @@
-"""Servos of different voltages on one bus: cables pass the supply on, and the higher one destroys the others."""
+"""Servos of two voltages on one bus: cables pass the supply on, and the higher one destroys the others."""
 
 import pytest
 
