@@ -10,6 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.geometry import Bools, Floats, Ints
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_shapes import grouped
 from palpate.recognizer.tables import expand_ranges
 
 __all__ = ["Boxes", "connected"]
@@ -34,6 +36,11 @@ class Boxes:
     lo: Floats
     hi: Floats
 
+    @property
+    def arrays(self) -> tuple[Ints | Floats, ...]:
+        """All of them, as the kernel takes them."""
+        return self.state, self.middle, self.half_width, self.turn, self.lo, self.hi
+
     def meet(self, one: Ints, two: Ints) -> Bools:
         """Whether boxes `one` and `two` (index arrays that broadcast), known to be of one state, meet."""
         apart = self.middle[one] - self.middle[two]
@@ -54,6 +61,9 @@ def connected(boxes: Boxes, most_pairs: int = 40_000_000) -> Ints:
     count = len(boxes.state)
     if count > _FEW:
         return _connected_by_order(boxes, most_pairs)
+    if KERNEL is not None:
+        everything = np.arange(count)
+        return grouped(KERNEL, boxes.arrays, everything, (everything, everything + 1, np.full(count, count)))
     one, two = np.arange(count)[:, None], np.arange(count)[None]
     return _by_spreading((boxes.state[:, None] == boxes.state) & boxes.meet(one, two))
 
@@ -94,8 +104,13 @@ def _connected_by_order(boxes: Boxes, most_pairs: int) -> Ints:
     before = at - np.searchsorted(keys, base + folded - reach, side="left")
     after = np.searchsorted(keys, base + folded + reach, side="right") - at - 1
     everything = np.arange(count)
-    links = [_links(boxes, everything, at + 1, np.minimum(after, _FIRST_NEIGHBOURS), box)]
-    label = _components(links[0][0], links[0][1], count)
+    near = everything, at + 1, np.minimum(after, _FIRST_NEIGHBOURS)
+    links: list[tuple[Ints, Ints]] = []
+    if KERNEL is not None:
+        label = grouped(KERNEL, boxes.arrays, box, (near[0], near[1], near[1] + near[2]))
+    else:
+        links = [_links(boxes, *near, box)]
+        label = _components(links[0][0], links[0][1], count)
     # A box of each state's largest component: assignment keeps the last, and these come sorted by size.
     size = np.bincount(label)[label]
     largest = np.zeros(int(boxes.state.max()) + 1, dtype=np.int64)
@@ -107,6 +122,10 @@ def _connected_by_order(boxes: Boxes, most_pairs: int) -> Ints:
     around = before + after + 1
     if int(around[outside].sum()) > most_pairs:
         return _connected_by_bins(boxes)
+    if KERNEL is not None:
+        begin = np.concatenate([near[1], (at - before)[outside]])
+        size = np.concatenate([near[2], around[outside]])
+        return grouped(KERNEL, boxes.arrays, box, (np.append(everything, outside), begin, begin + size))
     links.append(_links(boxes, outside, (at - before)[outside], around[outside], box, label))
     return _components(
         np.concatenate([one for one, _ in links]), np.concatenate([two for _, two in links]), count

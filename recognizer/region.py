@@ -16,6 +16,7 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.recognizer.catalogue import Catalogue
 from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_shapes import clipped_polygons, shapes_of
 from palpate.recognizer.compiled_tree import cut_polygons
 from palpate.recognizer.contact import Contact
 from palpate.recognizer.half_planes import all_half_planes
@@ -77,12 +78,16 @@ class Cells(Table):
     @cached_property
     def centre(self) -> Floats:
         """Middle of each polygon's bounding box, (k, 2)."""
+        if KERNEL is not None:
+            return self._shapes[0]
         result: Floats = (self.polygon.min(axis=1) + self.polygon.max(axis=1)) / 2
         return result
 
     @cached_property
     def radius(self) -> Floats:
         """Largest distance from `centre` to a vertex, (k,)."""
+        if KERNEL is not None:
+            return self._shapes[1]
         offset = self.polygon - self.centre[:, None]
         result: Floats = np.hypot(offset[..., 0], offset[..., 1]).max(axis=1)
         return result
@@ -90,11 +95,18 @@ class Cells(Table):
     @cached_property
     def volume(self) -> Floats:
         """Area times orientation interval, (k,) mm²·rad."""
+        if KERNEL is not None:
+            return self._shapes[2] * (self.hi - self.lo)
         x, y = self.polygon[..., 0], self.polygon[..., 1]
         after = np.arange(1, x.shape[1] + 1) % x.shape[1]
         twice = np.sum(x * y[:, after] - y * x[:, after], axis=1)
         result: Floats = np.abs(twice) / 2 * (self.hi - self.lo)
         return result
+
+    @cached_property
+    def _shapes(self) -> tuple[Floats, Floats, Floats]:
+        assert KERNEL is not None
+        return shapes_of(KERNEL, self.polygon)
 
     def displacement(self, reach_mm: Floats) -> Floats:
         """How far the object's points may be from where the cell's middle configuration puts them, (k,) mm.
@@ -333,6 +345,11 @@ def _clip(polygon: Floats, g: Floats, limit: Floats) -> tuple[Floats, Bools]:
 
     The polygons given are overwritten.
     """
+    if KERNEL is not None:
+        clipped, rows = clipped_polygons(KERNEL, polygon, g, limit)
+        kept = np.zeros(len(polygon), dtype=bool)
+        kept[rows] = True
+        return clipped, kept
     height = np.einsum("kvj,kj->kv", polygon, g) - limit[:, None]
     cut = np.flatnonzero(np.any(height > 0, axis=1))
     kept = np.ones(len(polygon), dtype=bool)

@@ -12,6 +12,8 @@ import numpy as np
 from palpate.geometry import Bools, Floats, Ints
 from palpate.geometry.plane import rotate
 from palpate.recognizer.catalogue import Catalogue
+from palpate.recognizer.compiled import KERNEL
+from palpate.recognizer.compiled_shapes import furthest_along_axes
 from palpate.recognizer.constraints import Constraints
 from palpate.recognizer.grouping import Boxes, connected
 from palpate.recognizer.region import Cells, Intervals, corners, divide_longest, probe_cells, refine_intervals
@@ -359,6 +361,9 @@ def position_boxes(cells: Cells, origin_mm: Floats, anchor_mm: Floats) -> tuple[
 
     The origin is a point of the object, seen from its centroid, that stands for its position.
     """
+    if KERNEL is not None:
+        furthest = furthest_along_axes(KERNEL, cells.polygon, origin_mm, cells.lo, cells.hi)
+        return anchor_mm - furthest[:, 2:] - 1e-9, anchor_mm + furthest[:, :2] + 1e-9
     rel = cells.polygon - origin_mm[:, None]
     x, y = rel[..., 0], rel[..., 1]
     lo, hi = cells.lo[:, None], cells.hi[:, None]

@@ -11,6 +11,10 @@ PyObject *third_level(PyObject *self, PyObject *arguments);
 PyObject *extend(PyObject *self, PyObject *arguments);
 PyObject *narrow(PyObject *self, PyObject *arguments);
 PyObject *cut_cells(PyObject *self, PyObject *arguments);
+PyObject *clip_polygons(PyObject *self, PyObject *arguments);
+PyObject *shapes(PyObject *self, PyObject *arguments);
+PyObject *furthest(PyObject *self, PyObject *arguments);
+PyObject *groups(PyObject *self, PyObject *arguments);
 PyObject *sweep(PyObject *self, PyObject *arguments);
 PyObject *free_paths(PyObject *self, PyObject *arguments);
 PyObject *prepared_boundary(PyObject *self, PyObject *arrays);
@@ -25,6 +29,10 @@ PyObject *polish(PyObject *self, PyObject *arguments);
     {"extend", extend, METH_VARARGS, NULL}, \
     {"narrow", narrow, METH_VARARGS, NULL}, \
     {"cut_cells", cut_cells, METH_VARARGS, NULL}, \
+    {"clip_polygons", clip_polygons, METH_VARARGS, NULL}, \
+    {"shapes", shapes, METH_VARARGS, NULL}, \
+    {"furthest", furthest, METH_VARARGS, NULL}, \
+    {"groups", groups, METH_VARARGS, NULL}, \
     {"sweep", sweep, METH_VARARGS, NULL}, \
     {"free_paths", free_paths, METH_VARARGS, NULL}, \
     {"prepared_boundary", prepared_boundary, METH_O, NULL}, \

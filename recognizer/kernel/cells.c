@@ -124,6 +124,43 @@ static PyObject *padded(const list *cells, const list *points, int64_t most)
     return found;
 }
 
+/* Add the polygon of a row; 0 with an exception set if memory is out. */
+static int add_cell(list *cells, list *points, int64_t row, const point *polygon, int size)
+{
+    cell *one = list_add(cells);
+    if (one) {
+        cell found = {row, (int64_t)points->size, size};
+        *one = found;
+    }
+    int fine = one != NULL;
+    for (int j = 0; fine && j < size; j++) {
+        point *to = list_add(points);
+        if (to)
+            *to = polygon[j];
+        fine = to != NULL;
+    }
+    if (!fine)
+        PyErr_NoMemory();
+    return fine;
+}
+
+/* What Python gets: vertices of the largest polygon, rows, and polygons; releases all that was used. */
+static PyObject *cells_found(buffers *all, list *cells, list *points, int64_t most, int fine)
+{
+    PyObject *rows = NULL, *polygons = fine ? padded(cells, points, most) : NULL;
+    if (polygons && (rows = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells->size * sizeof(int64_t)))))
+        for (size_t k = 0; k < cells->size; k++)
+            ((int64_t *)PyByteArray_AS_STRING(rows))[k] = ((const cell *)cells->data)[k].row;
+    release(all);
+    free_list(cells);
+    free_list(points);
+    if (!rows) {
+        Py_XDECREF(polygons);
+        return NULL;
+    }
+    return Py_BuildValue("LNN", (long long)most, rows, polygons);
+}
+
 /* cut_cells(edge sets of m contacts, (x, y, bound) of each, edges of interpretations (n × m), n, interpretation of
    each interval, lo, hi, number of intervals): vertices of the largest polygon, rows of intervals that are not
    empty, and their polygons. */
@@ -160,37 +197,43 @@ PyObject *cut_cells(PyObject *self, PyObject *arguments)
         int which, size = cut(sets, tips, contacts, edges + contacts * node[k], &at, buffer, &which);
         if (!size)
             continue;
-        cell *one = list_add(&cells);
-        if (one) {
-            cell found = {k, (int64_t)points.size, size};
-            *one = found;
-        }
-        fine = one != NULL;
-        for (int j = 0; fine && j < size; j++) {
-            point *to = list_add(&points);
-            if (to)
-                *to = buffer[which][j];
-            fine = to != NULL;
-        }
-        if (!fine)
-            PyErr_NoMemory();
+        fine = add_cell(&cells, &points, k, buffer[which], size);
         most = size > most ? size : most;
     }
-    PyObject *rows = NULL, *polygons = NULL;
-    if (fine && (polygons = padded(&cells, &points, most))) {
-        rows = PyByteArray_FromStringAndSize(NULL, (Py_ssize_t)(cells.size * sizeof(int64_t)));
-        for (size_t k = 0; rows && k < cells.size; k++)
-            ((int64_t *)PyByteArray_AS_STRING(rows))[k] = ((const cell *)cells.data)[k].row;
-    }
-    release(&all);
-    free_list(&cells);
-    free_list(&points);
     free(room);
     free(sets);
     free(tips);
-    if (!rows) {
-        Py_XDECREF(polygons);
+    return cells_found(&all, &cells, &points, most, fine);
+}
+
+/* clip_polygons(polygons, k, v, g (k × 2), limits (k)): parts of convex polygons where g·s ≤ limit: vertices of the
+   largest, rows of polygons that have such a part, and the parts. */
+PyObject *clip_polygons(PyObject *self, PyObject *arguments)
+{
+    PyObject *polygon_in, *g_in, *limit_in;
+    Py_ssize_t count, vertices;
+    buffers all = {.count = 0};
+    list cells = new_list(sizeof(cell)), points = new_list(sizeof(point));
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "OnnOO", &polygon_in, &count, &vertices, &g_in, &limit_in))
         return NULL;
+    const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
+    const point *polygon = borrow(&all, polygon_in, vertices * count * (Py_ssize_t)sizeof(point)), *g = NULL;
+    const double *limit = NULL;
+    int fine = polygon && (g = borrow(&all, g_in, 2 * row)) && (limit = borrow(&all, limit_in, row));
+    point *left = malloc((size_t)(2 * vertices + 1) * sizeof(point));
+    if (fine && !left)
+        PyErr_NoMemory();
+    fine = fine && left;
+    int64_t most = vertices;
+    for (Py_ssize_t k = 0; fine && k < count; k++) {
+        const half_plane side = {g[k].x, g[k].y, limit[k]};
+        int size = clip(polygon + k * vertices, (int)vertices, &side, left);
+        if (!size)
+            continue;
+        fine = add_cell(&cells, &points, k, left, size);
+        most = size > most ? size : most;
     }
-    return Py_BuildValue("LNN", (long long)most, rows, polygons);
+    free(left);
+    return cells_found(&all, &cells, &points, most, fine);
 }

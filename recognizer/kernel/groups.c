@@ -1,0 +1,91 @@
+/* Groups of cells: connected components of boxes in (x, y, θ), as `palpate.recognizer.grouping` has them. */
+
+#include "calls.h"
+
+#define TOUCHING_RAD 1e-9
+
+typedef struct {
+    double x0, y0, x1, y1, middle, half, turn;
+    int64_t state;
+} box;
+
+static int meet(const box *one, const box *two)
+{
+    if (one->x0 > two->x1 || two->x0 > one->x1 || one->y0 > two->y1 || two->y0 > one->y1)
+        return 0;
+    double apart = one->middle - two->middle;
+    apart = fabs(apart - one->turn * rint(apart / one->turn));
+    return apart <= one->half + two->half + TOUCHING_RAD;
+}
+
+static int64_t root_of(int64_t *parent, int64_t k)
+{
+    while (parent[k] != k)
+        k = parent[k] = parent[parent[k]];
+    return k;
+}
+
+/* The lesser of two roots is the root of both. */
+static void join(int64_t *parent, int64_t one, int64_t two)
+{
+    one = root_of(parent, one);
+    two = root_of(parent, two);
+    if (one < two)
+        parent[two] = one;
+    else
+        parent[one] = two;
+}
+
+/* groups(states, middles, half widths, turns, lo (k × 2), hi (k × 2), k, order (m), m, ones (n), begins (n), ends (n),
+   n): component of each box, numbered in the order of their first boxes. Box `one` is compared with those at the
+   places [begin, end) of the order. */
+PyObject *groups(PyObject *self, PyObject *arguments)
+{
+    PyObject *state_in, *middle_in, *half_in, *turn_in, *lo_in, *hi_in, *order_in, *one_in, *begin_in, *end_in;
+    PyObject *out = NULL;
+    Py_ssize_t count, places, rows;
+    buffers all = {.count = 0};
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "OOOOOOnOnOOOn", &state_in, &middle_in, &half_in, &turn_in, &lo_in, &hi_in, &count,
+                          &order_in, &places, &one_in, &begin_in, &end_in, &rows))
+        return NULL;
+    const Py_ssize_t row = count * (Py_ssize_t)sizeof(double), asked = rows * (Py_ssize_t)sizeof(int64_t);
+    const int64_t *state = NULL, *order = NULL, *ones = NULL, *begin = NULL, *end = NULL;
+    const double *middle = NULL, *half = NULL, *turn = NULL, *lo = NULL, *hi = NULL;
+    int fine = (state = borrow(&all, state_in, row)) && (middle = borrow(&all, middle_in, row)) &&
+               (half = borrow(&all, half_in, row)) && (turn = borrow(&all, turn_in, row)) &&
+               (lo = borrow(&all, lo_in, 2 * row)) && (hi = borrow(&all, hi_in, 2 * row)) &&
+               (order = borrow(&all, order_in, places * (Py_ssize_t)sizeof(int64_t))) &&
+               (ones = borrow(&all, one_in, asked)) && (begin = borrow(&all, begin_in, asked)) &&
+               (end = borrow(&all, end_in, asked));
+    box *boxes = malloc((size_t)(count + 1) * sizeof(box));
+    int64_t *parent = malloc((size_t)(count + 1) * sizeof(int64_t));
+    if (fine && !(boxes && parent))
+        PyErr_NoMemory();
+    fine = fine && boxes && parent;
+    for (Py_ssize_t k = 0; fine && k < count; k++) {
+        box one = {lo[2 * k], lo[2 * k + 1], hi[2 * k], hi[2 * k + 1], middle[k], half[k], turn[k], state[k]};
+        boxes[k] = one;
+        parent[k] = k;
+    }
+    for (Py_ssize_t k = 0; fine && k < rows; k++) {
+        const int64_t one = ones[k], last = end[k] < places ? end[k] : places;
+        if (one < 0 || one >= count)
+            continue;
+        for (int64_t place = begin[k] < 0 ? 0 : begin[k]; place < last; place++) {
+            const int64_t two = order[place];
+            if (two >= 0 && two < count && boxes[one].state == boxes[two].state && meet(&boxes[one], &boxes[two]))
+                join(parent, one, two);
+        }
+    }
+    out = fine ? PyByteArray_FromStringAndSize(NULL, row) : NULL;
+    int64_t *label = out ? (int64_t *)PyByteArray_AS_STRING(out) : NULL, found = 0;
+    for (Py_ssize_t k = 0; label && k < count; k++) {
+        int64_t root = root_of(parent, k);
+        label[k] = root == k ? found++ : label[root];
+    }
+    release(&all);
+    free(boxes);
+    free(parent);
+    return out;
+}

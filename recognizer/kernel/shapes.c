@@ -1,0 +1,114 @@
+/* Shapes of cells: convex polygons (k × v points, padded by repeating the first) and the boxes around them.
+
+   Sums are taken in numpy's order, so that which of two equal cells is the larger does not depend on who added. */
+
+#include "calls.h"
+
+typedef struct {
+    double x, y;
+} point;
+
+/* Sum as numpy adds up a row of fewer than 128. */
+static double row_sum(const double *item, int64_t count)
+{
+    double sum = 0;
+    int64_t k = 0;
+    if (count >= 8) {
+        double part[8];
+        for (int j = 0; j < 8; j++)
+            part[j] = item[j];
+        for (k = 8; k + 8 <= count; k += 8)
+            for (int j = 0; j < 8; j++)
+                part[j] += item[k + j];
+        sum = ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]));
+    }
+    for (; k < count; k++)
+        sum += item[k];
+    return sum;
+}
+
+static double *filled(Py_ssize_t count, PyObject **bytes)
+{
+    *bytes = PyByteArray_FromStringAndSize(NULL, count * (Py_ssize_t)sizeof(double));
+    return *bytes ? (double *)PyByteArray_AS_STRING(*bytes) : NULL;
+}
+
+/* shapes(polygons, k, v): middle of each polygon's bounding box (k × 2), largest distance from there to a vertex (k),
+   and area (k). */
+PyObject *shapes(PyObject *self, PyObject *arguments)
+{
+    PyObject *polygon_in, *out[3] = {NULL, NULL, NULL};
+    Py_ssize_t count, vertices;
+    buffers all = {.count = 0};
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "Onn", &polygon_in, &count, &vertices))
+        return NULL;
+    const point *polygon = borrow(&all, polygon_in, count * vertices * (Py_ssize_t)sizeof(point));
+    double *term = malloc((size_t)(vertices + 1) * sizeof(double));
+    double *centre = polygon && term ? filled(2 * count, &out[0]) : NULL;
+    double *radius = centre ? filled(count, &out[1]) : NULL, *area = radius ? filled(count, &out[2]) : NULL;
+    if (polygon && !term)
+        PyErr_NoMemory();
+    for (Py_ssize_t k = 0; area && k < count; k++) {
+        const point *p = polygon + k * vertices;
+        point least = p[0], most = p[0];
+        for (Py_ssize_t j = 0; j < vertices; j++) {
+            const point *next = p + (j + 1 < vertices ? j + 1 : 0);
+            least.x = smaller(least.x, p[j].x);
+            least.y = smaller(least.y, p[j].y);
+            most.x = larger(most.x, p[j].x);
+            most.y = larger(most.y, p[j].y);
+            term[j] = p[j].x * next->y - p[j].y * next->x;
+        }
+        double x = centre[2 * k] = (least.x + most.x) / 2, y = centre[2 * k + 1] = (least.y + most.y) / 2;
+        double away = 0;
+        for (Py_ssize_t j = 0; j < vertices; j++)
+            away = larger(away, (p[j].x - x) * (p[j].x - x) + (p[j].y - y) * (p[j].y - y));
+        radius[k] = sqrt(away);
+        area[k] = fabs(row_sum(term, vertices)) / 2;
+    }
+    free(term);
+    release(&all);
+    if (!area) {
+        Py_XDECREF(out[0]);
+        Py_XDECREF(out[1]);
+        return NULL;
+    }
+    return Py_BuildValue("NNN", out[0], out[1], out[2]);
+}
+
+/* furthest(polygons, k, v, origins (k × 2), lo, hi): how far R(θ)(s − origin) gets along +x, +y, −x and −y (k × 4)
+   for s in the polygon and θ in [lo, hi]; over half a turn and more the distance from the origin stands for it. */
+PyObject *furthest(PyObject *self, PyObject *arguments)
+{
+    PyObject *polygon_in, *origin_in, *lo_in, *hi_in, *out = NULL;
+    Py_ssize_t count, vertices;
+    buffers all = {.count = 0};
+    (void)self;
+    if (!PyArg_ParseTuple(arguments, "OnnOOO", &polygon_in, &count, &vertices, &origin_in, &lo_in, &hi_in))
+        return NULL;
+    const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
+    const point *polygon = borrow(&all, polygon_in, vertices * count * (Py_ssize_t)sizeof(point)), *origin = NULL;
+    const double *lo = NULL, *hi = NULL;
+    int fine = polygon && (origin = borrow(&all, origin_in, 2 * row)) && (lo = borrow(&all, lo_in, row)) &&
+               (hi = borrow(&all, hi_in, row));
+    double *found = fine ? filled(4 * count, &out) : NULL;
+    for (Py_ssize_t k = 0; found && k < count; k++) {
+        const double c0 = cos(lo[k]), s0 = sin(lo[k]), c1 = cos(hi[k]), s1 = sin(hi[k]);
+        const int wide = hi[k] - lo[k] >= PI;
+        double most[4] = {-INFINITY, -INFINITY, -INFINITY, -INFINITY};
+        for (Py_ssize_t j = 0; j < vertices; j++) {
+            const double x = polygon[k * vertices + j].x - origin[k].x, y = polygon[k * vertices + j].y - origin[k].y;
+            const double a[4] = {x, y, -x, -y}, b[4] = {-y, x, y, -x};
+            for (int axis = 0; axis < 4; axis++) {
+                int crest = wide || (b[axis] * c0 > a[axis] * s0 && b[axis] * c1 < a[axis] * s1);
+                double far = crest ? sqrt(x * x + y * y)
+                                   : larger(a[axis] * c0 + b[axis] * s0, a[axis] * c1 + b[axis] * s1);
+                most[axis] = larger(most[axis], far);
+            }
+        }
+        memcpy(found + 4 * k, most, sizeof most);
+    }
+    release(&all);
+    return out;
+}
