@@ -20,8 +20,14 @@ COVERAGE_SIGMAS = 3.3
 LEAST_FRAMES = 8
 """Fewer frames of a recording say nothing about noise."""
 
-_WINDOW_S = 10.0
-"""Zeros are taken to move evenly for so long: they wander with temperature, in minutes."""
+_LINE_S = 30.0
+"""About so long are lines: the noise of a slope falls with the length to the power of 1.5."""
+
+_WANDER_S = 60.0
+"""Zeros wander with temperature: up and down takes a minute at least."""
+
+_SHORT_S = 5.0
+"""Lines that are shorter show little but noise: they are asked only where there is nothing else."""
 
 _NEVER = 1e-6  # chance for a live taxel to read the same all the time
 _HOT = 0.95  # of the largest count: no taxel rests there
@@ -74,9 +80,10 @@ class _Window:
 def analyse_idle(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
     """What idle recordings of one finger say, in any order but by one clock; `max_count`: the array's.
 
-    Noise is the median of the live taxels' standard deviations about straight lines of ten seconds, and
+    Noise is the median of the live taxels' standard deviations about straight lines of half a minute, and
     never less than that of rounding. Drift is the largest slope of a line, or of a zero from one line to
-    the next, with `COVERAGE_SIGMAS` of its own uncertainty added. Raises InputError for recordings that
+    the next, with `COVERAGE_SIGMAS` of its own uncertainty added; a line's for a zero that wanders up and
+    down in a minute, and is not always as fast as in the middle of the line. Raises InputError for recordings that
     are too short to say anything, and for an array without a live taxel.
     """
     if not idles or any(len(idle.counts) < LEAST_FRAMES for idle in idles):
@@ -108,9 +115,9 @@ def least_contact_force_n(idle: IdleFit, counts_per_n: float) -> float:
 
 
 def _windows(idle: IdleMeasurement) -> list[_Window]:
-    """Cut a recording into stretches of at most `_WINDOW_S`, each long enough to be judged."""
+    """Cut a recording into stretches of about `_LINE_S`, each long enough to be judged."""
     length = float(idle.time_s[-1] - idle.time_s[0])
-    pieces = min(max(math.ceil(length / _WINDOW_S), 1), len(idle.counts) // LEAST_FRAMES)
+    pieces = min(max(round(length / _LINE_S), 1), len(idle.counts) // LEAST_FRAMES)
     counts = np.array_split(idle.counts.astype(float), pieces)
     times = np.array_split(idle.time_s, pieces)
     return [_line(c, t) for c, t in zip(counts, times, strict=True)]
@@ -144,9 +151,12 @@ def _drift(windows: list[_Window], live: Bools, noise: float) -> float:
     speeds = [
         (
             w.span_s,
-            float(np.abs(w.slope_per_s[live]).max())
-            + COVERAGE_SIGMAS * noise * w.slope_sigma_s
-            + rounding / w.span_s,
+            (
+                float(np.abs(w.slope_per_s[live]).max())
+                + COVERAGE_SIGMAS * noise * w.slope_sigma_s
+                + rounding / w.span_s
+            )
+            / _share_shown(w.span_s),
         )
         for w in windows
     ]
@@ -155,9 +165,14 @@ def _drift(windows: list[_Window], live: Bools, noise: float) -> float:
         moved = float(np.abs((after.mean - before.mean)[live]).max())
         unsure = COVERAGE_SIGMAS * noise * math.sqrt(1 / before.n + 1 / after.n) + rounding
         speeds.append((passed, (moved + unsure) / passed))
-    # Short stretches show little but noise: they are asked only where there is nothing else.
-    long = [speed for seconds, speed in speeds if seconds >= _WINDOW_S / 2]
+    long = [speed for seconds, speed in speeds if seconds >= _SHORT_S]
     return max(long or [speed for _, speed in speeds])
+
+
+def _share_shown(span_s: float) -> float:
+    """Slope of the line through a stretch of a sinusoid of `_WANDER_S`, over that in its middle."""
+    x = math.pi * span_s / _WANDER_S
+    return 3 * (math.sin(x) - x * math.cos(x)) / x**3 if x < math.pi else 3 / math.pi**2
 
 
 def _places(mask: Bools) -> tuple[tuple[int, int], ...]:

@@ -26,7 +26,7 @@ _DISC_DEG = (
     *(side * angle for angle in (6.0, 12.0, 18.0, 24.0, 30.0, 36.0, 42.0, 47.0) for side in (-1, 1)),
 )
 _PLATE_DEG = (-10.0, 10.0)
-_IDLE_S = 6.0
+_IDLE_S = 30.0  # a drift that is measured in less is mostly noise
 _BEARING_SIGMA_RAD = math.radians(0.3)
 
 
