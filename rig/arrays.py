@@ -135,5 +135,6 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
         noise_counts=taxels.noise_counts,
         crosstalk=taxels.crosstalk,
         crosstalk_bound=taxels.crosstalk_bound,
+        force_drift_n_per_s=taxels.force_drift_n_per_s,
         usable=usable,
     )

@@ -22,7 +22,7 @@ from palpate.drivers.tactile.zero_intervals import SIGMAS, Block, ZeroBounds, Ze
 from palpate.errors import InputError
 from palpate.geometry import Bools, Counts, Floats, Ints
 
-__all__ = ["SIGMAS", "Baseline", "BaselineTracker", "Zeros", "baseline_of"]
+__all__ = ["SIGMAS", "Baseline", "BaselineTracker", "SumsOfTaxels", "Zeros", "baseline_of"]
 
 _BLOCK_S = 0.1
 _MOST_FRAMES = 64  # of a block
@@ -87,12 +87,20 @@ class _Piece:
     may_touch: bool
 
 
+@dataclass(frozen=True, eq=False)
+class SumsOfTaxels:
+    """Sums of taxels with `weights` (rows · cols, k), whose zeros move no faster than `drift_per_s` (k,)."""
+
+    weights: Floats
+    drift_per_s: Floats
+
+
 class BaselineTracker:
     """The zeros of one array from its tare on, in blocks of a tenth of a second.
 
     `drift_counts_per_s` bounds how fast a taxel's zero may move; `tared_s`: when it was tared, by the array's
-    clock, with the mean of `tared_frames`. `sums` (rows · cols, k): weights of sums of taxels, whose zeros
-    are followed as well: in a sum noise adds up to less than the taxels' bounds do.
+    clock, with the mean of `tared_frames`. `sums` are followed as well: in them noise adds up to less than
+    the taxels' bounds do.
     """
 
     def __init__(
@@ -100,13 +108,13 @@ class BaselineTracker:
         baseline: Baseline,
         drift_counts_per_s: float,
         tared_s: float | None = None,
-        *,
         tared_frames: int = 16,
-        sums: Floats | None = None,
+        sums: SumsOfTaxels | None = None,
     ) -> None:
         self._shape = baseline.mean.shape
         size = baseline.mean.size
-        self._sums = np.zeros((size, 0)) if sums is None else sums
+        sums = SumsOfTaxels(np.zeros((size, 0)), np.zeros(0)) if sums is None else sums
+        self._sums = sums.weights
         self._has: Bools = self._sums != 0
         zeros, usable = baseline.mean.ravel(), baseline.usable.ravel()
         noise, drift = np.full(size, baseline.noise_counts), np.full(size, drift_counts_per_s)
@@ -114,7 +122,7 @@ class BaselineTracker:
         self._summed = ZeroIntervals(
             zeros @ self._sums,
             baseline.noise_counts * np.sqrt((self._sums**2).sum(axis=0)),
-            drift @ np.abs(self._sums),
+            sums.drift_per_s,
             self._has.any(axis=0),
             tared_frames,
         )

@@ -19,7 +19,8 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, baseline_of
+from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, SumsOfTaxels, baseline_of
+from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.cylinder import CylinderTip
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
@@ -33,7 +34,6 @@ from palpate.geometry import Bools, Counts, Floats
 __all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
 
 _PIECE = 4096  # frames at once
-_MATCHED_COLUMNS = 3  # a light contact's share of a cylinder
 _MATCHED_SIGMAS = 6.0  # a matched sum above that is no noise: less than once in a day
 _SINGLE_SIGMAS = 10.0  # likewise, of the sum of single taxels that are above the noise
 
@@ -82,13 +82,26 @@ class ContactExtractor:
         drift = self._calibration.drift_counts_per_s
         gain = np.where(baseline.usable, self._n_per_count, 0.0)
         self._guard_gain = gain.ravel()
-        self._window_gain = _window_matrix(gain)
+        self._window_gain = column_windows(gain)
         self._window_noise = baseline.noise_counts * np.sqrt((self._window_gain**2).sum(axis=0))
         self._tracker = None
         if drift > 0:
-            frames, sums = self._tared_frames, self._window_gain
-            self._tracker = BaselineTracker(baseline, drift, tared_s, tared_frames=frames, sums=sums)
+            sums = SumsOfTaxels(self._window_gain, self._window_drift(drift))
+            self._tracker = BaselineTracker(baseline, drift, tared_s, self._tared_frames, sums)
         self._set_guard(tared_s)
+
+    def _window_drift(self, drift_counts_per_s: float) -> Floats:
+        """How fast the zero of each window's force (N) moves at most, N/s."""
+        alone: Floats = drift_counts_per_s * self._window_gain.sum(axis=0)
+        calibrated = self._calibration.force_drift_n_per_s
+        if calibrated is None:
+            return alone
+        # Of all taxels that were usable then; what has been left out since counts by itself.
+        usable = self._calibration.usable
+        every = self._n_per_count if usable is None else self._n_per_count * usable
+        left_out = (column_windows(every) - self._window_gain).sum(axis=0)
+        result: Floats = np.minimum(alone, calibrated + drift_counts_per_s * left_out)
+        return result
 
     def _set_guard(self, now: float | None) -> None:
         """Compare frames from now on with the zeros as they are at `now`, by the array's clock."""
@@ -235,16 +248,6 @@ class ContactExtractor:
     @cached_property
     def _surface(self) -> TaxelSurface:
         return surface_of(self._description)
-
-
-def _window_matrix(gain: Floats) -> Floats:
-    """Matrix (rows · cols, windows) that takes counts to forces (N) of each few neighbouring columns."""
-    rows, cols = gain.shape
-    width = min(_MATCHED_COLUMNS, cols)
-    matrix = np.zeros((rows, cols, cols - width + 1))
-    for window in range(matrix.shape[2]):
-        matrix[:, window : window + width, window] = gain[:, window : window + width]
-    return matrix.reshape(rows * cols, -1)
 
 
 def _check(calibration: TipCalibration, shape: tuple[int, int]) -> None:
