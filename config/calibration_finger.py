@@ -67,7 +67,7 @@ class TactileCalibration(FileModel):
     drift_counts_per_s: UpLength = Field(description="Bound: no taxel's zero moves faster.")
     force_drift_n_per_s: UpLength | None = Field(
         default=None,
-        description="Bound: what the usable taxels of any three neighbouring columns show together, untouched, "
+        description="Bound: what usable taxels of any three neighbouring columns show together, untouched, "
         "moves no faster; left out if not known.",
     )
     crosstalk: Annotated[MeasuredLength, Field(le=0.25)] = Field(

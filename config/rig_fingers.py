@@ -91,7 +91,7 @@ class TaxelsConfig(FileModel):
     crosstalk_bound: Length = Field(description="Bound: crosstalk is off by at most this.")
     force_drift_n_per_s: Length | None = Field(
         default=None,
-        description="Bound: what the usable taxels of any three neighbouring columns show together, untouched, "
+        description="Bound: what usable taxels of any three neighbouring columns show together, untouched, "
         "moves no faster; else as if all moved as fast as drift_counts_per_s and alike.",
     )
 

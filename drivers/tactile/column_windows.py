@@ -1,4 +1,4 @@
-"""Windows of neighbouring columns: the taxels that a light contact touches, wherever it is between columns."""
+"""Windows of neighbouring columns: what a light contact touches, wherever it is between columns."""
 
 import numpy as np
 
