@@ -163,6 +163,12 @@ class ContactExtractor:
         zeros = self._zeros_n
         return float((zeros.upper - zeros.lower).max()), float((zeros.upper - zeros.least).max())
 
+    @property
+    def zero_doubt_n_per_s(self) -> float:
+        """How fast `zero_doubt_n` grows while the tip may touch."""
+        drift = self._calibration.drift_counts_per_s
+        return 2 * float(self._window_drift(drift).max(initial=0.0)) if drift > 0 else 0.0
+
     def noise_share(self, frames: int) -> float:
         """Noise of the mean of some frames, over one frame's; both with what the tare had of it.
 
