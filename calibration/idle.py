@@ -20,38 +20,20 @@ COVERAGE_SIGMAS = 3.3
 LEAST_FRAMES = 8
 """Fewer frames of a recording say nothing about noise."""
 
-_WINDOW_S = 10.0
-"""Zeros are taken to move evenly for so long: they wander with temperature, in minutes."""
+_LINE_S = 30.0
+"""About so long are lines: the noise of a slope falls with the length to the power of 1.5."""
+
+_WANDER_S = 60.0
+"""Zeros wander with temperature: up and down takes a minute at least."""
+
+_SHORT_S = 5.0
+"""Lines that are shorter show little but noise: they are asked only where there is nothing else."""
 
 _NEVER = 1e-6  # chance for a live taxel to read the same all the time
 _HOT = 0.95  # of the largest count: no taxel rests there
 _QUANTISATION = 1 / math.sqrt(12)  # standard deviation of rounding, counts
 _SMOOTHS = 0.4  # noise in counts that makes the mean of rounded counts true to a hundredth
 _TOUCHED_COLUMNS = 3  # of a light contact, wherever it stands between the columns
-
-
-@dataclass(frozen=True, eq=False)
-class IdleFit:
-    """An untouched array.
-
-    `zero_counts` (rows, cols): mean counts. `noise_counts`: standard deviation of a live taxel.
-    `drift_counts_per_s`: no zero of a live taxel moved faster in the recordings. `dead` and `hot`: (row,
-    col) of taxels that never move and of those at the largest count.
-    """
-
-    zero_counts: Floats
-    noise_counts: float
-    drift_counts_per_s: float
-    dead: tuple[tuple[int, int], ...]
-    hot: tuple[tuple[int, int], ...]
-
-    @property
-    def live(self) -> Bools:
-        """Taxels that are neither dead nor hot, (rows, cols)."""
-        live = np.ones(self.zero_counts.shape, dtype=bool)
-        for row, col in (*self.dead, *self.hot):
-            live[row, col] = False
-        return live
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +53,46 @@ class _Window:
     spread: Floats
 
 
+@dataclass(frozen=True, eq=False)
+class IdleFit:
+    """An untouched array.
+
+    `zero_counts` (rows, cols): mean counts. `noise_counts`: standard deviation of a live taxel.
+    `drift_counts_per_s`: no zero of a live taxel moved faster in the recordings. `dead` and `hot`: (row,
+    col) of taxels that never move and of those at the largest count. `lines`: what drift is read from.
+    """
+
+    zero_counts: Floats
+    noise_counts: float
+    drift_counts_per_s: float
+    dead: tuple[tuple[int, int], ...]
+    hot: tuple[tuple[int, int], ...]
+    lines: tuple[_Window, ...]
+
+    def drift_of_sums(self, weights: Floats) -> float:
+        """Bound on the speed of the zeros of sums of taxels, in counts times weights, per second.
+
+        `weights` (rows · cols, k): of live taxels. Noise adds up to less in a sum than taxels' bounds do.
+        """
+        return _drift(self.lines, weights, self.noise_counts)
+
+    @property
+    def live(self) -> Bools:
+        """Taxels that are neither dead nor hot, (rows, cols)."""
+        live = np.ones(self.zero_counts.shape, dtype=bool)
+        for row, col in (*self.dead, *self.hot):
+            live[row, col] = False
+        return live
+
+
 def analyse_idle(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
     """What idle recordings of one finger say, in any order but by one clock; `max_count`: the array's.
 
-    Noise is the median of the live taxels' standard deviations about straight lines of ten seconds, and
+    Noise is the median of the live taxels' standard deviations about straight lines of half a minute, and
     never less than that of rounding. Drift is the largest slope of a line, or of a zero from one line to
-    the next, with `COVERAGE_SIGMAS` of its own uncertainty added. Raises InputError for recordings that
-    are too short to say anything, and for an array without a live taxel.
+    the next, with `COVERAGE_SIGMAS` of its own uncertainty added; a line's for a zero that wanders up and
+    down in a minute, and is not always as fast as in the middle of the line. Raises InputError for
+    recordings that are too short to say anything, and for an array without a live taxel.
     """
     if not idles or any(len(idle.counts) < LEAST_FRAMES for idle in idles):
         raise InputError(
@@ -95,7 +110,8 @@ def analyse_idle(idles: Sequence[IdleMeasurement], max_count: int) -> IdleFit:
     if not live.any():
         raise InputError(f"idle array {idles[0].finger}: no taxel is alive; check the array and its cable")
     noise = max(float(np.median(spread[live])), _QUANTISATION)
-    return IdleFit(zero, noise, _drift(windows, live, noise), _places(dead), _places(hot))
+    drift = _drift(windows, np.eye(live.size)[:, live.ravel()], noise)
+    return IdleFit(zero, noise, drift, _places(dead), _places(hot), tuple(windows))
 
 
 def least_contact_force_n(idle: IdleFit, counts_per_n: float) -> float:
@@ -108,9 +124,9 @@ def least_contact_force_n(idle: IdleFit, counts_per_n: float) -> float:
 
 
 def _windows(idle: IdleMeasurement) -> list[_Window]:
-    """Cut a recording into stretches of at most `_WINDOW_S`, each long enough to be judged."""
+    """Cut a recording into stretches of about `_LINE_S`, each long enough to be judged."""
     length = float(idle.time_s[-1] - idle.time_s[0])
-    pieces = min(max(math.ceil(length / _WINDOW_S), 1), len(idle.counts) // LEAST_FRAMES)
+    pieces = min(max(round(length / _LINE_S), 1), len(idle.counts) // LEAST_FRAMES)
     counts = np.array_split(idle.counts.astype(float), pieces)
     times = np.array_split(idle.time_s, pieces)
     return [_line(c, t) for c, t in zip(counts, times, strict=True)]
@@ -138,26 +154,32 @@ def _is_suspicious(others: Floats, still: int, frames: int) -> bool:
     return math.erf(0.5 / (noise * math.sqrt(2))) ** frames < _NEVER
 
 
-def _drift(windows: list[_Window], live: Bools, noise: float) -> float:
-    """Bound on the speed of any live zero, counts/s, from lines and from what lies between them."""
-    rounding = 1.0 if noise < _SMOOTHS else 0.0  # without noise a zero moves by a count before it shows
-    speeds = [
-        (
-            w.span_s,
-            float(np.abs(w.slope_per_s[live]).max())
-            + COVERAGE_SIGMAS * noise * w.slope_sigma_s
-            + rounding / w.span_s,
-        )
-        for w in windows
-    ]
+def _drift(windows: Sequence[_Window], weights: Floats, noise: float) -> float:
+    """Bound on the speed of the zero of any sum, counts/s, from lines and from what lies between them.
+
+    `weights` (rows · cols, k): of taxels in sums. `noise`: of a taxel.
+    """
+    sigma, alone = noise * np.sqrt((weights**2).sum(axis=0)), np.abs(weights).sum(axis=0)
+    # Without noise a zero moves by a count before it shows.
+    rounding: Floats = alone if noise < _SMOOTHS else 0.0 * alone
+    speeds = []
+    for w in windows:
+        slope = np.abs(w.slope_per_s.ravel() @ weights) + COVERAGE_SIGMAS * sigma * w.slope_sigma_s
+        fastest = float((slope + rounding / w.span_s).max(initial=0.0))
+        speeds.append((w.span_s, fastest / _share_shown(w.span_s)))
     for before, after in pairwise(windows):
         passed = after.middle_s - before.middle_s
-        moved = float(np.abs((after.mean - before.mean)[live]).max())
-        unsure = COVERAGE_SIGMAS * noise * math.sqrt(1 / before.n + 1 / after.n) + rounding
-        speeds.append((passed, (moved + unsure) / passed))
-    # Short stretches show little but noise: they are asked only where there is nothing else.
-    long = [speed for seconds, speed in speeds if seconds >= _WINDOW_S / 2]
+        moved = np.abs((after.mean - before.mean).ravel() @ weights)
+        unsure = COVERAGE_SIGMAS * sigma * math.sqrt(1 / before.n + 1 / after.n) + rounding
+        speeds.append((passed, float((moved + unsure).max(initial=0.0)) / passed))
+    long = [speed for seconds, speed in speeds if seconds >= _SHORT_S]
     return max(long or [speed for _, speed in speeds])
+
+
+def _share_shown(span_s: float) -> float:
+    """Slope of the line through a stretch of a sinusoid of `_WANDER_S`, over that in its middle."""
+    x = math.pi * span_s / _WANDER_S
+    return 3 * (math.sin(x) - x * math.cos(x)) / x**3 if x < math.pi else 3 / math.pi**2
 
 
 def _places(mask: Bools) -> tuple[tuple[int, int], ...]:

@@ -19,14 +19,16 @@ from palpate.config import SlideFingerConfig, TactileCalibration
 from palpate.drivers.dynamixel.models import model_named
 from palpate.drivers.tactile.messages import Description
 
-__all__ = ["measure_tactile"]
+__all__ = ["IDLE_S", "measure_tactile"]
 
 _DISC_DEG = (
     0.0,
     *(side * angle for angle in (6.0, 12.0, 18.0, 24.0, 30.0, 36.0, 42.0, 47.0) for side in (-1, 1)),
 )
 _PLATE_DEG = (-10.0, 10.0)
-_IDLE_S = 6.0
+IDLE_S = 30.0
+"""Each recording of untouched arrays: a drift that is measured in less is mostly noise."""
+
 _BEARING_SIGMA_RAD = math.radians(0.3)
 
 
@@ -41,8 +43,8 @@ def measure_tactile(
 ) -> list[TactileCalibration]:
     """Measure every finger's array; `arrays`: their descriptions. Raises what `fit_gains` raises."""
     prober.clear()
-    tell(f"arrays untouched for {_IDLE_S:g} s")
-    idles = prober.idle(_IDLE_S)
+    tell(f"arrays untouched for {IDLE_S:g} s")
+    idles = prober.idle(IDLE_S)
     models = [finger_model(spec, slide_in_contact(spec)) for spec in specs]
     presses: dict[str, list[PressAtBearing]] = {spec.name: [] for spec in specs}
     for placing, (reference, bearings) in enumerate(((disc, _DISC_DEG), (plate, _PLATE_DEG))):
@@ -51,8 +53,8 @@ def measure_tactile(
         for item in _pressed(prober, specs, models, reference, bearings, placing, tell):
             presses[item.press.finger].append(item)
     prober.clear()
-    tell(f"arrays untouched for {_IDLE_S:g} s")
-    idles += prober.idle(_IDLE_S)
+    tell(f"arrays untouched for {IDLE_S:g} s")
+    idles += prober.idle(IDLE_S)
     return [
         fit_gains(
             presses[spec.name],

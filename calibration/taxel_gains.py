@@ -16,6 +16,7 @@ from palpate.calibration.press_levels import PressAtBearing, PressLevels, averag
 from palpate.calibration.press_model import PressFit, fit_presses
 from palpate.calibration.pressure_distribution import dent_and_bearing
 from palpate.config import SlideFingerConfig, TactileCalibration, UnusableTaxel
+from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
 from palpate.geometry import Bools, Floats
@@ -59,10 +60,11 @@ def fit_gains(
     ratio, ratio_sigma = _rows(levels, usable, column_counts, found.counts, idle.noise_counts)
     bound = np.expm1(COVERAGE_SIGMAS * np.hypot(found.gain_log_sigma, ratio_sigma))
     pressed = usable & (bound < spec.array.gain_spread)
+    gain = np.where(pressed, found.gain * ratio, 1.0)
     lit = np.abs(found.counts) > _LIT * found.counts.max(axis=1, keepdims=True)
     faults = ((idle.dead, "dead"), (idle.hot, "hot"), (np.argwhere(silent).tolist(), "unresponsive"))
     return TactileCalibration(
-        gain=np.where(pressed, found.gain * ratio, 1.0).tolist(),
+        gain=gain.tolist(),
         gain_bound=np.where(pressed, bound, spec.array.gain_spread).tolist(),
         unusable=[
             UnusableTaxel.model_validate({"row": row, "col": col, "what": what})
@@ -72,6 +74,7 @@ def fit_gains(
         noise_counts=idle.noise_counts,
         offset_counts=float(idle.zero_counts[idle.live].mean()),
         drift_counts_per_s=idle.drift_counts_per_s,
+        force_drift_n_per_s=idle.drift_of_sums(column_windows(usable / (gain * description.counts_per_n))),
         crosstalk=min(max(found.crosstalk, 0.0), _LARGEST_CROSSTALK),
         crosstalk_bound=COVERAGE_SIGMAS * found.crosstalk_sigma,
         stiffness_n_per_mm=found.stiffness_n_per_mm,

@@ -65,6 +65,11 @@ class TactileCalibration(FileModel):
     noise_counts: UpPositive = Field(description="Standard deviation of a taxel's noise.")
     offset_counts: MeasuredLength = Field(description="Mean of what taxels read at rest.")
     drift_counts_per_s: UpLength = Field(description="Bound: no taxel's zero moves faster.")
+    force_drift_n_per_s: UpLength | None = Field(
+        default=None,
+        description="Bound: what usable taxels of any three neighbouring columns show together, untouched, "
+        "moves no faster; left out if not known.",
+    )
     crosstalk: Annotated[MeasuredLength, Field(le=0.25)] = Field(
         description="Share of a taxel's force that each neighbour shows."
     )

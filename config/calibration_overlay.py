@@ -114,6 +114,7 @@ def _with_tactile(finger: FingerConfig, found: TactileCalibration) -> FingerConf
         noise_counts=found.noise_counts,
         crosstalk=found.crosstalk,
         crosstalk_bound=found.crosstalk_bound,
+        force_drift_n_per_s=found.force_drift_n_per_s,
     )
     array = {"taxels": taxels, "drift_counts_per_s": found.drift_counts_per_s}
     tip = {"stiffness_n_per_mm": found.stiffness_n_per_mm, "stiffness_spread": found.stiffness_bound}

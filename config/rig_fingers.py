@@ -89,6 +89,11 @@ class TaxelsConfig(FileModel):
         description="Share of a taxel's force that each neighbour shows."
     )
     crosstalk_bound: Length = Field(description="Bound: crosstalk is off by at most this.")
+    force_drift_n_per_s: Length | None = Field(
+        default=None,
+        description="Bound: what usable taxels of any three neighbouring columns show together, untouched, "
+        "moves no faster; else as if all moved as fast as drift_counts_per_s and alike.",
+    )
 
     @model_validator(mode="after")
     def _is_a_matrix(self) -> Self:

@@ -20,12 +20,14 @@ from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import InputError
 from palpate.extensions import TACTILE_ARRAYS, broken, load
+from palpate.rig.conversion import measured_force_share
 
 __all__ = [
     "ArrayPlugin",
     "array_of",
     "array_plugin",
     "calibration_of",
+    "doubt_warning",
     "emulated_array",
     "extractor_of",
     "threshold_problem",
@@ -55,6 +57,12 @@ _SELF_DESCRIBING = ArrayPlugin(
     lambda port, clock, finger, _config, _radius: TactileArray(port, clock, finger),
     lambda taxels, advance, _config, _radius: EmulatedArray(taxels, advance),
 )
+
+
+_STEADY_FRAMES = 64  # in their mean a steady push is noticed
+_NOISE_MARGIN = 1.5  # times what is noticed: three standard deviations more, and it certainly is
+_SEARCH_S = 10.0  # a finger's way to a part, about
+_LEVERAGE = 3.0  # a part that is pushed obliquely at its end moves under about a third of what it holds
 
 
 def array_plugin(protocol: str) -> ArrayPlugin[Any]:
@@ -102,6 +110,23 @@ def threshold_problem(extractor: ContactExtractor, closing: ClosingConfig) -> st
     )
 
 
+def doubt_warning(rig: RigFile, spec: FingerConfig, extractor: ContactExtractor) -> str | None:
+    """Why grips will not be believed, with an array that is tared: None, or what it may hide is too much."""
+    holds = rig.search.part_holds_n
+    if holds is None:
+        return None
+    noise = _NOISE_MARGIN * extractor.least_force_n * extractor.noise_share(_STEADY_FRAMES)
+    doubt = extractor.zero_doubt_n[0] + extractor.zero_doubt_n_per_s * _SEARCH_S
+    hidden = (noise + doubt) / (1 - measured_force_share(spec))
+    if hidden * len(rig.fingers) * _LEVERAGE <= holds:
+        return None
+    return (
+        f"noise and drift of its zeros may hide a push of {hidden:.2g} N; if every finger's do, a part that "
+        f"holds part_holds_n = {holds:g} N may move unnoticed, and grips will not be believed: "
+        "calibrate it with nothing near the tips, or measure what the part holds with palpate check --hold"
+    )
+
+
 def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -> TipCalibration:
     """What the rig file says of a finger's array: of every taxel where it was calibrated, else of all alike.
 
@@ -135,5 +160,6 @@ def calibration_of(rig: RigFile, spec: FingerConfig, description: Description) -
         noise_counts=taxels.noise_counts,
         crosstalk=taxels.crosstalk,
         crosstalk_bound=taxels.crosstalk_bound,
+        force_drift_n_per_s=taxels.force_drift_n_per_s,
         usable=usable,
     )

@@ -18,15 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from palpate.drivers.tactile.zero_intervals import SIGMAS, Block, ZeroBounds, ZeroIntervals
 from palpate.errors import InputError
 from palpate.geometry import Bools, Counts, Floats, Ints
 
-__all__ = ["Baseline", "BaselineTracker", "Zeros", "baseline_of"]
+__all__ = ["SIGMAS", "Baseline", "BaselineTracker", "SumsOfTaxels", "Zeros", "baseline_of"]
 
-SIGMAS = 4.0
 _BLOCK_S = 0.1
 _MOST_FRAMES = 64  # of a block
-_SLIGHT = 2 * SIGMAS  # standard deviations: a touch that was never more is soon taken for drift
 _AROUND = np.ones((3, 3), dtype=bool)
 _ENOUGH_FRAMES = 8  # to judge the noise
 _NEVER = 1e-6  # chance for a live taxel to read the same all the time
@@ -77,89 +76,139 @@ def baseline_of(counts: Counts, max_count: int, noise_counts: float, usable: Boo
     return Baseline(mean, noise * math.sqrt(1 + 1 / len(counts)), alive)
 
 
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Frames of a block that is not complete: the first one's time, and sums of counts (n,) and times."""
+
+    begin_s: float
+    frames: int
+    sum: Floats
+    time_sum_s: float
+    may_touch: bool
+
+
+@dataclass(frozen=True, eq=False)
+class SumsOfTaxels:
+    """Sums of taxels with `weights` (rows · cols, k), whose zeros move no faster than `drift_per_s` (k,)."""
+
+    weights: Floats
+    drift_per_s: Floats
+
+
 class BaselineTracker:
     """The zeros of one array from its tare on, in blocks of a tenth of a second.
 
     `drift_counts_per_s` bounds how fast a taxel's zero may move; `tared_s`: when it was tared, by the array's
-    clock.
+    clock, with the mean of `tared_frames`. `sums` are followed as well: in them noise adds up to less than
+    the taxels' bounds do.
     """
 
-    def __init__(self, baseline: Baseline, drift_counts_per_s: float, tared_s: float | None = None) -> None:
-        self._usable = baseline.usable
-        self._noise = baseline.noise_counts
+    def __init__(
+        self,
+        baseline: Baseline,
+        drift_counts_per_s: float,
+        tared_s: float | None = None,
+        tared_frames: int = 16,
+        sums: SumsOfTaxels | None = None,
+    ) -> None:
+        self._shape = baseline.mean.shape
+        size = baseline.mean.size
+        sums = SumsOfTaxels(np.zeros((size, 0)), np.zeros(0)) if sums is None else sums
+        self._sums = sums.weights
+        self._has: Bools = self._sums != 0
+        zeros, usable = baseline.mean.ravel(), baseline.usable.ravel()
+        noise, drift = np.full(size, baseline.noise_counts), np.full(size, drift_counts_per_s)
+        self._taxels = ZeroIntervals(zeros, noise, drift, usable, tared_frames)
+        self._summed = ZeroIntervals(
+            zeros @ self._sums,
+            baseline.noise_counts * np.sqrt((self._sums**2).sum(axis=0)),
+            sums.drift_per_s,
+            self._has.any(axis=0),
+            tared_frames,
+        )
         self._drift = drift_counts_per_s
-        self._lower = baseline.mean - self._noise
-        self._upper = baseline.mean + self._noise
-        self._held = np.zeros(baseline.mean.shape, dtype=bool)
-        self._furthest = np.zeros_like(baseline.mean)
         self._then = tared_s
+        self._waiting: list[_Piece] = []
 
     @property
     def mean(self) -> Floats:
         """Zeros as far as they have been followed, (rows, cols) counts."""
-        result: Floats = (self._lower + self._upper) / 2
+        result: Floats = ((self._taxels.lower + self._taxels.upper) / 2).reshape(self._shape)
         return result
 
     @property
     def bound(self) -> Floats:
         """They are within this of `mean`, (rows, cols) counts."""
-        result: Floats = (self._upper - self._lower) / 2
+        result: Floats = ((self._taxels.upper - self._taxels.lower) / 2).reshape(self._shape)
         return result
 
     def bound_at(self, time_s: float) -> Floats:
         """They are within this of `mean` at `time_s`, by the array's clock: what may have drifted since the
-        last frame that was followed comes on top. (rows, cols) counts.
+        last block that was followed comes on top. (rows, cols) counts.
         """
         result: Floats = self.bound + self._drift * self._passed(time_s)
         return result
 
-    def follow(self, counts: Counts, time_s: Floats) -> Zeros:
+    def taxels_at(self, time_s: float) -> ZeroBounds:
+        """Bounds of all taxels' zeros at `time_s`, row by row."""
+        return self._taxels.after(self._passed(time_s))
+
+    def sums_at(self, time_s: float) -> ZeroBounds:
+        """Bounds of the zeros of `sums` at `time_s`."""
+        return self._summed.after(self._passed(time_s))
+
+    def follow(self, counts: Counts, time_s: Floats, *, may_touch: bool = False) -> Zeros:
         """Go on through frames (n, rows, cols), sampled at `time_s` (n,), touched or not.
 
-        A block's zeros are those known from the frames before it, so that a recording gives what a live run
-        gives that looks at the array ten times a second.
+        `may_touch`: the tip may be at something, however lightly, and nothing that is read is taken for a
+        zero that has risen. A block's zeros are those known from the blocks before it, wherever the stream is
+        cut, so that a recording gives what a live run gives.
         """
-        starts = _blocks(time_s)
-        means, bounds = [], []
-        for begin, end in zip(starts, [*starts[1:], len(counts)], strict=True):
-            means.append(self.mean)
-            bounds.append(self.bound_at(float(time_s[end - 1])))
-            # What is seen is the mean of the block, at its middle.
-            self._step(counts[begin:end].mean(axis=0), end - begin, float(time_s[begin:end].mean()))
-        sizes = np.diff([*starts, len(counts)])
-        return Zeros(np.stack(means), np.stack(bounds), np.repeat(np.arange(len(starts)), sizes))
+        blocks, sizes, begin = [], [], 0
+        while begin < len(counts):
+            size = self._size(time_s[begin:])
+            if size == 0:
+                self._step()
+                continue
+            blocks.append((self.mean, self.bound_at(float(time_s[begin + size - 1]))))
+            sizes.append(size)
+            self._waiting.append(
+                _Piece(
+                    float(time_s[begin]),
+                    size,
+                    counts[begin : begin + size].sum(axis=0, dtype=float).ravel(),
+                    float(time_s[begin : begin + size].sum()),
+                    may_touch,
+                )
+            )
+            begin += size
+        means, bounds = (np.stack(items) for items in zip(*blocks, strict=True))
+        return Zeros(means, bounds, np.repeat(np.arange(len(sizes)), sizes))
+
+    def _size(self, time_s: Floats) -> int:
+        """How many of these frames still belong to the block that is waiting."""
+        first = self._waiting[0].begin_s if self._waiting else time_s[0]
+        most = _MOST_FRAMES - sum(piece.frames for piece in self._waiting)
+        near = time_s[:most]
+        others = np.flatnonzero((near < first) | (near >= first + _BLOCK_S))
+        return int(others[0]) if len(others) else len(near)
 
     def _passed(self, now: float) -> float:
         """Seconds since the last block; an array that was restarted begins with none."""
         return 0.0 if self._then is None else max(now - self._then, 0.0)
 
-    def _step(self, mean: Floats, frames: int, now: float) -> None:
-        grown = self._drift * self._passed(now)
-        self._then = now
-        seen = SIGMAS * self._noise / math.sqrt(frames)
-        lower, upper = self._lower - grown, self._upper + grown
-        away = mean - (lower + upper) / 2
-        touched = self._usable & (mean - seen > upper)
-        back = np.abs(away) < np.maximum(0.5 * self._furthest, _SLIGHT * self._noise)
-        self._held = touched | (self._held & ~back)
-        self._furthest = np.where(self._held, np.maximum(self._furthest, np.abs(away)), 0.0)
-        near = binary_dilation(self._held, structure=_AROUND) if self._held.any() else self._held
-        # Load only adds: whatever touches it, a zero is not above what its taxel reads.
-        upper = np.minimum(upper, mean + seen)
-        lower = np.where(near, lower, np.maximum(lower, mean - seen))
-        # A zero that was thought to be higher had been mistaken: it begins anew.
-        lower = np.where(lower > upper, mean - seen, lower)
-        spare = np.maximum(self._noise / math.sqrt(frames) - (upper - lower) / 2, 0.0)
-        self._lower, self._upper = lower - spare, upper + spare
-
-
-def _blocks(time_s: Floats) -> list[int]:
-    """Indices at which blocks begin: a tenth of a second, and not too many frames, from one to the next."""
-    starts = [0]
-    while True:
-        first = starts[-1]
-        later = int(np.searchsorted(time_s[first:], time_s[first] + _BLOCK_S)) + first
-        following = min(max(later, first + 1), first + _MOST_FRAMES)
-        if following >= len(time_s):
-            return starts
-        starts.append(following)
+    def _step(self) -> None:
+        """Go on by the block that is waiting."""
+        frames = sum(piece.frames for piece in self._waiting)
+        mean = np.sum([piece.sum for piece in self._waiting], axis=0) / frames
+        now = sum(piece.time_sum_s for piece in self._waiting) / frames
+        may_touch = any(piece.may_touch for piece in self._waiting)
+        self._waiting = []
+        passed_s, self._then = self._passed(now), now
+        held = self._taxels.notice(Block(mean, frames, now), passed_s)
+        held_sums = self._summed.notice(Block(mean @ self._sums, frames, now), passed_s)
+        near = held | (self._has @ held_sums)
+        if near.any():
+            near = binary_dilation(near.reshape(self._shape), structure=_AROUND).ravel()
+        self._taxels.cut(near | may_touch)
+        self._summed.cut((near @ self._has) | may_touch)

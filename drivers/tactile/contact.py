@@ -19,20 +19,21 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, baseline_of
+from palpate.drivers.tactile.baseline import SIGMAS, Baseline, BaselineTracker, SumsOfTaxels, baseline_of
+from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.cylinder import CylinderTip
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.tactile.pads import TaxelForces, pad_patches
 from palpate.drivers.tactile.patches import ContactPatch, Patches, PatchFlag, TipCalibration, concatenated
 from palpate.drivers.tactile.surface import TaxelSurface, surface_of
+from palpate.drivers.tactile.zero_intervals import ZeroBounds
 from palpate.errors import InputError
 from palpate.geometry import Bools, Counts, Floats
 
 __all__ = ["Baseline", "ContactExtractor", "ContactPatch", "PatchFlag", "Patches", "TipCalibration"]
 
 _PIECE = 4096  # frames at once
-_MATCHED_COLUMNS = 3  # a light contact's share of a cylinder
 _MATCHED_SIGMAS = 6.0  # a matched sum above that is no noise: less than once in a day
 _SINGLE_SIGMAS = 10.0  # likewise, of the sum of single taxels that are above the noise
 
@@ -79,28 +80,55 @@ class ContactExtractor:
     def _use(self, baseline: Baseline, tared_s: float | None = None) -> None:
         self._baseline = baseline
         drift = self._calibration.drift_counts_per_s
-        self._tracker = BaselineTracker(baseline, drift, tared_s) if drift > 0 else None
-        self._set_guard()
-
-    def _set_guard(self) -> None:
-        baseline, tracker = self.baseline, self._tracker
-        doubt = 0.0 if tracker is None else tracker.bound
-        self._guard_base, self._guard_doubt = baseline.mean, doubt
-        self._guard_threshold = SIGMAS * baseline.noise_counts + doubt
         gain = np.where(baseline.usable, self._n_per_count, 0.0)
         self._guard_gain = gain.ravel()
-        self._window_gain = _window_matrix(gain)
-        self._window_noise = baseline.noise_counts * np.sqrt(_windows(gain**2))
-        self._window_doubt = _windows(gain * doubt)
+        self._window_gain = column_windows(gain)
+        self._window_noise = baseline.noise_counts * np.sqrt((self._window_gain**2).sum(axis=0))
+        self._tracker = None
+        if drift > 0:
+            sums = SumsOfTaxels(self._window_gain, self._window_drift(drift))
+            self._tracker = BaselineTracker(baseline, drift, tared_s, self._tared_frames, sums)
+        self._set_guard(tared_s)
 
-    def follow(self, frames: Sequence[TactileFrame]) -> None:
-        """Let the baseline follow its drift through frames, touched or not; without drift nothing happens."""
+    def _window_drift(self, drift_counts_per_s: float) -> Floats:
+        """How fast the zero of each window's force (N) moves at most, N/s."""
+        alone: Floats = drift_counts_per_s * self._window_gain.sum(axis=0)
+        calibrated = self._calibration.force_drift_n_per_s
+        if calibrated is None:
+            return alone
+        # Of all taxels that were usable then; what has been left out since counts by itself.
+        usable = self._calibration.usable
+        every = self._n_per_count if usable is None else self._n_per_count * usable
+        left_out = (column_windows(every) - self._window_gain).sum(axis=0)
+        result: Floats = np.minimum(alone, calibrated + drift_counts_per_s * left_out)
+        return result
+
+    def _set_guard(self, now: float | None) -> None:
+        """Compare frames from now on with the zeros as they are at `now`, by the array's clock."""
+        tracker, gain, base = self._tracker, self._window_gain, self.baseline.mean
+        self._guard_base = base
+        if tracker is None:
+            zeros = base.ravel() @ gain
+            self._guard_doubt, self._zeros_n = np.zeros_like(base), ZeroBounds(zeros, zeros, zeros)
+        else:
+            at_s = -math.inf if now is None else now
+            self._guard_doubt = tracker.bound_at(at_s)
+            self._zeros_n = tracker.sums_at(at_s)
+            if self._cylinder is None:  # every taxel is judged by itself
+                taxels = tracker.taxels_at(at_s)
+                self._zeros_n = ZeroBounds(taxels.lower @ gain, taxels.upper @ gain, taxels.least @ gain)
+        self._guard_threshold = SIGMAS * self._baseline.noise_counts + self._guard_doubt
+
+    def follow(self, frames: Sequence[TactileFrame], *, may_touch: bool = False) -> None:
+        """Let the baseline follow its drift through frames; without drift nothing happens.
+
+        `may_touch`: see `BaselineTracker.follow`.
+        """
         if self._tracker is None or not frames:
             return
-        self._tracker.follow(
-            np.stack([f.counts for f in frames]), np.array([f.device_time_s for f in frames])
-        )
-        self._set_guard()
+        times = np.array([f.device_time_s for f in frames])
+        self._tracker.follow(np.stack([f.counts for f in frames]), times, may_touch=may_touch)
+        self._set_guard(float(times[-1]))
 
     def prepare(self) -> None:
         """Make what contacts are compared with; if this is left out, the first contact waits for it."""
@@ -115,31 +143,44 @@ class ContactExtractor:
         """
         counts = frame.counts - self._guard_base
         force = float((counts * (counts > self._guard_threshold)).ravel() @ self._guard_gain)
-        return force if self._cylinder is None else max(force, self._matched_n(counts))
+        return force if self._cylinder is None else max(force, self._matched_n(frame.counts))
 
     def steady_force_n(self, counts: Floats, frames: int) -> float:
         """Force (N) that is above the noise in the mean (rows, cols) of some frames' counts: likewise."""
-        above = counts - self._guard_base
         if self._cylinder is not None:
-            return self._matched_n(above, frames)
+            return self._matched_n(counts, frames)
+        above = counts - self._guard_base
         least = _MATCHED_SIGMAS * self.noise_share(frames) * self._baseline.noise_counts + self._guard_doubt
         return float((above * (above > least)).ravel() @ self._guard_gain)
 
     @property
-    def zero_doubt_n(self) -> float:
-        """What a zero that has drifted as far as it may hides of a force (N), beside the noise.
+    def zero_doubt_n(self) -> tuple[float, float]:
+        """What zeros that have drifted as far as they may hide of a force (N), beside the noise.
 
-        The zero may be off by its bound, and as much again is taken off what is felt.
+        A zero may be off by half of its interval, and as much again is taken off what is felt. The second
+        value: likewise, if all that `follow` has seen since the tare may have been touched.
         """
-        return 2 * float(self._window_doubt.max(initial=0.0))
+        zeros = self._zeros_n
+        return float((zeros.upper - zeros.lower).max()), float((zeros.upper - zeros.least).max())
+
+    @property
+    def zero_doubt_n_per_s(self) -> float:
+        """How fast `zero_doubt_n` grows while the tip may touch."""
+        drift = self._calibration.drift_counts_per_s
+        return 2 * float(self._window_drift(drift).max(initial=0.0)) if drift > 0 else 0.0
 
     def noise_share(self, frames: int) -> float:
-        """Noise of the mean of some frames, over one frame's; both with what the tare had of it."""
-        tared = self._tared_frames
-        return math.sqrt((1 / frames + 1 / tared) / (1 + 1 / tared))
+        """Noise of the mean of some frames, over one frame's; both with what the tare had of it.
 
-    def _matched_n(self, counts: Floats, frames: int = 1) -> float:
-        sums = counts.ravel() @ self._window_gain - self._window_doubt
+        Where zeros are followed that is in their bounds.
+        """
+        tared = self._tared_frames
+        zero = 0.0 if self._tracker is not None else 1 / tared
+        return math.sqrt((1 / frames + zero) / (1 + 1 / tared))
+
+    def _matched_n(self, counts: Floats | Counts, frames: int = 1) -> float:
+        """The largest force of any window of counts (rows, cols) as they are read that is above the noise."""
+        sums = counts.ravel() @ self._window_gain - self._zeros_n.upper
         least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
         found = sums[sums > least]
         return float(found.max()) if found.size else 0.0
@@ -192,7 +233,7 @@ class ContactExtractor:
         if self._tracker is None:
             return self._baseline.mean, None
         zeros = self._tracker.follow(counts, time_s)
-        self._set_guard()
+        self._set_guard(float(time_s[-1]))
         return zeros.mean[zeros.block_of], zeros.bound[zeros.block_of]
 
     def _patches(
@@ -213,24 +254,6 @@ class ContactExtractor:
     @cached_property
     def _surface(self) -> TaxelSurface:
         return surface_of(self._description)
-
-
-def _windows(taxels: Floats) -> Floats:
-    """Sums over each few neighbouring columns (and all rows) of values (rows, cols)."""
-    sums = np.concatenate([[0.0], np.cumsum(taxels.sum(axis=0))])
-    width = min(_MATCHED_COLUMNS, taxels.shape[1])
-    result: Floats = sums[width:] - sums[:-width]
-    return result
-
-
-def _window_matrix(gain: Floats) -> Floats:
-    """Matrix (rows · cols, windows) that takes counts to forces (N) of each few neighbouring columns."""
-    rows, cols = gain.shape
-    width = min(_MATCHED_COLUMNS, cols)
-    matrix = np.zeros((rows, cols, cols - width + 1))
-    for window in range(matrix.shape[2]):
-        matrix[:, window : window + width, window] = gain[:, window : window + width]
-    return matrix.reshape(rows * cols, -1)
 
 
 def _check(calibration: TipCalibration, shape: tuple[int, int]) -> None:

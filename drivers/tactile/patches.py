@@ -50,7 +50,8 @@ class TipCalibration:
     count. `contact_force_n`: less than this is no contact. `stiffness_bound` and `crosstalk_bound` are the
     half-widths of `stiffness_n_per_mm` (relative) and `crosstalk` (absolute; share of a taxel's force that
     each neighbour takes). `usable`: False for taxels known to be dead or hot. `drift_counts_per_s`: no
-    taxel's zero moves faster; 0 leaves zeros as they were when tared.
+    taxel's zero moves faster; 0 leaves zeros as they were when tared. `force_drift_n_per_s`: neither does
+    the zero of what usable taxels of any `WINDOW_COLUMNS` neighbouring columns show together; None: unknown.
     """
 
     gain: Floats
@@ -63,6 +64,7 @@ class TipCalibration:
     crosstalk_bound: float = 0.03
     usable: Bools | None = None
     drift_counts_per_s: float = 0.0
+    force_drift_n_per_s: float | None = None
 
     @property
     def spreads(self) -> Floats:

@@ -40,8 +40,11 @@ from palpate.config import (
 from palpate.config.calibration_file import CalibrationReference
 from palpate.config.calibration_finger import ActuatorsCalibration, FingerCalibration, TactileCalibration
 from palpate.config.references_file import ReferencesFile, references_sha256
+from palpate.drivers.tactile.contact import ContactExtractor
+from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description
 from palpate.errors import InputError
+from palpate.rig.arrays import calibration_of, doubt_warning
 from palpate.rig.background import BackgroundCall
 from palpate.rig.commissioning.rig_prober import approaches_of
 
@@ -58,6 +61,8 @@ __all__ = [
 
 STEPS = ("actuators", "tactile", "fingers")
 """Steps in the order in which they build on one another."""
+
+_TARE_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,9 +215,22 @@ class _Run:
                         prober, specs, there.arrays, self._disc, self._plate, tell=self._tell
                     )
                 )
+                self._tell_doubts(there)
             else:
                 self._touch(prober, specs)
             prober.clear()
+
+    def _tell_doubts(self, there: ConnectedRig) -> None:
+        """Say which arrays are not believed with this calibration, as `check` would."""
+        rig = self._rig_so_far()
+        idles = {idle.finger: idle for idle in there.prober.idle(_TARE_S)}
+        for spec, description in zip(rig.fingers, there.arrays, strict=True):
+            idle = idles[spec.name]
+            frames = zip(idle.time_s.tolist(), idle.counts, strict=True)
+            extractor = ContactExtractor(description, calibration_of(rig, spec, description))
+            extractor.tare([TactileFrame(k, t, t, counts) for k, (t, counts) in enumerate(frames)])
+            if (doubt := doubt_warning(rig, spec, extractor)) is not None:
+                self._tell(f"array {spec.name}: {doubt}")
 
     def file(self) -> CalibrationFile:
         """The calibration file of what is known now; what this run did not do is as it was before."""

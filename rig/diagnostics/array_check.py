@@ -14,7 +14,7 @@ from palpate.drivers.tactile.messages import BadTaxel, Description, SelfTestRepo
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError, counted
-from palpate.rig.arrays import array_of, calibration_of, threshold_problem
+from palpate.rig.arrays import array_of, calibration_of, doubt_warning, threshold_problem
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.motion.hand import OpenPort
 
@@ -53,6 +53,8 @@ def check_array(rig: RigFile, spec: FingerConfig, clock: Clock, open_port: OpenP
             extractor.tare(frames)
             noisy = threshold_problem(extractor, rig.closing)
             found = found if noisy is None else _wrong(found, noisy)
+            if (doubt := doubt_warning(rig, spec, extractor)) is not None:
+                found = found.model_copy(update={"warnings": (*found.warnings, doubt)})
     except DeviceError as error:
         return _wrong(blank, str(error))
     finally:

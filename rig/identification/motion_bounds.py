@@ -156,7 +156,7 @@ class MotionBounds:
         margins_mm = np.unique(np.concatenate([trace.free_within_mm for trace in known]))
         for within_mm in (*margins_mm[margins_mm > 0].tolist(), math.inf):
             rows = [
-                _row(finger, trace, trace.free_within_mm >= within_mm, index, count, period_s)
+                _row(finger, trace, within_mm, index, count, period_s)
                 for finger, trace, index in zip(fingers, known, periods, strict=True)
             ]
             at_contact, anywhere, work, stored = (np.stack(column) for column in zip(*rows, strict=True))
@@ -165,11 +165,11 @@ class MotionBounds:
 
 
 def _row(
-    finger: FingerConfig, trace: LoadTrace, free: Bools, index: Ints, count: int, period_s: float
+    finger: FingerConfig, trace: LoadTrace, within_mm: float, index: Ints, count: int, period_s: float
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Force at the contact and anywhere, work and stored energy (count,) of one finger at most.
 
-    `free` (n,): where it touches nothing but what it feels.
+    As long as the part has moved by `within_mm` at most.
     """
     gain = 1 / (1 - measured_force_share(finger))
     tip = finger.tip
@@ -181,8 +181,11 @@ def _row(
     if math.isfinite(trace.measured_s):
         end_mm = np.interp(trace.measured_s, trace.time_s, trace.travel_mm)
         there = (trace.force_n > 0) & (np.abs(trace.travel_mm - end_mm) < _THERE_MM)
+    free = trace.free_within_mm >= within_mm  # there it touches nothing but what it feels
+    doubt = trace.zero_doubt_n if math.isfinite(within_mm) else trace.any_zero_doubt_n
     hidden = np.where(free, 0.0, _HIDDEN * trace.unnoticed_n)
-    most = gain * np.maximum(trace.force_n, hidden) + grown
+    unsure = np.where(free & (trace.force_n == 0), 0.0, doubt)
+    most = gain * (np.maximum(trace.force_n, hidden) + unsure) + grown
     at_contact, anywhere = (_by_period(np.where(at, most, 0.0), index, count) for at in (there, ~there))
     normal = np.maximum(at_contact, anywhere)
     advance = np.zeros(count)

@@ -45,10 +45,12 @@ class LoadTrace:
 
     `time_s` (n,) ascending, on the rig's clock; `force_n` (n,): what was noticed, in the frame or in the mean
     of up to 64 quiet ones around it, 0 for nothing; `unnoticed_n` (n,): what the noise may hide of
-    a steady push beside; `free_within_mm` (n,): the way there is free of a part that the grip has moved by no
-    more than this, 0 where that was not known; `travel_mm` (n,): where the tip was on its
-    way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how fast at
-    most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if never.
+    a steady push; `zero_doubt_n` (n,): what the doubt of the zero may hide of any force beside, and
+    `any_zero_doubt_n` (n,) if no way was free; `free_within_mm` (n,): the way there is free of a part that
+    the grip has moved by no more than this, 0 where that was not known; `travel_mm` (n,): where the tip was
+    on its way; `advance_mm` (n,): how far it can have gone forward since the frame before; `touch_mm_s`: how
+    fast at most where it might meet the part; `measured_s`: when the grip's contacts were measured, nan if
+    never.
     """
 
     time_s: Floats
@@ -56,6 +58,8 @@ class LoadTrace:
     travel_mm: Floats
     advance_mm: Floats
     unnoticed_n: Floats
+    zero_doubt_n: Floats
+    any_zero_doubt_n: Floats
     free_within_mm: Floats
     touch_mm_s: float
     measured_s: float

@@ -14,6 +14,7 @@ __all__ = ["LoadMeter"]
 
 _STEADY_FRAMES = 64  # a force that lasts for so many frames is noticed in their mean, where the noise is less
 _FASTER = 1.1  # than its profile may a servo be that catches up
+_AHEAD_MM = 1.0  # of where it was seen last may a tip be
 _BRAKING = 2  # frames after the order to stop until a tip stands
 
 
@@ -37,7 +38,7 @@ class LoadMeter:
         self._stopped: list[float] = []
         self._least_n, self._period_s = contact_force_n / 2, period_s
         self._unnoticed_n = unnoticed_n
-        self._forces: list[tuple[float, float, float, float]] = []
+        self._forces: list[tuple[float, float, float, float, float]] = []
         self._travels: list[tuple[float, float]] = []
         self._begun: list[tuple[float, TouchStage, float, float]] = []
         self._quiet: deque[Counts] = deque(maxlen=_STEADY_FRAMES)
@@ -67,13 +68,21 @@ class LoadMeter:
         self._quiet.append(counts)
         return self._sum / len(self._quiet), len(self._quiet)
 
-    def feel(self, force_n: float, now: float, steady_n: float = 0.0, doubt_n: float = 0.0) -> None:
+    def may_touch(self) -> bool:
+        """Whether the tip may be at the part: unless the way is known to be free where it was seen last."""
+        if not self._begun or not self._travels:
+            return True
+        return self._travels[-1][1] + _AHEAD_MM > self._begun[-1][2]
+
+    def feel(
+        self, force_n: float, now: float, steady_n: float = 0.0, doubts_n: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         """Note the force of a frame that has arrived, and what is steady in the mean of the newest ones.
 
-        `doubt_n`: what a zero that drifts may hide.
+        `doubts_n`: what a zero that drifts may hide, and what it may hide if no way was free.
         """
         # It may have been sampled one period ago: then the tip was not yet where it is now.
-        self._forces.append((now - self._period_s, force_n, steady_n, doubt_n))
+        self._forces.append((now - self._period_s, force_n, steady_n, *doubts_n))
 
     def stopped(self, now: float) -> None:
         """Note that the finger is to stop: from now on it stands or goes back, until a stage begins."""
@@ -105,21 +114,19 @@ class LoadMeter:
         """All that was noted, frame by frame; None if nothing was."""
         if not self._forces or not self._travels:
             return None
-        times, forces, steady, doubt = np.array(self._forces).T
+        times, forces, steady, doubt, any_doubt = np.array(self._forces).T
         travels = np.interp(times, *np.array(self._travels).T)
         quiet = forces <= self._unnoticed_n
-        # What is steady at a frame was so in those before it as well.
-        lasting = np.concatenate([steady, np.zeros(_STEADY_FRAMES - 1)])
-        lasting = np.lib.stride_tricks.sliding_window_view(lasting, _STEADY_FRAMES).max(axis=1)
         begun, _, free, within = (np.array(column) for column in zip(*self._begun, strict=True))
         stage = np.maximum(np.searchsorted(begun, times, side="right") - 1, 0)
-        hidden = self._unnoticed_n * self._shares[_frames_together(quiet)] + doubt
         return LoadTrace(
             times,
-            np.where(quiet, lasting, forces),
+            np.where(quiet, _lasting(steady), forces),
             travels,
             self._advances(times, travels),
-            hidden,
+            self._unnoticed_n * self._shares[_frames_together(quiet)],
+            _lasting(doubt),
+            _lasting(any_doubt),
             np.where(travels > free[stage], 0.0, within[stage]),
             self._touch_mm_s,
             self._measured_s,
@@ -162,6 +169,13 @@ class LoadMeter:
         if forces[last] > 0:
             ended_s = math.inf  # it has not left the part yet
         return ContactLoad(stage, float(force.max()), float(steps.sum()), work, begun_s, ended_s)
+
+
+def _lasting(values: Floats) -> Floats:
+    """What is said of the mean of frames (n,) at the last of them holds at those before it as well."""
+    padded = np.concatenate([values, np.zeros(_STEADY_FRAMES - 1)])
+    result: Floats = np.lib.stride_tricks.sliding_window_view(padded, _STEADY_FRAMES).max(axis=1)
+    return result
 
 
 def _frames_together(quiet: Bools) -> Ints:

@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from firm_rig import firm_rig
 
-from palpate.config import RigFile
+from palpate.calibration.idle import IdleFit, analyse_idle
+from palpate.calibration.measurements import IdleMeasurement
+from palpate.calibration.tactile_step import IDLE_S
+from palpate.config import RigFile, load_rig, shipped_rig
+from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.tactile.column_windows import column_windows
 from palpate.drivers.tactile.contact import ContactExtractor
 from palpate.drivers.tactile.frames import TactileFrame
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.errors import InputError
-from palpate.rig.arrays import calibration_of, extractor_of, threshold_problem
+from palpate.rig.arrays import calibration_of, doubt_warning, extractor_of, threshold_problem
+from palpate.rig.emulated.devices import description_of
 
 ROWS, COLS = 2, 3
 SMALL = Description(
@@ -108,3 +114,55 @@ def test_a_threshold_within_the_noise_is_refused() -> None:
     assert wrong is not None
     assert "noise" in wrong
     assert "contact_force_n" in wrong
+
+
+def idle_of_a_quiet_bench() -> IdleFit:
+    """What calibration says of an array of the bench with light touches, whose zeros do not drift."""
+    bench = load_rig(shipped_rig("xl330-bench"))
+    assert bench.emulation is not None
+    description = description_of(bench.fingers[0], 0)
+    taxels = Taxels(description, seed=5, noise_counts=bench.emulation.noise_counts, offset_counts=20.0)
+    rate, idles = bench.closing.sample_rate_hz, []
+    for start_s in (300.0, 700.0):
+        time_s = start_s + np.arange(round(IDLE_S * rate)) / rate
+        none = np.zeros((len(time_s), description.rows, description.cols))
+        idles.append(IdleMeasurement("f1", taxels.counts(none, time_s), time_s))
+    return analyse_idle(idles, description.max_count)
+
+
+def doubted(drift_counts_per_s: float, force_drift_n_per_s: float | None) -> tuple[str | None, float]:
+    """What is said of an array of that bench with such a calibration, and the doubt after ten seconds (N)."""
+    bench = load_rig(shipped_rig("xl330-bench"))
+    assert bench.emulation is not None
+    spec = bench.fingers[0]
+    description, noise = description_of(spec, 0), bench.emulation.noise_counts
+    taxels = Taxels(description, seed=6, noise_counts=noise, offset_counts=20.0)
+    calibration = replace(
+        calibration_of(bench, spec, description),
+        noise_counts=noise,
+        drift_counts_per_s=drift_counts_per_s,
+        force_drift_n_per_s=force_drift_n_per_s,
+    )
+    extractor = ContactExtractor(description, calibration)
+    none, period_s = np.zeros((description.rows, description.cols)), 1 / bench.closing.sample_rate_hz
+    frames = [TactileFrame(k, k * period_s, 0.0, taxels.counts(none)) for k in range(1625)]
+    extractor.tare(frames[:64])
+    extractor.follow(frames[64:375])  # on its way through free space
+    extractor.follow(frames[375:], may_touch=True)
+    return doubt_warning(bench, spec, extractor), extractor.zero_doubt_n[0]
+
+
+def test_a_calibrated_array_is_believed_with_light_touches() -> None:
+    idle = idle_of_a_quiet_bench()
+    description = description_of(load_rig(shipped_rig("xl330-bench")).fingers[0], 0)
+    gain = np.full((description.rows, description.cols), 1 / description.counts_per_n)
+    warning, doubt_n = doubted(idle.drift_counts_per_s, idle.drift_of_sums(column_windows(gain)))
+    assert warning is None
+    assert doubt_n < 0.006
+
+
+def test_an_array_is_not_believed_whose_zeros_may_hide_what_moves_the_part() -> None:
+    warning, doubt_n = doubted(0.42, None)
+    assert doubt_n > 0.05
+    assert warning is not None
+    assert "part_holds_n = 0.3 N" in warning

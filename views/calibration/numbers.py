@@ -145,6 +145,11 @@ def _unusable(tactile: TactileCalibration) -> str:
     return ", ".join(f"{count} {what}" for what, count in sorted(counts.items())) or "none"
 
 
+def _force_drift(tactile: TactileCalibration) -> str:
+    found = tactile.force_drift_n_per_s
+    return "not known" if found is None else f"{1000 * found:.3g} mN/s"
+
+
 def _gains(tactile: TactileCalibration) -> str:
     """Range of the measured gains and the median of their bounds."""
     measured = ~never_pressed(tactile)
@@ -260,6 +265,7 @@ _TACTILE: tuple[tuple[str, Callable[[TactileCalibration], str]], ...] = (
     ("taxels never pressed", lambda t: str(int(never_pressed(t).sum()))),
     ("noise of a taxel", lambda t: f"{t.noise_counts:.2f} counts"),
     ("drift, bound", lambda t: f"{t.drift_counts_per_s:.3g} counts/s"),
+    ("drift of three columns together, bound", _force_drift),
     ("crosstalk", lambda t: f"{_percent(t.crosstalk)}, bound ± {_percent(t.crosstalk_bound)}"),
     ("least contact force", lambda t: f"{at_most(t.least_contact_force_n, 3)} N"),
     ("a taxel saturates at", _saturation),

@@ -120,7 +120,7 @@ def press(
         np.cumsum(advance_mm),
         advance_mm,
         hidden,
-        np.zeros(len(time_s)),
+        *np.zeros((3, len(time_s))),
         1.5,
         begin_s + 0.8 * last_s,
     )
