@@ -32,6 +32,7 @@ __all__ = ["Bench", "EmulatedFinger", "SampledArray"]
 
 
 _STEP_S = 1e-3
+_ROUNDING_MM = 1e-9  # far above that of any place on a bench
 
 
 _Place = tuple[float, ...]
@@ -130,6 +131,28 @@ class EmulatedFinger:
             force = self._stage.back(force)
         self._mechanics.step(dt_s, force)
 
+    def free_steps(self, dt_s: float, most: int, displacement: Displacement) -> int:
+        """How many steps of `dt_s`, at most so many, for certain do not let the tip meet the part."""
+        if self.press is not None:
+            return 0
+        within_mm = math.inf
+        if self.outline is not None:
+            within_mm = self._free_mm - math.dist(displacement.back(self.centre_mm), self._free_centre)
+        steps = most
+        while steps and not self._reach_mm(dt_s, steps) + _ROUNDING_MM < within_mm:
+            steps //= 2
+        return steps
+
+    def _reach_mm(self, dt_s: float, steps: int) -> float:
+        reach = self._mechanics.reach_mm(dt_s, steps)
+        if self._stage is None:
+            return reach
+        return reach + self._stage.reach_mm(dt_s, steps, self.centre_mm)
+
+    def run(self, dt_s: float, steps: int) -> None:
+        """So many times `step`, within `free_steps` and the servos' `quiet_steps`."""
+        self._mechanics.run(dt_s, steps)
+
     def touch(self, displacement: Displacement) -> None:
         """Let the skin meet the part where it is now."""
         self.press = None if self.outline is None else self._touch(self.outline, displacement)
@@ -212,6 +235,8 @@ class Bench:
         self.fingers = tuple(fingers)
         self.stage = stage
         self.part = part or StillPart()
+        self._servos = [servo for finger in self.fingers for servo in finger.servos]
+        self._servos += [] if stage is None else [stage.servo]
         self._steps = 0
         self._now = -math.inf
 
@@ -234,15 +259,42 @@ class Bench:
         self._now = now
         steps = int(now / _STEP_S + 1e-6)
         while self._steps < steps:
-            self._sample_until((self._steps + 1) * _STEP_S)
-            self._steps += 1
-            if self.stage is not None:
-                self.stage.step(_STEP_S, self._torque_nm(self.stage))
-            for finger in self.fingers:
-                finger.step(_STEP_S)
-                finger.touch(self.part.displacement)
-            self._push(_STEP_S)
+            free = self._free_steps(steps - self._steps)
+            self._sample_until((self._steps + max(free, 1)) * _STEP_S)
+            self._steps += max(free, 1)
+            if free:
+                self._run(free)
+            else:
+                self._step()
         self._sample_until(now)
+
+    def _free_steps(self, most: int) -> int:
+        """How many steps, at most so many, can be taken at once: nothing touches, nothing else happens."""
+        if not self.part.at_rest:
+            return 0
+        for servo in self._servos:
+            most = min(most, servo.quiet_steps(_STEP_S))
+        for finger in self.fingers:
+            most = finger.free_steps(_STEP_S, most, self.part.displacement)
+            if not most:
+                break
+        return most
+
+    def _run(self, steps: int) -> None:
+        """Free motion, as so many times `_step`."""
+        if self.stage is not None:
+            self.stage.run(_STEP_S, steps)
+        for finger in self.fingers:
+            finger.run(_STEP_S, steps)
+        self.part.step(self._tip_forces, False, _STEP_S)
+
+    def _step(self) -> None:
+        if self.stage is not None:
+            self.stage.step(_STEP_S, self._torque_nm(self.stage))
+        for finger in self.fingers:
+            finger.step(_STEP_S)
+            finger.touch(self.part.displacement)
+        self._push(_STEP_S)
 
     def _push(self, dt_s: float) -> None:
         """Let tips push the part, and meet it where it is then."""

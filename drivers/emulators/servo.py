@@ -29,6 +29,7 @@ from palpate.drivers.emulators.servo_unit import BOOT_S, ServoUnit
 
 __all__ = ["OVERLOAD_BIT", "EmulatedServo"]
 
+_ANY_STEPS = 1 << 30
 _ANSWER_LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # others: 2
 
 
@@ -79,6 +80,21 @@ class EmulatedServo:
             self._unit.step(dt_s, load_nm)
         else:
             self._unit.motion.step(dt_s, load_nm)
+
+    def quiet_steps(self, dt_s: float) -> int:
+        """How many steps of `dt_s` `run` may take at once: at least 1."""
+        return self._unit.quiet_steps(dt_s) if self._powered else _ANY_STEPS
+
+    def reach_rad(self, dt_s: float, steps: int) -> float:
+        """The furthest that so many steps of `dt_s` may turn an unloaded shaft; may be infinite."""
+        return self._unit.motion.reach_rad(dt_s, steps)
+
+    def run(self, dt_s: float, steps: int) -> list[float]:
+        """So many times `step` without a torque from outside, within `quiet_steps`, and quicker.
+
+        Returns the shaft's angle (rad) after each step, to where it stands still.
+        """
+        return self._unit.run(dt_s, steps) if self._powered else self._unit.motion.run(dt_s, steps)[0]
 
     def report_hardware_error(self, bits: int) -> None:
         """Latch bits of Hardware Error Status until a reboot; torque goes off if Shutdown selects them.
