@@ -143,11 +143,11 @@ class SlideMechanics:
 
     def reach_mm(self, dt_s: float, steps: int) -> float:
         """The furthest that `run` may move the tip; infinite where more than servos may move it."""
-        slide = self._slide.reach_rad(dt_s, steps) * abs(self._truth.mm_per_rad)
+        slide = self._slide.motion.reach_rad(dt_s, steps) * abs(self._truth.mm_per_rad)
         at, stops = self._slide_play.at, self._truth.stops_mm
         if not self._aim_joint.is_straight or (stops and not stops[0] + slide < at < stops[1] - slide):
             return math.inf
-        turn = self._aim.reach_rad(dt_s, steps) / self._truth.gear_ratio
+        turn = self._aim.motion.reach_rad(dt_s, steps) / self._truth.gear_ratio
         return slide + (abs(at) + slide) * turn
 
     def run(self, dt_s: float, steps: int) -> None:
@@ -178,16 +178,16 @@ class SlideMechanics:
         if stop is None:
             return 0.0
         deep = stop - self._slide_play.at
-        speed = self._slide.shaft_rad_s * self._truth.mm_per_rad
+        speed = self._slide.motion.velocity_rad_s * self._truth.mm_per_rad
         push = _STOP_N_PER_MM * deep - _STOP_N_S_PER_MM * speed
         return push if push * deep > 0 else 0.0
 
     def _aim_drive(self) -> float:
         truth = self._truth
-        return truth.heading_rad + (self._aim.shaft_rad - truth.aim_zero_rad) / truth.gear_ratio
+        return truth.heading_rad + (self._aim.motion.shaft_rad - truth.aim_zero_rad) / truth.gear_ratio
 
     def _slide_drive(self) -> float:
-        return self._truth.zero_mm + self._truth.mm_per_rad * self._slide.shaft_rad
+        return self._truth.zero_mm + self._truth.mm_per_rad * self._slide.motion.shaft_rad
 
 
 class ArmMechanics:
@@ -235,7 +235,7 @@ class ArmMechanics:
         if not all(joint.is_straight for joint in self._joints):
             return math.inf
         near, far = (
-            servo.reach_rad(dt_s, steps) / truth.gear_ratio
+            servo.motion.reach_rad(dt_s, steps) / truth.gear_ratio
             for servo, truth in zip(self._servos, self._truths, strict=True)
         )
         return near * (self._truth.upper_mm + self._truth.fore_mm) + far * self._truth.fore_mm
@@ -253,7 +253,7 @@ class ArmMechanics:
         return cmath.rect(self._truth.fore_mm, self.facing_rad)
 
     def _drive(self, k: int) -> float:
-        return (self._servos[k].shaft_rad - self._truths[k].zero_rad) / self._truths[k].gear_ratio
+        return (self._servos[k].motion.shaft_rad - self._truths[k].zero_rad) / self._truths[k].gear_ratio
 
 
 class EmulatedStage:
@@ -268,16 +268,22 @@ class EmulatedStage:
     @property
     def angle_rad(self) -> float:
         """True angle of the ring."""
+        self.servo.catch_up()
+        return self._play.at
+
+    @property
+    def at_rad(self) -> float:
+        """The ring's angle as it has been stepped."""
         return self._play.at
 
     def place(self, point_mm: Floats) -> Floats:
         """A point (2,) of the ring in W."""
-        turned = (complex(*point_mm) - self._centre) * cmath.rect(1.0, self.angle_rad) + self._centre
+        turned = (complex(*point_mm) - self._centre) * cmath.rect(1.0, self._play.at) + self._centre
         return np.array([turned.real, turned.imag])
 
     def back(self, vector: Floats) -> Floats:
         """A vector (2,) of W as the ring sees it."""
-        turned = complex(*vector) * cmath.rect(1.0, -self.angle_rad)
+        turned = complex(*vector) * cmath.rect(1.0, -self._play.at)
         return np.array([turned.real, turned.imag])
 
     def torque_nm(self, point_mm: Floats, force_n: Floats) -> float:
@@ -287,7 +293,7 @@ class EmulatedStage:
 
     def reach_mm(self, dt_s: float, steps: int, point_mm: Floats) -> float:
         """The furthest that `run` may move a point (2,) that the ring carries, in W."""
-        turn = self.servo.reach_rad(dt_s, steps) / self._joint.gear_ratio
+        turn = self.servo.motion.reach_rad(dt_s, steps) / self._joint.gear_ratio
         return turn * abs(complex(*point_mm) - self._centre)
 
     def run(self, dt_s: float, steps: int) -> None:
@@ -301,4 +307,4 @@ class EmulatedStage:
         self._play.follow(self._drive())
 
     def _drive(self) -> float:
-        return (self.servo.shaft_rad - self._joint.zero_rad) / self._joint.gear_ratio
+        return (self.servo.motion.shaft_rad - self._joint.zero_rad) / self._joint.gear_ratio

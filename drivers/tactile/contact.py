@@ -92,6 +92,8 @@ class ContactExtractor:
         self._window_gain = _window_matrix(gain)
         self._window_noise = baseline.noise_counts * np.sqrt(_windows(gain**2))
         self._window_doubt = _windows(gain * doubt)
+        self._zero_doubt_n = 2 * float(self._window_doubt.max(initial=0.0))
+        self._window_least: dict[int, Floats] = {}
 
     def follow(self, frames: Sequence[TactileFrame]) -> None:
         """Let the baseline follow its drift through frames, touched or not; without drift nothing happens."""
@@ -114,7 +116,8 @@ class ContactExtractor:
         three neighbouring columns which together are most above theirs.
         """
         counts = frame.counts - self._guard_base
-        force = float((counts * (counts > self._guard_threshold)).ravel() @ self._guard_gain)
+        above = counts > self._guard_threshold
+        force = float((counts * above).ravel() @ self._guard_gain) if np.count_nonzero(above) else 0.0
         return force if self._cylinder is None else max(force, self._matched_n(counts))
 
     def steady_force_n(self, counts: Floats, frames: int) -> float:
@@ -131,7 +134,7 @@ class ContactExtractor:
 
         The zero may be off by its bound, and as much again is taken off what is felt.
         """
-        return 2 * float(self._window_doubt.max(initial=0.0))
+        return self._zero_doubt_n
 
     def noise_share(self, frames: int) -> float:
         """Noise of the mean of some frames, over one frame's; both with what the tare had of it."""
@@ -140,9 +143,12 @@ class ContactExtractor:
 
     def _matched_n(self, counts: Floats, frames: int = 1) -> float:
         sums = counts.ravel() @ self._window_gain - self._window_doubt
-        least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
-        found = sums[sums > least]
-        return float(found.max()) if found.size else 0.0
+        least = self._window_least.get(frames)
+        if least is None:
+            least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
+            self._window_least[frames] = least
+        above = sums > least
+        return float(sums[above].max()) if np.count_nonzero(above) else 0.0
 
     @property
     def least_force_n(self) -> float:
