@@ -286,11 +286,12 @@ class Bench:
 
         What is done to a servo or to the part now may end their free motion.
         """
-        self._run(self._due - self._steps)
-        self._free = 0
+        if self._free:
+            self._run(self._due - self._steps)
+            self._free = 0
 
     def _free_steps(self) -> int:
-        """How many steps can be taken at once: no tip can meet the part, and nothing happens before the last."""
+        """How many steps can be taken at once: none lets a tip meet the part, the last may end otherwise."""
         if not self.part.at_rest or any(finger.press is not None for finger in self.fingers):
             return 0
         steps = min(servo.quiet_steps(_STEP_S) for servo in self._servos)

@@ -73,7 +73,7 @@ class EmulatedServo:
     # -- the mechanics' side ------------------------------------------------------------------------------
 
     def lag(self, catch_up: Callable[[], None]) -> None:
-        """Let `catch_up` be called before anybody looks at the servo or interferes: mechanics may lag behind."""
+        """Let `catch_up` be called before anybody looks at the servo or interferes: mechanics may lag."""
         self._catch_up = catch_up
 
     def catch_up(self) -> None:

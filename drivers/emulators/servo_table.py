@@ -41,6 +41,7 @@ class ControlTable:
             for item in items
             if item.name.startswith(_INDIRECT_DATA)
         }
+        self._places = {item.name: (item.address, item.address + item.size, item.signed) for item in items}
         self._memory = bytearray(self._end)
         for item in items:
             self.set(item.name, item.default)
@@ -57,15 +58,14 @@ class ControlTable:
 
     def get(self, name: str) -> int:
         """Value of an item by its e-Manual name."""
-        item = self._items[name]
-        raw = self._memory[item.address : item.address + item.size]
-        return int.from_bytes(raw, "little", signed=item.signed)
+        start, end, signed = self._places[name]
+        return int.from_bytes(self._memory[start:end], "little", signed=signed)
 
     def set(self, name: str, value: int) -> None:
         """Store a value as the firmware itself does: no access or range check, wrapped to the item's size."""
-        item = self._items[name]
-        wrapped = value & ((1 << 8 * item.size) - 1)
-        self._memory[item.address : item.address + item.size] = wrapped.to_bytes(item.size, "little")
+        start, end, _ = self._places[name]
+        size = end - start
+        self._memory[start:end] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
 
     def reset(self, name: str) -> None:
         """Put an item back to its default."""

@@ -55,6 +55,7 @@ class MockWire:
         self.baudrate = baudrate
         self.clock = clock
         self._device = device
+        self._rated = device if isinstance(device, RatedDevice) else None
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
 
@@ -71,8 +72,8 @@ class MockWire:
         self.poll()
         self.clock.sleep(wire_time_s(len(data), baudrate))
         now = self.clock.now()
-        if isinstance(self._device, RatedDevice):
-            self._enqueue(self._device.feed_at(data, now, baudrate), baudrate)
+        if self._rated is not None:
+            self._enqueue(self._rated.feed_at(data, now, baudrate), baudrate)
         elif baudrate == self.baudrate:
             self._enqueue(self._device.feed(data, now), baudrate)
         else:
