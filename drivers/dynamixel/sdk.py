@@ -146,7 +146,12 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
         """
         data = port.readPort(_SHORTEST)
         nothing = not data
-        if len(data) == _SHORTEST and data[:_ID] == _HEADER and data[_ID] <= MAX_ID and data[_BODY] == _STATUS:
+        if (
+            len(data) == _SHORTEST
+            and data[:_ID] == _HEADER
+            and data[_ID] <= MAX_ID
+            and data[_BODY] == _STATUS
+        ):
             size = _BODY + (data[5] | data[6] << 8)
             if _SHORTEST < size <= _LONGEST:
                 more = port.readPort(size - _SHORTEST)

@@ -98,6 +98,7 @@ class EmulatedFinger:
         self._displacement = IN_PLACE
         self._loads: dict[_Place, Press | None] = {}  # of this step
         self._no_force_n = np.zeros((array.description.rows, array.description.cols))
+        self._no_force_n.flags.writeable = False
 
     def put(self, outline: PartSection | None) -> None:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""

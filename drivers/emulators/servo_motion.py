@@ -128,6 +128,19 @@ class ShaftMotion:
             self.reference_rad_s = 0.0
 
     @property
+    def state(self) -> tuple[float, ...]:
+        """All that changes as time passes."""
+        return (
+            self.shaft_rad,
+            self.velocity_rad_s,
+            self.current_a,
+            self.duty,
+            self.goal_rad,
+            self.reference_rad,
+            self.reference_rad_s,
+        )
+
+    @property
     def profile_ongoing(self) -> bool:
         """True while the trajectory has not reached the goal."""
         return self.reference_rad != self.goal_rad

@@ -51,6 +51,7 @@ class Taxels:
         self._wander = None if drift_counts_per_s == 0 else self._wandering(drift_counts_per_s)
         self._dead = tuple(dead)
         self._hot = tuple(hot)
+        self._none_n: Floats | None = None
         self._rest: Counts | None = None
         self._rest_of: Floats | None = None
 
@@ -74,7 +75,7 @@ class Taxels:
         d = self.description
         if force_n.shape[-2:] != (d.rows, d.cols):
             raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
-        if force_n.ndim == 2 and self._wander is None and not force_n.any():  # as nearly always
+        if force_n.ndim == 2 and self._wander is None and self._is_none(force_n):  # as nearly always
             return self._untouched()
         counts = self._felt(force_n)
         if self._wander is not None:
@@ -82,6 +83,16 @@ class Taxels:
             counts += size * np.sin(speed * np.asarray(now)[..., None, None] + phase)
         counts += self._noise.take(len(counts)) if counts.ndim == 3 else self._noise.take_one()
         return self._read(counts)
+
+    def _is_none(self, force_n: Floats) -> bool:
+        """Whether nothing presses; an array that cannot change is looked through once."""
+        if force_n is self._none_n:
+            return True
+        if force_n.any():
+            return False
+        if not force_n.flags.writeable:
+            self._none_n = force_n
+        return True
 
     def _untouched(self) -> Counts:
         """The next counts without a force, worked out for as many samples at once as there is noise for."""

@@ -117,7 +117,7 @@ class ContactExtractor:
         """
         counts = frame.counts - self._guard_base
         above = counts > self._guard_threshold
-        force = float((counts * above).ravel() @ self._guard_gain) if np.count_nonzero(above) else 0.0
+        force = float((counts * above).ravel() @ self._guard_gain) if _some(above) else 0.0
         return force if self._cylinder is None else max(force, self._matched_n(counts))
 
     def steady_force_n(self, counts: Floats, frames: int) -> float:
@@ -148,7 +148,7 @@ class ContactExtractor:
             least = _MATCHED_SIGMAS * self.noise_share(frames) * self._window_noise
             self._window_least[frames] = least
         above = sums > least
-        return float(sums[above].max()) if np.count_nonzero(above) else 0.0
+        return float(sums[above].max()) if _some(above) else 0.0
 
     @property
     def least_force_n(self) -> float:
@@ -219,6 +219,11 @@ class ContactExtractor:
     @cached_property
     def _surface(self) -> TaxelSurface:
         return surface_of(self._description)
+
+
+def _some(flags: Bools) -> bool:
+    """Whether any of a few flags is set: `any` takes several times as long on so few."""
+    return 1 in flags.tobytes()
 
 
 def _windows(taxels: Floats) -> Floats:
