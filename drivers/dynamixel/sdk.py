@@ -18,10 +18,10 @@ Quicker, with the same answers: the CRC, whose table the SDK builds anew for eve
 
 from collections.abc import Sequence
 
-from dynamixel_sdk import COMM_RX_CORRUPT, PortHandler, Protocol2PacketHandler
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler, Protocol2PacketHandler
 from serial.serialutil import SerialBase
 
-from palpate.drivers.dynamixel.packet import crc16, stuff, unstuff
+from palpate.drivers.dynamixel.packet import MAX_ID, crc16, stuff, unstuff
 from palpate.drivers.dynamixel.timing import LONGEST_RETURN_DELAY_S, Timing
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.wire import wire_time_s
@@ -33,7 +33,10 @@ READ_WAIT_S = 1e-3
 
 _LATE_LOOKS = 8  # a wire full of noise must not be listened to for ever
 _HEADER = b"\xff\xff\xfd\x00"
-_BODY = 7  # index of INST: behind header, ID and length
+_ID, _BODY = 4, 7  # indices of ID, and of INST: behind header, ID and length
+_STATUS = 0x55
+_SHORTEST = 11  # bytes of a status packet
+_LONGEST = 256  # of one that is taken the quick way
 
 
 class ClockedPortHandler(PortHandler):  # type: ignore[misc]  # the SDK has no types
@@ -128,12 +131,41 @@ class StuffingPacketHandler(Protocol2PacketHandler):  # type: ignore[misc]  # th
 
     def rxPacket(self, port: ClockedPortHandler, fast_option: bool) -> tuple[list[int], int]:
         """The next packet and the SDK's result; as much as there is of it if it is broken."""
-        packet, result = super().rxPacket(port, fast_option)
+        packet, result = super().rxPacket(port, True) if fast_option else self._status_packet(port)
         broken = packet
         while result == COMM_RX_CORRUPT and (start := bytes(packet).find(_HEADER, 1)) > 0:
             port.push_back(bytes(packet[start:]))
             packet, result = super().rxPacket(port, fast_option)
         return (broken if result == COMM_RX_CORRUPT else packet), result
+
+    def _status_packet(self, port: ClockedPortHandler) -> tuple[list[int], int]:
+        """As the SDK's `rxPacket`, and quicker for what comes whole, as nearly always.
+
+        It goes on where this has ended: what was read is pushed back. A read that brought nothing is followed
+        by a look at the time, as in the SDK.
+        """
+        data = port.readPort(_SHORTEST)
+        nothing = not data
+        if (
+            len(data) == _SHORTEST
+            and data[:_ID] == _HEADER
+            and data[_ID] <= MAX_ID
+            and data[_BODY] == _STATUS
+        ):
+            size = _BODY + (data[5] | data[6] << 8)
+            if _SHORTEST < size <= _LONGEST:
+                more = port.readPort(size - _SHORTEST)
+                data += more
+                nothing = not more
+            if len(data) == size and crc16(data[:-2]) == data[-2] | data[-1] << 8:
+                port.is_using = False
+                return self.removeStuffing(list(data)), COMM_SUCCESS
+        if nothing and port.isPacketTimeout():
+            port.is_using = False
+            return list(data), COMM_RX_CORRUPT if data else COMM_RX_TIMEOUT
+        port.push_back(data)
+        packet, result = super().rxPacket(port, False)
+        return packet, result
 
     def addStuffing(self, packet: list[int]) -> list[int]:
         """Stuff in place: the SDK's `txPacket` goes on with the list that it passed in."""

@@ -32,6 +32,8 @@ __all__ = ["Bench", "EmulatedFinger", "SampledArray"]
 
 
 _STEP_S = 1e-3
+_MOST_STEPS = 64
+_ROUNDING_MM = 1e-9  # far above that of any place on a bench
 
 
 _Place = tuple[float, ...]
@@ -96,9 +98,11 @@ class EmulatedFinger:
         self._displacement = IN_PLACE
         self._loads: dict[_Place, Press | None] = {}  # of this step
         self._no_force_n = np.zeros((array.description.rows, array.description.cols))
+        self._no_force_n.flags.writeable = False
 
     def put(self, outline: PartSection | None) -> None:
         """Let something else, or the same elsewhere, stand on the table; nothing may touch the tip now."""
+        self.servos[0].catch_up()
         self.outline = outline
         self._free_centre = np.full(2, np.inf)
         self._seen_centre = None
@@ -113,11 +117,22 @@ class EmulatedFinger:
     @property
     def facing_rad(self) -> float:
         """True direction in W from which the array's heading counts."""
-        return self._mechanics.facing_rad + (self._stage.angle_rad if self._stage else 0.0)
+        self.servos[0].catch_up()
+        return self._facing_rad
 
     @property
     def centre_mm(self) -> Floats:
         """True position (2,) of the tip's axis in W."""
+        self.servos[0].catch_up()
+        return self.stepped_mm
+
+    @property
+    def _facing_rad(self) -> float:
+        return self._mechanics.facing_rad + (self._stage.at_rad if self._stage else 0.0)
+
+    @property
+    def stepped_mm(self) -> Floats:
+        """`centre_mm` as mechanics have stepped it."""
         centre = self._mechanics.centre_mm
         return self._stage.place(centre) if self._stage else centre
 
@@ -130,6 +145,26 @@ class EmulatedFinger:
             force = self._stage.back(force)
         self._mechanics.step(dt_s, force)
 
+    def free_steps(self, dt_s: float, most: int, displacement: Displacement) -> int:
+        """How many steps of `dt_s`, at most so many, for certain do not let the tip meet the part."""
+        within_mm = math.inf
+        if self.outline is not None:
+            within_mm = self._free_mm - math.dist(displacement.back(self.stepped_mm), self._free_centre)
+        steps = most
+        while steps and not self._reach_mm(dt_s, steps) + _ROUNDING_MM < within_mm:
+            steps //= 2
+        return steps
+
+    def _reach_mm(self, dt_s: float, steps: int) -> float:
+        reach = self._mechanics.reach_mm(dt_s, steps)
+        if self._stage is None:
+            return reach
+        return reach + self._stage.reach_mm(dt_s, steps, self.stepped_mm)
+
+    def run(self, dt_s: float, steps: int) -> None:
+        """So many times `step`, within `free_steps` and the servos' `quiet_steps`."""
+        self._mechanics.run(dt_s, steps)
+
     def touch(self, displacement: Displacement) -> None:
         """Let the skin meet the part where it is now."""
         self.press = None if self.outline is None else self._touch(self.outline, displacement)
@@ -141,10 +176,10 @@ class EmulatedFinger:
         """What the tip would do to the part at a displacement; nothing if it would not touch it."""
         if self.outline is None:
             return []
-        if math.dist(displacement.back(self.centre_mm), self._free_centre) < self._free_mm:
+        if math.dist(displacement.back(self.stepped_mm), self._free_centre) < self._free_mm:
             return []
         found = self._load(self.outline, displacement)
-        return [] if found is None else found.on_part(self.centre_mm, displacement, self.truth.height_mm)
+        return [] if found is None else found.on_part(self.stepped_mm, displacement, self.truth.height_mm)
 
     def sample(self, now: float) -> None:
         """Hand the array the forces on its taxels at `now`."""
@@ -155,7 +190,7 @@ class EmulatedFinger:
 
     def _touch(self, outline: PartSection, displacement: Displacement) -> TipLoad | None:
         # An outline that was further away than tip and part have moved since cannot have been reached.
-        now_at = self.centre_mm
+        now_at = self.stepped_mm
         if now_at is self._seen_centre and displacement is self._displacement:
             return self.press  # both stand still
         self._seen_centre, self._displacement = now_at, displacement
@@ -178,7 +213,7 @@ class EmulatedFinger:
         """What a part that has moved does to the tip; a part that looks for its place asks for some twice."""
         place = (*displacement.shift_mm.tolist(), displacement.turn_rad)
         if place not in self._loads:
-            self._loads[place] = self._skin.press(outline, self.centre_mm, displacement, self._sheared)
+            self._loads[place] = self._skin.press(outline, self.stepped_mm, displacement, self._sheared)
         return self._loads[place]
 
     def _taxels(self, touch: TipLoad, outline: PartSection) -> Floats:
@@ -186,7 +221,7 @@ class EmulatedFinger:
         d = self.array.description
         columns = np.asarray(d.columns)
         pitch = columns[1] - columns[0]
-        middle = self.facing_rad + self.truth.array_heading_rad
+        middle = self._facing_rad + self.truth.array_heading_rad
         seen = wrap_angle(touch.angle - middle)
         slot = np.floor((seen - columns[0]) / pitch + 0.5).astype(np.int64)
         on_array = (slot >= 0) & (slot < d.cols)
@@ -212,7 +247,11 @@ class Bench:
         self.fingers = tuple(fingers)
         self.stage = stage
         self.part = part or StillPart()
-        self._steps = 0
+        self._servos = [servo for finger in self.fingers for servo in finger.servos]
+        self._servos += [] if stage is None else [stage.servo]
+        for servo in self._servos:
+            servo.lag(self.catch_up)
+        self._steps = self._due = self._free = 0
         self._now = -math.inf
 
     def put(self, section_at: Callable[[float], PartSection | None], part: Part | None = None) -> None:
@@ -220,29 +259,70 @@ class Bench:
 
         `section_at`: its section in W, as it is put, at a height (mm).
         """
+        self.catch_up()
         self.part = part or StillPart()
         for finger in self.fingers:
             finger.put(section_at(finger.truth.height_mm))
 
     def advance(self, now: float) -> None:
-        """Let the mechanics catch up with `now` (s), which never runs backwards.
+        """Let the world go on to `now` (s), which never runs backwards.
 
-        Mechanics move in whole steps; arrays sample at their own instants what the last step left.
+        Mechanics move in whole steps; arrays sample at their own instants what the last step left. As long as
+        no tip can meet the part and nothing else can happen, arrays sample no force, and mechanics lag behind
+        until they are looked at.
         """
         if now <= self._now:
             return  # devices ask several times at one instant
         self._now = now
-        steps = int(now / _STEP_S + 1e-6)
-        while self._steps < steps:
-            self._sample_until((self._steps + 1) * _STEP_S)
-            self._steps += 1
-            if self.stage is not None:
-                self.stage.step(_STEP_S, self._torque_nm(self.stage))
-            for finger in self.fingers:
-                finger.step(_STEP_S)
-                finger.touch(self.part.displacement)
-            self._push(_STEP_S)
-        self._sample_until(now)
+        self._due = int(now / _STEP_S + 1e-6)
+        while self._due > self._steps + self._free:
+            self._run(self._free)
+            self._free = self._free_steps()
+            if not self._free:
+                self._step()
+        self._sample_until(max(now, self._due * _STEP_S))
+
+    def catch_up(self) -> None:
+        """Let mechanics that lag behind step to the instant to which the world has gone on.
+
+        What is done to a servo or to the part now may end their free motion.
+        """
+        if self._free:
+            self._run(self._due - self._steps)
+            self._free = 0
+
+    def _free_steps(self) -> int:
+        """How many steps can be taken at once: none lets a tip meet the part, the last may end otherwise."""
+        if not self.part.at_rest or any(finger.press is not None for finger in self.fingers):
+            return 0
+        steps = min(servo.quiet_steps(_STEP_S) for servo in self._servos)
+        steps = min(steps, _MOST_STEPS)
+        for finger in self.fingers:
+            steps = finger.free_steps(_STEP_S, steps, self.part.displacement)
+        return steps
+
+    def _run(self, steps: int) -> None:
+        """Take free steps: as so many times `_step`."""
+        if steps <= 0:
+            return
+        self._steps += steps
+        self._free -= steps
+        self._sample_until(self._steps * _STEP_S)
+        if self.stage is not None:
+            self.stage.run(_STEP_S, steps)
+        for finger in self.fingers:
+            finger.run(_STEP_S, steps)
+        self.part.step(self._tip_forces, False, _STEP_S)
+
+    def _step(self) -> None:
+        self._steps += 1
+        self._sample_until(self._steps * _STEP_S)
+        if self.stage is not None:
+            self.stage.step(_STEP_S, self._torque_nm(self.stage))
+        for finger in self.fingers:
+            finger.step(_STEP_S)
+            finger.touch(self.part.displacement)
+        self._push(_STEP_S)
 
     def _push(self, dt_s: float) -> None:
         """Let tips push the part, and meet it where it is then."""
@@ -258,7 +338,7 @@ class Bench:
     def _torque_nm(self, stage: EmulatedStage) -> float:
         """What all touched tips together turn the ring with."""
         return sum(
-            stage.torque_nm(finger.centre_mm, finger.press.force_n)
+            stage.torque_nm(finger.stepped_mm, finger.press.force_n)
             for finger in self.fingers
             if finger.press is not None
         )

@@ -5,6 +5,7 @@ side somewhere within its play; a force on the tip that overcomes it pushes the 
 are solved implicitly against the tip's stiffness, so that a step of any length is stable.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 __all__ = ["Joint", "JointYield", "Play"]
@@ -19,6 +20,16 @@ class Play:
 
     def __init__(self, half: float, at: float) -> None:
         self._half = half
+        self.at = at
+
+    def follow_all(self, driving: Iterable[float]) -> None:
+        """`follow` the driving side through places in a row."""
+        at, half = self.at, self._half
+        for place in driving:
+            if place - at > half:
+                at = place - half
+            elif place - at < -half:
+                at = place + half
         self.at = at
 
     def follow(self, driving: float) -> float:
@@ -76,6 +87,15 @@ class Joint:
                 turned = moved_mm / lever_mm if push_n > 0 else -moved_mm / lever_mm
                 self._play.push_to(self._play.at + turned, driving_rad)
         self._play.follow(driving_rad)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether it only follows the servo's side until a force on the tip bends it."""
+        return self._bend_rad == 0.0
+
+    def follow_all(self, driving_rad: Iterable[float]) -> None:
+        """Follow the servo's side through angles in a row, as `step` does while straight and unloaded."""
+        self._play.follow_all(driving_rad)
 
     def _bend(self, dt_s: float, rad_per_nmm: float, push_n: float, lever_mm: float) -> None:
         # As it bends on, a tip in contact is pushed by its stiffness times that way less.

@@ -141,6 +141,23 @@ class SlideMechanics:
         self._aim.step(dt_s, across * lever / _MM_PER_M / self._truth.gear_ratio)
         self._aim_joint.step(dt_s, self._aim_drive(), across, lever)
 
+    def reach_mm(self, dt_s: float, steps: int) -> float:
+        """The furthest that `run` may move the tip; infinite where more than servos may move it."""
+        slide = self._slide.motion.reach_rad(dt_s, steps) * abs(self._truth.mm_per_rad)
+        at, stops = self._slide_play.at, self._truth.stops_mm
+        if not self._aim_joint.is_straight or (stops and not stops[0] + slide < at < stops[1] - slide):
+            return math.inf
+        turn = self._aim.motion.reach_rad(dt_s, steps) / self._truth.gear_ratio
+        return slide + (abs(at) + slide) * turn
+
+    def run(self, dt_s: float, steps: int) -> None:
+        """So many times `step` without a force, quicker; within `reach_mm` and the servos' `quiet_steps`."""
+        truth = self._truth
+        zero_mm, mm_per_rad = truth.zero_mm, truth.mm_per_rad
+        self._slide_play.follow_all([zero_mm + mm_per_rad * shaft for shaft in self._slide.run(dt_s, steps)])
+        heading, zero, ratio = truth.heading_rad, truth.aim_zero_rad, truth.gear_ratio
+        self._aim_joint.follow_all([heading + (shaft - zero) / ratio for shaft in self._aim.run(dt_s, steps)])
+
     def _slide_on(self, dt_s: float, push_n: float) -> None:
         self._slide.step(dt_s, (push_n + self._stop_n()) * self._truth.mm_per_rad / _MM_PER_M)
         self._slide_play.follow(self._slide_drive())
@@ -161,16 +178,16 @@ class SlideMechanics:
         if stop is None:
             return 0.0
         deep = stop - self._slide_play.at
-        speed = self._slide.shaft_rad_s * self._truth.mm_per_rad
+        speed = self._slide.motion.velocity_rad_s * self._truth.mm_per_rad
         push = _STOP_N_PER_MM * deep - _STOP_N_S_PER_MM * speed
         return push if push * deep > 0 else 0.0
 
     def _aim_drive(self) -> float:
         truth = self._truth
-        return truth.heading_rad + (self._aim.shaft_rad - truth.aim_zero_rad) / truth.gear_ratio
+        return truth.heading_rad + (self._aim.motion.shaft_rad - truth.aim_zero_rad) / truth.gear_ratio
 
     def _slide_drive(self) -> float:
-        return self._truth.zero_mm + self._truth.mm_per_rad * self._slide.shaft_rad
+        return self._truth.zero_mm + self._truth.mm_per_rad * self._slide.motion.shaft_rad
 
 
 class ArmMechanics:
@@ -213,6 +230,22 @@ class ArmMechanics:
             servo.step(dt_s, torque_nmm / _MM_PER_M / truth.gear_ratio)
             joint.step(dt_s, self._drive(k), torque_nmm / max(abs(arm), _LEAST_LEVER_MM), abs(arm))
 
+    def reach_mm(self, dt_s: float, steps: int) -> float:
+        """The furthest that `run` may move the tip; infinite where more than servos may move it."""
+        if not all(joint.is_straight for joint in self._joints):
+            return math.inf
+        near, far = (
+            servo.motion.reach_rad(dt_s, steps) / truth.gear_ratio
+            for servo, truth in zip(self._servos, self._truths, strict=True)
+        )
+        return near * (self._truth.upper_mm + self._truth.fore_mm) + far * self._truth.fore_mm
+
+    def run(self, dt_s: float, steps: int) -> None:
+        """So many times `step` without a force, quicker; within `reach_mm` and the servos' `quiet_steps`."""
+        for servo, truth, joint in zip(self._servos, self._truths, self._joints, strict=True):
+            zero, ratio = truth.zero_rad, truth.gear_ratio
+            joint.follow_all([(shaft - zero) / ratio for shaft in servo.run(dt_s, steps)])
+
     def _upper(self) -> complex:
         return cmath.rect(self._truth.upper_mm, self._truth.heading_rad + self._joints[0].at)
 
@@ -220,7 +253,7 @@ class ArmMechanics:
         return cmath.rect(self._truth.fore_mm, self.facing_rad)
 
     def _drive(self, k: int) -> float:
-        return (self._servos[k].shaft_rad - self._truths[k].zero_rad) / self._truths[k].gear_ratio
+        return (self._servos[k].motion.shaft_rad - self._truths[k].zero_rad) / self._truths[k].gear_ratio
 
 
 class EmulatedStage:
@@ -235,16 +268,22 @@ class EmulatedStage:
     @property
     def angle_rad(self) -> float:
         """True angle of the ring."""
+        self.servo.catch_up()
+        return self._play.at
+
+    @property
+    def at_rad(self) -> float:
+        """The ring's angle as it has been stepped."""
         return self._play.at
 
     def place(self, point_mm: Floats) -> Floats:
         """A point (2,) of the ring in W."""
-        turned = (complex(*point_mm) - self._centre) * cmath.rect(1.0, self.angle_rad) + self._centre
+        turned = (complex(*point_mm) - self._centre) * cmath.rect(1.0, self._play.at) + self._centre
         return np.array([turned.real, turned.imag])
 
     def back(self, vector: Floats) -> Floats:
         """A vector (2,) of W as the ring sees it."""
-        turned = complex(*vector) * cmath.rect(1.0, -self.angle_rad)
+        turned = complex(*vector) * cmath.rect(1.0, -self._play.at)
         return np.array([turned.real, turned.imag])
 
     def torque_nm(self, point_mm: Floats, force_n: Floats) -> float:
@@ -252,10 +291,20 @@ class EmulatedStage:
         arm = complex(*point_mm) - self._centre
         return (arm.conjugate() * complex(*force_n)).imag / _MM_PER_M
 
+    def reach_mm(self, dt_s: float, steps: int, point_mm: Floats) -> float:
+        """The furthest that `run` may move a point (2,) that the ring carries, in W."""
+        turn = self.servo.motion.reach_rad(dt_s, steps) / self._joint.gear_ratio
+        return turn * abs(complex(*point_mm) - self._centre)
+
+    def run(self, dt_s: float, steps: int) -> None:
+        """So many times `step` without a torque, quicker; within the servo's `quiet_steps`."""
+        zero, ratio = self._joint.zero_rad, self._joint.gear_ratio
+        self._play.follow_all([(shaft - zero) / ratio for shaft in self.servo.run(dt_s, steps)])
+
     def step(self, dt_s: float, torque_nm: float) -> None:
         """Move on, with a torque on the ring."""
         self.servo.step(dt_s, torque_nm / self._joint.gear_ratio)
         self._play.follow(self._drive())
 
     def _drive(self) -> float:
-        return (self.servo.shaft_rad - self._joint.zero_rad) / self._joint.gear_ratio
+        return (self.servo.motion.shaft_rad - self._joint.zero_rad) / self._joint.gear_ratio

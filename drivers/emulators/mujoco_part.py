@@ -90,6 +90,11 @@ class MujocoPart:
             self.displacement = moved
 
     @property
+    def at_rest(self) -> bool:
+        """Whether it sleeps until a tip touches it."""
+        return not self._awake
+
+    @property
     def tilt_rad(self) -> float:
         """How far the part leans from how it was put."""
         mujoco.mj_kinematics(self._model, self._data)

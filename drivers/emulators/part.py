@@ -87,6 +87,11 @@ class Part(Protocol):
         """How far it has moved; the same value as long as it stands still."""
         ...
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether it stays where it is as long as no tip pushes it."""
+        ...
+
     def step(self, tip_forces: TipForces, touched: bool, dt_s: float, /) -> None:
         """Move on by `dt_s`; `touched`: some tip pushes now."""
         ...
@@ -96,6 +101,7 @@ class StillPart:
     """A part that nothing moves: clamped, or far heavier than tips can push."""
 
     displacement = IN_PLACE
+    at_rest = True
 
     def step(self, _tip_forces: TipForces, _touched: bool, _dt_s: float) -> None:
         """It stays where it is."""

@@ -29,6 +29,8 @@ _LONGEST_MM = 0.05  # of a Newton step
 class QuasiStaticPart:
     """A part on its support. Motions are (x, y, a): shift (mm) and turn times `_lever_mm` (mm)."""
 
+    at_rest = True
+
     def __init__(self, support: Support) -> None:
         self._support = support
         self._centre = support.centre_mm

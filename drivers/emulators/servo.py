@@ -9,6 +9,7 @@ Position 2048 is shaft angle 0. At power-up, at a reboot and in Position Control
 angle within one turn only (0…4095); the turns counted before are lost.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from palpate.drivers.dynamixel.emanual_tables import BAUD_RATES
@@ -29,6 +30,7 @@ from palpate.drivers.emulators.servo_unit import BOOT_S, ServoUnit
 
 __all__ = ["OVERLOAD_BIT", "EmulatedServo"]
 
+_ANY_STEPS = 1 << 30
 _ANSWER_LEVEL: dict[int, int] = {Instruction.PING: 0, Instruction.READ: 1}  # others: 2
 
 
@@ -53,15 +55,36 @@ class EmulatedServo:
         built = specification(model)
         if constants is not None:
             built = replace(built, motor=constants)
-        self._unit = ServoUnit(
+        self._inner = ServoUnit(
             built, built.firmware if firmware is None else firmware, ShaftMotion(built.motor, start_rad)
         )
+        self._catch_up: Callable[[], None] | None = None
         self._unit.table.set("ID", dxl_id)
         self._unit.table.set("Baud Rate", baud_rate_code)
         self._powered = True
-        self._unit.start()
+        self._inner.start()
+
+    @property
+    def _unit(self) -> ServoUnit:
+        """Memory, drive and protection, as they are now."""
+        self.catch_up()
+        return self._inner
 
     # -- the mechanics' side ------------------------------------------------------------------------------
+
+    def lag(self, catch_up: Callable[[], None]) -> None:
+        """Let `catch_up` be called before anybody looks at the servo or interferes: mechanics may lag."""
+        self._catch_up = catch_up
+
+    def catch_up(self) -> None:
+        """Let mechanics that lag behind step to now."""
+        if self._catch_up is not None:
+            self._catch_up()
+
+    @property
+    def motion(self) -> ShaftMotion:
+        """The shaft as mechanics have stepped it; `shaft_rad` and `shaft_rad_s` are up to date."""
+        return self._inner.motion
 
     @property
     def shaft_rad(self) -> float:
@@ -76,9 +99,20 @@ class EmulatedServo:
     def step(self, dt_s: float, load_nm: float) -> None:
         """Let `dt_s` pass with an outside torque on the shaft; positive pushes towards +position."""
         if self._powered:
-            self._unit.step(dt_s, load_nm)
+            self._inner.step(dt_s, load_nm)
         else:
-            self._unit.motion.step(dt_s, load_nm)
+            self._inner.motion.step(dt_s, load_nm)
+
+    def quiet_steps(self, dt_s: float) -> int:
+        """How many steps of `dt_s` `run` may take at once: at least 1."""
+        return self._inner.quiet_steps(dt_s) if self._powered else _ANY_STEPS
+
+    def run(self, dt_s: float, steps: int) -> list[float]:
+        """So many times `step` without a torque from outside, within `quiet_steps`, and quicker.
+
+        Returns the shaft's angle (rad) after each step, to where it stands still.
+        """
+        return self._inner.run(dt_s, steps) if self._powered else self._inner.motion.run(dt_s, steps)[0]
 
     def report_hardware_error(self, bits: int) -> None:
         """Latch bits of Hardware Error Status until a reboot; torque goes off if Shutdown selects them.
@@ -109,13 +143,13 @@ class EmulatedServo:
 
     def power_off(self) -> None:
         """Cut the supply: no torque and no answers."""
-        self._powered = False
         self._unit.motion.release()
+        self._powered = False
 
     def power_on(self) -> None:
         """Restore the supply; the servo starts as after a reboot."""
-        self._powered = True
         self._unit.start()
+        self._powered = True
 
     # -- the wire's side ----------------------------------------------------------------------------------
 
@@ -132,7 +166,7 @@ class EmulatedServo:
     @property
     def listening(self) -> bool:
         """False without supply and while starting up."""
-        return self._powered and self._unit.deaf_s <= 0.0
+        return self._unit.deaf_s <= 0.0 and self._powered
 
     @property
     def return_delay_s(self) -> float:

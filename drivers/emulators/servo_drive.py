@@ -80,6 +80,7 @@ class ServoDrive:
         self._profile = _ProfileType.NONE
         self._velocity = VelocityLaw(0.0, 0.0)
         self._extras = PositionTerms(0.0, 0.0)
+        self._reported: tuple[float, ...] = ()
 
     def power_up(self) -> None:
         """Begin with the table as it is after a start: turns are lost, nothing moves."""
@@ -189,6 +190,9 @@ class ServoDrive:
     def refresh(self) -> None:
         """Bring the items that report the shaft up to date."""
         table, motion, sign = self._table, self._motion, self._sign
+        seen = (table.changes, *motion.state, self._velocity.reference_rad_s, self._turn_ticks, self._profile)
+        if seen == self._reported:
+            return
         table.set("Moving", int(self.moving))
         table.set("Moving Status", self._moving_status())
         table.set("Present PWM", sign * round(motion.duty * _FULL_DUTY))
@@ -199,6 +203,7 @@ class ServoDrive:
         table.set("Velocity Trajectory", sign * round(following / _VELOCITY_UNIT))
         shift = _ZERO_TICK - self._turn_ticks + self._homing_offset()
         table.set("Position Trajectory", round(sign * motion.reference_rad / _RAD_PER_TICK) + shift)
+        self._reported = (table.changes, *seen[1:])
 
     def _moving_status(self) -> int:
         motion = self._motion

@@ -5,6 +5,9 @@ which limits there are ("Shutdown", "Temperature Limit", "Min/Max Voltage Limit"
 and how a servo warms up it does not say. Those are guesses.
 """
 
+from collections.abc import Sequence
+from itertools import chain, repeat
+
 from palpate.drivers.dynamixel.specifications import ServoSpecification
 from palpate.drivers.emulators.servo_table import ControlTable
 
@@ -65,6 +68,32 @@ class Protection:
             else:
                 self._overloaded_s = 0.0
         self._since_look_s += dt_s
+        if self._since_look_s >= _LOOK_S:
+            bits |= self._look()
+        return bits
+
+    def quiet_steps(self, dt_s: float, *, driven: bool) -> int:
+        """How many steps of `dt_s` `watch_all` may take at once: only the last of them can set a bit."""
+        left_s = _LOOK_S - self._since_look_s
+        if driven:
+            left_s = min(left_s, _OVERLOAD_S - self._overloaded_s)
+        return max(int(left_s / dt_s), 1)
+
+    def watch_all(
+        self, dt_s: float, steps: int, currents: Sequence[float], last_a: float, *, driven: bool
+    ) -> int:
+        """So many times `watch`, within `quiet_steps`: at `currents` (A), and at `last_a` after them."""
+        bits = 0
+        if driven:
+            charge, overloaded_s, most_a = self._charge, self._overloaded_s, self._overload_a
+            for current_a in chain(currents, repeat(last_a, steps - len(currents))):
+                charge += current_a * current_a * dt_s
+                overloaded_s = overloaded_s + dt_s if abs(current_a) >= most_a else 0.0
+            if overloaded_s >= _OVERLOAD_S:
+                overloaded_s, bits = 0.0, OVERLOAD_BIT
+            self._charge, self._overloaded_s = charge, overloaded_s
+        for _ in range(steps):
+            self._since_look_s += dt_s
         if self._since_look_s >= _LOOK_S:
             bits |= self._look()
         return bits

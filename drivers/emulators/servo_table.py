@@ -27,7 +27,7 @@ class Refused(Exception):
 
 
 class ControlTable:
-    """A servo's memory, byte addressed and little endian."""
+    """A servo's memory, byte addressed and little endian. `changes` grows with whatever is set."""
 
     def __init__(self, items: Sequence[TableItem]) -> None:
         self._items = {item.name: item for item in items}
@@ -41,7 +41,9 @@ class ControlTable:
             for item in items
             if item.name.startswith(_INDIRECT_DATA)
         }
+        self._places = {item.name: (item.address, item.address + item.size, item.signed) for item in items}
         self._memory = bytearray(self._end)
+        self.changes = 0
         for item in items:
             self.set(item.name, item.default)
 
@@ -57,15 +59,21 @@ class ControlTable:
 
     def get(self, name: str) -> int:
         """Value of an item by its e-Manual name."""
-        item = self._items[name]
-        raw = self._memory[item.address : item.address + item.size]
-        return int.from_bytes(raw, "little", signed=item.signed)
+        start, end, signed = self._places[name]
+        return int.from_bytes(self._memory[start:end], "little", signed=signed)
 
     def set(self, name: str, value: int) -> None:
         """Store a value as the firmware itself does: no access or range check, wrapped to the item's size."""
-        item = self._items[name]
-        wrapped = value & ((1 << 8 * item.size) - 1)
-        self._memory[item.address : item.address + item.size] = wrapped.to_bytes(item.size, "little")
+        self.changes += 1
+        start, end, _ = self._places[name]
+        size = end - start
+        self._memory[start:end] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+
+    def show(self, name: str, value: int) -> None:
+        """`set` for what is measured: no reason to look at anything else again, `changes` stays."""
+        changes = self.changes
+        self.set(name, value)
+        self.changes = changes
 
     def reset(self, name: str) -> None:
         """Put an item back to its default."""

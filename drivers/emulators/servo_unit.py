@@ -112,6 +112,35 @@ class ServoUnit:
         if bits:
             self.report(bits)
 
+    def quiet_steps(self, dt_s: float) -> int:
+        """How many steps of `dt_s` `run` may take at once: only in the last can more happen than motion."""
+        driven = self.motion.driven
+        steps = self.protection.quiet_steps(dt_s, driven=driven)
+        if driven and self._watchdog_s > 0.0:
+            steps = min(steps, int((self._watchdog_s - self._silence_s) / dt_s))
+        if self.deaf_s > 0.0:
+            steps = min(steps, int(self.deaf_s / dt_s))
+        return max(steps, 1)
+
+    def run(self, dt_s: float, steps: int) -> list[float]:
+        """So many times `step` without a load, within `quiet_steps`; returns what `servo.run` does."""
+        motion = self.motion
+        angles, currents = motion.run(dt_s, steps)
+        self._uptime_s = _added(self._uptime_s, dt_s, steps)
+        if self.deaf_s > 0.0:
+            self.deaf_s = _added(self.deaf_s, -dt_s, steps)
+            if self.deaf_s <= 0.0:
+                self._booted()
+        driven = motion.driven
+        if driven and self._watchdog_s > 0.0:
+            self._silence_s = _added(self._silence_s, dt_s, steps)
+            if self._silence_s >= self._watchdog_s:
+                self._trip_watchdog()
+        bits = self.protection.watch_all(dt_s, steps, currents, motion.current_a, driven=driven)
+        if bits:
+            self.report(bits)
+        return angles
+
     def heard(self) -> None:
         """Note that an instruction packet passed: Bus Watchdog counts from here."""
         self._silence_s = 0.0
@@ -181,9 +210,9 @@ class ServoUnit:
     def read(self, address: int, length: int) -> bytes:
         """Bytes of the control table as they are now; raises Refused."""
         if address + length > 120:
-            self.table.set("Realtime Tick", int(self._uptime_s * 1000) % 32768)
-            self.table.set("Present Input Voltage", round(10 * self.protection.supply_v))
-            self.table.set("Present Temperature", max(0, min(255, round(self.protection.temperature_c))))
+            self.table.show("Realtime Tick", int(self._uptime_s * 1000) % 32768)
+            self.table.show("Present Input Voltage", round(10 * self.protection.supply_v))
+            self.table.show("Present Temperature", max(0, min(255, round(self.protection.temperature_c))))
             self.drive.refresh()
         return self.table.read(address, length)
 
@@ -268,3 +297,10 @@ class ServoUnit:
             self.drive.command()
         elif name in _DRIVE_SETTINGS:
             self.drive.configure()
+
+
+def _added(value: float, step: float, times: int) -> float:
+    """`value` after so many steps, rounded at each of them."""
+    for _ in range(times):
+        value += step
+    return value

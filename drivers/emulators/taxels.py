@@ -14,6 +14,8 @@ from palpate.geometry import Counts, Floats
 
 __all__ = ["Taxels"]
 
+_BLOCK = 64  # samples for which noise is drawn at once
+
 
 class Taxels:
     """Taxels of one array, with their hidden truth drawn from `seed`; same seed and forces: same counts.
@@ -43,12 +45,15 @@ class Taxels:
         gain = 1.0 + gain_spread * self._rng.uniform(-1.0, 1.0, shape)
         self._gain_counts = gain * description.counts_per_n
         self._offset = np.full(shape, float(offset_counts))
-        self._noise = noise_counts
+        self._noise = _Noise(self._rng, shape, noise_counts)
         self._spread_rows = _exchange(description.rows, crosstalk)
         self._spread_cols = _exchange(description.cols, crosstalk)
         self._wander = None if drift_counts_per_s == 0 else self._wandering(drift_counts_per_s)
         self._dead = tuple(dead)
         self._hot = tuple(hot)
+        self._none_n: Floats | None = None
+        self._rest: Counts | None = None
+        self._rest_of: Floats | None = None
 
     @property
     def gain(self) -> Floats:
@@ -70,11 +75,38 @@ class Taxels:
         d = self.description
         if force_n.shape[-2:] != (d.rows, d.cols):
             raise ValueError(f"forces of shape {force_n.shape} for an array of {d.rows} x {d.cols}")
+        if force_n.ndim == 2 and self._wander is None and self._is_none(force_n):  # as nearly always
+            return self._untouched()
         counts = self._felt(force_n)
         if self._wander is not None:
             size, speed, phase = self._wander
             counts += size * np.sin(speed * np.asarray(now)[..., None, None] + phase)
-        counts += self._noise * self._rng.standard_normal(counts.shape)
+        counts += self._noise.take(len(counts)) if counts.ndim == 3 else self._noise.take_one()
+        return self._read(counts)
+
+    def _is_none(self, force_n: Floats) -> bool:
+        """Whether nothing presses; an array that cannot change is looked through once."""
+        if force_n is self._none_n:
+            return True
+        if force_n.any():
+            return False
+        if not force_n.flags.writeable:
+            self._none_n = force_n
+        return True
+
+    def _untouched(self) -> Counts:
+        """The next counts without a force, worked out for as many samples at once as there is noise for."""
+        self._noise.take_one()
+        if self._rest is None or self._rest_of is not self._noise.block:
+            self._rest_of = self._noise.block
+            self._rest = self._read(self._offset + self._noise.block)
+            self._rest.flags.writeable = False
+        result: Counts = self._rest[self._noise.index - 1]
+        return result
+
+    def _read(self, counts: Floats) -> Counts:
+        """What the converter makes of counts (…, rows, cols), which it overwrites."""
+        d = self.description
         np.rint(counts, out=counts)
         np.maximum(counts, 0, out=counts)
         np.minimum(counts, d.max_count, out=counts)
@@ -86,9 +118,8 @@ class Taxels:
 
     def _felt(self, force_n: Floats) -> Floats:
         """Counts of forces without drift and noise."""
-        if not force_n.any():  # as nearly always
-            rest = self._offset.copy()
-            return rest if force_n.ndim == 2 else np.broadcast_to(rest, force_n.shape).copy()
+        if not force_n.any():
+            return np.broadcast_to(self._offset, force_n.shape).copy()
         counts: Floats = self._spread_rows @ force_n
         counts += force_n @ self._spread_cols
         counts += force_n
@@ -101,6 +132,32 @@ class Taxels:
         shape = self._gain_counts.shape
         speed = 2 * math.pi / self._rng.uniform(60.0, 300.0, shape)
         return rate / speed, speed, self._rng.uniform(0.0, 2 * math.pi, shape)
+
+
+class _Noise:
+    """Noise sample by sample, drawn for many at once: the same numbers as if each were drawn for itself."""
+
+    def __init__(self, rng: np.random.Generator, shape: tuple[int, int], counts: float) -> None:
+        """`counts`: standard deviation."""
+        self._rng, self._shape, self._counts = rng, shape, counts
+        self.block: Floats = np.zeros((0, *shape))
+        self.index = 0
+
+    def take_one(self) -> Floats:
+        """Noise of the next sample, (rows, cols); it is `block[index - 1]` then."""
+        if self.index == len(self.block):
+            self.block = self._counts * self._rng.standard_normal((_BLOCK, *self._shape))
+            self.index = 0
+        self.index += 1
+        result: Floats = self.block[self.index - 1]
+        return result
+
+    def take(self, samples: int) -> Floats:
+        """Noise of the next samples, (samples, rows, cols)."""
+        ahead = self.block[self.index : self.index + samples]
+        self.index += len(ahead)
+        more = self._counts * self._rng.standard_normal((samples - len(ahead), *self._shape))
+        return np.concatenate((ahead, more))
 
 
 def _exchange(count: int, share: float) -> Floats:

@@ -49,6 +49,7 @@ GEOMETRY_TIMEOUT_S = 1.0  # one answer may have 6 kB, which take 0.5 s at 115200
 SELF_TEST_TIMEOUT_S = 2.5  # the array has 2 s, then comes the time on the wire
 ATTEMPTS = 3
 SELF_TEST_ATTEMPTS = 2
+_TARED = int(FrameFlag.TARED)
 _ADVICE = {
     NackReason.UNKNOWN_TYPE: "its firmware does not know how; update it or do without",
     NackReason.BAD_PAYLOAD: "check its firmware",
@@ -216,5 +217,5 @@ class TactileArray(StreamedArray):
         if problem is not None:
             self._refuse(problem)
             return
-        tared = bool(message.flags & FrameFlag.TARED)
+        tared = bool(message.flags & _TARED)
         self._stream.push(TactileFrame(message.sequence, message.time_us * 1e-6, now, body.counts, tared))

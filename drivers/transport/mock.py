@@ -38,11 +38,8 @@ class _Burst:
     start_s: float
     data: bytes
     baudrate: int
+    byte_s: float
     taken: int = 0
-
-    @property
-    def byte_s(self) -> float:
-        return BITS_PER_BYTE / self.baudrate
 
 
 class MockWire:
@@ -58,6 +55,7 @@ class MockWire:
         self.baudrate = baudrate
         self.clock = clock
         self._device = device
+        self._rated = device if isinstance(device, RatedDevice) else None
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
 
@@ -74,8 +72,8 @@ class MockWire:
         self.poll()
         self.clock.sleep(wire_time_s(len(data), baudrate))
         now = self.clock.now()
-        if isinstance(self._device, RatedDevice):
-            self._enqueue(self._device.feed_at(data, now, baudrate), baudrate)
+        if self._rated is not None:
+            self._enqueue(self._rated.feed_at(data, now, baudrate), baudrate)
         elif baudrate == self.baudrate:
             self._enqueue(self._device.feed(data, now), baudrate)
         else:
@@ -83,13 +81,17 @@ class MockWire:
 
     def poll(self) -> None:
         """Take over what the device has sent of its own accord up to now. Does not move the clock."""
-        self._enqueue(self._device.poll(self.clock.now()), self.baudrate)
+        emissions = self._device.poll(self.clock.now())
+        if emissions:
+            self._enqueue(emissions, self.baudrate)
 
     def arrived(self, baudrate: int) -> int:
         """Number of bytes that have arrived at a port of this rate and were not taken."""
+        if not self._bursts:
+            return 0
         now = self.clock.now()
-        heard = (burst for burst in self._bursts if burst.baudrate == baudrate)
-        return sum(self._complete(burst, now) - burst.taken for burst in heard)
+        heard = [burst for burst in self._bursts if burst.baudrate == baudrate]
+        return sum([self._complete(burst, now) - burst.taken for burst in heard])
 
     def take(self, count: int, baudrate: int) -> bytes:
         """Take up to `count` of the bytes that have arrived at a port of this rate.
@@ -97,6 +99,8 @@ class MockWire:
         Bytes at another rate are framing errors on a real port, nothing that could be read as a packet:
         they are lost.
         """
+        if not self._bursts:
+            return b""
         now = self.clock.now()
         parts: list[bytes] = []
         while self._bursts and count > 0:
@@ -135,13 +139,15 @@ class MockWire:
             if not data:
                 continue
             start = max(instant, self._free_s)
-            burst = _Burst(start, data, baudrate)
+            burst = _Burst(start, data, baudrate, BITS_PER_BYTE / baudrate)
             self._free_s = start + len(data) * burst.byte_s
             self._bursts.append(burst)
 
     def _complete(self, burst: _Burst, now: float) -> int:
-        count = int((now - burst.start_s) / burst.byte_s + _ROUNDING_BYTES)
-        return max(burst.taken, min(count, len(burst.data)))
+        count, most = int((now - burst.start_s) / burst.byte_s + _ROUNDING_BYTES), len(burst.data)
+        if count >= most:
+            return most
+        return count if count > burst.taken else burst.taken
 
 
 class MockHub:

@@ -81,6 +81,8 @@ class ArrayGuard:
 
     def _since(self, finger: HostFinger) -> ArrayReading:
         before, now = self.reading(finger), self._sensed(finger)
+        if not before.frames:
+            return now if now.frames else before
         return ArrayReading((*before.frames, *now.frames), now.force_n if now.frames else before.force_n)
 
     def _sensed(self, finger: HostFinger) -> ArrayReading:

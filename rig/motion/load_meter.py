@@ -60,11 +60,12 @@ class LoadMeter:
         if force_n > self._unnoticed_n:
             self._quiet.clear()
             return None
-        new = counts.astype(float)
         if not self._quiet:
-            self._sum = new
+            self._sum = counts.astype(float)
         else:
-            self._sum = self._sum + new - (self._quiet[0] if len(self._quiet) == _STEADY_FRAMES else 0.0)
+            self._sum += counts
+            if len(self._quiet) == _STEADY_FRAMES:
+                self._sum -= self._quiet[0]
         self._quiet.append(counts)
         return self._sum / len(self._quiet), len(self._quiet)
 

@@ -23,7 +23,9 @@ from recorded_run import two_grips
 from palpate.testing import served
 
 CHROMIUM = shutil.which("chromium")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None or shutil.which("chromedriver") is None, reason="no chromium or no chromedriver here"
+)
 
 
 def free_port() -> int:

@@ -1,0 +1,289 @@
+"""Emulated runs beside those of another checkout: the same bytes at the same instants, and what they cost.
+
+    python benchmarks/bench_emulation.py --reference CHECKOUT                # 60 drawn runs, both ways
+    python benchmarks/bench_emulation.py --reference CHECKOUT --runs N --first SEED
+    python benchmarks/bench_emulation.py --time                              # only what whole runs cost here
+
+A run is one identification on emulated devices: rig, engine of the part, wire faults and catalogue's draw by
+the run's number. Compared are all bytes at both ends of every port with the instants at which the host or the
+device let go of them, where tips and part really were in the end, and the verdict. The reference runs this
+file with its own palpate. Ends with exit code 1 if anything differs.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.config import load_objects, load_rig, shipped_objects
+from palpate.config.emulated_part import EmulatedPartConfig
+from palpate.drivers.transport import protocol_mock
+from palpate.errors import PalpateError
+from palpate.recognizer import Catalogue
+from palpate.rig import bench as composition
+from palpate.rig.identification.loop import identify
+
+HERE = Path(__file__).resolve().parents[1]
+RIGS = (
+    "config/rigs/bench.toml",
+    "config/rigs/xm430-bench.toml",
+    "config/rigs/xl330-bench.toml",
+    "examples/firm-rig.toml",
+    "examples/two-link-rig.toml",
+    "examples/fresh-rig.toml",
+)
+SHIPPED = 3
+TIMED_SEEDS = (0, 3, 7)
+TIMED_ENGINES = ("still", "quasi-static")
+
+
+def drawn(number: int) -> dict[str, Any]:
+    """What run `number` is: mostly shipped rigs, in turn still and sliding parts, some with bad wires."""
+    rng = np.random.default_rng([number, 99])
+    rig = int(rng.integers(SHIPPED)) if rng.uniform() < 0.8 else int(rng.integers(SHIPPED, len(RIGS)))
+    bad = rng.uniform() < 0.3
+    return {
+        "seed": number,
+        "rig": RIGS[rig],
+        "engine": ("still", "quasi-static")[number % 2],
+        "flipped_bytes": float(rng.uniform(0, 2e-5)) if bad else 0.0,
+        "lost_packets": float(rng.uniform(0, 2e-3)) if bad else 0.0,
+        "array_boot_s": float(rng.uniform(0, 0.5)) if rng.uniform() < 0.2 else 0.0,
+        "fault": ("", "", "", "", "voltage", "power", "push")[int(rng.integers(7))],
+        "at_s": float(rng.uniform(1.0, 40.0)),
+        "traced": True,
+    }
+
+
+class Traced:
+    """A device whose emissions are noted."""
+
+    def __init__(self, port: str, device: Any, note: Callable[..., None], before: Callable[[float], None]):
+        self._port, self._device, self._note, self._before = port, device, note, before
+        if hasattr(device, "feed_at"):
+            self.feed_at = lambda data, now, rate: self._noted(now, "feed_at", data, now, rate)
+        if hasattr(device, "opened"):
+            self.opened = device.opened
+
+    def feed(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        """As the device."""
+        return self._noted(now, "feed", data, now)
+
+    def poll(self, now: float) -> list[tuple[float, bytes]]:
+        """As the device."""
+        return self._noted(now, "poll", now)
+
+    def next_due(self) -> float | None:
+        """As the device."""
+        due: float | None = self._device.next_due()
+        return due
+
+    def _noted(self, now: float, verb: str, *args: Any) -> list[tuple[float, bytes]]:
+        self._before(now)
+        emissions: list[tuple[float, bytes]] = getattr(self._device, verb)(*args)
+        for instant, data in emissions:
+            self._note(self._port, "device", instant, data)
+        return emissions
+
+
+class Trace:
+    """A hash for each port and direction."""
+
+    def __init__(self) -> None:
+        self._hashes: dict[tuple[str, str], Any] = {}
+        self.bytes = 0
+
+    def note(self, port: str, side: str, instant: float, data: bytes) -> None:
+        """Bytes that passed at an instant (s)."""
+        if data:
+            digest = self._hashes.setdefault((port, side), hashlib.sha256())
+            digest.update(float(instant).hex().encode() + b" " + data + b"\n")
+            self.bytes += len(data)
+
+    def digests(self) -> dict[str, str]:
+        """By port and side."""
+        return {f"{port} {side}": digest.hexdigest() for (port, side), digest in self._hashes.items()}
+
+
+def one(case: dict[str, Any]) -> dict[str, Any]:
+    """Carry out a run with whatever palpate is importable."""
+    rig = load_rig(HERE / case["rig"])
+    assert rig.emulation is not None, "the rig is emulated"
+    part = rig.emulation.part or EmulatedPartConfig(engine="still", mass_kg=0.3, friction=0.4)
+    keys = ("flipped_bytes", "lost_packets", "array_boot_s")
+    emulation = rig.emulation.model_copy(
+        update={
+            "part": part.model_copy(update={"engine": case["engine"]}),
+            **{key: case[key] for key in keys},
+        }
+    )
+    rig = rig.model_copy(update={"emulation": emulation})
+    objects = load_objects(shipped_objects())
+    trace = Trace()
+    began = time.process_time()
+    catalogue = Catalogue(objects.objects)
+    placement = composition.place(rig, objects, None, case["seed"])
+    if case["traced"]:
+        _trace(trace, case)
+    bench = composition.set_up(rig, placement, case["seed"])
+    try:
+        with composition.connect(bench) as hand:
+            hand.prepare()
+            outcome = identify(hand, catalogue, seed=case["seed"]).outcome.value
+    except PalpateError as problem:
+        outcome = f"{type(problem).__name__}: {problem}"
+    spent = time.process_time() - began
+    assert bench.mock is not None, "the rig is emulated"
+    emulated = bench.mock.rig.bench
+    shift = emulated.part.displacement
+    truth = [*shift.shift_mm, shift.turn_rad, bench.clock.now()]
+    for finger in emulated.fingers:
+        truth += [*finger.centre_mm, finger.hardest_n, finger.hardest_on_taxels_n]
+        truth += [value for servo in finger.servos for value in (servo.shaft_rad, servo.shaft_rad_s)]
+    return {
+        "outcome": outcome,
+        "truth": [float(value).hex() for value in truth],
+        "digests": trace.digests(),
+        "bytes": trace.bytes,
+        "rig_s": bench.clock.now(),
+        "processor_s": spent,
+    }
+
+
+def _trace(trace: Trace, case: dict[str, Any]) -> None:
+    """Note what passes at both ends of every port, and let the case's fault happen."""
+    composing: Any = composition
+    plain = composing.on_mock_wires
+
+    def wired(emulated: Any) -> Any:
+        done: list[bool] = []
+
+        def before(now: float) -> None:
+            if case["fault"] and not done and now >= case["at_s"]:
+                done.append(True)
+                _befall(emulated.bench, case)
+
+        devices = {
+            port: (Traced(port, device, trace.note, before), rate)
+            for port, (device, rate) in emulated.devices.items()
+        }
+        return plain(replace(emulated, devices=devices))
+
+    composing.on_mock_wires = wired
+    serial: Any = protocol_mock.Serial
+    read, write = serial.read, serial.write
+
+    def noted_read(self: Any, size: int = 1, /) -> bytes:
+        data: bytes = read(self, size)
+        trace.note(self.port, "read", self._wire.clock.now(), data)
+        return data
+
+    def noted_write(self: Any, data: Any, /) -> int:
+        trace.note(self.port, "written", self._wire.clock.now(), bytes(data))
+        count: int = write(self, data)
+        return count
+
+    serial.read, serial.write = noted_read, noted_write
+
+
+def _befall(bench: Any, case: dict[str, Any]) -> None:
+    finger = bench.fingers[case["seed"] % len(bench.fingers)]
+    servo = finger.servos[case["seed"] // 3 % 2]
+    match case["fault"]:
+        case "voltage":
+            servo.set_supply(17.0)
+        case "power":
+            servo.set_supply(3.0)
+            servo.set_supply(12.0)
+        case "push":
+            for other in bench.fingers:
+                other.put(other.outline)
+
+
+def run(checkout: Path, case: dict[str, Any]) -> dict[str, Any]:
+    """A run in a process of its own, with the palpate of a checkout."""
+    environment = {**os.environ, "PYTHONPATH": str(checkout / "src"), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, str(Path(__file__).resolve()), "--one", json.dumps(case)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"run {case} with {checkout} ended with:\n{done.stderr}")
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def differing(mine: dict[str, Any], reference: dict[str, Any]) -> list[str]:
+    """What is not the same."""
+    found = [key for key in ("outcome", "truth", "rig_s") if mine[key] != reference[key]]
+    ports = {**mine["digests"], **reference["digests"]}
+    return found + [port for port in ports if mine["digests"].get(port) != reference["digests"].get(port)]
+
+
+def compared(reference: Path, cases: Iterator[dict[str, Any]]) -> int:
+    """Carry out runs both ways; how many differ."""
+    print("  seed rig                     engine       bad fault    rig s  s there  s here  times  MB   same")
+    wrong = count = 0
+    for case in cases:
+        there, here = run(reference, case), run(HERE, case)
+        off = differing(here, there)
+        wrong, count = wrong + bool(off), count + 1
+        print(
+            f"{case['seed']:6} {Path(case['rig']).name:23} {case['engine']:12} "
+            f"{'yes' if case['lost_packets'] else 'no':3} {case['fault'] or '-':8} {here['rig_s']:6.1f} "
+            f"{there['processor_s']:8.2f} {here['processor_s']:7.2f} "
+            f"{here['rig_s'] / here['processor_s']:6.1f} {here['bytes'] / 1e6:4.1f}  "
+            + ("same" if not off else "DIFFERS: " + ", ".join(off))
+            + f"  {here['outcome'][:60]}",
+            flush=True,
+        )
+    print(f"{count} runs, {wrong} differ")
+    return wrong
+
+
+def timed(checkouts: list[Path]) -> None:
+    """What whole identifications on the shipped bench cost, untraced."""
+    print(
+        "engine         seed   rig s"
+        + "".join("   s there  times" for _ in checkouts[1:])
+        + "   s here  times"
+    )
+    for engine in TIMED_ENGINES:
+        for seed in TIMED_SEEDS:
+            case = {**drawn(seed), "rig": RIGS[0], "engine": engine, "fault": "", "traced": False}
+            case |= {"flipped_bytes": 0.0, "lost_packets": 0.0, "array_boot_s": 0.0}
+            runs = [run(checkout, case) for checkout in (*checkouts[1:], checkouts[0])]
+            cells = [f" {r['processor_s']:8.2f} {r['rig_s'] / r['processor_s']:6.1f}" for r in runs]
+            print(f"{engine:12} {seed:6} {runs[-1]['rig_s']:7.1f}" + "".join(cells), flush=True)
+
+
+def main() -> int:
+    """Run what was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--reference", type=Path, help="another checkout of palpate")
+    parser.add_argument("--runs", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--time", action="store_true")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.one:
+        print(json.dumps(one(json.loads(asked.one))))
+        return 0
+    references = [asked.reference] if asked.reference else []
+    if asked.time:
+        timed([HERE, *references])
+        return 0
+    if not references:
+        parser.error("--reference or --time")
+    return 1 if compared(references[0], map(drawn, range(asked.first, asked.first + asked.runs))) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
