@@ -6,8 +6,8 @@
 `throughput` times runs of parts that lie still and of parts that move; the start of processes and their
 loading of the catalogue are included, its preparation is not. `predictions` identifies parts on emulated
 devices, with wires, frames, servos and their errors, on the rig and the catalogue of a study. Each run draws
-its part, so the study is weighted by the parts that the emulated runs had: then the two differ by what devices
-do and by chance alone. What is in FOLDER is not done again. Both print their tables in Markdown.
+its part, so the study is weighted by the parts that the emulated runs had: then the two differ by what
+devices do and by chance alone. What is in FOLDER is not done again. Both print their tables in Markdown.
 """
 
 import argparse
@@ -148,7 +148,7 @@ def compared(emulated: Sequence[Ended], simulated: Sequence[Ended]) -> str:
     left = [(run.truth, other) for run in some for other in run.others]
     known = {(run.truth, other) for run in simulated for other in run.others}
     lines = [
-        f"{len(some)} emulated runs of {len({run.truth for run in some})} states, {len(simulated)} simulated.",
+        f"{len(some)} emulated runs of {len({run.truth for run in some})} states, {len(simulated)} simulated",
         "",
         markdown_table(("", "emulated", "study", "of so many runs, in 95 %", "p"), rows),
         "",

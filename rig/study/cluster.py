@@ -5,6 +5,7 @@ workers when they died is asked for again. Results are a function of the runs' n
 matter who did them, nor whether somebody had begun before.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -31,8 +32,20 @@ def on_cluster(address: str) -> Iterator[Executor]:
     workers; what it carries out, for a chunk that every worker dies of, and for workers without palpate.
     """
     distributed = needed("distributed", "cluster", "a study on a cluster")
-    with _client(distributed, address) as client:
+    with _own_words_only(), _client(distributed, address) as client:
         yield lambda chunks: _results(distributed, client, chunks)
+
+
+@contextmanager
+def _own_words_only() -> Iterator[None]:
+    """What dask logs of a connection that is lost, a traceback, is said here in a line."""
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _client(distributed: Any, address: str) -> Any:
@@ -72,7 +85,7 @@ def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator
         return future
 
     threads = sum(client.nthreads().values())
-    under_way = distributed.as_completed()
+    under_way = distributed.as_completed(loop=client.loop)
     for _ in range(min(len(left), max(_AHEAD * threads, _LEAST_AHEAD))):
         under_way.add(submit(left.pop()))
     for future in under_way:
