@@ -101,8 +101,8 @@ def throughput(objects: ObjectsFile, rig: RigFile, counts: dict[PartMotion, int]
         )
     head = ("", "runs", "touches a run", "processor time a run", "clock, all", "runs an hour", "goal")
     lines = (
-        f"{machine()}, {os.cpu_count()} cores; {len(objects.objects)} parts, rig {rig.name}. Runs an hour: on "
-        "all cores, if nothing else uses them.",
+        f"{machine()}, {os.cpu_count()} cores; {len(objects.objects)} parts, rig {rig.name}. Runs an hour: if "
+        "nothing else uses the cores.",
         "",
         markdown_table(head, rows),
     )

@@ -77,7 +77,8 @@ def _budget_lines(costs: Sequence[NoiseCostOut]) -> list[str]:
 
 
 def _budget_words(item: NoiseCostOut) -> str:
-    words = f"{item.source.value:10s} {item.saved_touches:+.2f} ± {item.standard_error:.2f} touches"
+    saved = f"{item.saved_touches:+.2f}".replace("-", "−")
+    words = f"{item.source.value:10s} {saved} ± {item.standard_error:.2f} touches"
     if item.position_bound is None or item.orientation_bound is None:
         return words
     (now, then), (turn, then_turn) = item.position_bound, item.orientation_bound

@@ -71,11 +71,8 @@ def _verdicts(out: StudyOut) -> str:
     parts = [table(("verdict", "runs", "share"), rows, numbers=("runs", "share"))]
     if not out.wrong:
         most = 100 * (1 - _DOUBT ** (1 / out.runs))
-        parts.append(
-            paragraph(
-                f"Were {most:.2g} % of such runs wrong, so many without one would be seen once in 20 times."
-            )
-        )
+        words = f"If {most:.2g} % of such runs were wrong, one study in 20 would see none in {out.runs} runs."
+        parts.append(paragraph(words))
     return section("Verdicts", *parts)
 
 
@@ -97,19 +94,12 @@ def _costs(out: StudyOut) -> str:
 def _confusion(out: StudyOut) -> Iterator[str]:
     parts = [paragraph("No run ended with another state than the true one still possible.")]
     if out.confusion:
-        parts = [
-            paragraph(
-                "Percent of the runs in which the row's state lay there that ended with the column's still possible."
-            ),
-            picture(confusion_picture(out.confusion)),
-        ]
+        words = "Percent of the runs with the row's part that ended with the column's still possible."
+        parts = [paragraph(words), picture(confusion_picture(out.confusion))]
         count = len({name for item in out.confusion for name in (item.a, item.b)})
         if count > MATRIX_STATES:
-            parts.append(
-                paragraph(
-                    f"{MATRIX_STATES} of {count} states are shown, those with the largest shares; the JSON has all."
-                )
-            )
+            words = f"{MATRIX_STATES} of {count} states are shown, those with the largest shares."
+            parts.append(paragraph(words))
     if any(item.identified < item.runs for item in out.states):
         parts.append(
             paragraph(
@@ -185,7 +175,7 @@ def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
             (
                 words,
                 _change(item.touches, "{:.2f}"),
-                f"{item.saved_touches:+.2f}",
+                f"{item.saved_touches:+.2f}".replace("-", "−"),
                 f"{item.standard_error:.2f}",
                 _change(item.identified, "{:d}"),
                 _change(item.position_bound, "{:.2f}"),
