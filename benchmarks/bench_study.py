@@ -1,21 +1,22 @@
 """Studies: how many simulated runs an hour, and how well they foretell runs on emulated devices.
 
     python benchmarks/bench_study.py throughput             # runs an hour on all cores, shared outlines
-    python benchmarks/bench_study.py predictions --keep FOLDER [--emulated 500] [--runs 5000]
+    python benchmarks/bench_study.py predictions --keep FOLDER [--emulated 500] [--each 20]
 
-`throughput` counts runs of parts that lie still and that move, by processor time; the start of processes, and
-that each of them loads the catalogue, is in it, preparing that is not.
+`throughput` counts runs of parts that lie still and that move, by processor time: with the start of processes
+and their loading of the catalogue, without its preparation.
 
-`predictions` identifies parts on emulated devices, with wires, frames, servos and their errors, on the rig
-and the catalogue of a study. Each run draws its part, so the study is weighted by the parts that the emulated
-runs had: then the two differ by what devices do and by chance alone. What is in FOLDER is not done again.
+`predictions` identifies parts on emulated devices, with wires, frames, servos and their errors, and simulates
+for each of these runs some of a study in which the same part lies on the same rig's table: then the two differ
+by what devices do and by chance alone. What is in FOLDER is not done again.
 
-Both print their tables in Markdown.
+With `--write` the tables go into docs/study.md.
 """
 
 import argparse
 import json
 import os
+import pickle
 import resource
 import sys
 import time
@@ -24,6 +25,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,7 +33,7 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from performance_page import machine, markdown_table
+from performance_page import PAGE, machine, markdown_table, update
 from shared_files import SHARED_OUTLINES
 
 import palpate
@@ -39,7 +41,8 @@ from palpate.config import ObjectsFile, RigFile
 from palpate.config.study_result import StudyRunOut
 from palpate.rig.catalogue.preparation import prepared_catalogue
 from palpate.rig.conversion import finger_of
-from palpate.rig.study.campaign import RunsFile, carry_out
+from palpate.rig.emulated.scene import draw_placement
+from palpate.rig.study.campaign import Chunk, RunsFile, carry_out, simulate_here
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.variations import AS_IT_IS
 from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
@@ -82,31 +85,26 @@ _MEANS: dict[str, Callable[[Ended], float]] = {
 def throughput(objects: ObjectsFile, rig: RigFile, counts: dict[PartMotion, int]) -> str:
     """Runs an hour on all cores, with parts of either kind."""
     rows = []
-    for motion, count in counts.items():
+    for motion, number in counts.items():
         simulation = Simulation(*with_motion(rig, objects, motion), Strategy.PLANNED, 1)
         prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers))
         begin, begin_processor = time.perf_counter(), _processor_s()
-        runs = _simulated(simulation, count, None)
+        runs = _simulated(simulation, number)
         seconds, processor_s = time.perf_counter() - begin, _processor_s() - begin_processor
         rows.append(
             (
                 f"parts {'move' if motion is PartMotion.MOVING else 'lie still'}",
-                str(count),
+                str(number),
                 f"{np.mean([run.touches for run in runs]):.1f}",
-                f"{1000 * processor_s / count:.0f} ms",
+                f"{1000 * processor_s / number:.0f} ms",
                 f"{seconds:.0f} s",
-                f"{3600 * count * (os.cpu_count() or 1) / processor_s:,.0f}",
+                f"{3600 * number * (os.cpu_count() or 1) / processor_s:,.0f}",
                 f"{_TARGETS[motion]:,}",
             )
         )
     head = ("", "runs", "touches a run", "processor time a run", "clock, all", "runs an hour", "goal")
-    lines = (
-        f"{machine()}, {os.cpu_count()} cores; {len(objects.objects)} parts, rig {rig.name}. Runs an hour: if "
-        "nothing else uses the cores.",
-        "",
-        markdown_table(head, rows),
-    )
-    return "\n".join(lines)
+    where = f"{machine()}, {os.cpu_count()} cores; {len(objects.objects)} parts, rig {rig.name}."
+    return f"{where} Runs an hour: if nothing else uses the cores.\n\n{markdown_table(head, rows)}"
 
 
 def _processor_s() -> float:
@@ -115,10 +113,43 @@ def _processor_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _simulated(simulation: Simulation, count: int, keep: Path | None) -> list[StudyRunOut]:
+def _simulated(simulation: Simulation, count: int) -> list[StudyRunOut]:
     with TemporaryDirectory() as folder:
-        file = RunsFile(keep or Path(folder, "runs.jsonl"), simulation, version("palpate"))
+        file = RunsFile(Path(folder, "runs.jsonl"), simulation, version("palpate"))
         return carry_out({AS_IT_IS: (simulation, count)}, file, lambda _: None)[AS_IT_IS]
+
+
+def simulated_like(emulated: Sequence[Ended], simulation: Simulation, each: int, keep: Path) -> list[Ended]:
+    """The first runs of a study that have the parts of the emulated ones, `each` of every part."""
+    file = RunsFile(keep, simulation, version("palpate"))
+    done = {run.number: run for run in file.runs}
+    numbers = _numbers({run.truth for run in emulated}, simulation, each)
+    missing = [number for number in numbers if number not in done]
+    chunks = [
+        Chunk(pickle.dumps(simulation), AS_IT_IS, (number,), file.study, version("palpate"))
+        for number in missing
+    ]
+    for runs in simulate_here(chunks):
+        file.add(runs)
+        done |= {run.number: run for run in runs}
+    return [read_simulated(done[number]) for number in numbers]
+
+
+def _numbers(parts: set[tuple[str, str]], simulation: Simulation, each: int) -> list[int]:
+    """Of runs with these parts, as their numbers draw them."""
+    emulation, found = simulation.rig.emulation, []
+    assert emulation is not None, "the rig is emulated"
+    left = dict.fromkeys(parts, each)
+    for number in count():
+        if not any(left.values()):
+            return found
+        rng = np.random.default_rng([simulation.seed, number])
+        placement = draw_placement(simulation.objects, emulation.placement_radius_mm, rng)
+        truth = placement.model.name, placement.state.name
+        if left.get(truth):
+            left[truth] -= 1
+            found.append(number)
+    return found
 
 
 def emulated_run(rig: Path | None, objects: Path | None, seed: int, folder: Path) -> None:
@@ -150,21 +181,20 @@ def read_simulated(run: StudyRunOut) -> Ended:
 
 def compared(emulated: Sequence[Ended], simulated: Sequence[Ended]) -> str:
     """Both beside each other, the study's runs weighted by the parts that the emulated ones had."""
-    known_parts = {run.truth for run in simulated}
-    some = [run for run in emulated if run.truth in known_parts]
-    drawn = _alike(some, simulated)
+    drawn = _alike(emulated, simulated)
     rows = []
     for words, value in _MEANS.items():
-        seen, expected = (np.array([value(run) for run in runs]) for runs in (some, simulated))
+        seen, expected = (np.array([value(run) for run in runs]) for runs in (emulated, simulated))
         rows.append(_cells(words, seen.mean(), expected[drawn].mean(axis=1)))
-    seen, expected = (np.array([run.touches for run in runs]) for runs in (some, simulated))
+    seen, expected = (np.array([run.touches for run in runs]) for runs in (emulated, simulated))
     for share in (50, 90):
         words = f"touches, {share} % of runs"
         rows.append(_cells(words, np.percentile(seen, share), np.percentile(expected[drawn], share, axis=1)))
-    left = [(run.truth, other) for run in some for other in run.others]
+    left = [(run.truth, other) for run in emulated for other in run.others]
     known = {(run.truth, other) for run in simulated for other in run.others}
+    parts = len({run.truth for run in emulated})
     lines = [
-        f"{len(some)} emulated runs of {len({run.truth for run in some})} states, {len(simulated)} simulated",
+        f"{len(emulated)} emulated runs with {parts} parts of the catalogue, {len(simulated)} simulated.",
         "",
         markdown_table(("", "emulated", "study", "of so many runs, in 95 %", "p"), rows),
         "",
@@ -191,47 +221,49 @@ def _cells(words: str, seen: float, expected: Numbers) -> tuple[str, ...]:
 
 
 def predictions(
-    objects: Path | None, rig: Path | None, keep: Path, emulated: int, runs: int, workers: int
+    objects: Path | None, rig: Path | None, keep: Path, seeds: int, each: int, workers: int
 ) -> str:
     """The table of a study beside emulated runs."""
     keep.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(workers) as pool:
         list(
-            pool.map(
-                emulated_run, *zip(*((rig, objects, seed, keep) for seed in range(emulated)), strict=True)
-            )
+            pool.map(emulated_run, *zip(*((rig, objects, seed, keep) for seed in range(seeds)), strict=True))
         )
     opened = palpate.open_rig(rig).file
     simulation = Simulation(opened, palpate.load_objects(objects), Strategy.PLANNED, 1)
-    simulated = _simulated(simulation, runs, keep / "study.jsonl")
-    seen = [read_emulated(keep / f"seed-{seed}.json") for seed in range(emulated)]
-    return compared(seen, [read_simulated(run) for run in simulated])
+    emulated = [read_emulated(keep / f"seed-{seed}.json") for seed in range(seeds)]
+    return compared(emulated, simulated_like(emulated, simulation, each, keep / "study.jsonl"))
 
 
 def main() -> int:
+    """Measure, and print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("what", choices=["throughput", "predictions"])
     parser.add_argument(
-        "--objects", type=Path, help="objects file; the shared outlines, or the shipped parts"
+        "--objects", type=Path, default=SHARED_OUTLINES, help="the shared outlines if left out"
     )
     parser.add_argument("--rig", type=Path, help="rig file; the shipped bench if left out")
     parser.add_argument("--still", type=int, default=2000, help="throughput: runs of parts that lie still")
     parser.add_argument("--moving", type=int, default=500, help="throughput: runs of parts that move")
     parser.add_argument("--keep", type=Path, help="predictions: folder for the runs")
     parser.add_argument("--emulated", type=int, default=500, help="predictions: runs on emulated devices")
-    parser.add_argument("--runs", type=int, default=5000, help="predictions: simulated runs")
+    parser.add_argument("--each", type=int, default=20, help="predictions: simulated runs of every part")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--write", action="store_true", help="into docs/study.md")
     asked = parser.parse_args()
     if asked.what == "throughput":
         rig = palpate.open_rig(asked.rig).file
         counts = {PartMotion.STILL: asked.still, PartMotion.MOVING: asked.moving}
-        print(throughput(palpate.load_objects(asked.objects or SHARED_OUTLINES), rig, counts))
-        return 0
-    if asked.keep is None:
+        text = throughput(palpate.load_objects(asked.objects), rig, counts)
+    elif asked.keep is None:
         parser.error("predictions: --keep FOLDER is needed")
-    print(predictions(asked.objects, asked.rig, asked.keep, asked.emulated, asked.runs, asked.workers))
+    else:
+        text = predictions(asked.objects, asked.rig, asked.keep, asked.emulated, asked.each, asked.workers)
+    print(text)
+    if asked.write:
+        update(f"study {asked.what}", text, PAGE.with_name("study.md"))
     return 0
 
 
