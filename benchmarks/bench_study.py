@@ -7,8 +7,8 @@
 and their loading of the catalogue, without its preparation.
 
 `predictions` identifies parts on emulated devices, with wires, frames, servos and their errors, and simulates
-for each of these runs some of a study in which the same part lies on the same rig's table: then the two differ
-by what devices do and by chance alone. What is in FOLDER is not done again.
+for each of these runs some of a study in which the same part lies on the same rig's table: then the two
+differ by what devices do and by chance alone. What is in FOLDER is not done again.
 
 With `--write` the tables go into docs/study.md.
 """

@@ -103,8 +103,8 @@ def _confusion(out: StudyOut) -> Iterator[str]:
     if any(item.identified < item.runs for item in out.states):
         parts.append(
             paragraph(
-                "A run that ends with several places of the true state alone has not identified it either, and "
-                "is not in here."
+                "A run that ends with several places of the true state alone has not identified it either, "
+                "and is not in here."
             )
         )
     yield section("Confusion", *parts, kind="sections")

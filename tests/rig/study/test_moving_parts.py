@@ -73,3 +73,9 @@ def test_a_real_rig_is_studied_with_parts_that_lie_still_only() -> None:
         study(rig, SIX, runs=2, parts="moving")
     out = study(rig, SIX, runs=2, budget=0)
     assert (out.parts, out.wrong, out.lost) == (PartMotion.STILL, 0, 0)
+
+
+@pytest.mark.parametrize("given", [{"parts": "fast"}, {"strategy": "clever"}])
+def test_an_unknown_word_is_refused_with_those_that_are_known(given: dict[str, str]) -> None:
+    with pytest.raises(InputError, match=r'"(fast|clever)"; allowed: \w+, \w+'):
+        study(RIG, SIX, runs=2, **given)  # type: ignore[arg-type]
