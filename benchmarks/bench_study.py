@@ -217,7 +217,8 @@ def _cells(words: str, seen: float, expected: Numbers) -> tuple[str, ...]:
     """Seen, expected, where 95 % of equal campaigns would be, and in how many it is as far off or farther."""
     low, high = np.percentile(expected, [2.5, 97.5])
     p = min(1.0, 2 * min(np.mean(expected <= seen), np.mean(expected >= seen)))
-    return words, f"{seen:.2f}", f"{expected.mean():.2f}", f"{low:.2f} to {high:.2f}", f"{p:.2f}"
+    chance = f"{p:.2f}" if p >= 0.01 else "< 0.01"
+    return words, f"{seen:.2f}", f"{expected.mean():.2f}", f"{low:.2f} to {high:.2f}", chance
 
 
 def predictions(
