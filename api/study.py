@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 from palpate.api.arguments import checked
 from palpate.api.files import PathLike
+from palpate.api.recognition import strategy_named
 from palpate.config import ObjectsFile, RigFile
 from palpate.config.study_result import (
     BestHeightsOut,
@@ -28,7 +29,7 @@ from palpate.rig.catalogue.section_stack import StateSections, state_sections
 from palpate.rig.catalogue.separating_heights import separating_heights
 from palpate.rig.catalogue.twins import find_twins
 from palpate.rig.conversion import finger_of
-from palpate.rig.study.campaign import RunsFile, carry_out, simulate_here
+from palpate.rig.study.campaign import Executor, RunsFile, carry_out, simulate_here
 from palpate.rig.study.cluster import on_cluster
 from palpate.rig.study.simulation import Simulation, motion_of, with_motion
 from palpate.rig.study.summary import Advice, confusion_of, study_out
@@ -50,8 +51,8 @@ def study(
     *,
     runs: int = 1000,
     seed: int = 0,
-    strategy: Strategy = Strategy.PLANNED,
-    parts: PartMotion | None = None,
+    strategy: Strategy | str = Strategy.PLANNED,
+    parts: PartMotion | str | None = None,
     budget: int | None = None,
     keep: PathLike | None = None,
     scheduler: str | None = None,
@@ -61,7 +62,7 @@ def study(
     """Simulate identifications of parts of a catalogue, on all cores or a cluster.
 
     Each run draws a state and where it lies, by `seed` and its number; touches are mismeasured within the
-    rig's bounds. `parts`: whether fingers move them, None: as the rig file's `[emulation.part]` says.
+    rig's bounds. `parts`: "moving" or "still", None: as the rig file's `[emulation.part]` says.
     `budget`: so many runs are done again with each error halved, None: a tenth of them. `keep`: a file of
     runs (JSON Lines), by which a study that was ended goes on. `scheduler`: address of a dask scheduler.
     Raises InputError for a catalogue that the rig cannot identify, or a file of another study.
@@ -71,28 +72,22 @@ def study(
     varied = min(runs // _VARIED_SHARE, _MOST_VARIED) if budget is None else min(budget, runs)
     check_known(objects.objects, rig.fingers)
     begin = time.perf_counter()
-    execute = simulate_here if scheduler is None else on_cluster(scheduler)
-    motion = parts or motion_of(rig)
-    simulation = Simulation(*with_motion(rig, objects, motion), strategy, seed)
-    # Kept, it is there for the processes that carry out runs.
-    prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress)
+    motion, chosen = motion_of(rig) if parts is None else _motion_named(parts), strategy_named(strategy)
+    simulation = Simulation(*with_motion(rig, objects, motion), chosen, seed)
     states, fingers = state_sections(objects), rig_fingers(rig)
-    progress("comparing heights")
-    heights = best_heights(states, fingers)
-    simulations = {AS_IT_IS: (simulation, runs)}
-    if varied:
-        simulations |= {key: (item, varied) for key, item in halved(simulation).items()}
-        if heights.alike < heights.alike_now:
-            moved = replace(simulation, rig=at_heights(simulation.rig, heights.chosen_mm))
-            simulations[heights_name(heights.chosen_mm)] = (moved, varied)
-    with _runs_file(keep) as path:
+    with _runs_file(keep) as path, _executor(scheduler) as execute:
         file = RunsFile(path, simulation, version("palpate"))
+        # Kept, it is there for the processes that carry out runs.
+        prepared_catalogue(simulation.objects.objects, map(finger_of, rig.fingers), progress)
+        progress("comparing heights")
+        heights = best_heights(states, fingers)
+        simulations = _simulations(simulation, runs, varied, heights)
         found = carry_out(simulations, file, progress, execute)
     return study_out(
         found[AS_IT_IS],
         objects=name,
         rig=rig.name,
-        strategy=strategy,
+        strategy=chosen,
         seed=seed,
         parts=motion,
         seconds=time.perf_counter() - begin,
@@ -105,6 +100,29 @@ def study(
             noise_budget(found),
         ),
     )
+
+
+def _motion_named(name: PartMotion | str) -> PartMotion:
+    if name not in list(PartMotion):
+        raise InputError(f'parts is "{name}"; allowed: {", ".join(PartMotion)}')
+    return PartMotion(name)
+
+
+def _simulations(
+    simulation: Simulation, runs: int, varied: int, heights: BestHeights
+) -> dict[str, tuple[Simulation, int]]:
+    """As it is and with each variation: what simulates it, and how many runs."""
+    simulations = {AS_IT_IS: (simulation, runs)}
+    if varied:
+        simulations |= {key: (item, varied) for key, item in halved(simulation).items()}
+        if heights.alike < heights.alike_now:
+            moved = replace(simulation, rig=at_heights(simulation.rig, heights.chosen_mm))
+            simulations[heights_name(heights.chosen_mm)] = (moved, varied)
+    return simulations
+
+
+def _executor(scheduler: str | None) -> AbstractContextManager[Executor]:
+    return nullcontext(simulate_here) if scheduler is None else on_cluster(scheduler)
 
 
 @contextmanager

@@ -7,12 +7,15 @@ import typer
 
 from palpate.cli.interruption import if_interrupted
 from palpate.cli.options import JsonOption, NoCalibrationOption, ObjectsOption, RigOption, StrategyOption
+from palpate.errors import printable
 from palpate.vocabulary import PartMotion, Strategy
 
 __all__ = ["study"]
 
 
-@if_interrupted("runs that were done are kept, if --keep named a file; the same command goes on from there")
+_WRITTEN_EVERY_S = 60.0
+
+
 def study(
     objects: ObjectsOption = None,
     rig: RigOption = None,
@@ -63,7 +66,8 @@ def study(
         if place is not None:
             check_place(place)
     print_notices(finding_lines(bench, models.objects, name))
-    with Doing(Terminal(stderr=True, soft_wrap=True), "preparing") as doing:
+    terminal = Terminal(stderr=True, soft_wrap=True, highlight=False)
+    with if_interrupted(_after_interruption(keep)), Doing(terminal, "preparing", _WRITTEN_EVERY_S) as doing:
         out = studied(
             bench,
             models,
@@ -80,5 +84,18 @@ def study(
     heights = [finger.height_mm for finger in bench.fingers]
     if report is not None:
         write_text(report, study_report(out, models.objects, heights))
-    typer.echo(to_json(out) if json else "\n".join(study_lines(out, heights)))
+    typer.echo(to_json(out) if json else "\n".join([*study_lines(out, heights), *_files(report, keep)]))
     return 1 if out.wrong else 0
+
+
+def _files(report: Path | None, keep: Path | None) -> list[str]:
+    """What was written, and where."""
+    named = (("report", report), ("runs", keep))
+    words = ", ".join(f"{what} {printable(str(place))}" for what, place in named if place is not None)
+    return ["", words] if words else []
+
+
+def _after_interruption(keep: Path | None) -> str:
+    if keep is None:
+        return "runs that were done are lost; with --keep FILE they are kept, and the same command goes on"
+    return f"runs that were done are in {keep}; the same command goes on from there"

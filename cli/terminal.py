@@ -1,5 +1,6 @@
 """The terminal as commands write on it: escaped text, notices, and what goes on at the moment."""
 
+import time
 from collections.abc import Iterable
 from types import TracebackType
 from typing import Self
@@ -37,10 +38,14 @@ def print_notices(lines: Iterable[str]) -> None:
 
 
 class Doing:
-    """A moving line on a terminal while something is done. Use as a context manager."""
+    """A moving line on a terminal while something is done. Use as a context manager.
 
-    def __init__(self, console: Console, what: str) -> None:
+    `written_every_s`: into a file or a pipe a line is written so often; never, if it is None.
+    """
+
+    def __init__(self, console: Console, what: str, written_every_s: float | None = None) -> None:
         self._left = TimeLeft()
+        self._console, self._every_s, self._written_s = console, written_every_s, time.monotonic()
         self._status: Status | None = console.status(escape(what)) if console.is_terminal else None
 
     def __enter__(self) -> Self:
@@ -56,5 +61,9 @@ class Doing:
 
     def now(self, what: str) -> None:
         """Say what is done now; how much time is left stands after a count such as "3 of 40"."""
+        words = self._left.after(what)
         if self._status is not None:
-            self._status.update(escape(self._left.after(what)))
+            self._status.update(escape(words))
+        elif self._every_s is not None and time.monotonic() - self._written_s >= self._every_s:
+            self._written_s = time.monotonic()
+            self._console.print(escape(words), soft_wrap=True)

@@ -15,17 +15,26 @@ from palpate.config.study_result import (
     StateStudiedOut,
 )
 from palpate.geometry import ObjectModel, State
-from palpate.views.svg import element, number, path_data, shorten_middle, text
+from palpate.views.svg import element, number, path_data, shorten_middle, text, text_width
 
-__all__ = ["budget_picture", "confusion_picture", "heights_picture", "pair_pictures"]
+__all__ = [
+    "MATRIX_STATES",
+    "SOURCE_WORDS",
+    "budget_picture",
+    "confusion_picture",
+    "heights_picture",
+    "pair_pictures",
+]
 __all__ += ["states_picture", "touches_picture"]
 
 _WIDTH, _SIZE, _ROW = 760.0, 11.0, 18.0
 _ONE, _OTHER, _FAINT, _GREY, _LINE = "#0072b2", "#d55e00", "#eaeef2", "#5b6b78", "#c3ccd3"
 _NAME = 250.0
-_STATES, _MATRIX, _PAIRS, _COLUMNS, _HEIGHTS = 24, 16, 6, 3, 24
-_CELL, _PAIR_MM = 30.0, 150.0
+_STATES, _PAIRS, _COLUMNS, _HEIGHTS = 24, 6, 3, 24
+_CELL, _LONGEST = 30.0, 180.0
 _TURNS = 72
+MATRIX_STATES = 16
+"""So many of the states that are confused most have room in the matrix."""
 
 
 def states_picture(states: Sequence[StateStudiedOut]) -> str:
@@ -65,13 +74,13 @@ def touches_picture(touches_of: Mapping[int, int]) -> str:
 
 def confusion_picture(confusion: Sequence[ConfusionOut]) -> str:
     """Matrix: a row for what lay there, a column for what was still possible at the end."""
-    names = list(dict.fromkeys(name for item in confusion for name in (item.a, item.b)))[:_MATRIX]
+    names = list(dict.fromkeys(name for item in confusion for name in (item.a, item.b)))[:MATRIX_STATES]
     share = {(item.a, item.b): item.share for item in confusion}
-    top, parts = 150.0, []
-    for k, name in enumerate(names):
+    titles, parts = [shorten_middle(name, _SIZE, _LONGEST) for name in names], []
+    top = max(text_width(words, _SIZE) for words in titles) * math.sin(math.pi / 4) + 20
+    for k, (name, words) in enumerate(zip(names, titles, strict=True)):
         y, x = top + k * _CELL, _NAME + k * _CELL
         parts.append(_label(name, y + 6))
-        words = shorten_middle(name, _SIZE, top / math.sin(math.pi / 4) - 30)
         turned = element(
             "g",
             text(words, 0, 0, size=_SIZE),
@@ -154,7 +163,8 @@ def budget_picture(costs: Sequence[NoiseCostOut]) -> str:
         at = middle + width
         parts.append(element("line", x1=at - error, x2=at + error, y1=y + 12, y2=y + 12, stroke="#1f2933"))
         edge = max(middle, at + error) + 8
-        parts.append(text(f"{item.saved_touches:+.2f}", edge, y + 16, size=_SIZE))
+        words = f"{item.saved_touches:+.2f}".replace("-", "−")
+        parts.append(text(words, edge, y + 16, size=_SIZE))
     height = len(costs) * 26.0
     parts.append(element("line", x1=middle, x2=middle, y1=0, y2=height, stroke=_LINE))
     parts.append(text("touches saved", middle, height + 14, size=_SIZE, fill=_GREY, anchor="middle"))

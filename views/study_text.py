@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from palpate.config.study_result import BestHeightsOut, NoiseCostOut, PairStudiedOut, StudyOut
+from palpate.config.study_result import BestHeightsOut, ComparedOut, NoiseCostOut, PairStudiedOut, StudyOut
 from palpate.errors import counted
 from palpate.vocabulary import PartMotion
 
@@ -59,9 +59,14 @@ def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float]) -> str
         return f"{there}, and no other heights would do better" if best.alike_now else there
     wanted = ", ".join(f"{height:g}" for height in best.heights)
     words = f"fingers at {now} mm: {alike} alike there; at {wanted} mm, {best.alike or 'none'}"
-    if best.compared is not None:
-        words += f", and {best.compared.saved_touches:+.1f} touches saved"
-    return words
+    return words if best.compared is None else f"{words}: {_compared_words(best.compared)}"
+
+
+def _compared_words(item: ComparedOut) -> str:
+    """What runs there came to, beside the same ones as it is."""
+    now, there = item.identified
+    saved = f"{abs(item.saved_touches):.1f} touches {'fewer' if item.saved_touches > 0 else 'more'}"
+    return f"of {counted(item.runs, 'run', 'runs')} {there} identified there, {now} as it is, with {saved}"
 
 
 def _budget_lines(costs: Sequence[NoiseCostOut]) -> list[str]:
@@ -72,7 +77,8 @@ def _budget_lines(costs: Sequence[NoiseCostOut]) -> list[str]:
 
 
 def _budget_words(item: NoiseCostOut) -> str:
-    words = f"{item.source.value:10s} {item.saved_touches:+.2f} ± {item.standard_error:.2f} touches"
+    saved = f"{item.saved_touches:+.2f}".replace("-", "−")
+    words = f"{item.source.value:10s} {saved} ± {item.standard_error:.2f} touches"
     if item.position_bound is None or item.orientation_bound is None:
         return words
     (now, then), (turn, then_turn) = item.position_bound, item.orientation_bound

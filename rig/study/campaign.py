@@ -23,8 +23,9 @@ from palpate.rig.study.simulation import Simulation
 __all__ = ["Chunk", "Executor", "RunsFile", "carry_out", "runs_of", "simulate_here"]
 
 _FORMAT = "palpate/study-runs@1"
-_CHUNK = 25
+_MOST_IN_CHUNK = 25
 """Runs that a process does before it hands them over: so many are lost at most if it is killed."""
+_CHUNKS = 64  # at least, or one a run: so that many cores have work, and none waits long for the last
 _LOADED = 8  # simulations that a process keeps ready
 
 
@@ -70,17 +71,18 @@ def carry_out(
     """
     wanted = {(name, number) for name, (_, count) in simulations.items() for number in range(count)}
     done = {key: run for run in file.runs if (key := _key(run)) in wanted}
+    size = min(max((len(wanted) - len(done)) // _CHUNKS, 1), _MOST_IN_CHUNK)
     chunks = [
         chunk
         for name, (item, count) in simulations.items()
-        for chunk in _chunks(name, item, count, done, file.study)
+        for chunk in _chunks(name, item, [k for k in range(count) if (name, k) not in done], file.study, size)
     ]
-    progress(f"{len(done)} of {len(wanted)} runs")
+    progress(f"runs: {len(done)} of {len(wanted)}")
     for some in execute(chunks):
         new = [run for run in some if _key(run) not in done]
         file.add(new)
         done |= {_key(run): run for run in new}
-        progress(f"{len(done)} of {len(wanted)} runs")
+        progress(f"runs: {len(done)} of {len(wanted)}")
     return {name: [done[name, number] for number in range(count)] for name, (_, count) in simulations.items()}
 
 
@@ -88,14 +90,11 @@ def _key(run: StudyRunOut) -> tuple[str, int]:
     return run.variation, run.number
 
 
-def _chunks(
-    name: str, simulation: Simulation, count: int, done: Mapping[tuple[str, int], object], study: str
-) -> list[Chunk]:
-    missing = [number for number in range(count) if (name, number) not in done]
+def _chunks(name: str, simulation: Simulation, missing: Sequence[int], study: str, size: int) -> list[Chunk]:
     pickled = pickle.dumps(simulation)
     return [
-        Chunk(pickled, name, tuple(missing[k : k + _CHUNK]), study, version("palpate"))
-        for k in range(0, len(missing), _CHUNK)
+        Chunk(pickled, name, tuple(missing[k : k + size]), study, version("palpate"))
+        for k in range(0, len(missing), size)
     ]
 
 

@@ -5,7 +5,9 @@ workers when they died is asked for again. Results are a function of the runs' n
 matter who did them, nor whether somebody had begun before.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from palpate.cad.optional_imports import needed
@@ -22,42 +24,58 @@ _LEAST_AHEAD = 16
 _MOST_KILLED = 5  # times that a chunk is asked for again: then it is the chunk that kills workers
 
 
-def on_cluster(address: str) -> Executor:
+@contextmanager
+def on_cluster(address: str) -> Iterator[Executor]:
     """An executor on the workers of the scheduler at an address, such as tcp://192.168.1.5:8786.
 
     Raises InputError if `distributed` is not installed, if no scheduler answers there, or one without
-    workers, and for a chunk that every worker dies of.
+    workers; what it carries out, for a chunk that every worker dies of, and for workers without palpate.
     """
-    distributed = needed("distributed", "cluster", "a study on a cluster (--scheduler)")
+    distributed = needed("distributed", "cluster", "a study on a cluster")
+    with _own_words_only(), _client(distributed, address) as client:
+        yield lambda chunks: _results(distributed, client, chunks)
 
-    def execute(chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
-        if not chunks:
-            return
-        with _client(distributed, address) as client:
-            yield from _results(distributed, client, chunks)
 
-    return execute
+@contextmanager
+def _own_words_only() -> Iterator[None]:
+    """What dask logs of a connection that is lost, a traceback, is said here in a line."""
+    log = logging.getLogger("distributed.client")
+    level = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
 
 
 def _client(distributed: Any, address: str) -> Any:
     try:
+        # An address that is none would leave a client behind that takes 20 s to end.
+        distributed.comm.get_address_host_port(address, strict=True)
+    except (ValueError, NotImplementedError):
+        raise InputError(
+            f'"{address}" is no address of a dask scheduler, such as tcp://192.168.1.5:8786'
+        ) from None
+    try:
         client = distributed.Client(address, timeout=_ANSWERS_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
-            f"--scheduler {address}: no dask scheduler answers there ({type(error).__name__}); start one "
-            "with `dask scheduler`, and workers with `dask worker ADDRESS`"
+            f"no dask scheduler answers at {address}; start one with `dask scheduler`, and workers with "
+            f"`dask worker {address}`"
         ) from error
     try:
         client.wait_for_workers(1, timeout=_WORKERS_S)
     except TimeoutError:
         client.close()
         raise InputError(
-            f"--scheduler {address}: it has no workers; start some with `dask worker {address}`"
+            f"the dask scheduler at {address} has no workers; start some with `dask worker {address}`"
         ) from None
     return client
 
 
 def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator[Sequence[StudyRunOut]]:
+    if not chunks:
+        return
     left, killed, chunk_of = list(reversed(chunks)), dict.fromkeys(chunks, 0), {}
 
     def submit(chunk: Chunk) -> Any:
@@ -67,7 +85,7 @@ def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator
         return future
 
     threads = sum(client.nthreads().values())
-    under_way = distributed.as_completed()
+    under_way = distributed.as_completed(loop=client.loop)
     for _ in range(min(len(left), max(_AHEAD * threads, _LEAST_AHEAD))):
         under_way.add(submit(left.pop()))
     for future in under_way:
@@ -83,9 +101,14 @@ def _results(distributed: Any, client: Any, chunks: Sequence[Chunk]) -> Iterator
                 ) from error
             under_way.add(submit(chunk))
             continue
+        except ImportError as error:
+            raise InputError(
+                f"a worker of the cluster cannot load palpate ({error}); install palpate "
+                f"{chunk.palpate} where its workers run"
+            ) from error
         except distributed.client.FutureCancelledError as error:
             raise InputError(
-                "the scheduler was lost; runs that were done are kept, if --keep named a file"
+                "the scheduler was lost; runs that were done are kept, if a file was named for them"
             ) from error
         yield runs
         future.release()

@@ -50,6 +50,7 @@ class SimulatedFinger:
         self._start = np.array(approach.start_mm) + error.offset_mm
         self._heading = np.array([math.cos(approach.direction_rad), math.sin(approach.direction_rad)])
         self._centre = self._start
+        tip.move_to(self._start)
         self._gain, self._noise, self._rng = gain, noise, rng
         self._quiet: deque[float] = deque(maxlen=_STEADY_FRAMES)
         self._lately_n, self._free_frames = 0.0, 0

@@ -70,3 +70,15 @@ def test_why_earlier_grips_are_dropped() -> None:
         "        contradicts earlier grips: the part may have moved, they are dropped",
         "        fingers may have moved the part by 3.8 mm: earlier grips are dropped",
     ]
+
+
+@pytest.mark.parametrize(("every_s", "lines"), [(None, 0), (0.0, 3), (1e9, 0)])
+def test_how_far_long_work_is_goes_into_a_file_as_plain_lines_now_and_then(
+    every_s: float | None, lines: int
+) -> None:
+    file = io.StringIO()
+    with Doing(Terminal(file=file, width=40), "preparing", written_every_s=every_s) as doing:
+        for number in range(3):
+            doing.now(f"runs: {number} of 3 {EVIL} {'long ' * 20}")
+    assert file.getvalue().count("\n") == lines
+    assert not set("\x1b\x07\u202e\x9b") & set(file.getvalue())

@@ -50,6 +50,9 @@ def _checked(keyword: str, wanted: Any, value: Any, schema: Mapping[str, Any], a
             return [f"{at}: no {name!r}" for name in wanted if name not in value]
         case "additionalProperties" if wanted is False:
             return [f"{at}: unknown {name!r}" for name in value if name not in schema.get("properties", {})]
+        case "additionalProperties":
+            others = [name for name in value if name not in schema.get("properties", {})]
+            return [line for name in others for line in violations(value[name], wanted, f"{at}.{name}")]
         case "anyOf":
             return [] if any(not violations(value, option, at) for option in wanted) else wrong
         case "items":

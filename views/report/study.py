@@ -9,6 +9,7 @@ from palpate.errors import counted
 from palpate.geometry import ObjectModel
 from palpate.views.report.page import heading, page, paragraph, picture, section, table
 from palpate.views.study_pictures import (
+    MATRIX_STATES,
     SOURCE_WORDS,
     budget_picture,
     confusion_picture,
@@ -23,6 +24,7 @@ from palpate.vocabulary import PartMotion
 __all__ = ["study_report"]
 
 _PAIRS = 40
+_DOUBT = 0.05
 _SIMULATED = {
     PartMotion.STILL: "Parts that lie still, touched by straight approaches as the rig plans them, "
     "mismeasured within the rig's bounds. What devices do beyond that, and parts that move, are not in it.",
@@ -66,7 +68,12 @@ def _verdicts(out: StudyOut) -> str:
     rows.append(("wrong answers", str(out.wrong), f"{100 * out.wrong / out.runs:.1f} %"))
     if out.lost > out.wrong:
         rows.append(("truth not left", str(out.lost), f"{100 * out.lost / out.runs:.1f} %"))
-    return section("Verdicts", table(("verdict", "runs", "share"), rows, numbers=("runs", "share")))
+    parts = [table(("verdict", "runs", "share"), rows, numbers=("runs", "share"))]
+    if not out.wrong:
+        most = 100 * (1 - _DOUBT ** (1 / out.runs))
+        words = f"If {most:.2g} % of such runs were wrong, one study in 20 would see none in {out.runs} runs."
+        parts.append(paragraph(words))
+    return section("Verdicts", *parts)
 
 
 def _costs(out: StudyOut) -> str:
@@ -85,14 +92,22 @@ def _costs(out: StudyOut) -> str:
 
 
 def _confusion(out: StudyOut) -> Iterator[str]:
-    if not out.confusion:
-        words = "Every run ended with the true state alone."
-        yield section("Confusion", paragraph(words))
-        return
-    words = (
-        "Percent of the runs in which the row's state lay there that ended with the column's still possible."
-    )
-    yield section("Confusion", paragraph(words), picture(confusion_picture(out.confusion)), kind="sections")
+    parts = [paragraph("No run ended with another state than the true one still possible.")]
+    if out.confusion:
+        words = "Percent of the runs with the row's part that ended with the column's still possible."
+        parts = [paragraph(words), picture(confusion_picture(out.confusion))]
+        count = len({name for item in out.confusion for name in (item.a, item.b)})
+        if count > MATRIX_STATES:
+            words = f"{MATRIX_STATES} of {count} states are shown, those with the largest shares."
+            parts.append(paragraph(words))
+    if any(item.identified < item.runs for item in out.states):
+        parts.append(
+            paragraph(
+                "A run that ends with several places of the true state alone has not identified it either, "
+                "and is not in here."
+            )
+        )
+    yield section("Confusion", *parts, kind="sections")
 
 
 def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence[float]) -> Iterator[str]:
@@ -111,6 +126,7 @@ def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence
     ]
     yield section(
         "Hardest to tell apart",
+        paragraph(f"Outlines at {min(heights_mm):g} mm, laid on each other."),
         picture(pair_pictures(out.hardest, objects, min(heights_mm))),
         table(names, rows, numbers=names[2:]),
         kind="sections",
@@ -120,7 +136,8 @@ def _hardest(out: StudyOut, objects: Sequence[ObjectModel], heights_mm: Sequence
 def _heights(out: StudyOut, heights_mm: Sequence[float]) -> Iterator[str]:
     if out.best_heights is None or not out.heights:
         return
-    parts = [paragraph(best_heights_words(out.best_heights, heights_mm))]
+    words = best_heights_words(out.best_heights, heights_mm)
+    parts = [paragraph(f"{words[:1].upper()}{words[1:]}.")]
     if out.best_heights.compared is not None:
         parts.append(_compared([("there", out.best_heights.compared)]))
     if len(out.heights) > 1:
@@ -140,7 +157,8 @@ def _budget(out: StudyOut) -> Iterator[str]:
     runs = out.noise_budget[0].runs
     words = (
         f"The first {counted(runs, 'run', 'runs')} again, with half of one error, or with the middle half of "
-        "the aims only: what better measurement would save, and what less reach would cost."
+        "the aims only: what better measurement would save, and what less reach would cost. Lines are two "
+        "standard errors long, either way."
     )
     rows = [(f"half the {SOURCE_WORDS[item.source.value]}", item) for item in out.noise_budget]
     yield section(
@@ -157,7 +175,7 @@ def _compared(rows: Sequence[tuple[str, ComparedOut]]) -> str:
             (
                 words,
                 _change(item.touches, "{:.2f}"),
-                f"{item.saved_touches:+.2f}",
+                f"{item.saved_touches:+.2f}".replace("-", "−"),
                 f"{item.standard_error:.2f}",
                 _change(item.identified, "{:d}"),
                 _change(item.position_bound, "{:.2f}"),

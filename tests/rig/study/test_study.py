@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command import run
@@ -16,15 +17,15 @@ from palpate.config import load_objects, load_rig, shipped_objects, shipped_rig
 from palpate.config.schema import schema_text
 from palpate.config.study_result import StudyRunOut
 from palpate.errors import InputError
-from palpate.rig.study.simulation import Simulation, held_still
+from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.summary import is_wrong, study_out
-from palpate.vocabulary import IdentificationVerdict, Strategy
+from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
 
 
 def simulation(seed: int = 1, strategy: Strategy = Strategy.PLANNED) -> Simulation:
-    return Simulation(*held_still(RIG, SIX), strategy, seed)
+    return Simulation(*with_motion(RIG, SIX, PartMotion.STILL), strategy, seed)
 
 
 @pytest.mark.parametrize("runs", sample([16, 400], [16]))
@@ -42,7 +43,7 @@ def test_the_truth_is_never_lost_and_no_answer_is_wrong(strategy: Strategy, runs
 def test_what_feels_the_same_is_left_at_the_end(tmp_path: Path) -> None:
     ell = next(item for item in load_objects(small_parts(tmp_path)).objects if item.name == "ell")
     twins = replace(SIX, objects=(ell, replace(ell, name="again")))
-    some = Simulation(*held_still(RIG, twins), Strategy.PLANNED, 3)
+    some = Simulation(*with_motion(RIG, twins, PartMotion.STILL), Strategy.PLANNED, 3)
     rows = [some.run(number) for number in range(4)]
     assert all(row.left == (("again", "flat"), ("ell", "flat")) for row in rows)
     assert not any(row.verdict is IdentificationVerdict.IDENTIFIED for row in rows)
@@ -55,9 +56,10 @@ def test_what_feels_the_same_is_left_at_the_end(tmp_path: Path) -> None:
 def test_a_run_depends_on_its_number_only_and_a_study_goes_on_where_it_ended(tmp_path: Path) -> None:
     keep = tmp_path / "runs.jsonl"
     told: list[str] = []
-    whole = study(RIG, SIX, runs=30, seed=5, keep=keep, progress=told.append)
-    assert told[0] == "0 of 30 runs"
-    assert told[-1] == "30 of 30 runs"
+    given: dict[str, Any] = {"seed": 5, "parts": "still", "budget": 0, "keep": keep}
+    whole = study(RIG, SIX, runs=30, progress=told.append, **given)
+    counts = [line for line in told if line.startswith("runs:")]
+    assert (counts[0], counts[-1]) == ("runs: 0 of 30", "runs: 30 of 30")
     lines = keep.read_text().splitlines(keepends=True)
     assert len(lines) == 31
     rows = {row.number: row for row in map(StudyRunOut.model_validate_json, lines[1:])}
@@ -68,11 +70,11 @@ def test_a_run_depends_on_its_number_only_and_a_study_goes_on_where_it_ended(tmp
     )
     keep.write_text("".join(lines[:12]) + lines[12][:30])  # killed while it wrote
     told.clear()
-    again = study(RIG, SIX, runs=30, seed=5, keep=keep, progress=told.append)
+    again = study(RIG, SIX, runs=30, progress=told.append, **given)
     assert again.model_copy(update={"seconds": whole.seconds}) == whole
-    assert told[0] == "11 of 30 runs"
+    assert next(line for line in told if line.startswith("runs:")) == "runs: 11 of 30"
     assert sorted(keep.read_text().splitlines()) == sorted(line.strip() for line in lines)
-    assert study(RIG, SIX, runs=12, seed=5, keep=keep).runs == 12
+    assert study(RIG, SIX, runs=12, **given).runs == 12
     assert len(keep.read_text().splitlines()) == 31, "nothing was to be done"
 
 
@@ -106,7 +108,10 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> No
     assert page.addresses == []
     assert page.headings[0] == "No wrong answer in 6 runs"
     assert {state["object"] for state in told.json["states"]} <= set(page.words)
-    shown = run(*words, cwd=tmp_path)
-    assert shown.out.splitlines()[0] == f"6 runs, rig bench, {len(told.json['states'])} states:"
+    shown = run(*words, "--report", "study.html", cwd=tmp_path)
+    assert (shown.code, shown.err) == (0, "")
+    first, *_, last = shown.out.splitlines()
+    assert first == f"6 runs, rig bench, {len(told.json['states'])} states, parts that move:"
+    assert last == "report study.html, runs runs.jsonl"
     refused = run("study", "--runs", 1, "--keep", "nowhere/runs.jsonl", cwd=tmp_path)
     assert (refused.code, refused.err.count("\n")) == (2, 1)
