@@ -45,6 +45,10 @@ void free_list(list *items);
 /* x modulo a turn, in [0, 2π), as numpy's % has it. */
 static inline double modulo_turn(double x)
 {
+    if (x >= 0 && x < TURN)
+        return x;
+    if (x < 0 && x > -TURN)
+        return x + TURN;
     double r = fmod(x, TURN);
     if (r != 0 && r < 0)
         r += TURN;

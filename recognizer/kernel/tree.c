@@ -18,7 +18,7 @@ typedef struct {
     interval at;
 } grown;
 
-/* Of edges [from, to), those whose circles meet all of the rings: a centre, a least and a largest distance from
+/* Of edges [from, to), those whose circles meet all of the rings, the first a disc: a centre, a least and a largest distance from
    there to the middle of the edge's rectangle, each wider by the half diagonal of the edge's own rectangle. */
 typedef struct {
     double x, y, least, most;
@@ -29,28 +29,36 @@ static int within_rings(const edge_set *edges, int64_t from, int64_t to, const r
     unsigned char fits[BLOCK];
     const double *restrict mx = edges->middle_x + from, *restrict my = edges->middle_y + from;
     const double *restrict wide = edges->half_diagonal + from;
-    int size = (int)(to - from), left = 0;
-    memset(fits, 1, (size_t)size);
-    for (int k = 0; k < count; k++) {
-        double x = rings[k].x, y = rings[k].y, least = rings[k].least, most = rings[k].most;
-        for (int j = 0; j < size; j++) {
-            double dx = mx[j] - x, dy = my[j] - y, square = dx * dx + dy * dy;
-            double outer = most + wide[j], inner = larger(least - wide[j], 0.0);
-            fits[j] &= (unsigned char)((square <= outer * outer) & (square >= inner * inner));
-        }
+    const double x = rings[0].x, y = rings[0].y, most = rings[0].most;
+    int size = (int)(to - from), left = 0, kept = 0;
+    for (int j = 0; j < size; j++) { /* the first is a disc, and leaves few */
+        double dx = mx[j] - x, dy = my[j] - y, outer = most + wide[j];
+        fits[j] = dx * dx + dy * dy <= outer * outer;
     }
     for (int j = 0; j < size; j++) {
         found[left] = j;
         left += fits[j];
     }
-    return left;
+    for (int i = 0; i < left; i++) {
+        int j = found[i], within = 1;
+        for (int k = 1; k < count && within; k++) {
+            double dx = mx[j] - rings[k].x, dy = my[j] - rings[k].y, square = dx * dx + dy * dy;
+            double outer = rings[k].most + wide[j], inner = larger(rings[k].least - wide[j], 0.0);
+            within = square <= outer * outer && square >= inner * inner;
+        }
+        found[kept] = j;
+        kept += within;
+    }
+    return kept;
 }
 
+/* Square of the distance of a point from a segment. */
 static double point_segment(double px, double py, const double *start, const double *u, double length)
 {
     double x = px - start[0], y = py - start[1];
     double along = clipped(x * u[0] + y * u[1], 0.0, length);
-    return hypot(x - along * u[0], y - along * u[1]);
+    double dx = x - along * u[0], dy = y - along * u[1];
+    return dx * dx + dy * dy;
 }
 
 /* Whether the distance of two contacts is one that their edges allow (memo §2.2.1). */
@@ -73,7 +81,7 @@ static int distance_fits(const edge_set *first, int64_t a, const edge_set *secon
     shortest = smaller(shortest, point_segment(q[0], q[1], r, v, second->length[b]));
     shortest = smaller(shortest, point_segment(r[0], r[1], p, u, first->length[a]));
     shortest = smaller(shortest, point_segment(s[0], s[1], p, u, first->length[a]));
-    if (measured >= shortest - slack)
+    if (measured >= sqrt(shortest) - slack)
         return 1;
     double ux = q[0] - p[0], uy = q[1] - p[1], vx = s[0] - r[0], vy = s[1] - r[1];
     double one = (ux * (r[1] - p[1]) - uy * (r[0] - p[0])) * (ux * (s[1] - p[1]) - uy * (s[0] - p[0]));
@@ -81,28 +89,36 @@ static int distance_fits(const edge_set *first, int64_t a, const edge_set *secon
     return one < 0 && two < 0 && measured >= -slack;
 }
 
-/* Where the second of two contacts is, seen from an edge of the first, at the orientations `at`. */
-static ring place_of(const edge_set *first, int64_t edge, const tip *a, const tip *b, interval at)
+/* Orientations as a look from an edge needs them: the middle one, and how far a unit vector turned by it and one
+   turned by another of them may be apart. */
+typedef struct {
+    double cos, sin, swing;
+} sector;
+
+static double swing_of(double half) { return half >= PI ? 2 : 2 * sin(half / 2); }
+
+static sector sector_of(interval at)
 {
-    double x = b->x - a->x, y = b->y - a->y, middle = (at.lo + at.hi) / 2, half = (at.hi - at.lo) / 2;
-    double c = cos(middle), s = sin(middle);
-    double swing = half >= PI ? 2 : 2 * sin(half / 2);
-    ring place = {
-        first->middle_x[edge] + c * x + s * y,
-        first->middle_y[edge] + c * y - s * x,
-        0.0,
-        swing * sqrt(x * x + y * y) + first->half_diagonal[edge] + SQRT2 * (a->bound + b->bound) + ROUNDING_MM,
-    };
-    return place;
+    double middle = (at.lo + at.hi) / 2;
+    sector found = {cos(middle), sin(middle), swing_of((at.hi - at.lo) / 2)};
+    return found;
 }
 
-/* The same by distance alone. */
-static ring distance_of(const edge_set *first, int64_t edge, const tip *a, const tip *b)
+/* Where the last of two contacts is, `away` from the first, seen from an edge of the first; and by distance alone. */
+static void rings_of(const edge_set *first, int64_t edge, const tip *a, const tip *b, double away, const sector *at,
+                     ring found[2])
 {
-    double away = hypot(b->x - a->x, b->y - a->y);
+    double x = b->x - a->x, y = b->y - a->y;
     double slack = first->half_diagonal[edge] + SQRT2 * (a->bound + b->bound) + ROUNDING_MM;
-    ring place = {first->middle_x[edge], first->middle_y[edge], away - slack, away + slack};
-    return place;
+    ring place = {
+        first->middle_x[edge] + at->cos * x + at->sin * y,
+        first->middle_y[edge] + at->cos * y - at->sin * x,
+        0.0,
+        at->swing * away + slack,
+    };
+    ring around = {first->middle_x[edge], first->middle_y[edge], away - slack, away + slack};
+    found[0] = place;
+    found[1] = around;
 }
 
 /* A contact to be paired, and those before it: their edge sets, tips, and the range of normals of each. */
@@ -111,25 +127,31 @@ typedef struct {
     const edge_set *sets[3];
     tip tips[3];
     double normals_lo[3], normals_hi[3];
+    double away[2], bound[2]; /* of the last contact from each earlier one, and the bound on it */
     int64_t looked_up, near;
     int modelled; /* whether the model tests are done, too */
     list *found;
 } pairing;
 
+static void measure(pairing *all)
+{
+    const tip *last = &all->tips[all->earlier];
+    for (int k = 0; k < all->earlier; k++) {
+        all->away[k] = hypot(last->x - all->tips[k].x, last->y - all->tips[k].y);
+        all->bound[k] = all->tips[k].bound + last->bound;
+    }
+}
+
 /* Pair the last contact with edges of `state` under an interpretation; 0 with an exception set if it failed. */
-static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *paired, interval at)
+static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *paired, interval at, const sector *seen)
 {
     const edge_set *edges = all->sets[all->earlier];
     const tip *tips = all->tips;
     double lo = all->normals_lo[all->earlier], hi = all->normals_hi[all->earlier];
-    double margin = edges->most_span, measured[2], bound[2];
+    double margin = edges->most_span;
     ring rings[4];
-    for (int k = 0; k < all->earlier; k++) {
-        rings[2 * k] = place_of(all->sets[k], paired[k], &tips[k], &tips[all->earlier], at);
-        rings[2 * k + 1] = distance_of(all->sets[k], paired[k], &tips[k], &tips[all->earlier]);
-        measured[k] = hypot(tips[all->earlier].x - tips[k].x, tips[all->earlier].y - tips[k].y);
-        bound[k] = tips[k].bound + tips[all->earlier].bound;
-    }
+    for (int k = 0; k < all->earlier; k++)
+        rings_of(all->sets[k], paired[k], &tips[k], &tips[all->earlier], all->away[k], seen, rings + 2 * k);
     runs looked = by_normal(edges, state, lo - margin - at.hi, smaller(hi - lo + 2 * margin + at.hi - at.lo, TURN));
     int fine = edges->first[state + 1] - edges->first[state] > FINE_EDGES;
     for (int run = 0; run < looked.count; run++)
@@ -142,7 +164,7 @@ static int pair(pairing *all, int64_t parent, int64_t state, const int64_t *pair
                 int64_t edge = from + found[j];
                 int fits = 1;
                 for (int k = 0; k < all->earlier && fits; k++)
-                    fits = distance_fits(all->sets[k], paired[k], edges, edge, measured[k], bound[k]);
+                    fits = distance_fits(all->sets[k], paired[k], edges, edge, all->away[k], all->bound[k]);
                 interval left = intersect(at, orientation_range(edges, edge, lo, hi));
                 if (!fits || !(left.lo <= left.hi))
                     continue;
@@ -213,14 +235,21 @@ PyObject *second_level(PyObject *self, PyObject *arguments)
                           &job.tips[0].bound, &job.normals_lo[0], &job.normals_hi[0], &job.tips[1].x, &job.tips[1].y,
                           &job.tips[1].bound, &job.normals_lo[1], &job.normals_hi[1], &most, &job.modelled))
         return NULL;
+    measure(&job);
     const edge_set *first = job.sets[0] = edges_of(arrays[0]);
     int fine = first && (job.sets[1] = edges_of(arrays[1]));
     int spent = fine && pairs_by_angle(&job) > most;
+    const double middle = (job.normals_lo[0] + job.normals_hi[0]) / 2, width = job.normals_hi[0] - job.normals_lo[0];
+    const double c = cos(middle), s = sin(middle), swing = swing_of(width / 2 + TURN_ROUNDING_RAD);
     for (int64_t state = 0; fine && !spent && state < first->states; state++)
         for (int64_t edge = first->first[state]; fine && edge < first->first[state + 1]; edge++)
             if (first->representative[edge]) {
                 interval at = orientation_range(first, edge, job.normals_lo[0], job.normals_hi[0]);
-                fine = pair(&job, edge, state, &edge, at);
+                const double *normal = first->normal + 2 * edge;
+                /* the middle orientation is that of the normals, less the angle of the edge's */
+                const sector turned = {c * normal[0] + s * normal[1], s * normal[0] - c * normal[1], swing};
+                const sector seen = first->span[edge] > 0 || width > TURN ? sector_of(at) : turned;
+                fine = pair(&job, edge, state, &edge, at, &seen);
             }
     if (!fine) {
         free_list(&found);
@@ -256,6 +285,7 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
         job.normals_hi[k] = normals[k][1];
     }
     const Py_ssize_t row = count * (Py_ssize_t)sizeof(double);
+    measure(&job);
     const int64_t *states = NULL, *edges = NULL;
     const double *lo = NULL, *hi = NULL;
     int fine = take_sets(sets_in, job.sets);
@@ -263,7 +293,8 @@ PyObject *third_level(PyObject *self, PyObject *arguments)
            (lo = borrow(&all, lo_in, row)) && (hi = borrow(&all, hi_in, row));
     for (Py_ssize_t node = 0; fine && node < count && job.looked_up <= most; node++) {
         interval at = {lo[node], hi[node]};
-        fine = pair(&job, node, states[node], edges + 2 * node, at);
+        const sector seen = sector_of(at);
+        fine = pair(&job, node, states[node], edges + 2 * node, at, &seen);
     }
     release(&all);
     if (!fine) {
@@ -303,9 +334,9 @@ PyObject *extend(PyObject *self, PyObject *arguments)
         for (int run = 0; run < looked.count; run++) {
             looked_up += large ? 0 : looked.to[run] - looked.from[run];
             for (int64_t edge = looked.from[run]; edge < looked.to[run]; edge++) {
-                double away = point_segment(place[2 * cell], place[2 * cell + 1], edges->start + 2 * edge,
-                                            edges->direction + 2 * edge, edges->length[edge]);
-                if (away > reach[cell] + edges->slack_mm[edge])
+                double square = point_segment(place[2 * cell], place[2 * cell + 1], edges->start + 2 * edge,
+                                              edges->direction + 2 * edge, edges->length[edge]);
+                if (sqrt(square) > reach[cell] + edges->slack_mm[edge])
                     continue;
                 looked_up += large;
                 interval at = {lo[cell], hi[cell]};
