@@ -1,0 +1,91 @@
+"""How long the rig waits between grips over a large catalogue: `python benchmarks/bench_waiting.py`.
+
+Emulated runs over outlines of real parts (PALPATE_SHARED_DATA, or the objects files that are named), each in
+several sizes until there are as many as `--objects`. The wait is the processor time from the end of a grip to
+the next plan, or to the answer. One row for each rig: median, 90th percentile, maximum.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+from shared_files import SHARED_OUTLINE_SETS
+
+import palpate
+from palpate.rig.identification.observers import Event, PlanEvent, TouchEvent
+
+RIGS = ("config/rigs/bench.toml", "examples/firm-rig.toml")
+
+
+def joined(files: list[Path], most: int) -> dict[str, Any]:
+    """An objects file of so many objects: those of all files, then the same in other sizes."""
+    whole = json.loads(files[0].read_text(encoding="utf-8"))
+    objects = [item for path in files for item in json.loads(path.read_text(encoding="utf-8"))["objects"]]
+    sizes = np.random.default_rng(1).uniform(0.75, 1.0, most)
+    found = []
+    for k in range(most):
+        item, size = objects[k % len(objects)], 1.0 if k < len(objects) else float(sizes[k])
+        outline = [[round(size * x, 4), round(size * y, 4), *rest] for x, y, *rest in item["outline"]]
+        found.append({**item, "name": f"{item['name']}-{k}", "outline": outline})
+    return {**whole, "objects": found}
+
+
+class Waits:
+    """Processor times (s) from each grip's end to what follows."""
+
+    def __init__(self) -> None:
+        self.found: list[float] = []
+        self._since: float | None = None
+
+    def __call__(self, event: Event) -> None:
+        """Note an event of the run."""
+        if isinstance(event, TouchEvent):
+            self._since = time.process_time()
+        elif isinstance(event, PlanEvent):
+            self.end()
+
+    def end(self) -> None:
+        """The wait is over."""
+        if self._since is not None:
+            self.found.append(time.process_time() - self._since)
+        self._since = None
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("files", nargs="*", type=Path, help="objects files")
+    parser.add_argument("--objects", type=int, default=500)
+    parser.add_argument("--runs", type=int, default=10)
+    given = parser.parse_args()
+    files = given.files or list(SHARED_OUTLINE_SETS)
+    with tempfile.TemporaryDirectory() as folder:
+        objects = Path(folder, "objects.json")
+        whole = joined(files, given.objects)
+        objects.write_text(json.dumps(whole), encoding="utf-8")
+        print(f"{len(whole['objects'])} objects, {given.runs} runs each")
+        print("rig                     waits    median      90 %   longest  identified")
+        for rig in RIGS:
+            waits, identified = Waits(), 0
+            for seed in range(given.runs):
+                with palpate.open_rig(Path(__file__).parents[1] / rig, seed=seed) as opened:
+                    answer = opened.identify(objects, sessions=Path(folder, "sessions"), on_event=waits)
+                waits.end()
+                identified += answer.verdict.value == "identified"
+            times = np.array(waits.found)
+            print(
+                f"{Path(rig).name:<22} {len(times):>6} {np.median(times):>7.3f} s "
+                f"{np.percentile(times, 90):>7.3f} s {times.max():>7.3f} s  {identified}/{given.runs}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
