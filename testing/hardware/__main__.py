@@ -10,6 +10,8 @@ sys.exit(
             "-p",
             "palpate.testing.hardware.plugin",
             "--import-mode=importlib",
+            "--tb=short",
+            "-ra",
             "--pyargs",
             "palpate.testing.hardware",
             *sys.argv[1:],

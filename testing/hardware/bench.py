@@ -13,7 +13,7 @@ from palpate.drivers.tactile.frames import ArrayCounters, ArrayDriver, TactileFr
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 from palpate.errors import DeviceError
-from palpate.geometry import Bools
+from palpate.geometry import Bools, Floats
 from palpate.rig.arrays import array_of
 from palpate.rig.bus_latency import bus_latency_s
 from palpate.rig.diagnostics.bus_selection import list_servos
@@ -57,8 +57,9 @@ class Recording:
         result: Bools = ends | (self._spread() == 0.0)
         return result
 
-    def _spread(self) -> np.ndarray:
-        return np.stack([frame.counts for frame in self.frames]).std(axis=0)
+    def _spread(self) -> Floats:
+        spread: Floats = np.stack([frame.counts for frame in self.frames]).std(axis=0)
+        return spread
 
 
 @contextmanager

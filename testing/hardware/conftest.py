@@ -9,14 +9,14 @@ import pytest
 
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Ping
-from palpate.errors import DeviceError, InputError
+from palpate.errors import DeviceError
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import RigServo, list_servos
 from palpate.rig.motion.hand import Hand
 from palpate.testing.hardware.bench import Recording, ping_all, record_arrays
 from palpate.testing.hardware.plugin import RIG, ask_to_move
-from palpate.testing.hardware.ways import Ways, ways_outside
+from palpate.testing.hardware.ways import Ways, ways_in_air
 
 Note = Callable[[str, object], None]
 
@@ -144,7 +144,7 @@ def array(
 
 
 @pytest.fixture
-def resting_hand(permission: None, rig: RigFile) -> Iterator[Hand]:
+def resting_hand(rig: RigFile) -> Iterator[Hand]:
     """The hand, connected, torque off; an error if a device is missing. Torque is off at the end."""
     try:
         connected = connect(set_up(rig, None, 0))
@@ -166,11 +166,8 @@ def hand(resting_hand: Hand) -> Hand:
 
 @pytest.fixture(scope="session")
 def ways(rig: RigFile) -> Ways:
-    """Ways of all fingers outside of the workspace; skips where they have no room there."""
-    try:
-        return ways_outside(rig)
-    except InputError as error:
-        pytest.skip(str(error))
+    """Ways of all fingers in from where they wait."""
+    return ways_in_air(rig)
 
 
 def _missing(reason: object) -> NoReturn:

@@ -77,6 +77,7 @@ def ask_to_move(config: pytest.Config, name: str, what: str) -> None:
     `--yes-move` answers yes. Without it and without a terminal nothing can be asked.
     """
     capture = config.pluginmanager.get_plugin("capturemanager")
+    assert capture is not None, "it comes with pytest"
     capture.suspend_global_capture(in_=True)
     try:
         sys.stdout.write(f"\n{name} moves: {what}\n")

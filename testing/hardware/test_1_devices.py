@@ -43,7 +43,8 @@ def test_servo_has_the_limits_of_a_run_in_its_eeprom(servo: FoundServo, rig: Rig
     """What a run would write before it moves is there already: `palpate setup-motors` has been here."""
     found = _checked(rig, servo)
     assert found.answers, found.problems
-    assert {item.item: (item.found, item.wanted) for item in found.settings} == {}
+    differing = [f"{item.item} {item.found} → {item.wanted}" for item in found.settings]
+    assert not differing, "`palpate setup-motors` writes them"
 
 
 def test_goals_out_of_range_are_refused(servo: FoundServo, rig: RigFile) -> None:
@@ -68,9 +69,8 @@ def test_goals_out_of_range_are_refused(servo: FoundServo, rig: RigFile) -> None
         assert item.servo.read("Goal Position") == before
 
 
-def test_all_servos_are_read_at_the_sample_rate(
-    rig: RigFile, all_servos: None, note: Note
-) -> None:
+@pytest.mark.usefixtures("all_servos")
+def test_all_servos_are_read_at_the_sample_rate(rig: RigFile, note: Note) -> None:
     """As often as `sample_rate_hz`, over a second."""
     with open_bus(rig) as bus:
         servos = [item.servo for item in servo_settings(rig, bus)]

@@ -40,9 +40,7 @@ def test_one_touch_of_a_part(rig: RigFile, hand: Hand, note: Note) -> None:
 
 @pytest.mark.needs_part
 @pytest.mark.moves("fingers identify the part that `--part` names, as `palpate identify` does")
-def test_a_known_part_is_identified(
-    pytestconfig: pytest.Config, on_bench: RigOnBench, note: Note
-) -> None:
+def test_a_known_part_is_identified(pytestconfig: pytest.Config, on_bench: RigOnBench, note: Note) -> None:
     """The answer is the part that lies there, and the only one."""
     part, objects = pytestconfig.getoption("part"), pytestconfig.getoption("objects")
     assert isinstance(on_bench.path, Path)

@@ -1,4 +1,4 @@
-"""Motions of the tests that need no clear table: outside of the workspace, each finger on lines that are free."""
+"""Motions of the tests through air: each finger alone, some way in from where it waits."""
 
 import math
 from collections.abc import Sequence
@@ -6,42 +6,33 @@ from collections.abc import Sequence
 from palpate.config import RigFile
 from palpate.drivers.dynamixel.guarded import End
 from palpate.drivers.dynamixel.servo import Servo
-from palpate.errors import InputError
 from palpate.recognizer import FingerApproach
-from palpate.rig.identification.exploration import outside_fast
 from palpate.rig.motion.approach_state import ApproachState
 from palpate.rig.motion.finger_movers import TipMover
 from palpate.rig.motion.guarded_approach import aim, go_to, retract_all, turn_stage
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
 
-__all__ = ["AirMover", "HalfWay", "HostSilence", "Ways", "aimed", "back", "servos_of", "ways_outside"]
+__all__ = ["AirMover", "HalfWay", "HostSilence", "Ways", "aimed", "back", "servos_of", "ways_in_air"]
 
 _AIMS = 11
-_LEAST_MM = 8.0
+_WAY_MM = 25.0
 _MOVING_MM = 1.0
-_INSIDE_MM = 1.0  # how far before the workspace they end: more than a finger runs on
 
 Ways = tuple[tuple[FingerApproach, FingerApproach, FingerApproach], ...]
 """Of each finger: at one end of its aims, in the middle, at the other end."""
 
 
-def ways_outside(rig: RigFile) -> Ways:
-    """Ways of all fingers that end before the workspace. Raises InputError where a finger has no room."""
+def ways_in_air(rig: RigFile) -> Ways:
+    """Ways of all fingers that go 25 mm into the workspace at most. InputError for one without room."""
     reach = reach_of(rig, aims=_AIMS)
     found = []
-    for index, spec in enumerate(rig.fingers):
-        own = [
-            _up_to_workspace(reach.approaches[k], rig) for k in reach.of_finger(index, reach.middle_rad)
-        ]
-        long = [way for way in own if way.travel_mm >= _LEAST_MM]
-        if not long:
-            most = max((way.travel_mm for way in own), default=0.0)
-            raise InputError(
-                f"finger {spec.name} has {most:.1f} mm outside of the workspace, and these tests need "
-                f"{_LEAST_MM:g} mm"
-            )
-        found.append((long[0], long[len(long) // 2], long[-1]))
+    for index in range(len(rig.fingers)):
+        own = [reach.approaches[k] for k in reach.of_finger(index, reach.middle_rad)]
+        first, middle, last = (
+            way.up_to(min(way.travel_mm, _WAY_MM)) for way in (own[0], own[len(own) // 2], own[-1])
+        )
+        found.append((first, middle, last))
     return tuple(found)
 
 
@@ -60,10 +51,8 @@ class AirMover(TipMover):
 
     largest_n = 0.0
 
-    def __init__(self, hand: Hand, run: ApproachState, speed_mm_s: float, others: Sequence[ApproachState]) -> None:
-        super().__init__(
-            hand, run, run.approach.travel_mm, speed_mm_s, hand.rig.closing.contact_force_n, others
-        )
+    def __init__(self, hand: Hand, run: ApproachState, speed_mm_s: float) -> None:
+        super().__init__(hand, run, run.approach.travel_mm, speed_mm_s, hand.rig.closing.contact_force_n)
 
     def sense(self, now: float) -> End | None:
         """As every way."""
@@ -101,11 +90,6 @@ class HostSilence(TipMover):
             self.hand.clock.sleep(self._silence_s)
             return None
         return super().until(now)
-
-
-def _up_to_workspace(approach: FingerApproach, rig: RigFile) -> FingerApproach:
-    free = outside_fast(approach, rig.workspace.radius_mm).fast_mm
-    return approach.up_to(max(free - _INSIDE_MM, 0.0))
 
 
 def back(hand: Hand, runs: Sequence[ApproachState]) -> None:
