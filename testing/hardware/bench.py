@@ -106,7 +106,7 @@ def record_arrays(rig: RigFile) -> Mapping[str, Recording | DeviceError]:
                 found[name] = error
                 del arrays[name]
         frames: dict[str, list[TactileFrame]] = {name: [] for name in arrays}
-        end = clock.now() + LISTEN_S
+        end = clock.now() + (LISTEN_S if arrays else 0.0)
         while clock.now() < end:
             clock.sleep(_POLL_S)
             for name, array in arrays.items():

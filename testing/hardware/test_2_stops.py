@@ -24,10 +24,10 @@ _SETTLE_S = 0.3
 _JUMP_RAD = 0.02
 _STOP_WITHIN_S = 20.0  # Python's start, and two programs that share a port
 _STOPS_WITHIN_S = 0.2
-_WATCHED_S = 0.8
+_WATCHED_S = 0.6
 _REST_S = 0.2
 _RESTS_MM = 0.1  # a few steps of a servo
-_SILENCE_S = 1.5
+_SILENCE_S = 1.3
 _SILENT_MM_S = 3.0
 _LATE_S = 0.3  # the watchdog's step of 20 ms, a servo's lag behind its goal, and braking
 _LOOK_S = 0.002
@@ -127,7 +127,7 @@ def test_a_guard_stops_a_finger(ways: Ways, rig: RigFile, hand: Hand, note: Note
 
 @dataclass(frozen=True)
 class Seen:
-    """What was seen after a guard: how long (s) the tip went on, and how far (mm); how it moved at the end."""
+    """After a guard: how long (s) the tip went on, how far (mm), and how it moved at the end (mm)."""
 
     forward_s: float
     ran_mm: float

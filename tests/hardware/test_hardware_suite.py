@@ -1,4 +1,4 @@
-"""The tests of a real rig, run on served emulated devices: they pass, fail, err and skip where they should."""
+"""The tests of a real rig, on served emulated devices: they pass, fail, err and skip where they should."""
 
 import json
 import os
@@ -25,14 +25,13 @@ WEDGE = [[-20, -15], [25, -15], [-20, 15]]
 MOVES = re.compile(r"^\S+ moves: \S.*$", re.MULTILINE)
 
 
-def suite(folder: Path, *words: object, **streams: int) -> subprocess.CompletedProcess[str]:
+def suite(folder: Path, *words: object, stdin: int = subprocess.DEVNULL) -> subprocess.CompletedProcess[str]:
     """Run it in a folder of its own, as from an installed package."""
     return subprocess.run(
         [*SUITE, "-p", "no:cacheprovider", *map(str, words)],
         cwd=folder,
-        stdin=streams.get("stdin", subprocess.DEVNULL),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+        stdin=stdin,
+        capture_output=True,
         text=True,
         timeout=200,
         check=False,
@@ -51,15 +50,14 @@ def parts_on_table(folder: Path) -> tuple[Path, Path]:
     return parts, scene
 
 
-def rig_file(folder: Path, fingers: int, **emulation: float) -> Path:
+def rig_file(folder: Path, fingers: int) -> Path:
     """A small bench that needs few frames a second, on a computer that other tests use, too."""
     rig, _ = quick_bench(folder, fingers)
     text = rig.read_text(encoding="utf-8")
     for old, new in (
-        ("sample_rate_hz = 125.0", "sample_rate_hz = 50.0"),
+        ("sample_rate_hz = 125.0", "sample_rate_hz = 100.0"),
         ("approach_speed_mm_s = 30.0", "approach_speed_mm_s = 60.0\nsearch_speed_mm_s = 15.0"),
-        ("range_deg = [-35.0, 35.0]", "range_deg = [-14.0, 14.0]"),
-        ("[emulation]\n", "".join(["[emulation]\n", *(f"{key} = {v}\n" for key, v in emulation.items())])),
+        ("range_deg = [-35.0, 35.0]", "range_deg = [-8.0, 8.0]"),
     ):
         assert old in text
         text = text.replace(old, new)
@@ -126,7 +124,7 @@ def test_a_rig_that_is_well_passes(bench: Path, tmp_path: Path) -> None:
     array = properties(tmp_path / "found.xml", "test_array_streams_without_loss[f1]")
     assert array.items() >= {("protocol", "palpate"), ("geometry", "8 x 20 cylinder"), ("emulated", "True")}
     assert len(array["unique_id"]) == 32
-    assert 240 <= int(array["frames"]) <= 260, "5 s at 50 Hz"
+    assert 480 <= int(array["frames"]) <= 520, "5 s at 100 Hz"
     assert properties(tmp_path / "found.xml", "")["rig"] == "firm-bench"
     assert "loop_hz" in done.stdout, "figures are shown"
 
@@ -134,22 +132,23 @@ def test_a_rig_that_is_well_passes(bench: Path, tmp_path: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.timeout(100)
 def test_what_is_wrong_fails_and_what_is_missing_is_an_error(tmp_path: Path) -> None:
-    """A servo and an array that are not there, one that answers as another model, dead taxels, no set-up."""
+    """A servo and an array that are not there, one that answers as another model, limits not written."""
     parts, scene = parts_on_table(tmp_path)
-    words = ("--rig", rig_file(tmp_path, 2, dead_taxels=2), "--objects", parts, "--scene", scene)
+    words = ("--rig", rig_file(tmp_path, 2), "--objects", parts, "--scene", scene)
     with served(tmp_path, *words, "--rig-out", "real.toml") as (_, printed):
         rig = tmp_path / "real.toml"
         patient(rig)
         text = rig.read_text(encoding="utf-8")
         for old, new in (
             ("dxl_id = 12", "dxl_id = 13"),
-            (printed["ports"]["mock://f2"], str(tmp_path / "no-such-port")),
-            ('dxl_id = 21\nmodel = "XM430-W350"', 'dxl_id = 21\nmodel = "XM430-W210"'),
+            (printed["ports"]["mock://f1"], str(tmp_path / "no-such-port")),
+            (printed["ports"]["mock://f2"], str(tmp_path / "nor-this")),
+            ('dxl_id = 21\nmodel = "XM430-W350"', 'dxl_id = 21\nmodel = "XL330-M288"'),
         ):
             assert text.count(old) == 1
             text = text.replace(old, new)
         rig.write_text(text, encoding="utf-8")
-        which = "model or eeprom or read or dead or streams or jump"
+        which = "model or eeprom or read or streams or jump"
         done = suite(tmp_path, "--rig", rig, "--yes-move", "--junitxml", "found.xml", "-k", which)
     assert done.returncode == 1
     assert outcomes(tmp_path / "found.xml") == {
@@ -162,10 +161,8 @@ def test_what_is_wrong_fails_and_what_is_missing_is_an_error(tmp_path: Path) -> 
         "test_servo_has_the_limits_of_a_run_in_its_eeprom[21-f2-aim]": "failed",
         "test_servo_has_the_limits_of_a_run_in_its_eeprom[22-f2-slide]": "failed",
         "test_all_servos_are_read_at_the_sample_rate": "error",
-        "test_array_streams_without_loss[f1]": "passed",
+        "test_array_streams_without_loss[f1]": "error",
         "test_array_streams_without_loss[f2]": "error",
-        "test_array_has_no_dead_taxels[f1]": "failed",
-        "test_array_has_no_dead_taxels[f2]": "error",
         "test_torque_goes_on_without_a_jump": "error",
     }
     assert re.search(r"servo 13 on \S+ does not answer", done.stdout)
