@@ -1,6 +1,6 @@
 """What tests of a rig look at: its bus, its arrays' streams, its hand. Whatever is opened is closed again."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 
@@ -16,9 +16,22 @@ from palpate.errors import DeviceError
 from palpate.geometry import Bools, Floats
 from palpate.rig.arrays import array_of
 from palpate.rig.bus_latency import bus_latency_s
-from palpate.rig.diagnostics.bus_selection import list_servos
+from palpate.rig.diagnostics.bus_selection import RigServo, list_servos
 
-__all__ = ["LISTEN_S", "Recording", "open_bus", "ping_all", "record_arrays"]
+__all__ = [
+    "LISTEN_S",
+    "FoundArray",
+    "FoundServo",
+    "Note",
+    "Recording",
+    "open_bus",
+    "ping_all",
+    "record_arrays",
+]
+
+Note = Callable[[str, object], None]
+"""Notes a figure by name."""
+
 
 LISTEN_S = 5.0
 """How long all arrays stream at once."""
@@ -60,6 +73,22 @@ class Recording:
     def _spread(self) -> Floats:
         spread: Floats = np.stack([frame.counts for frame in self.frames]).std(axis=0)
         return spread
+
+
+@dataclass(frozen=True)
+class FoundServo:
+    """A servo of the rig file that answers."""
+
+    wanted: RigServo
+    ping: Ping
+
+
+@dataclass(frozen=True, eq=False)
+class FoundArray:
+    """An array of the rig file that answers, and what it sent."""
+
+    spec: FingerConfig
+    recording: Recording
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """Fixtures of the hardware tests. A device of the rig file that does not answer is an error in them."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from importlib.metadata import version
 from typing import NoReturn
 
@@ -14,27 +13,9 @@ from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import RigServo, list_servos
 from palpate.rig.motion.hand import Hand
-from palpate.testing.hardware.bench import Recording, ping_all, record_arrays
+from palpate.testing.hardware.bench import FoundArray, FoundServo, Note, Recording, ping_all, record_arrays
 from palpate.testing.hardware.plugin import RIG, ask_to_move
 from palpate.testing.hardware.ways import Ways, ways_in_air
-
-Note = Callable[[str, object], None]
-
-
-@dataclass(frozen=True)
-class FoundServo:
-    """A servo of the rig file that answers."""
-
-    wanted: RigServo
-    ping: Ping
-
-
-@dataclass(frozen=True, eq=False)
-class FoundArray:
-    """An array of the rig file that answers, and what it sent."""
-
-    spec: FingerConfig
-    recording: Recording
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

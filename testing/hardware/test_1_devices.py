@@ -19,8 +19,7 @@ from palpate.rig.arrays import calibration_of, threshold_problem
 from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.servo_check import check_loop, check_servo
 from palpate.rig.servo_settings import ServoSettings, servo_settings
-from palpate.testing.hardware.bench import open_bus
-from palpate.testing.hardware.conftest import FoundArray, FoundServo, Note
+from palpate.testing.hardware.bench import FoundArray, FoundServo, Note, open_bus
 
 _RATE_SHARE = 0.98  # of sample_rate_hz: arrays have clocks of their own
 _BEYOND_RAD = 0.02

@@ -17,7 +17,7 @@ from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.motion.guarded_approach import look, move_tips
 from palpate.rig.motion.hand import WATCHDOG_S, Hand
-from palpate.testing.hardware.conftest import Note
+from palpate.testing.hardware.bench import Note
 from palpate.testing.hardware.ways import HalfWay, HostSilence, Ways, aimed, back, servos_of
 
 _SETTLE_S = 0.3

@@ -7,7 +7,7 @@ from palpate.drivers.dynamixel.guarded import End
 from palpate.rig.motion.finger_movers import ARRIVED_MM
 from palpate.rig.motion.guarded_approach import go_to, look, move_tips
 from palpate.rig.motion.hand import Hand
-from palpate.testing.hardware.conftest import Note
+from palpate.testing.hardware.bench import Note
 from palpate.testing.hardware.ways import AirMover, Ways, aimed, back
 
 

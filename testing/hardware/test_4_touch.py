@@ -11,7 +11,7 @@ from palpate.rig.identification.exploration import exploring_grip, outside_fast
 from palpate.rig.motion.guarded_approach import carry_out_grip
 from palpate.rig.motion.hand import Hand
 from palpate.rig.reach.approaches import reach_of
-from palpate.testing.hardware.conftest import Note
+from palpate.testing.hardware.bench import Note
 
 _AIMS = 41
 _SESSIONS = Path("palpate-sessions")  # where `palpate identify` keeps its own
