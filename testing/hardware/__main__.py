@@ -4,17 +4,7 @@ import sys
 
 import pytest
 
-sys.exit(
-    pytest.main(
-        [
-            "-p",
-            "palpate.testing.hardware.plugin",
-            "--import-mode=importlib",
-            "--tb=short",
-            "-ra",
-            "--pyargs",
-            "palpate.testing.hardware",
-            *sys.argv[1:],
-        ]
-    )
-)
+_HOW = ("-p", "palpate.testing.hardware.plugin", "--import-mode=importlib", "--tb=short", "-ra")
+
+if __name__ == "__main__":
+    sys.exit(pytest.main([*_HOW, "--pyargs", "palpate.testing.hardware", *sys.argv[1:]]))

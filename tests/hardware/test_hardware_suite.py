@@ -190,7 +190,7 @@ def test_without_a_terminal_nothing_moves_unasked(tmp_path: Path) -> None:
     assert "--yes-move if it may" in done.stdout
 
 
-@pytest.mark.parametrize(("answer", "outcome"), [("y", "1 error"), ("", "1 skipped"), ("no", "1 skipped")])
+@pytest.mark.parametrize(("answer", "outcome"), [("y", "1 error"), ("", "1 skipped")])
 def test_on_a_terminal_it_asks(tmp_path: Path, answer: str, outcome: str) -> None:
     """With a yes it goes on, here to ports that do not exist."""
     ours, theirs = pty.openpty()
