@@ -232,21 +232,22 @@ def test_a_signal_ends_it_with_torque_off(bench: Path, tmp_path: Path) -> None:
 @pytest.mark.realtime
 @pytest.mark.campaign
 @pytest.mark.timeout(400)
-@pytest.mark.parametrize(("named", "outcome"), [("ell", "1 passed"), ("wedge", "1 failed")])
-def test_the_part_that_lies_there_is_the_answer(tmp_path: Path, named: str, outcome: str) -> None:
+def test_the_part_that_lies_there_is_the_answer(tmp_path: Path) -> None:
     rig, parts = quick_bench(tmp_path)
+    quick = rig.read_text(encoding="utf-8")
+    rig.write_text(quick.replace("touch_speed_mm_s", "search_speed_mm_s = 6.0\ntouch_speed_mm_s", 1))
     scene = tmp_path / "scene.json"
     where = {"x": -20.0, "y": -20.0, "theta": 0.3}
     scene.write_text(json.dumps({"format": "palpate/scene@1", "object": "ell", "configuration": where}))
     words = ("--rig", rig, "--objects", parts, "--scene", scene, "--rig-out", "real.toml")
     with served(tmp_path, *words):
         patient(tmp_path / "real.toml")
-        about = ("--part", named, "--objects", parts, "-k", "identified")
+        about = ("--part", "ell", "--objects", parts, "-k", "identified")
         for _ in range(3):  # a busy computer's devices fall silent now and then
             done = suite(tmp_path, "--rig", "real.toml", "--yes-move", *about)
             if "answer " in done.stdout:
                 break
-    assert outcome in done.stdout
+    assert "1 passed" in done.stdout, done.stdout
     assert "answer ell" in done.stdout, done.stdout
     assert list((tmp_path / "palpate-sessions").iterdir()), "a log to send back"
 
