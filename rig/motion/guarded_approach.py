@@ -28,7 +28,7 @@ from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.turning_stage import planned_turn
 
 __all__ = ["GripPhase", "Measure", "Touch", "aim", "carry_out_grip", "go_to", "look"]
-__all__ += ["measure_at_rest", "move_tips", "retract_all"]
+__all__ += ["measure_at_rest", "move_tips", "retract_all", "turn_stage"]
 
 _STATE_EVERY = 5  # samples between looks at the servos while nothing is touched, if that is soon enough
 _FREE_PERIOD_S = 0.02
@@ -89,7 +89,7 @@ def _carry_out(
     tell(GripPhase.AIMING)
     hand.arm()
     retract_all(hand)
-    turn = _turn(hand, {item.stage_rad for item in grip})
+    turn = turn_stage(hand, {item.stage_rad for item in grip})
     runs = [ApproachState.of(hand.fingers[item.finger_index], item, turn) for item in grip]
     aim(hand, runs)
     under_way += runs
@@ -148,7 +148,7 @@ def retract_all(hand: Hand) -> None:
     _move_free(hand, [_free(finger, begin(goals)) for finger, goals in ways.items() if goals])
 
 
-def _turn(hand: Hand, wanted_rad: Collection[float]) -> Turn:
+def turn_stage(hand: Hand, wanted_rad: Collection[float]) -> Turn:
     """Turn the stage to a grip's angle, which all its approaches share; every finger goes home first.
 
     Returns the turn that was asked for: the lines of a grip are computed for it.

@@ -1,0 +1,10 @@
+"""The hardware tests without a checkout; arguments are those of pytest and of the plugin."""
+
+import sys
+
+import pytest
+
+_HOW = ("-p", "palpate.testing.hardware.plugin", "--import-mode=importlib", "--tb=short", "-ra")
+
+if __name__ == "__main__":
+    sys.exit(pytest.main([*_HOW, "--pyargs", "palpate.testing.hardware", *sys.argv[1:]]))
