@@ -308,6 +308,33 @@ def _traffic(case: Case, seen: ServosSeen) -> DoctorStepOut:
     return step(*_NAMES[5], f"{rate}, {seen.lost} of {seen.asked} answers lost", findings)
 
 
+def _zeros(case: Case, seen: ServosSeen) -> DoctorStepOut:
+    spoiled = {
+        finger.name
+        for finger in case.rig.fingers
+        for item in seen.servos
+        if _is_reversed(item) and item.dxl_id in [servo.dxl_id for servo in finger.servos.values()]
+    }
+    starts = {name: problem for name, problem in seen.starts.items() if name not in spoiled}
+    if not starts:
+        return skipped(*_NAMES[6], "no finger has two servos that can be read and count as the rig file says")
+    findings = [
+        wrong(
+            Cause.ZERO_OFF,
+            f"finger {name}",
+            problem.partition("; ")[0],
+            "it was pushed there by hand, or zeros in the rig file are off",
+            problem.partition("; ")[2],
+        )
+        for name, problem in starts.items()
+        if problem is not None
+    ]
+    left = [finger.name for finger in case.rig.fingers if finger.name not in starts]
+    more = f"; not looked at: {listed(left)}" if left else ""
+    fine = len(starts) - len(findings)
+    return step(*_NAMES[6], f"{fine} of {counted(len(starts), 'finger stands', 'fingers stand')} where they wait{more}", findings)
+
+
 def _is_reversed(item: ServoSeen) -> bool:
     return bool((item.setting("Drive Mode") or 0) & _REVERSED) and item.wanted.get("Drive Mode") == 0
 
@@ -339,5 +366,6 @@ _NAMES = (
     ("torque", "read whether torque is on"),
     ("settings in EEPROM", "read modes, limits and directions, beside what a run wants"),
     ("bus traffic", "read all servos over and over for a second, as a run does"),
+    ("zeros", "computed from the servos' angles where fingers stand, beside where they may start"),
 )
-_JUDGES: tuple[_Judge, ...] = (_firmware, _supply, _hardware, _torque, _settings, _traffic)
+_JUDGES: tuple[_Judge, ...] = (_firmware, _supply, _hardware, _torque, _settings, _traffic, _zeros)

@@ -17,7 +17,8 @@ from palpate.drivers.dynamixel.state import ServoState
 from palpate.errors import DeviceError, InputError
 from palpate.rig.diagnostics.doctor_steps import Case
 from palpate.rig.diagnostics.servo_check import check_loop
-from palpate.rig.servo_settings import ServoSettings, servo_settings
+from palpate.rig.servo_settings import ServoSettings, finger_settings, servo_settings
+from palpate.rig.wiring import start_problem
 
 __all__ = ["EXTRA_ITEMS", "ServoSeen", "ServosSeen", "look_at_servos"]
 
@@ -64,7 +65,7 @@ class ServoSeen:
 @dataclass(frozen=True, eq=False)
 class ServosSeen:
     """All servos that were looked at. `lost`: answers lost or damaged, of `asked` questions.
-
+    `starts`: for each finger whose servos could be read, why a run would not start from where it stands.
     `failure` of the bus as a whole; then nothing else is known.
     """
 
@@ -74,6 +75,7 @@ class ServosSeen:
     asked: int
     lost: int
     stale: int
+    starts: Mapping[str, str | None]
     failure: str | None = None
 
 
@@ -85,7 +87,7 @@ def look_at_servos(case: Case, sound: frozenset[int]) -> ServosSeen:
         with closing(Bus(port, case.place.clock, rate, latency_s=case.place.latency_s)) as bus:
             return _read(case, bus, sound)
     except DeviceError as error:
-        return ServosSeen((), {}, None, 0, 0, 0, str(error))
+        return ServosSeen((), {}, None, 0, 0, 0, {}, str(error))
 
 
 def _read(case: Case, bus: Bus, sound: frozenset[int]) -> ServosSeen:
@@ -113,8 +115,24 @@ def _read(case: Case, bus: Bus, sound: frozenset[int]) -> ServosSeen:
             pass
     counts = bus.counts
     return ServosSeen(
-        tuple(seen), states, loop, counts.instructions, counts.damaged + counts.silent, counts.stale
+        tuple(seen),
+        states,
+        loop,
+        counts.instructions,
+        counts.damaged + counts.silent,
+        counts.stale,
+        _starts(case, bus, states),
     )
+
+
+def _starts(case: Case, bus: Bus, states: Mapping[int, ServoState]) -> dict[str, str | None]:
+    starts: dict[str, str | None] = {}
+    for finger in finger_settings(case.rig, bus):
+        near, far = (item.servo for item in finger.servos)
+        if near.dxl_id in states and far.dxl_id in states:
+            at = states[near.dxl_id].position_rad, states[far.dxl_id].position_rad
+            starts[finger.spec.name] = start_problem(finger.spec, case.rig, (near, far), at)
+    return starts
 
 
 def _look(bus: Bus, item: ServoSettings) -> ServoSeen:
