@@ -210,7 +210,8 @@ def _stream(item: ArraySeen, wanted: float) -> list[FindingOut]:
             wrong(
                 Cause.FRAMES_LOST,
                 item.name,
-                f"{lost} of {got + lost} frames were lost or damaged" + (f"; {item.broken}" if item.broken else ""),
+                f"{lost} of {got + lost} frames were lost or damaged"
+                + (f"; {item.broken}" if item.broken else ""),
                 "its cable is bad, too long or beside motor cables, or a USB hub is overloaded",
                 "plug the array into the computer directly, with another cable",
             )
@@ -308,7 +309,9 @@ def _dead(item: ArraySeen, dead: Bools) -> list[FindingOut]:
     if len(rows) == len(dead):
         saw = f"none of its {dead.size} taxels ever changes"
         why = "its skin is not connected to its electronics"
-        return [wrong(Cause.ARRAY_HARDWARE, item.name, saw, why, "check the cable between skin and electronics")]
+        return [
+            wrong(Cause.ARRAY_HARDWARE, item.name, saw, why, "check the cable between skin and electronics")
+        ]
     found = []
     left = dead.copy()
     for cause, name, numbers in ((Cause.DEAD_COLUMN, "column", columns), (Cause.DEAD_ROW, "row", rows)):
@@ -316,7 +319,11 @@ def _dead(item: ArraySeen, dead: Bools) -> list[FindingOut]:
             continue
         which = listed([str(number) for number in numbers])
         saw = f"all taxels of {name}{'' if len(numbers) == 1 else 's'} {which} are dead"
-        found.append(wrong(cause, item.name, saw, f"a line of the {name} is broken, or its plug does not touch", replace))
+        found.append(
+            wrong(
+                cause, item.name, saw, f"a line of the {name} is broken, or its plug does not touch", replace
+            )
+        )
         left[:, columns] = False
         left[rows] = False
     if left.any():
@@ -330,13 +337,23 @@ def _stuck(item: ArraySeen, hot: Bools) -> list[FindingOut]:
         return []
     saw = f"{counted(int(hot.sum()), 'taxel', 'taxels')} at full scale without a touch: {_places(hot)}"
     why = "a short circuit in the skin, or something is pressed into it"
-    return [wrong(Cause.HOT_TAXEL, item.name, saw, why, "look at the skin there; then calibrate, which leaves it out")]
+    return [
+        wrong(
+            Cause.HOT_TAXEL,
+            item.name,
+            saw,
+            why,
+            "look at the skin there; then calibrate, which leaves it out",
+        )
+    ]
 
 
 def _restless(item: ArraySeen, unsteady: Bools) -> list[FindingOut]:
     if not unsteady.any():
         return []
-    saw = f"{counted(int(unsteady.sum()), 'taxel', 'taxels')} far noisier than the others: {_places(unsteady)}"
+    saw = (
+        f"{counted(int(unsteady.sum()), 'taxel', 'taxels')} far noisier than the others: {_places(unsteady)}"
+    )
     return [wrong(Cause.UNSTEADY_TAXEL, item.name, saw, "a contact in skin or plug is loose", _LEAVE_OUT)]
 
 
@@ -420,4 +437,6 @@ def _scale(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
     return step(*_NAMES[5], saw, findings)
 
 
-_WHERE_SCALE = "correct counts_per_n, in the array's firmware or in the rig file, by pressing with a known weight"
+_WHERE_SCALE = (
+    "correct counts_per_n, in the array's firmware or in the rig file, by pressing with a known weight"
+)

@@ -17,6 +17,7 @@ from palpate.drivers.tactile.messages import Describe, Description, Hello, SelfT
 from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import DeviceError, PalpateError
 from palpate.rig.arrays import array_of, array_plugin
+from palpate.rig.diagnostics.array_check import listen
 from palpate.rig.diagnostics.doctor_steps import Case
 
 __all__ = ["LISTEN_S", "ArraySeen", "look_at_arrays"]
@@ -24,7 +25,6 @@ __all__ = ["LISTEN_S", "ArraySeen", "look_at_arrays"]
 LISTEN_S = 3.0
 """How long an array is listened to, untouched."""
 
-_POLL_S = 0.02
 _OTHER_RATES = (115_200, 230_400, 460_800, 500_000, 921_600, 1_000_000, 2_000_000, 3_000_000)
 _ANSWER_S = 0.3
 _TRIES = 2
@@ -101,17 +101,12 @@ def _heard(case: Case, spec: FingerConfig, array: ArrayDriver, description: Desc
 
 
 def _listen(case: Case, array: ArrayDriver) -> list[TactileFrame]:
-    clock, frames = case.place.clock, []
     try:
         array.start(case.rig.closing.sample_rate_hz)
-        end = clock.now() + LISTEN_S
-        while clock.now() < end:
-            clock.sleep(_POLL_S)
-            frames += array.frames()
+        return listen(array, case.place.clock, LISTEN_S)
     finally:
         with suppress(DeviceError):  # what ended the stream says more
             array.stop()
-    return frames
 
 
 def _unknown(case: Case, spec: FingerConfig, port: SerialBase, failure: str) -> ArraySeen:

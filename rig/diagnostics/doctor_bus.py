@@ -66,7 +66,10 @@ def examine_bus(case: Case, usable: frozenset[str]) -> BusSeen:
             "the adapter broke off while it was used",
             "plug the adapter in directly, without a hub, and run this again",
         )
-        return BusSeen((step(_BAUD, _LOOKED_BAUD, "the port failed", [failed]), *_unseen("the port failed").steps[1:]), frozenset())
+        return BusSeen(
+            (step(_BAUD, _LOOKED_BAUD, "the port failed", [failed]), *_unseen("the port failed").steps[1:]),
+            frozenset(),
+        )
     if not seen.here and not seen.elsewhere:
         silent = step(_BAUD, _LOOKED_BAUD, "nothing answers at any baud rate", [_all_silent(case)])
         return BusSeen((silent, *_unseen("no servo answers").steps[1:]), frozenset())
@@ -149,7 +152,9 @@ def _baud_step(case: Case, seen: _Servos) -> DoctorStepOut:
         )
         for servo, item in moved
     ]
-    more = "".join(f", {sum(item.baudrate == other for _, item in moved)} at {other}" for other in sorted(rates))
+    more = "".join(
+        f", {sum(item.baudrate == other for _, item in moved)} at {other}" for other in sorted(rates)
+    )
     return step(_BAUD, _LOOKED_BAUD, saw + more, findings)
 
 
@@ -166,7 +171,9 @@ def _ids_step(case: Case, seen: _Servos) -> DoctorStepOut:
     return step(_IDS, _LOOKED_IDS, saw, findings)
 
 
-def _crowded(case: Case, item: FoundServo, owned: Sequence[RigServo], missing: Sequence[RigServo]) -> FindingOut:
+def _crowded(
+    case: Case, item: FoundServo, owned: Sequence[RigServo], missing: Sequence[RigServo]
+) -> FindingOut:
     owner = next((servo for servo in owned if servo.dxl_id == item.dxl_id), None)
     also = f", and {listed([_named(servo) for servo in missing])} does not answer" if missing else ""
     target = missing[0] if missing else owner
@@ -182,7 +189,8 @@ def _crowded(case: Case, item: FoundServo, owned: Sequence[RigServo], missing: S
 
 def _other_ids(case: Case, missing: Sequence[RigServo], strangers: Sequence[FoundServo]) -> FindingOut:
     there = [
-        f"id {item.dxl_id} at {item.baudrate} baud ({model_name(item.ping) or 'unknown model'})" for item in strangers
+        f"id {item.dxl_id} at {item.baudrate} baud ({model_name(item.ping) or 'unknown model'})"
+        for item in strangers
     ]
     verb = "does" if len(missing) == 1 else "do"
     return wrong(
@@ -226,7 +234,9 @@ def _models_step(case: Case, seen: _Servos) -> DoctorStepOut:
         for servo in other
     ]
     names = {models[servo.dxl_id] for servo in owned}
-    saw = listed([f"{sum(models[servo.dxl_id] == name for servo in owned)} × {name}" for name in sorted(names)])
+    saw = listed(
+        [f"{sum(models[servo.dxl_id] == name for servo in owned)} × {name}" for name in sorted(names)]
+    )
     return step(_MODELS, _LOOKED_MODELS, saw, findings)
 
 

@@ -57,7 +57,9 @@ def _users_of_ports(case: Case) -> Mapping[str, str]:
 def _refusal(case: Case, port: str, baudrate: int) -> DeviceError | None:
     """Why a port cannot be opened; None if it can."""
     try:
-        opened = case.place.open(baudrate) if port == case.rig.bus.port else case.place.open_other(port, baudrate)
+        opened = (
+            case.place.open(baudrate) if port == case.rig.bus.port else case.place.open_other(port, baudrate)
+        )
     except DeviceError as error:
         return error
     with suppress(Exception):
@@ -114,7 +116,11 @@ def _permission(
     case: Case, users: Mapping[str, str], errors: Mapping[str, DeviceError | None]
 ) -> DoctorStepOut:
     name, looked = "permission", "whether this user may open the ports"
-    there = [port for port, error in errors.items() if error is None or isinstance(error, (PortForbidden, PortTaken))]
+    there = [
+        port
+        for port, error in errors.items()
+        if error is None or isinstance(error, (PortForbidden, PortTaken))
+    ]
     if not there:
         return skipped(name, looked, _NONE_TO_OPEN)
     forbidden = [port for port in there if isinstance(errors[port], PortForbidden)]
@@ -131,7 +137,9 @@ def _permission(
         f"this user is not in the group that owns serial ports ({named})",
         do,
     )
-    return step(name, looked, f"{len(forbidden)} of {counted(len(there), 'port', 'ports')} refused", [finding])
+    return step(
+        name, looked, f"{len(forbidden)} of {counted(len(there), 'port', 'ports')} refused", [finding]
+    )
 
 
 def _use(case: Case, users: Mapping[str, str], errors: Mapping[str, DeviceError | None]) -> DoctorStepOut:
@@ -141,7 +149,11 @@ def _use(case: Case, users: Mapping[str, str], errors: Mapping[str, DeviceError 
         return skipped(name, looked, _NONE_TO_OPEN)
     findings = list(filter(None, (_user(case, port, users[port], errors[port]) for port in there)))
     used = len({item.device for item in findings})
-    saw = f"{used} of {counted(len(there), 'port', 'ports')} in use or looked at" if used else "nothing else uses them"
+    saw = (
+        f"{used} of {counted(len(there), 'port', 'ports')} in use or looked at"
+        if used
+        else "nothing else uses them"
+    )
     return step(name, looked, saw, findings)
 
 
@@ -159,7 +171,11 @@ def _user(case: Case, port: str, what: str, error: DeviceError | None) -> Findin
             stop,
         )
     if error is not None or user is not None:
-        hint = " (ModemManager is running, and may be it)" if local and case.computer.runs("ModemManager") else ""
+        hint = (
+            " (ModemManager is running, and may be it)"
+            if local and case.computer.runs("ModemManager")
+            else ""
+        )
         return wrong(
             Cause.PORT_BUSY,
             f"port {port}",

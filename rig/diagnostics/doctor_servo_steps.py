@@ -8,7 +8,7 @@ from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, supply_warn
 from palpate.errors import counted
 from palpate.rig.diagnostics.bus_selection import list_servos
 from palpate.rig.diagnostics.doctor_servos import ServoSeen, ServosSeen
-from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, warning, wrong
+from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, listed, skipped, step, warning, wrong
 
 __all__ = ["judge_servos"]
 
@@ -184,7 +184,9 @@ def _torque(case: Case, seen: ServosSeen) -> DoctorStepOut:
                 case.command("stop"),
             )
         )
-    return step(*_NAMES[3], f"on in {counted(len(on), 'servo', 'servos')}" if on else "off everywhere", findings)
+    return step(
+        *_NAMES[3], f"on in {counted(len(on), 'servo', 'servos')}" if on else "off everywhere", findings
+    )
 
 
 def _settings(case: Case, seen: ServosSeen) -> DoctorStepOut:
@@ -193,26 +195,32 @@ def _settings(case: Case, seen: ServosSeen) -> DoctorStepOut:
         return skipped(*_NAMES[4], "no servo could be read")
     findings = [finding for item in there for finding in _special(case, item, there)]
     unset = {
-        item: {name: pair for name, pair in item.differing.items() if not _is_reversed(item) or name != "Drive Mode"}
+        item: {
+            name: pair
+            for name, pair in item.differing.items()
+            if not _is_reversed(item) or name != "Drive Mode"
+        }
         for item in there
     }
     unset = {item: pairs for item, pairs in unset.items() if pairs}
     if unset:
         first, pairs = next(iter(unset.items()))
-        shown = listed([f"{name} {found} instead of {value}" for name, (found, value) in pairs.items()], _ITEMS_NAMED)
+        shown = listed(
+            [f"{name} {found} instead of {value}" for name, (found, value) in pairs.items()], _ITEMS_NAMED
+        )
         findings.append(
             warning(
                 Cause.LIMITS_NOT_SET,
                 _names(list(unset)),
                 f"{counted(sum(map(len, unset.values())), 'item', 'items')} of EEPROM not as the rig file wants them "
                 f"(servo {first.dxl_id}: {shown})",
-                "limits of current and position are not in the servos yet; a run writes them before anything moves",
-                f"nothing now; `{case.command('setup-motors')}` writes them before the first run"
-                if case.rig_option
-                else "nothing: the first run writes them",
+                "limits of current and position are not in the servos yet; runs write them before anything moves",
+                f"{NOTHING}: the first run writes them",
             )
         )
-    saw = f"as the rig file wants them in {len(there) - len(unset)} of {counted(len(there), 'servo', 'servos')}"
+    saw = (
+        f"as the rig file wants them in {len(there) - len(unset)} of {counted(len(there), 'servo', 'servos')}"
+    )
     return step(*_NAMES[4], saw, findings)
 
 
@@ -332,7 +340,11 @@ def _zeros(case: Case, seen: ServosSeen) -> DoctorStepOut:
     left = [finger.name for finger in case.rig.fingers if finger.name not in starts]
     more = f"; not looked at: {listed(left)}" if left else ""
     fine = len(starts) - len(findings)
-    return step(*_NAMES[6], f"{fine} of {counted(len(starts), 'finger stands', 'fingers stand')} where they wait{more}", findings)
+    return step(
+        *_NAMES[6],
+        f"{fine} of {counted(len(starts), 'finger stands', 'fingers stand')} where they wait{more}",
+        findings,
+    )
 
 
 def _is_reversed(item: ServoSeen) -> bool:
@@ -346,7 +358,9 @@ def _nominal(item: ServoSeen) -> float:
 
 
 def _names(items: Sequence[ServoSeen]) -> str:
-    return listed([item.name for item in items])
+    if len(items) == 1:
+        return items[0].name
+    return f"servos {listed([str(item.dxl_id) for item in items])}"
 
 
 def _volts(items: Sequence[ServoSeen]) -> str:

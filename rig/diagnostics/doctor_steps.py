@@ -9,7 +9,10 @@ from palpate.rig.calibrated_rig import RigOnBench
 from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.computer import Computer
 
-__all__ = ["Case", "listed", "skipped", "step", "warning", "wrong"]
+__all__ = ["NOTHING", "Case", "listed", "skipped", "step", "warning", "wrong"]
+
+NOTHING = "nothing"
+"""How the next thing to do begins where there is none."""
 
 _LISTED = 6
 
@@ -48,9 +51,7 @@ def step(name: str, looked_at: str, saw: str, findings: Sequence[FindingOut] = (
         if Severity.WARNING in worst
         else Outcome.WELL
     )
-    return DoctorStepOut(
-        step=name, outcome=outcome, looked_at=looked_at, saw=saw, findings=tuple(findings)
-    )
+    return DoctorStepOut(step=name, outcome=outcome, looked_at=looked_at, saw=saw, findings=tuple(findings))
 
 
 def skipped(name: str, looked_at: str, because: str) -> DoctorStepOut:

@@ -1,0 +1,85 @@
+"""Doctor: a set-up examined step by step, in the order in which things go wrong.
+
+What depends on something that failed is skipped, for single devices as well as for whole steps: a servo that
+answers at another baud rate is asked nothing else, and a cause is not reported again by its consequences.
+"""
+
+from collections.abc import Callable, Sequence
+from datetime import datetime
+
+from palpate.config.doctor_result import (
+    DEVICE_CAUSES,
+    DoctorOut,
+    DoctorStepOut,
+    FindingOut,
+    Outcome,
+    Severity,
+)
+from palpate.rig.diagnostics.bus_selection import list_servos
+from palpate.rig.diagnostics.doctor_array_steps import judge_arrays
+from palpate.rig.diagnostics.doctor_arrays import look_at_arrays
+from palpate.rig.diagnostics.doctor_bus import examine_bus
+from palpate.rig.diagnostics.doctor_calibration import judge_calibration
+from palpate.rig.diagnostics.doctor_directions import DIRECTIONS
+from palpate.rig.diagnostics.doctor_ports import examine_ports
+from palpate.rig.diagnostics.doctor_servo_steps import judge_servos
+from palpate.rig.diagnostics.doctor_servos import look_at_servos
+from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, skipped
+
+__all__ = ["diagnose"]
+
+_NOT_ALLOWED = "fingers move for it only with --move"
+
+
+def diagnose(case: Case, now: datetime, directions: Callable[[], DoctorStepOut] | None = None) -> DoctorOut:
+    """Examine a set-up. `directions` moves fingers and judges which way they go; only if nothing is wrong.
+
+    Raises what `directions` raises; all other failures of devices are findings.
+    """
+    ports = examine_ports(case)
+    bus = examine_bus(case, ports.usable)
+    silent = "no servo answers as the rig file says"
+    servos = look_at_servos(case, bus.sound) if bus.sound else None
+    arrays = look_at_arrays(case, ports.usable)
+    steps = [
+        *ports.steps,
+        *bus.steps,
+        *judge_servos(case, servos, silent),
+        *judge_arrays(case, arrays, "no array's port can be used"),
+    ]
+    models = {item.dxl_id: item.model for item in list_servos(case.rig) if item.dxl_id in bus.sound}
+    uids = {item.spec.name: item.description.unique_id.hex() for item in arrays if item.description}
+    steps.append(judge_calibration(case, models, uids, now))
+    moved = directions is not None and not _has_wrong(steps)
+    if directions is None:
+        steps.append(skipped(*DIRECTIONS, _NOT_ALLOWED))
+    elif not moved:
+        steps.append(skipped(*DIRECTIONS, "fingers move only once nothing else is wrong"))
+    else:
+        case.tell("directions")
+        steps.append(directions())
+    return _result(case, steps, moved=moved)
+
+
+def _has_wrong(steps: Sequence[DoctorStepOut]) -> bool:
+    return any(step.outcome is Outcome.WRONG for step in steps)
+
+
+def _result(case: Case, steps: Sequence[DoctorStepOut], *, moved: bool) -> DoctorOut:
+    findings = [item for step in steps for item in step.findings]
+    return DoctorOut(
+        rig=case.rig.name,
+        emulated=case.rig.emulated,
+        well=not _has_wrong(steps),
+        device_missing=any(item.cause in DEVICE_CAUSES for item in findings),
+        moved=moved,
+        steps=tuple(steps),
+        next=_first(findings),
+    )
+
+
+def _first(findings: Sequence[FindingOut]) -> str | None:
+    """What to do first: about the first thing that is wrong, else the first warning."""
+    open_ones = [item for item in findings if not item.next.startswith(NOTHING)]
+    ordered = sorted(open_ones, key=lambda item: item.severity is not Severity.WRONG)  # stable
+    return f"{ordered[0].device}: {ordered[0].next}" if ordered else None
