@@ -84,7 +84,7 @@ def examine_rig(
             )
         permit()
         with environment(bench).hand(on_bench.rig, notice) as hand:
-            return examine_directions(case, hand, watching)
+            return examine_directions(hand, watching)
 
     return DoctorAnswer(diagnose(case, datetime.now(UTC), directions if move else None), on_bench)
 

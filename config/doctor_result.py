@@ -32,6 +32,7 @@ class Cause(StrEnum):
     HARDWARE_ERROR = "hardware-error"
     TOO_HOT = "too-hot"
     TORQUE_ON = "torque-on"
+    LIMITS_IMPOSSIBLE = "limits-impossible"
     LIMITS_NOT_SET = "limits-not-set"
     DRIVE_REVERSED = "drive-reversed"
     HOMING_OFFSET = "homing-offset"

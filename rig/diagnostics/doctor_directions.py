@@ -12,7 +12,7 @@ from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.slide_finger import SlideKinematics
 from palpate.errors import counted
 from palpate.rig.bench import BenchRig
-from palpate.rig.diagnostics.doctor_steps import Case, step, wrong
+from palpate.rig.diagnostics.doctor_steps import step, wrong
 from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.guarded_approach import retract_all
@@ -69,7 +69,7 @@ class EmulatedOnlooker:
         return bool((x - x0) * axis[0] + (y - y0) * axis[1] > 0)
 
 
-def examine_directions(case: Case, hand: Hand, onlooker: Onlooker) -> DoctorStepOut:
+def examine_directions(hand: Hand, onlooker: Onlooker) -> DoctorStepOut:
     """Move each joint of each finger from where it waits, and back. Raises what motion raises."""
     hand.prepare()
     hand.arm()
@@ -78,7 +78,7 @@ def examine_directions(case: Case, hand: Hand, onlooker: Onlooker) -> DoctorStep
     for finger in hand.fingers:
         for servo, key, goal, where in _moves(hand, finger):
             joints += 1
-            found = _moved(case, hand, finger, servo, goal, onlooker, where, key)
+            found = _moved(hand, finger, servo, goal, onlooker, where, key)
             findings += [] if found is None else [found]
     hand.disarm()
     fine = joints - len(findings)
@@ -108,7 +108,6 @@ def _moves(hand: Hand, finger: HostFinger) -> list[tuple[Servo, str, float, str]
 
 
 def _moved(
-    case: Case,
     hand: Hand,
     finger: HostFinger,
     servo: Servo,

@@ -191,9 +191,10 @@ def _torque(case: Case, seen: ServosSeen) -> DoctorStepOut:
 
 def _settings(case: Case, seen: ServosSeen) -> DoctorStepOut:
     there = [item for item in seen.servos if item.health is not None]
-    if not there:
+    unable = [_unable(item) for item in seen.servos if item.unable]
+    if not there and not unable:
         return skipped(*_NAMES[4], "no servo could be read")
-    findings = [finding for item in there for finding in _special(case, item, there)]
+    findings = unable + [finding for item in there for finding in _special(case, item, there)]
     unset = {
         item: {
             name: pair
@@ -222,6 +223,12 @@ def _settings(case: Case, seen: ServosSeen) -> DoctorStepOut:
         f"as the rig file wants them in {len(there) - len(unset)} of {counted(len(there), 'servo', 'servos')}"
     )
     return step(*_NAMES[4], saw, findings)
+
+
+def _unable(item: ServoSeen) -> FindingOut:
+    saw, _, do = str(item.failure).rpartition("; ")
+    why = "the rig file wants limits that this model cannot keep"
+    return wrong(Cause.LIMITS_IMPOSSIBLE, item.name, saw, why, do)
 
 
 def _special(case: Case, item: ServoSeen, there: Sequence[ServoSeen]) -> list[FindingOut]:
@@ -277,7 +284,7 @@ def _special(case: Case, item: ServoSeen, there: Sequence[ServoSeen]) -> list[Fi
 
 def _traffic(case: Case, seen: ServosSeen) -> DoctorStepOut:
     findings = []
-    failed = [item for item in seen.servos if item.failure is not None and not item.old]
+    failed = [item for item in seen.servos if item.failure is not None and not (item.old or item.unable)]
     if (seen.lost >= _LOSSY_COUNT and seen.lost > _LOSSY * seen.asked) or failed:
         findings.append(
             wrong(

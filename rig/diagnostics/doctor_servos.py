@@ -5,7 +5,7 @@ Nothing is written to EEPROM, and torque stays as it is.
 
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from palpate.config.check_result import LoopOut
 from palpate.drivers.dynamixel.bus import Bus
@@ -32,7 +32,8 @@ _RETURN_DELAY_UNIT_S = 2e-6
 class ServoSeen:
     """A servo: its health with its settings beside those that are wanted.
 
-    `health` is None if it could not be read, and `failure` says why.
+    `health` is None if it could not be read, and `failure` says why: `old` firmware without some item, a model
+    `unable` to keep the rig file's limits, or lost answers.
     """
 
     owner: str
@@ -43,6 +44,7 @@ class ServoSeen:
     health: Health | None = None
     failure: str | None = None
     old: bool = False
+    unable: bool = False
 
     @property
     def name(self) -> str:
@@ -102,7 +104,8 @@ def _read(case: Case, bus: Bus, sound: frozenset[int]) -> ServosSeen:
         for item, servo in zip(items, seen, strict=True)
         if servo.health is not None and not servo.health.hardware_error
     ]
-    loop, states = None, {}
+    loop: LoopOut | None = None
+    states: Mapping[int, ServoState] = {}
     if able:
         delays = [(servo.setting("Return Delay Time") or 0) * _RETURN_DELAY_UNIT_S for _, servo in able]
         try:
@@ -137,21 +140,22 @@ def _starts(case: Case, bus: Bus, states: Mapping[int, ServoState]) -> dict[str,
 
 def _look(bus: Bus, item: ServoSettings) -> ServoSeen:
     servo = item.servo
-    blank = ServoSeen(item.owner, servo.dxl_id, servo.model, {})
+    seen = ServoSeen(item.owner, servo.dxl_id, servo.model, {})
     try:
-        firmware = servo.check().firmware
+        seen = replace(seen, firmware=servo.check().firmware, model=servo.model)
+        wanted = item.eeprom()
     except PortFailed:
         raise
+    except InputError as error:
+        return replace(seen, failure=str(error), unable=True)
     except DeviceError as error:
-        return ServoSeen(item.owner, servo.dxl_id, servo.model, {}, failure=str(error))
+        return replace(seen, failure=str(error))
     try:
-        wanted = item.eeprom()
-        health = _health(bus, servo, wanted)
-    except InputError as error:  # an item that this firmware does not have
-        return ServoSeen(blank.owner, blank.dxl_id, servo.model, {}, firmware, failure=str(error), old=True)
+        return replace(seen, wanted=wanted, health=_health(bus, servo, wanted))
+    except InputError as error:
+        return replace(seen, failure=str(error), old=True)
     except (NotAnswering, DamagedAnswer) as error:
-        return ServoSeen(blank.owner, blank.dxl_id, servo.model, {}, firmware, failure=str(error))
-    return ServoSeen(item.owner, servo.dxl_id, servo.model, wanted, firmware, health)
+        return replace(seen, failure=str(error))
 
 
 def _health(bus: Bus, servo: Servo, wanted: Mapping[str, int]) -> Health:
