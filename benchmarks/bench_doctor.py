@@ -80,7 +80,10 @@ def main() -> int:
         else:
             false += bool(found)
         right = (is_named(fault, found) or not fault.causes) and not others
-        print(f"{'ok   ' if right else 'WRONG'} {fault.name:50} {', '.join(item.cause for item in found)}", flush=True)
+        print(
+            f"{'ok   ' if right else 'WRONG'} {fault.name:50} {', '.join(item.cause for item in found)}",
+            flush=True,
+        )
         for item in () if right else found:
             print(f"        {item.cause}: {item.device}: {item.saw} | {item.means} | {item.next}")
     planted = sum(bool(fault.causes) for fault in chosen)

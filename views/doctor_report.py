@@ -6,6 +6,7 @@ import platform
 import re
 import socket
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -40,10 +41,8 @@ Private = Mapping[str, str]
 def private_words() -> Private:
     """Names of this user, computer and home folder."""
     words = {str(Path.home()): "<home>", socket.gethostname(): "<host>", platform.node(): "<host>"}
-    try:
+    with suppress(OSError, KeyError, ImportError):
         words[getpass.getuser()] = "<user>"
-    except (OSError, KeyError, ImportError):
-        pass
     return {word: stand_in for word, stand_in in words.items() if len(word) >= _SHORTEST}
 
 
@@ -73,7 +72,7 @@ def _cleaned(text: str, private: Private) -> str:
 def _versions() -> str:
     lines = [f"- {name} {found}" for name in _PACKAGES if (found := _installed(name)) is not None]
     lines.append(f"- Python {platform.python_version()}")
-    lines.append(f"- {platform.system()} {platform.release()}, {platform.machine()}")
+    lines.append(f"- {platform.system()} {platform.release().partition('-')[0]}, {platform.machine()}")
     return "\n".join(lines)
 
 

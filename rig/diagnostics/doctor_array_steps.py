@@ -49,9 +49,11 @@ def judge_arrays(case: Case, seen: Sequence[ArraySeen], because: str) -> list[Do
         return [skipped(*name, because) for name in _NAMES]
     silent = [_silent(case, item) for item in seen if item.description is None]
     there = [item for item in seen if item.description is not None]
-    kinds = [_kind(item) for item in there]
-    first = step(*_NAMES[0], f"{len(there)} of {counted(len(seen), 'array', 'arrays')}: {listed(kinds)}"
-                 if there else "none answers", silent)  # fmt: skip
+    kinds = {_kind(item) for item in there}
+    named = [f"{item.spec.name} {_kind(item)}" for item in there]
+    shown = f"each {listed(list(kinds))}" if len(kinds) == 1 < len(there) else listed(named)
+    saw = f"{len(there)} of {counted(len(seen), 'array', 'arrays')}: {shown}" if there else "none answers"
+    first = step(*_NAMES[0], saw, silent)
     if not there:
         return [first, *(skipped(*name, "no array answers as it should") for name in _NAMES[1:])]
     geometry = {item: _geometry(case, item) for item in there}
@@ -70,7 +72,7 @@ def judge_arrays(case: Case, seen: Sequence[ArraySeen], because: str) -> list[Do
 def _kind(item: ArraySeen) -> str:
     described = item.description
     assert described is not None
-    return f"{item.spec.name} {described.rows} × {described.cols} {described.shape.name.lower()}"
+    return f"{described.rows} × {described.cols} {described.shape.name.lower()}"
 
 
 def _silent(case: Case, item: ArraySeen) -> FindingOut:
@@ -292,6 +294,10 @@ def _bad_taxels(array: _Array) -> list[FindingOut]:
     dead, hot, unsteady = (np.zeros((described.rows, described.cols), dtype=bool) for _ in range(3))
     if shown is not None:
         dead, hot, unsteady = shown.dead.copy(), shown.hot.copy(), shown.unsteady.copy()
+        if (
+            shown.drifting and array.seen.report is not None
+        ):  # which says what is dead; these have drifted to 0
+            dead &= ~shown.at_zero
     by_fault = {TaxelFault.STUCK_LOW: dead, TaxelFault.STUCK_HIGH: hot, TaxelFault.UNSTEADY: unsteady}
     for bad in () if array.seen.report is None else array.seen.report.bad:
         if bad.row < described.rows and bad.col < described.cols:
@@ -373,7 +379,8 @@ def _noise(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
     noises = [shown.noise_counts for _, shown in heard]
     drifts = [shown.drift_counts_per_s for _, shown in heard]
     drift = f"drift up to {max(drifts):.2g} counts/s" if any(drifts) else "no drift beyond what is declared"
-    return step(*_NAMES[4], f"noise {min(noises):.2g} to {max(noises):.2g} counts, {drift}", findings)
+    noise = " to ".join(dict.fromkeys(f"{value:.2g}" for value in (min(noises), max(noises))))
+    return step(*_NAMES[4], f"noise of {noise} counts, {drift}", findings)
 
 
 def _restful(case: Case, array: _Array, shown: UntouchedFrames) -> list[FindingOut]:

@@ -6,7 +6,6 @@ from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.dynamixel.control_table import HardwareError
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, supply_warnings
 from palpate.errors import counted
-from palpate.rig.diagnostics.bus_selection import list_servos
 from palpate.rig.diagnostics.doctor_servos import ServoSeen, ServosSeen
 from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, listed, skipped, step, warning, wrong
 
@@ -68,6 +67,7 @@ def _firmware(case: Case, seen: ServosSeen) -> DoctorStepOut:
 
 
 def _supply(case: Case, seen: ServosSeen) -> DoctorStepOut:
+    del case
     there = [(item, item.health) for item in seen.servos if item.health is not None]
     if not there:
         return skipped(*_NAMES[1], "no servo could be read")
@@ -78,7 +78,7 @@ def _supply(case: Case, seen: ServosSeen) -> DoctorStepOut:
     findings = [
         warning(Cause.SUPPLY_MIXED, "all servos", text.partition(" (")[0], text.partition(": ")[2].partition(";")[0],
                 text.rpartition("; ")[2])
-        for text in supply_warnings(servo.model for servo in list_servos(case.rig))
+        for text in supply_warnings(item.model.name for item, _ in there)
     ]  # fmt: skip
     if low:
         findings.append(_low(low, len(there), serious=True))

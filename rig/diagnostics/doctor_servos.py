@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from palpate.config.check_result import LoopOut
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, PortFailed
+from palpate.drivers.dynamixel.errors import PortFailed, StatusError
 from palpate.drivers.dynamixel.health import Health, read_health
 from palpate.drivers.dynamixel.models import Model
 from palpate.drivers.dynamixel.servo import Servo
@@ -152,9 +152,11 @@ def _look(bus: Bus, item: ServoSettings) -> ServoSeen:
         return replace(seen, failure=str(error))
     try:
         return replace(seen, wanted=wanted, health=_health(bus, servo, wanted))
-    except InputError as error:
+    except PortFailed:
+        raise
+    except (InputError, StatusError) as error:  # of an item that it does not have yet
         return replace(seen, failure=str(error), old=True)
-    except (NotAnswering, DamagedAnswer) as error:
+    except DeviceError as error:
         return replace(seen, failure=str(error))
 
 

@@ -24,11 +24,13 @@ _BLOCKS = 12
 class UntouchedFrames:
     """What frames of an untouched array show, by taxel (rows, cols).
 
+    `dead` never change; `at_zero` of them read 0, as one does whose zero has drifted below what can be read.
     `noise_counts`: median of the live taxels' standard deviations. `drift_counts_per_s`: the fastest drift that
     is certain, in absolute value, 0 if none is; `drifting`: how many taxels' is beyond what was allowed.
     """
 
     dead: Bools
+    at_zero: Bools
     hot: Bools
     unsteady: Bools
     noise_counts: float
@@ -55,14 +57,16 @@ def untouched_frames(
     noise = float(np.median(spread[moving & ~hot])) if (moving & ~hot).any() else 0.0
     still = ~moving & ~hot
     certain = noise > 0 and math.erf(0.5 / (noise * math.sqrt(2))) ** len(frames) < _NEVER
-    at_zero = np.median(mean) > 4 * max(noise, 1.0)  # others rest well above it
-    dead = still & (certain | (at_zero & (mean == 0)))
+    low = still & (mean == 0)
+    dead = (still & certain & ~low) | (
+        low & (np.median(mean) > 4 * max(noise, 1.0))
+    )  # others rest well above
     live = ~(dead | hot)
     slope, error = _slopes(counts, times, max(noise, _LEAST_NOISE))
     unsteady = live & (_fast(counts) > _UNSTEADY * max(noise, _LEAST_NOISE))
     beyond = live & ~unsteady & (np.abs(slope) - allowed_drift > _SIGMAS * error)
     fastest = float(np.abs(slope)[beyond].max()) if beyond.any() else 0.0
-    return UntouchedFrames(dead, hot, unsteady, noise, fastest, int(beyond.sum()))
+    return UntouchedFrames(dead, dead & low, hot, unsteady, noise, fastest, int(beyond.sum()))
 
 
 def _fast(counts: Floats) -> Floats:

@@ -11,7 +11,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from calibrations import MADE, full_calibration
+from calibrations import MADE, empty_calibration
 from serial.serialutil import SerialBase
 
 from palpate.config import RigFile, apply_calibration, load_rig, shipped_rig
@@ -127,14 +127,20 @@ class SetUp:
         plain = _on_serial_ports(self.described)
         if not self.calibrated:
             return RigOnBench(plain, plain, None, Path("rig.toml"))
-        file = full_calibration(plain, devices=self.devices)
+        file = empty_calibration(plain, self.devices)
         return RigOnBench(apply_calibration(plain, file), plain, file, Path("rig.toml"))
 
     def place(self, rig: RigFile) -> BusEndpoint:
         """Where doctor finds the bus and all ports."""
         mock = {BUS: "mock://bus"} | {port: f"mock://{name}" for name, port in PORTS.items()} | self.leads_to
         found = SpoiledPlace(
-            BUS, self.bench.clock, 1e-3, rig.bus.baudrate_bps, rig, lambda port: self.bench.urls(mock[port]), self.bench
+            BUS,
+            self.bench.clock,
+            1e-3,
+            rig.bus.baudrate_bps,
+            rig,
+            lambda port: self.bench.urls(mock[port]),
+            self.bench,
         )
         object.__setattr__(found, "refused", self.refused)
         return found
@@ -373,7 +379,7 @@ FAULTS = (
     Fault("all servos at another baud rate", (Cause.BAUD_RATE,), "all servos", build=_bus_rate),
     Fault("a servo with another id", (Cause.WRONG_ID,), "22", _poke(22, "ID", 1)),
     Fault("two servos of one id", (Cause.DUPLICATE_ID,), "11", _poke(12, "ID", 11)),
-    Fault("a servo of another model", (Cause.WRONG_MODEL,), "31", _describe(_finger(2, "aim", model="XM430-W210"))),
+    Fault("a servo of another model", (Cause.WRONG_MODEL,), "31", _describe(_finger(2, "aim", model="XC330-M288"))),
     Fault("servos without power", (Cause.BUS_SILENT,), BUS, _all_servos(EmulatedServo.power_off)),
     Fault("a servo's plug is out", (Cause.SERVO_SILENT,), "12", _one_servo(12, EmulatedServo.power_off)),
     Fault("a cable to two servos is out", (Cause.SERVO_SILENT,), "31", _both_off),
