@@ -71,17 +71,15 @@ def examine_rig(
     notice: Callable[[str], None],
 ) -> DoctorAnswer:
     """Examine; arguments and errors as `Rig.doctor`."""
+    if move and onlooker is None and not on_bench.rig.emulated:
+        raise InputError(f'rig "{on_bench.rig.name}" is real: give an onlooker, who says which way tips go')
     place = endpoint_of_rig(on_bench.described, seed)
     option = "" if path is None else f" --rig {shlex.quote(str(path))}"
     case = Case(on_bench, place, Computer(), progress, option)
 
     def directions() -> DoctorStepOut:
         bench = _bench(place, on_bench)
-        watching = onlooker or (EmulatedOnlooker(bench) if bench.emulated is not None else None)
-        if watching is None:
-            raise InputError(
-                f'rig "{on_bench.rig.name}" is real: give an onlooker, who says which way tips go'
-            )
+        watching = onlooker or EmulatedOnlooker(bench)
         permit()
         with environment(bench).hand(on_bench.rig, notice) as hand:
             return examine_directions(hand, watching)

@@ -223,10 +223,10 @@ class Rig:
     ) -> DoctorAnswer:
         """Examine the whole set-up step by step, in the order in which things go wrong, from ports to forces.
 
-        Nothing moves but for `move`: then, if nothing is wrong and `permit`, which may raise, was called, each
-        joint moves a little, and `onlooker` says which way the tip went; an emulated rig has one. `notice`: as
-        in `identify`. Devices that are missing or fail are findings. Raises InputError for `move` on a real
-        rig without an onlooker, DeviceError or SafetyStop if a motion fails.
+        Nothing moves but for `move`: then, if nothing is wrong and `permit` was called, each joint moves a
+        little, and `onlooker` says which way the tip went; an emulated rig has one. An InputError of `permit`
+        skips that. `notice`: as in `identify`. Devices that are missing or fail are findings. Raises
+        InputError for `move` on a real rig without an onlooker, SafetyStop if a motion had to be stopped.
         """
         with unwinding_signals():
             return examine_rig(

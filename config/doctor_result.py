@@ -42,6 +42,7 @@ class Cause(StrEnum):
     BUS_SLOW = "bus-slow"
     ZERO_OFF = "zero-off"
     DIRECTION_WRONG = "direction-wrong"
+    MOTION_FAILED = "motion-failed"
     ARRAY_SILENT = "array-silent"
     ARRAY_BAUD_RATE = "array-baud-rate"
     ARRAY_PROTOCOL = "array-protocol"

@@ -1,6 +1,6 @@
 """The result of `palpate doctor` on the terminal: a line for each step, and what is wrong beneath it."""
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
@@ -49,33 +49,51 @@ def _gathered(steps: tuple[DoctorStepOut, ...]) -> list[DoctorStepOut]:
 
 
 def _print_step(item: DoctorStepOut, console: Console, *, wide: bool) -> None:
-    saw = escape(item.saw)
     if item.outcome is Outcome.SKIPPED:
-        saw = f"[dim]skipped: {escape(item.skipped_because or '')}[/]"
+        text = f"[dim]{escape(item.step)}: skipped, {escape(item.skipped_because or '')}[/]"
+        console.print(_columns((_MARKS[item.outcome], 1), (text, None)), highlight=False)
+        return
     looked = f"[dim]{escape(item.looked_at)}:[/] " if wide else ""
-    line = Table.grid(padding=(0, 1))
-    line.add_column(width=1)
-    line.add_column(width=_NAME_WIDTH)
-    line.add_column(overflow="fold")
-    line.add_row(_MARKS[item.outcome], escape(item.step), looked + saw)
-    console.print(line, highlight=False)
-    for found in item.findings:
-        _print_finding(found, console)
+    cells = (_MARKS[item.outcome], 1), (escape(item.step), _NAME_WIDTH), (looked + escape(item.saw), None)
+    console.print(_columns(*cells), highlight=False)
+    for found in _alike(item.findings):
+        _print_findings(found, console)
 
 
-def _print_finding(found: FindingOut, console: Console) -> None:
-    colour = "red" if found.severity is Severity.WRONG else "yellow"
-    head = f"[{colour}]{escape(found.device)}[/]: {escape(found.saw)}"
-    console.print(Padding(head, (0, 0, 0, _INDENT)), highlight=False)
-    console.print(Padding(_row("means", escape(found.means)), (0, 0, 0, _INDENT)), highlight=False)
-    console.print(Padding(_row("do", f"[bold]{escape(found.next)}[/]"), (0, 0, 0, _INDENT)), highlight=False)
+def _alike(findings: tuple[FindingOut, ...]) -> list[list[FindingOut]]:
+    """Findings that follow each other and mean the same together: that is said once."""
+    groups: list[list[FindingOut]] = []
+    for item in findings:
+        before = groups[-1][0] if groups else None
+        if before is not None and (before.means, before.next) == (item.means, item.next):
+            groups[-1].append(item)
+        else:
+            groups.append([item])
+    return groups
+
+
+def _print_findings(alike: list[FindingOut], console: Console) -> None:
+    for found in alike:
+        colour = "red" if found.severity is Severity.WRONG else "yellow"
+        _print_indented(f"[{colour}]{escape(found.device)}[/]: {escape(found.saw)}", console)
+    _print_indented(_row("means", escape(alike[0].means)), console)
+    _print_indented(_row("do", f"[bold]{escape(alike[0].next)}[/]"), console)
+
+
+def _print_indented(what: RenderableType, console: Console) -> None:
+    console.print(Padding(what, (0, 0, 0, _INDENT)), highlight=False)
 
 
 def _row(name: str, text: str) -> Table:
+    return _columns((f"[dim]{name}[/]", 5), (text, None))
+
+
+def _columns(*cells: tuple[str, int | None]) -> Table:
+    """Texts side by side, of given widths; the last one folds."""
     row = Table.grid(padding=(0, 1))
-    row.add_column(width=5, style="dim")
-    row.add_column(overflow="fold")
-    row.add_row(name, text)
+    for _, width in cells:
+        row.add_column(width=width, overflow="fold")
+    row.add_row(*(text for text, _ in cells))
     return row
 
 

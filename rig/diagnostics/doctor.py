@@ -9,12 +9,14 @@ from datetime import datetime
 
 from palpate.config.doctor_result import (
     DEVICE_CAUSES,
+    Cause,
     DoctorOut,
     DoctorStepOut,
     FindingOut,
     Outcome,
     Severity,
 )
+from palpate.errors import DeviceError, InputError
 from palpate.rig.diagnostics.bus_selection import list_servos
 from palpate.rig.diagnostics.doctor_array_steps import judge_arrays
 from palpate.rig.diagnostics.doctor_arrays import look_at_arrays
@@ -24,7 +26,7 @@ from palpate.rig.diagnostics.doctor_directions import DIRECTIONS
 from palpate.rig.diagnostics.doctor_ports import examine_ports
 from palpate.rig.diagnostics.doctor_servo_steps import judge_servos
 from palpate.rig.diagnostics.doctor_servos import look_at_servos
-from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, skipped
+from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, skipped, step, wrong
 
 __all__ = ["diagnose"]
 
@@ -34,7 +36,8 @@ _NOT_ALLOWED = "fingers move for it only with --move"
 def diagnose(case: Case, now: datetime, directions: Callable[[], DoctorStepOut] | None = None) -> DoctorOut:
     """Examine a set-up. `directions` moves fingers and judges which way they go; only if nothing is wrong.
 
-    Raises what `directions` raises; all other failures of devices are findings.
+    If it raises InputError it is skipped for that reason. Failures of devices are findings. Raises
+    SafetyStop as motion does.
     """
     ports = examine_ports(case)
     bus = examine_bus(case, ports.usable)
@@ -50,23 +53,41 @@ def diagnose(case: Case, now: datetime, directions: Callable[[], DoctorStepOut] 
     models = {item.dxl_id: item.model for item in list_servos(case.rig) if item.dxl_id in bus.sound}
     uids = {item.spec.name: item.description.unique_id.hex() for item in arrays if item.description}
     steps.append(judge_calibration(case, models, uids, now))
-    moved = directions is not None and not _has_wrong(steps)
-    if directions is None:
-        steps.append(skipped(*DIRECTIONS, _NOT_ALLOWED))
-    elif not moved:
-        steps.append(skipped(*DIRECTIONS, "fingers move only once nothing else is wrong"))
-    else:
-        case.tell("directions")
-        steps.append(directions())
+    blocked = _has_wrong(steps)
+    steps.append(_directions(case, directions, blocked=blocked))
+    moved = directions is not None and steps[-1].outcome is not Outcome.SKIPPED
     return _result(case, steps, moved=moved)
 
 
+def _directions(
+    case: Case, directions: Callable[[], DoctorStepOut] | None, *, blocked: bool
+) -> DoctorStepOut:
+    if directions is None:
+        return skipped(*DIRECTIONS, _NOT_ALLOWED)
+    if blocked:
+        return skipped(*DIRECTIONS, "fingers move only once nothing else is wrong")
+    case.tell("directions")
+    try:
+        return directions()
+    except InputError as error:
+        return skipped(*DIRECTIONS, str(error))
+    except DeviceError as error:
+        failed = wrong(
+            Cause.MOTION_FAILED,
+            "fingers",
+            str(error),
+            "a motion did not end where it should; torque is off",
+            "see what holds the finger, with the supply off",
+        )
+        return step(*DIRECTIONS, "a motion failed", [failed])
+
+
 def _has_wrong(steps: Sequence[DoctorStepOut]) -> bool:
-    return any(step.outcome is Outcome.WRONG for step in steps)
+    return any(item.outcome is Outcome.WRONG for item in steps)
 
 
 def _result(case: Case, steps: Sequence[DoctorStepOut], *, moved: bool) -> DoctorOut:
-    findings = [item for step in steps for item in step.findings]
+    findings = [found for item in steps for found in item.findings]
     return DoctorOut(
         rig=case.rig.name,
         emulated=case.rig.emulated,

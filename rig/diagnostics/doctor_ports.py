@@ -77,13 +77,13 @@ def _existence(
     taken = case.computer.taken_by_brltty() if missing else None
     findings: list[FindingOut] = []
     for port in missing:
-        device = f"port {port}"
+        device = f"port {port} ({users[port]})"
         if taken is not None and "://" not in port:
             findings.append(
                 wrong(
                     Cause.BRLTTY,
                     device,
-                    f"{users[port]}: there is no {port}, and a USB adapter {taken} has no port while brltty runs",
+                    f"there is no such port, and a USB adapter {taken} has none while brltty runs",
                     "brltty took the adapter for a braille display and removed its port",
                     "sudo systemctl mask --now brltty.path brltty-udev.service, then plug the adapter in again",
                 )
@@ -93,7 +93,7 @@ def _existence(
                 wrong(
                     Cause.PORT_MISSING,
                     device,
-                    f"{users[port]}: there is no {port}",
+                    "there is no such port",
                     "its adapter is not plugged in, or has another name now",
                     "plug the adapter in, then find its name with: palpate find-port",
                 )
@@ -101,8 +101,8 @@ def _existence(
     findings += [
         wrong(
             Cause.PORT_UNUSABLE,
-            f"port {port}",
-            f"{users[port]}: {errors[port]}",
+            f"port {port} ({users[port]})",
+            str(errors[port]),
             "what is there does not open as a serial port at the rig file's baud rate",
             f"check port and baud rate of {users[port]} in the rig file",
         )
