@@ -16,7 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
-from doctor_faults import FAULTS, WELL, Fault, examined
+from doctor_faults import FAULTS, WELL
+from doctor_setup import Fault, examined
 
 from palpate.config.doctor_result import FindingOut
 

@@ -86,7 +86,8 @@ def _installed(name: str) -> str | None:
 def _step(item: DoctorStepOut) -> str:
     head = f"{_MARKS[item.outcome]} {item.step}: {item.skipped_because or item.saw}\n"
     findings = "".join(
-        f"    [{found.cause}] {found.device}: {found.saw}\n        means: {found.means}\n        next: {found.next}\n"
+        f"    [{found.cause}] {found.device}: {found.saw}\n"
+        f"        means: {found.means}\n        next: {found.next}\n"
         for found in item.findings
     )
     return head + findings

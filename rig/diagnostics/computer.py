@@ -1,4 +1,4 @@
-"""What the computer tells about its serial ports beside opening them: owners, programs, adapters. For `doctor`.
+"""What the computer tells about its serial ports beside opening them: owners, programs, adapters.
 
 All of it is read from Linux's own files, below a root that tests may replace; elsewhere nothing is known.
 """
@@ -6,16 +6,15 @@ All of it is read from Linux's own files, below a root that tests may replace; e
 import getpass
 import os
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.drivers.transport.adapter import LATENCY_TIMER, latency_timer_s
 from palpate.drivers.transport.serial_ports import port_users
 
-try:
+with suppress(ImportError):  # Windows has no groups of this kind
     import grp
-except ImportError:  # Windows has no groups of this kind
-    grp = None  # type: ignore[assignment]
 
 __all__ = ["Computer", "PortGroup"]
 
@@ -76,11 +75,9 @@ class Computer:
 
     def group_of(self, port: str) -> PortGroup | None:
         """The group that owns a port; None where that is not known."""
-        if grp is None:
-            return None
         try:
             found = grp.getgrgid(os.stat(port).st_gid)
-        except (OSError, KeyError):
+        except (OSError, KeyError, NameError):
             return None
         return PortGroup(found.gr_name, found.gr_gid not in os.getgroups() and _user() in found.gr_mem)
 

@@ -1,19 +1,18 @@
-"""Doctor, arrays: what is judged of what they said: geometry, taxels, frames, noise and drift, force scale."""
+"""Doctor, arrays: what is judged of what they said: geometry, frames, noise and drift, force scale."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
 from palpate.drivers.tactile.contact import ContactExtractor
-from palpate.drivers.tactile.messages import SelfTestResult, Shape, TaxelFault
+from palpate.drivers.tactile.messages import Shape
 from palpate.errors import InputError, counted
-from palpate.geometry import Bools
 from palpate.rig.arrays import calibration_of, doubt_warning, threshold_problem
 from palpate.rig.diagnostics.doctor_arrays import LISTEN_S, ArraySeen
 from palpate.rig.diagnostics.doctor_steps import Case, listed, skipped, step, warning, wrong
+from palpate.rig.diagnostics.doctor_taxels import TAXEL_MAP, HeardArray, judge_taxels
 from palpate.rig.diagnostics.untouched_frames import UntouchedFrames, untouched_frames
 
 __all__ = ["judge_arrays"]
@@ -22,25 +21,15 @@ _RADIUS_SHARE = 0.1
 _RATE_SHARE = 0.95
 _LOST_SHARE = 0.005
 _SCALE = 2.0  # factor between what should be the same
-_TAXELS_NAMED = 6
 
 _NAMES = (
     ("arrays answer", "asked each array who it is"),
     ("array geometry", "compared rows, columns, radius and coverage with the rig file and its calibration"),
     ("frames", f"counted the frames of {LISTEN_S:g} s"),
-    ("taxel map", "let arrays test themselves, and looked for taxels that are stuck or unsteady"),
+    TAXEL_MAP,
     ("noise and drift", "compared noise and drift of the untouched taxels with what contacts need"),
     ("force scale", "compared counts per N, full scale and bits with each other and between arrays"),
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _Array:
-    """An array that introduced itself, and what its frames show."""
-
-    seen: ArraySeen
-    shown: UntouchedFrames | None
-    known_bad: frozenset[tuple[int, int]]
 
 
 def judge_arrays(case: Case, seen: Sequence[ArraySeen], because: str) -> list[DoctorStepOut]:
@@ -57,7 +46,7 @@ def judge_arrays(case: Case, seen: Sequence[ArraySeen], because: str) -> list[Do
     if not there:
         return [first, *(skipped(*name, "no array answers as it should") for name in _NAMES[1:])]
     geometry = {item: _geometry(case, item) for item in there}
-    sound = [_array(case, item) for item in there if not geometry[item]]
+    sound = [_array(item) for item in there if not geometry[item]]
     fitting = counted(len(sound), "array fits", "arrays fit")
     steps = [
         first,
@@ -65,7 +54,12 @@ def judge_arrays(case: Case, seen: Sequence[ArraySeen], because: str) -> list[Do
     ]
     if not sound:
         return steps + [skipped(*name, "no array is of the rig file's geometry") for name in _NAMES[2:]]
-    judges: Sequence[Callable[[Case, Sequence[_Array]], DoctorStepOut]] = (_frames, _taxels, _noise, _scale)
+    judges: Sequence[Callable[[Case, Sequence[HeardArray]], DoctorStepOut]] = (
+        _frames,
+        judge_taxels,
+        _noise,
+        _scale,
+    )
     return steps + [judge(case, sound) for judge in judges]
 
 
@@ -105,7 +99,7 @@ def _silent(case: Case, item: ArraySeen) -> FindingOut:
         return wrong(
             Cause.ARRAY_PROTOCOL,
             item.name,
-            f'bytes come from it, and none make sense in the protocol "{array.protocol}" at {array.baudrate_bps} baud',
+            f'it sends what is no message of the protocol "{array.protocol}" at {array.baudrate_bps} baud',
             "it speaks another protocol or at another rate, or something else hangs on this port",
             f"check protocol, baudrate_bps and port of finger {item.spec.name}'s array in the rig file",
         )
@@ -129,7 +123,7 @@ def _geometry(case: Case, item: ArraySeen) -> list[FindingOut]:
                 wrong(
                     Cause.ARRAY_GEOMETRY,
                     item.name,
-                    f"it has {described.rows} × {described.cols} taxels, and {shape[0]} × {shape[1]} were calibrated",
+                    f"{described.rows} × {described.cols} taxels; {shape[0]} × {shape[1]} were calibrated",
                     "another array was mounted since, or its port is another finger's",
                     case.command("calibrate"),
                 )
@@ -160,7 +154,7 @@ def _radius(item: ArraySeen) -> list[FindingOut]:
         wrong(
             Cause.ARRAY_GEOMETRY,
             item.name,
-            f"it says its tip has a radius of {described.tip_radius_mm:g} mm, the rig file {tip.radius_mm:g} mm",
+            f"it says its tip's radius is {described.tip_radius_mm:g} mm, the rig file {tip.radius_mm:g} mm",
             "another array is mounted, or one of the two numbers is a diameter or a mistake",
             f"measure the tip of finger {item.spec.name}, and correct the number that is wrong",
         )
@@ -181,22 +175,22 @@ def _coverage(item: ArraySeen) -> list[FindingOut]:
         wrong(
             Cause.ARRAY_GEOMETRY,
             item.name,
-            f"its {described.cols} columns cover {covered:.0f}° of the tip, the rig file says {array.coverage_deg:g}°",
+            f"its {described.cols} columns cover {covered:.0f}°, the rig file says {array.coverage_deg:g}°",
             "approaches would be planned whose contact no taxel sees",
             f"write coverage_deg = {math.floor(covered)} for finger {item.spec.name}'s array in the rig file",
         )
     ]
 
 
-def _array(case: Case, item: ArraySeen) -> _Array:
+def _array(item: ArraySeen) -> HeardArray:
     assert item.description is not None
     taxels = item.spec.array.taxels
-    known = frozenset() if taxels is None else frozenset(map(tuple, taxels.unusable))
+    known = frozenset() if taxels is None else frozenset(taxels.unusable)
     shown = untouched_frames(item.frames, item.description.max_count, item.spec.array.drift_counts_per_s)
-    return _Array(item, shown, known)
+    return HeardArray(item, shown, known)
 
 
-def _frames(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
+def _frames(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:
     wanted = case.rig.closing.sample_rate_hz
     findings = [found for array in arrays for found in _stream(array.seen, wanted)]
     rates = [f"{_rate_hz(array.seen):.0f}" for array in arrays]
@@ -247,7 +241,7 @@ def _stream(item: ArraySeen, wanted: float) -> list[FindingOut]:
             item.name,
             f"{rate:.0f} frames a second arrive instead of {wanted:g}",
             "array or wire cannot send more, and contacts are noticed later",
-            f"raise baudrate_bps of array and rig file, or write sample_rate_hz = {math.floor(rate)} in the rig file",
+            f"write sample_rate_hz = {math.floor(rate)} in the rig file, or raise the array's baud rate",
         )
     ]
 
@@ -259,119 +253,7 @@ def _rate_hz(item: ArraySeen) -> float:
     return (len(item.frames) - 1) / span_s if span_s > 0 else 0.0
 
 
-def _taxels(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
-    del case
-    findings = [found for array in arrays for found in (*_hardware(array), *_bad_taxels(array))]
-    count = sum(array.seen.description.taxels for array in arrays if array.seen.description is not None)
-    known = sum(len(array.known_bad) for array in arrays)
-    more = f", {known} of them known to the calibration and left out" if known else ""
-    tested = sum(array.seen.report is not None for array in arrays)
-    saw = f"{count} taxels of {counted(len(arrays), 'array', 'arrays')}{more}; {tested} tested themselves"
-    return step(*_NAMES[3], saw, findings)
-
-
-def _hardware(array: _Array) -> list[FindingOut]:
-    report = array.seen.report
-    if report is None or not report.result & ~SelfTestResult.TAXELS:
-        return []
-    parts = [str(p.name).replace("_", " ").lower() for p in SelfTestResult if p in report.result]
-    named = listed([part for part in parts if part != "taxels"])
-    return [
-        wrong(
-            Cause.ARRAY_HARDWARE,
-            array.seen.name,
-            f"its self-test finds fault with its {named or 'parts that only its maker can name'}",
-            "it is broken, or has too little supply",
-            "check its supply, then repair or replace it",
-        )
-    ]
-
-
-def _bad_taxels(array: _Array) -> list[FindingOut]:
-    """Taxels that are bad by the array's own account or by their frames, and not left out already."""
-    described, shown = array.seen.description, array.shown
-    assert described is not None
-    dead, hot, unsteady = (np.zeros((described.rows, described.cols), dtype=bool) for _ in range(3))
-    if shown is not None:
-        dead, hot, unsteady = shown.dead.copy(), shown.hot.copy(), shown.unsteady.copy()
-        if (
-            shown.drifting and array.seen.report is not None
-        ):  # which says what is dead; these have drifted to 0
-            dead &= ~shown.at_zero
-    by_fault = {TaxelFault.STUCK_LOW: dead, TaxelFault.STUCK_HIGH: hot, TaxelFault.UNSTEADY: unsteady}
-    for bad in () if array.seen.report is None else array.seen.report.bad:
-        if bad.row < described.rows and bad.col < described.cols:
-            by_fault[bad.fault][bad.row, bad.col] = True
-    dead &= ~hot
-    unsteady &= ~(hot | dead)
-    for row, col in array.known_bad:
-        dead[row, col] = hot[row, col] = unsteady[row, col] = False
-    return [*_dead(array.seen, dead), *_stuck(array.seen, hot), *_restless(array.seen, unsteady)]
-
-
-def _dead(item: ArraySeen, dead: Bools) -> list[FindingOut]:
-    columns, rows = np.flatnonzero(dead.all(axis=0)), np.flatnonzero(dead.all(axis=1))
-    replace = "repair the flat cable or replace the array"
-    if len(rows) == len(dead):
-        saw = f"none of its {dead.size} taxels ever changes"
-        why = "its skin is not connected to its electronics"
-        return [
-            wrong(Cause.ARRAY_HARDWARE, item.name, saw, why, "check the cable between skin and electronics")
-        ]
-    found = []
-    left = dead.copy()
-    for cause, name, numbers in ((Cause.DEAD_COLUMN, "column", columns), (Cause.DEAD_ROW, "row", rows)):
-        if not len(numbers):
-            continue
-        which = listed([str(number) for number in numbers])
-        saw = f"all taxels of {name}{'' if len(numbers) == 1 else 's'} {which} are dead"
-        found.append(
-            wrong(
-                cause, item.name, saw, f"a line of the {name} is broken, or its plug does not touch", replace
-            )
-        )
-        left[:, columns] = False
-        left[rows] = False
-    if left.any():
-        saw = f"{counted(int(left.sum()), 'dead taxel', 'dead taxels')}: {_places(left)}"
-        found.append(wrong(Cause.DEAD_TAXEL, item.name, saw, _PARTS, _LEAVE_OUT))
-    return found
-
-
-def _stuck(item: ArraySeen, hot: Bools) -> list[FindingOut]:
-    if not hot.any():
-        return []
-    saw = f"{counted(int(hot.sum()), 'taxel', 'taxels')} at full scale without a touch: {_places(hot)}"
-    why = "a short circuit in the skin, or something is pressed into it"
-    return [
-        wrong(
-            Cause.HOT_TAXEL,
-            item.name,
-            saw,
-            why,
-            "look at the skin there; then calibrate, which leaves it out",
-        )
-    ]
-
-
-def _restless(item: ArraySeen, unsteady: Bools) -> list[FindingOut]:
-    if not unsteady.any():
-        return []
-    saw = (
-        f"{counted(int(unsteady.sum()), 'taxel', 'taxels')} far noisier than the others: {_places(unsteady)}"
-    )
-    return [wrong(Cause.UNSTEADY_TAXEL, item.name, saw, "a contact in skin or plug is loose", _LEAVE_OUT)]
-
-
-_PARTS = "the skin is worn or damaged there"
-_LEAVE_OUT = "repair it, or calibrate, which leaves it out"
-
-
-def _places(taxels: Bools) -> str:
-    return listed([f"row {row} column {col}" for row, col in np.argwhere(taxels)], _TAXELS_NAMED)
-
-
-def _noise(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
+def _noise(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:
     heard = [(array, array.shown) for array in arrays if array.shown is not None]
     if not heard:
         return skipped(*_NAMES[4], "no array sends enough frames")
@@ -383,7 +265,7 @@ def _noise(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
     return step(*_NAMES[4], f"noise of {noise} counts, {drift}", findings)
 
 
-def _restful(case: Case, array: _Array, shown: UntouchedFrames) -> list[FindingOut]:
+def _restful(case: Case, array: HeardArray, shown: UntouchedFrames) -> list[FindingOut]:
     spec, described = array.seen.spec, array.seen.description
     assert described is not None
     if shown.drifting:
@@ -408,7 +290,7 @@ def _restful(case: Case, array: _Array, shown: UntouchedFrames) -> list[FindingO
                 array.seen.name,
                 noisy.partition("; ")[0],
                 "noise comes in by supply or cable, or contact_force_n is too small for this array",
-                "run this with the servos' supply off: if noise goes, part the cables and join the grounds; if not, "
+                "switch the servos' supply off: if noise goes, part the cables, join the grounds; if not, "
                 + noisy.partition("; ")[2],
             )
         ]
@@ -419,7 +301,7 @@ def _restful(case: Case, array: _Array, shown: UntouchedFrames) -> list[FindingO
     return [warning(Cause.HIDDEN_PUSH, array.seen.name, doubt.partition("; ")[0], means, do)]
 
 
-def _scale(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
+def _scale(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:
     del case
     per_n = {array.seen: array.seen.description.counts_per_n for array in arrays if array.seen.description}
     usual = float(np.median(list(per_n.values())))
@@ -430,10 +312,11 @@ def _scale(case: Case, arrays: Sequence[_Array]) -> DoctorStepOut:
         full = found * described.full_scale_n
         if not 1 / _SCALE <= full / described.max_count <= _SCALE:
             saw = (
-                f"{found:g} counts per N times a full scale of {described.full_scale_n:.3g} N are {full:.0f} counts; "
+                f"{found:g} counts per N up to {described.full_scale_n:.3g} N make {full:.0f} counts; "
                 f"{described.bit_depth} bits end at {described.max_count}"
             )
-            why = f"forces would be off by a factor of about {max(full / described.max_count, described.max_count / full):.2g}"
+            off = max(full / described.max_count, described.max_count / full)
+            why = f"forces would be off by a factor of about {off:.2g}"
             findings.append(wrong(Cause.FORCE_SCALE, item.name, saw, why, _WHERE_SCALE))
         elif len(per_n) > 2 and not 1 / _SCALE <= found / usual <= _SCALE:
             saw = f"{found:g} counts per N; the rig's other arrays have {usual:g}"

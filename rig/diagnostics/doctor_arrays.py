@@ -5,6 +5,7 @@ An array that is silent is looked for at other baud rates and with other protoco
 
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import cast
 
 from serial.serialutil import SerialBase
 
@@ -14,6 +15,7 @@ from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.exchange import ArrayExchange
 from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
 from palpate.drivers.tactile.messages import Describe, Description, Hello, SelfTestReport
+from palpate.drivers.tactile.stream import Port
 from palpate.drivers.transport.port import has_baudrate
 from palpate.errors import DeviceError, PalpateError
 from palpate.rig.arrays import array_of, array_plugin
@@ -135,10 +137,15 @@ def _unknown(case: Case, spec: FingerConfig, port: SerialBase, failure: str) -> 
 
 def _hello(case: Case, spec: FingerConfig, port: SerialBase) -> tuple[bool, bool]:
     """Whether palpate's own protocol is answered, and whether anything is heard. Raises DeviceError."""
-    port.reset_input_buffer()
+    _drop_unread(port)
     exchange = ArrayExchange(port, case.place.clock, spec.name, lambda *_: None)
     answer = exchange.ask(Hello, Describe, _ANSWER_S, _TRIES)
     return isinstance(answer, Describe), bool(exchange.noise)
+
+
+def _drop_unread(port: SerialBase) -> None:
+    readable = cast("Port", port)
+    readable.read(readable.in_waiting)
 
 
 def _other_protocol(case: Case, spec: FingerConfig, port: SerialBase) -> str | None:
@@ -157,7 +164,9 @@ def _other_protocol(case: Case, spec: FingerConfig, port: SerialBase) -> str | N
         with suppress(PalpateError, ValueError):
             config = ArrayConfig.model_validate(table)
             plugin = array_plugin(name)
-            port.reset_input_buffer()
-            plugin.driver(port, case.place.clock, spec.name, config, spec.tip.radius_mm).connect()
+            _drop_unread(port)
+            plugin.driver(
+                cast("Port", port), case.place.clock, spec.name, config, spec.tip.radius_mm
+            ).connect()
             return name
     return None

@@ -73,7 +73,7 @@ def examine_bus(case: Case, usable: frozenset[str]) -> BusSeen:
     if not seen.here and not seen.elsewhere:
         silent = step(_BAUD, _LOOKED_BAUD, "nothing answers at any baud rate", [_all_silent(case)])
         return BusSeen((silent, *_unseen("no servo answers").steps[1:]), frozenset())
-    baud, ids, models = _baud_step(case, seen), _ids_step(case, seen), _models_step(case, seen)
+    baud, ids, models = _baud_step(case, seen), _ids_step(case, seen), _models_step(seen)
     crowded = {item.dxl_id for item in seen.here if item.crowded}
     right = {item.dxl_id: model_name(item.ping) for item in seen.here}
     sound = {
@@ -108,7 +108,7 @@ def _scanned(case: Case) -> _Servos:
 
 
 def _asked_again(case: Case, dxl_ids: Sequence[int]) -> tuple[FoundServo, ...]:
-    """Servos that a ping to all has missed, as on a bad wire, and that answer when they are asked by themselves."""
+    """Servos that a ping to all has missed, as on a bad wire, and that answer when asked by themselves."""
     rate, found = case.rig.bus.baudrate_bps, []
     with closing(Bus(case.place.open(rate), case.place.clock, rate, latency_s=case.place.latency_s)) as bus:
         for dxl_id in dxl_ids:
@@ -118,10 +118,11 @@ def _asked_again(case: Case, dxl_ids: Sequence[int]) -> tuple[FoundServo, ...]:
 
 
 def _all_silent(case: Case) -> FindingOut:
+    rates = listed([str(rate) for rate in usual_baudrates(case.place)], 8)
     return wrong(
         Cause.BUS_SILENT,
         f"port {case.rig.bus.port}",
-        f"the port opens, and no servo answers at {listed([str(rate) for rate in usual_baudrates(case.place)], 8)} baud",
+        f"the port opens, and no servo answers at {rates} baud",
         "the servos have no supply, the first cable is not plugged in, or this is another device's port",
         "switch the servos' supply on and check the cable from the adapter to the first servo",
     )
@@ -139,7 +140,7 @@ def _baud_step(case: Case, seen: _Servos) -> DoctorStepOut:
             "all servos",
             f"every servo answers at {other} baud, not at the rig file's {rate}",
             "servos and rig file agree in all but the rate",
-            f"write baudrate_bps = {other} below [bus] in the rig file (palpate setup-motors changes the servos instead)",
+            f"write baudrate_bps = {other} below [bus] in the rig file, or set up the servos anew",
         )
         return step(_BAUD, _LOOKED_BAUD, f"{saw}, {len(moved)} at {other}", [finding])
     findings = [
@@ -204,7 +205,7 @@ def _other_ids(case: Case, missing: Sequence[RigServo], strangers: Sequence[Foun
 
 
 def _silent(missing: Sequence[RigServo]) -> FindingOut:
-    one = len(missing) == 1
+    one, ids = len(missing) == 1, listed([str(servo.dxl_id) for servo in missing])
     return wrong(
         Cause.SERVO_SILENT,
         listed([_named(servo) for servo in missing]),
@@ -212,11 +213,11 @@ def _silent(missing: Sequence[RigServo]) -> FindingOut:
         "its cable or plug is loose, or it is broken"
         if one
         else "a cable or plug before them is loose, or they have no supply",
-        f"check the plugs on both sides of {'servo' if one else 'servos'} {listed([str(servo.dxl_id) for servo in missing])}",
+        f"check the plugs on both sides of {'servo' if one else 'servos'} {ids}",
     )
 
 
-def _models_step(case: Case, seen: _Servos) -> DoctorStepOut:
+def _models_step(seen: _Servos) -> DoctorStepOut:
     there = {item.dxl_id: item for item in seen.here if item.ping is not None and not item.crowded}
     models = {dxl_id: _model(item) for dxl_id, item in there.items()}
     owned = [servo for servo in seen.owned if servo.dxl_id in there]

@@ -36,8 +36,8 @@ def judge_calibration(
                 listed([f"array {name}" for name in swapped]),
                 "each answers on a port on which another finger's array was calibrated: "
                 + listed([f"finger {name} has that of {owner}" for name, owner in swapped.items()]),
-                "cables were plugged in crosswise, or ports have other names since; contacts would be laid to the "
-                "wrong finger",
+                "cables were plugged in crosswise, or ports have other names since; a contact would count as "
+                "another finger's",
                 "plug the arrays' cables as they were, or exchange their ports in the rig file",
             )
         )

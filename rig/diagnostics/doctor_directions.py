@@ -7,6 +7,7 @@ import math
 from typing import Protocol
 
 from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
+from palpate.drivers.arm_finger import ArmKinematics
 from palpate.drivers.dynamixel.guarded import ServoMover
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.slide_finger import SlideKinematics
@@ -88,7 +89,7 @@ def examine_directions(hand: Hand, onlooker: Onlooker) -> DoctorStepOut:
 
 
 def _moves(hand: Hand, finger: HostFinger) -> list[tuple[Servo, str, float, str]]:
-    """Each joint of a finger: its servo, its key in the rig file, the angle to go to, and where the tip goes."""
+    """Each joint of a finger: its servo, its key, the angle to go to, and where the tip goes then."""
     near, far = finger.drive.servos
     at = hand.servos_of([finger])[finger]
     kinematics = finger.kinematics
@@ -97,6 +98,7 @@ def _moves(hand: Hand, finger: HostFinger) -> list[tuple[Servo, str, float, str]
         aim = at[0] + (_AIM_RAD if ratio > 0 else -_AIM_RAD)
         slide = kinematics.slide_servo_rad(kinematics.distance_mm(at[1]) + _OUT_MM)
         return [(near, "aim.gear_ratio", aim, LEFT), (far, "slide.mm_per_turn", slide, OUT)]
+    assert isinstance(kinematics, ArmKinematics), "there are two kinds of fingers"
     shoulder, elbow = kinematics.shoulder, kinematics.elbow
     turned = min(shoulder.angle_rad(at[0]) + _ARM_RAD, shoulder.hi_rad)
     bent = elbow.angle_rad(at[1])

@@ -1,4 +1,4 @@
-"""Doctor, ports: are they there, may they be opened, does something else use them, do adapters delay answers?"""
+"""Doctor, ports: are they there, may they be opened, who else uses them, do adapters delay answers?"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -85,7 +85,7 @@ def _existence(
                     device,
                     f"there is no such port, and a USB adapter {taken} has none while brltty runs",
                     "brltty took the adapter for a braille display and removed its port",
-                    "sudo systemctl mask --now brltty.path brltty-udev.service, then plug the adapter in again",
+                    "sudo systemctl mask --now brltty.path brltty-udev.service, then plug it in again",
                 )
             )
         else:

@@ -21,7 +21,7 @@ _REVERSED = 0x01
 _ITEMS_NAMED = 4
 
 _ERRORS = {
-    HardwareError.INPUT_VOLTAGE: "its supply left its limits, as a weak supply or a thin cable lets it when motors pull",
+    HardwareError.INPUT_VOLTAGE: "its supply left its limits, as a weak one does when motors pull",
     HardwareError.OVERHEATING: "it has been too hot",
     HardwareError.MOTOR_ENCODER: "its encoder or motor does not work",
     HardwareError.ELECTRICAL_SHOCK: "its electronics were shocked, or its motor has too little power",
@@ -75,11 +75,7 @@ def _supply(case: Case, seen: ServosSeen) -> DoctorStepOut:
     low = [item for item, health in there if health.voltage_v < health.voltage_limits_v[0]]
     high = [item for item, health in there if health.voltage_v > health.voltage_limits_v[1]]
     weak = [item for item, health in there if item not in low and health.voltage_v < _WEAK * _nominal(item)]
-    findings = [
-        warning(Cause.SUPPLY_MIXED, "all servos", text.partition(" (")[0], text.partition(": ")[2].partition(";")[0],
-                text.rpartition("; ")[2])
-        for text in supply_warnings(item.model.name for item, _ in there)
-    ]  # fmt: skip
+    findings = [_mixed(text) for text in supply_warnings(item.model.name for item, _ in there)]
     if low:
         findings.append(_low(low, len(there), serious=True))
     if high:
@@ -100,6 +96,12 @@ def _supply(case: Case, seen: ServosSeen) -> DoctorStepOut:
         )
     saw = f"{min(volts):.1f} V" if min(volts) == max(volts) else f"{min(volts):.1f} to {max(volts):.1f} V"
     return step(*_NAMES[1], saw, findings)
+
+
+def _mixed(text: str) -> FindingOut:
+    saw, _, rest = text.partition(": ")
+    means, _, do = rest.partition("; ")
+    return warning(Cause.SUPPLY_MIXED, "all servos", saw, means, do)
 
 
 def _low(items: Sequence[ServoSeen], there: int, *, serious: bool) -> FindingOut:
@@ -213,15 +215,13 @@ def _settings(case: Case, seen: ServosSeen) -> DoctorStepOut:
             warning(
                 Cause.LIMITS_NOT_SET,
                 _names(list(unset)),
-                f"{counted(sum(map(len, unset.values())), 'item', 'items')} of EEPROM not as the rig file wants them "
+                f"{counted(sum(map(len, unset.values())), 'item', 'items')} of EEPROM not as runs want them "
                 f"(servo {first.dxl_id}: {shown})",
-                "limits of current and position are not in the servos yet; runs write them before anything moves",
+                "limits of current and position are not in the servos yet; runs write them first",
                 f"{NOTHING}: the first run writes them",
             )
         )
-    saw = (
-        f"as the rig file wants them in {len(there) - len(unset)} of {counted(len(there), 'servo', 'servos')}"
-    )
+    saw = f"as runs want them in {len(there) - len(unset)} of {counted(len(there), 'servo', 'servos')}"
     return step(*_NAMES[4], saw, findings)
 
 
@@ -241,7 +241,7 @@ def _special(case: Case, item: ServoSeen, there: Sequence[ServoSeen]) -> list[Fi
                 Cause.DRIVE_REVERSED,
                 item.name,
                 f"its Drive Mode is {item.setting('Drive Mode')}: it counts angles in the reverse direction",
-                "a run writes normal direction; signs and zeros that were measured as it is now are then wrong",
+                "a run writes normal direction; signs and zeros measured as it is now are wrong then",
                 again,
             )
         )
@@ -274,7 +274,7 @@ def _special(case: Case, item: ServoSeen, there: Sequence[ServoSeen]) -> list[Fi
             warning(
                 Cause.PROTECTION_OFF,
                 item.name,
-                f"its Shutdown is {shutdown:#04x}: it does not switch off by itself when overloaded or too hot",
+                f"its Shutdown is {shutdown:#04x}: it stays on when overloaded or too hot",
                 "somebody has switched its protection off",
                 "write its default (52) to Shutdown with DYNAMIXEL Wizard 2.0",
             )

@@ -1,4 +1,4 @@
-"""Doctor, servos: reads each sound servo once, and all of them over and over; what is judged is in `servo_steps`.
+"""Doctor, servos: reads each sound servo once, and all of them over and over. Judged in `doctor_servo_steps`.
 
 Nothing is written to EEPROM, and torque stays as it is.
 """
@@ -32,8 +32,8 @@ _RETURN_DELAY_UNIT_S = 2e-6
 class ServoSeen:
     """A servo: its health with its settings beside those that are wanted.
 
-    `health` is None if it could not be read, and `failure` says why: `old` firmware without some item, a model
-    `unable` to keep the rig file's limits, or lost answers.
+    `health` is None if it could not be read, and `failure` says why: `old` firmware without some item, a
+    model `unable` to keep the rig file's limits, or lost answers.
     """
 
     owner: str

@@ -1,4 +1,4 @@
-"""Statistics of an untouched array's frames: taxels that stand still, are stuck high or unsteady, and drift."""
+"""Statistics of an untouched array's frames: taxels that stand still, are stuck high, unsteady, or drift."""
 
 import math
 from collections.abc import Sequence
@@ -25,8 +25,8 @@ class UntouchedFrames:
     """What frames of an untouched array show, by taxel (rows, cols).
 
     `dead` never change; `at_zero` of them read 0, as one does whose zero has drifted below what can be read.
-    `noise_counts`: median of the live taxels' standard deviations. `drift_counts_per_s`: the fastest drift that
-    is certain, in absolute value, 0 if none is; `drifting`: how many taxels' is beyond what was allowed.
+    `noise_counts`: median of the live taxels' standard deviations. `drift_counts_per_s`: the fastest drift
+    that is certain, in absolute value, 0 if none is; `drifting`: how many taxels' is beyond what was allowed.
     """
 
     dead: Bools
