@@ -44,8 +44,8 @@ def untouched_frames(
     """Look at frames of an array that nothing touches; None if they are too few.
 
     A taxel drifts for certain if a straight line through the means of a dozen stretches is steeper than
-    `allowed_drift` (counts/s) by six times its error. The error is that of the means about the line, which
-    noise of any colour moves.
+    `allowed_drift` (counts/s) by six times its error. The error comes from how far the means lie off the
+    line, of this taxel or in the median, which noise of any colour moves.
     """
     if len(frames) < _ENOUGH:
         return None
@@ -85,6 +85,7 @@ def _slopes(counts: Floats, times: Floats, noise: float) -> tuple[Floats, Floats
     slope: Floats = np.tensordot(off, means, axes=1) / along
     rest = means - means.mean(axis=0) - off[:, None, None] * slope
     variance = (rest**2).sum(axis=0) / (_BLOCKS - 2)
-    least = noise**2 * _BLOCKS / len(times)  # of a mean; chance makes some residuals too small
+    # A taxel's own ten degrees of freedom are too few: in one of ten thousand chance makes them too small.
+    least = max(noise**2 * _BLOCKS / len(times), float(np.median(variance)))
     error: Floats = np.sqrt(np.maximum(variance, least) / along)
     return slope, error

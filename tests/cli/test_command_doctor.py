@@ -22,7 +22,7 @@ from rich.console import Console
 from scipy.signal import lfilter
 
 from palpate import open_rig
-from palpate.config import CalibrationDevice, calibration_path, load_rig, save_calibration, shipped_rig
+from palpate.config import CalibrationDevice, calibration_path, calibration_toml, load_rig, shipped_rig
 from palpate.config.doctor_result import Cause, DoctorOut, Outcome
 from palpate.config.schema import schema_text
 from palpate.drivers.dynamixel.emanual_tables import Area
@@ -88,7 +88,9 @@ def test_steps_behind_a_failed_one_are_skipped_with_the_reason(tmp_path: Path) -
     assert by_name["baud rate"].skipped_because == "the bus's port /dev/ttyUSB0 cannot be used"
     assert by_name["supply voltage"].skipped_because == "no servo answers as the rig file says"
     assert by_name["taxel map"].outcome is Outcome.WELL, "arrays have ports of their own"
-    assert all((item.skipped_because is None) == (item.outcome is not Outcome.SKIPPED) for item in found.steps)
+    assert all(
+        (item.skipped_because is None) == (item.outcome is not Outcome.SKIPPED) for item in found.steps
+    )
     assert found.device_missing
 
 
@@ -181,7 +183,7 @@ def test_exit_codes_are_those_of_the_page(here: Here, tmp_path: Path) -> None:
         for name in ("f1", "f2", "f3")
     ]
     file = empty_calibration(load_rig(emulated), [device, *arrays])
-    save_calibration(file, calibration_path(emulated))
+    calibration_path(emulated).write_text(calibration_toml(file), encoding="utf-8")
     other = here("doctor", "--rig", "emulated.toml", "--json")
     assert other.code == 1
     assert other.json["next"] == "calibration: palpate calibrate --rig emulated.toml"
@@ -214,7 +216,14 @@ def test_a_report_has_what_helps_and_nothing_private(here: Here, tmp_path: Path)
     file.write_text(text.replace("/dev/no-such-f1", "socket://lab-pc.example.org:7000"), encoding="utf-8")
     assert here("doctor", "--rig", str(file), "--report", "report.md").code == 3
     report = Path("report.md").read_text(encoding="utf-8")
-    for word in (getpass.getuser(), socket.gethostname(), str(Path.home()), str(tmp_path), "FT3WHRKK", "lab-pc"):
+    for word in (
+        getpass.getuser(),
+        socket.gethostname(),
+        str(Path.home()),
+        str(tmp_path),
+        "FT3WHRKK",
+        "lab-pc",
+    ):
         assert word not in report
     assert "[port-missing]" in report
     assert "- palpate " in report
