@@ -6,6 +6,7 @@ import json
 import math
 import os
 import pty
+import re
 import socket
 from collections.abc import Callable
 from contextlib import closing
@@ -88,9 +89,8 @@ def test_steps_behind_a_failed_one_are_skipped_with_the_reason(tmp_path: Path) -
     assert by_name["baud rate"].skipped_because == "the bus's port /dev/ttyUSB0 cannot be used"
     assert by_name["supply voltage"].skipped_because == "no servo answers as the rig file says"
     assert by_name["taxel map"].outcome is Outcome.WELL, "arrays have ports of their own"
-    assert all(
-        (item.skipped_because is None) == (item.outcome is not Outcome.SKIPPED) for item in found.steps
-    )
+    for item in found.steps:
+        assert (item.skipped_because is None) == (item.outcome is not Outcome.SKIPPED)
     assert found.device_missing
 
 
@@ -216,14 +216,8 @@ def test_a_report_has_what_helps_and_nothing_private(here: Here, tmp_path: Path)
     file.write_text(text.replace("/dev/no-such-f1", "socket://lab-pc.example.org:7000"), encoding="utf-8")
     assert here("doctor", "--rig", str(file), "--report", "report.md").code == 3
     report = Path("report.md").read_text(encoding="utf-8")
-    for word in (
-        getpass.getuser(),
-        socket.gethostname(),
-        str(Path.home()),
-        str(tmp_path),
-        "FT3WHRKK",
-        "lab-pc",
-    ):
+    private = getpass.getuser(), socket.gethostname(), str(Path.home()), str(tmp_path), "FT3WHRKK", "lab-pc"
+    for word in private:
         assert word not in report
     assert "[port-missing]" in report
     assert "- palpate " in report
@@ -239,7 +233,9 @@ def test_names_of_users_and_computers_are_left_out_wherever_they_stand() -> None
     out = open_rig().doctor().result
     finding = examined_text(out, "/home/ada/rigs/left.toml on workbench-7 of Ada, 192.168.7.20")
     report = doctor_report(finding, rig, {"ada": "<user>", "workbench-7": "<host>"})
-    for word in ("ada", "Ada", "workbench-7", "left.toml", "192.168"):
+    assert not re.search(r"\bada\b", report, re.IGNORECASE)
+    assert "adapter" in report
+    for word in ("workbench-7", "left.toml", "192.168"):
         assert word not in report
     assert "<host> of <user>" in report
 
@@ -306,15 +302,15 @@ def frames_of(counts: np.ndarray, rate_hz: float = 250.0) -> list[TactileFrame]:
 @pytest.mark.parametrize("memory", [0.0, 0.9])
 @pytest.mark.parametrize("noise", [0.2, 2.0, 20.0])
 def test_still_arrays_do_not_drift(noise: float, memory: float) -> None:
-    """In a hundred arrays of 160 taxels, with white noise and with noise that remembers for ten frames."""
+    """In forty arrays of 160 taxels, with white noise and with noise that remembers for ten frames."""
     rng = np.random.default_rng(1)
-    for _ in range(100):
+    for _ in range(40):
         rough = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(0, noise, (850, 8, 20)), axis=0)
         found = untouched_frames(frames_of(300 + rough[100:]), 4095, 0.0)
         assert found is not None
         assert found.drifting == 0
-        assert not (found.hot.any() or found.unsteady.any())
-        assert not found.dead.any()
+        bad = found.dead | found.hot | found.unsteady
+        assert not bad.any()
 
 
 def test_drift_is_seen_beyond_what_is_allowed() -> None:
