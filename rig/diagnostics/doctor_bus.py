@@ -228,9 +228,9 @@ def _models_step(seen: _Servos) -> DoctorStepOut:
         wrong(
             Cause.WRONG_MODEL,
             _named(servo),
-            f"it is a {models[servo.dxl_id]}, not the rig file's {servo.model}",
+            f"it answers as {models[servo.dxl_id]}, not as the rig file's {servo.model}",
             _why_other_model(servo, models, other),
-            f'write model = "{models[servo.dxl_id]}" for it in the rig file, or mount a {servo.model}',
+            f'write model = "{models[servo.dxl_id]}" for it in the rig file, or mount one of the other model',
         )
         for servo in other
     ]

@@ -132,8 +132,8 @@ def _permission(
     do = "log out and in again: groups count from the next login" if group and group.joined else join
     finding = wrong(
         Cause.PORT_FORBIDDEN,
-        f"port {listed(forbidden)}",
-        f"the system refuses to open {listed([f'{port} ({users[port]})' for port in forbidden])}",
+        "port " + listed([f"{port} ({users[port]})" for port in forbidden]),
+        f"the system refuses to open {'it' if len(forbidden) == 1 else 'them'}",
         f"this user is not in the group that owns serial ports ({named})",
         do,
     )
@@ -165,8 +165,8 @@ def _user(case: Case, port: str, what: str, error: DeviceError | None) -> Findin
     if user is not None and user.startswith("ModemManager"):
         return wrong(
             Cause.MODEM_MANAGER,
-            f"port {port}",
-            f"{user} has {port} ({what}) open",
+            f"port {port} ({what})",
+            f"{user} has it open",
             "ModemManager takes the device for a modem and sends AT commands to it",
             stop,
         )
@@ -178,8 +178,8 @@ def _user(case: Case, port: str, what: str, error: DeviceError | None) -> Findin
         )
         return wrong(
             Cause.PORT_BUSY,
-            f"port {port}",
-            f"{port} ({what}) is in use by {user or 'another program'}",
+            f"port {port} ({what})",
+            f"it is in use by {user or 'another program'}",
             f"two programs on one port take each other's bytes{'' if user else hint}",
             f"end {user or 'the other program'}, then run this again"
             + ("" if user or not local else f" (sudo fuser -v {port} names it)"),
@@ -187,8 +187,8 @@ def _user(case: Case, port: str, what: str, error: DeviceError | None) -> Findin
     if local and case.computer.may_be_probed(port):
         return warning(
             Cause.MODEM_MANAGER,
-            f"port {port}",
-            f"ModemManager is running, and nothing tells it to leave {port} ({what}) alone",
+            f"port {port} ({what})",
+            "ModemManager is running, and nothing tells it to leave this port alone",
             "for some seconds after plugging in it may open the port and send AT commands",
             stop,
         )
@@ -204,8 +204,8 @@ def _latency(case: Case, users: Mapping[str, str], usable: frozenset[str]) -> Do
     findings = [
         warning(
             Cause.LATENCY_TIMER,
-            f"port {port}",
-            f"the adapter of {port} ({users[port]}) holds every answer back for up to {timer * 1e3:g} ms",
+            f"port {port} ({users[port]})",
+            f"its adapter holds every answer back for up to {timer * 1e3:g} ms",
             "all servos are read some 30 times a second instead of several hundred times"
             if port == case.rig.bus.port
             else "frames come in heaps, and a contact is noticed later than it could be",

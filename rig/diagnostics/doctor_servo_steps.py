@@ -54,8 +54,8 @@ def _firmware(case: Case, seen: ServosSeen) -> DoctorStepOut:
         wrong(
             Cause.SERVO_FIRMWARE,
             item.name,
-            f"firmware {item.firmware}: {item.failure}",
-            "its firmware is older than what a run relies on, such as Bus Watchdog",
+            f"its firmware {item.firmware} does not know all items that runs need",
+            "it is too old: a run relies on Drive Mode and Bus Watchdog, for instance",
             "update it with the vendor's DYNAMIXEL Wizard 2.0",
         )
         for item in seen.servos
@@ -117,14 +117,16 @@ def _low(items: Sequence[ServoSeen], there: int, *, serious: bool) -> FindingOut
         if every
         else f"check cables and plugs before servo {items[0].dxl_id}"
     )
-    return make(Cause.SUPPLY_LOW, _names(items), f"{_volts(items)}; it takes {_limits(items[0])}", means, do)
+    return make(
+        Cause.SUPPLY_LOW, _names(items), f"{_volts(items)}, and {_limits(items[0])} are allowed", means, do
+    )
 
 
 def _high(items: Sequence[ServoSeen]) -> FindingOut:
     return wrong(
         Cause.SUPPLY_HIGH,
         _names(items),
-        f"{_volts(items)}; it takes {_limits(items[0])}",
+        f"{_volts(items)}, and {_limits(items[0])} are allowed",
         "the supply gives too much, which destroys servos",
         f"switch the supply off now, and set it to {_nominal(items[0]):g} V",
     )
