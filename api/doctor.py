@@ -1,10 +1,8 @@
 """Doctor from Python: a set-up examined step by step, and a report on it for a bug tracker."""
 
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from pathlib import Path
 
 from palpate.config.doctor_result import DoctorOut, DoctorStepOut, FindingOut
 from palpate.config.results import to_json
@@ -61,7 +59,6 @@ class DoctorAnswer:
 
 def examine_rig(
     on_bench: RigOnBench,
-    path: Path | None,
     seed: int,
     *,
     move: bool,
@@ -74,8 +71,7 @@ def examine_rig(
     if move and onlooker is None and not on_bench.rig.emulated:
         raise InputError(f'rig "{on_bench.rig.name}" is real: give an onlooker, who says which way tips go')
     place = endpoint_of_rig(on_bench.described, seed)
-    option = "" if path is None else f" --rig {shlex.quote(str(path))}"
-    case = Case(on_bench, place, Computer(), progress, option)
+    case = Case(on_bench, place, Computer(), progress)
 
     def directions() -> DoctorStepOut:
         bench = _bench(place, on_bench)

@@ -231,7 +231,6 @@ class Rig:
         with unwinding_signals():
             return examine_rig(
                 self._on_bench,
-                self._path,
                 self._seed,
                 move=move,
                 onlooker=onlooker,

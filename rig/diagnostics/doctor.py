@@ -30,7 +30,7 @@ from palpate.rig.diagnostics.doctor_steps import NOTHING, Case, skipped, step, w
 
 __all__ = ["diagnose"]
 
-_NOT_ALLOWED = "fingers move for it only with --move"
+_NOT_ALLOWED = "fingers move for it only if asked to: palpate doctor --move"
 
 
 def diagnose(case: Case, now: datetime, directions: Callable[[], DoctorStepOut] | None = None) -> DoctorOut:

@@ -36,7 +36,7 @@ def judge_arrays(case: Case, seen: Sequence[ArraySeen], because: str) -> list[Do
     """All steps on arrays; skipped `because` if none was looked at."""
     if not seen:
         return [skipped(*name, because) for name in _NAMES]
-    silent = [_silent(case, item) for item in seen if item.description is None]
+    silent = [_silent(item) for item in seen if item.description is None]
     there = [item for item in seen if item.description is not None]
     kinds = {_kind(item) for item in there}
     named = [f"{item.spec.name} {_kind(item)}" for item in there]
@@ -69,7 +69,7 @@ def _kind(item: ArraySeen) -> str:
     return f"{described.rows} × {described.cols} {described.shape.name.lower()}"
 
 
-def _silent(case: Case, item: ArraySeen) -> FindingOut:
+def _silent(item: ArraySeen) -> FindingOut:
     array = item.spec.array
     if item.other_rate is not None:
         return wrong(
@@ -108,7 +108,7 @@ def _silent(case: Case, item: ArraySeen) -> FindingOut:
         item.name,
         f"its port {array.port} opens, and nothing answers there at any usual baud rate",
         "it has no power, its data lines are crossed or loose, or this is another device's port",
-        f"check power and cable of finger {item.spec.name}'s array ({case.command('watch')} shows it live)",
+        f"check power and cable of finger {item.spec.name}'s array",
     )
 
 
@@ -125,7 +125,7 @@ def _geometry(case: Case, item: ArraySeen) -> list[FindingOut]:
                     item.name,
                     f"{described.rows} × {described.cols} taxels; {shape[0]} × {shape[1]} were calibrated",
                     "another array was mounted since, or its port is another finger's",
-                    case.command("calibrate"),
+                    case.command("palpate calibrate --rig RIG"),
                 )
             ]
     try:

@@ -149,7 +149,7 @@ def _baud_step(case: Case, seen: _Servos) -> DoctorStepOut:
             _named(servo),
             f"it answers at {item.baudrate} baud, not at the rig file's {rate}",
             "it has not been set up for this rig, or was reset",
-            case.command(f"setup-motors --id {servo.dxl_id}"),
+            case.command(f"palpate setup-motors --rig RIG --id {servo.dxl_id}"),
         )
         for servo, item in moved
     ]
@@ -184,7 +184,11 @@ def _crowded(
         f"two servos or more answer to id {item.dxl_id} at once, and spoil each other's answers{also}",
         "one of them was never given an id of its own",
         "connect only the servo that has the wrong id, then: "
-        + case.command("setup-motors" if target is None else f"setup-motors --id {target.dxl_id}"),
+        + case.command(
+            "palpate setup-motors --rig RIG"
+            if target is None
+            else f"palpate setup-motors --rig RIG --id {target.dxl_id}"
+        ),
     )
 
 
@@ -200,7 +204,7 @@ def _other_ids(case: Case, missing: Sequence[RigServo], strangers: Sequence[Foun
         f"{'it' if len(missing) == 1 else 'they'} {verb} not answer, and {listed(there)}, which the rig file "
         f"does not have, {'does' if len(there) == 1 else 'do'}",
         "a servo has another id than the rig file says; new ones have id 1 at 57600 baud",
-        case.command(f"setup-motors --id {missing[0].dxl_id}"),
+        case.command(f"palpate setup-motors --rig RIG --id {missing[0].dxl_id}"),
     )
 
 

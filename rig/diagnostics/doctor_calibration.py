@@ -48,7 +48,7 @@ def judge_calibration(
                 "calibration",
                 f"it {other}",
                 "gains, zeros and play of another device are used",
-                case.command("calibrate"),
+                case.command("palpate calibrate --rig RIG"),
             )
         )
     if age > OLD_DAYS and not findings:
@@ -58,7 +58,7 @@ def judge_calibration(
                 "calibration",
                 f"it is {age} days old",
                 f"skins wear and screws loosen; it should not be older than {OLD_DAYS} days",
-                case.command("calibrate"),
+                case.command("palpate calibrate --rig RIG"),
             )
         )
     return step(_NAME, _LOOKED, saw, findings)

@@ -85,7 +85,7 @@ def _existence(
                     device,
                     f"there is no such port, and a USB adapter {taken} has none while brltty runs",
                     "brltty took the adapter for a braille display and removed its port",
-                    "sudo systemctl mask --now brltty.path brltty-udev.service, then plug it in again",
+                    "sudo systemctl mask brltty.path brltty-udev.service, then restart the computer",
                 )
             )
         else:
@@ -161,7 +161,7 @@ def _user(case: Case, port: str, what: str, error: DeviceError | None) -> Findin
     """What is said of another program on a port."""
     local = "://" not in port
     user = case.computer.user_of(port) if local and not port.startswith(_SERVED) else None
-    stop = "sudo systemctl disable --now ModemManager"
+    stop = "sudo systemctl disable ModemManager && sudo systemctl stop ModemManager"
     if user is not None and user.startswith("ModemManager"):
         return wrong(
             Cause.MODEM_MANAGER,

@@ -185,7 +185,7 @@ def _torque(case: Case, seen: ServosSeen) -> DoctorStepOut:
                 _names(on),
                 "torque is on, and nothing should hold it now",
                 "another program left it on, or still runs",
-                case.command("stop"),
+                case.command("palpate stop --rig RIG"),
             )
         )
     return step(
@@ -236,7 +236,7 @@ def _unable(item: ServoSeen) -> FindingOut:
 def _special(case: Case, item: ServoSeen, there: Sequence[ServoSeen]) -> list[FindingOut]:
     """Settings that spoil more than a limit."""
     findings = []
-    again = case.command(f"setup-motors --id {item.dxl_id}")
+    again = case.command(f"palpate setup-motors --rig RIG --id {item.dxl_id}")
     if _is_reversed(item):
         findings.append(
             wrong(

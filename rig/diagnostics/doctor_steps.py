@@ -1,5 +1,6 @@
 """Values that the steps of `doctor` share: the case that is examined, and how steps and findings are made."""
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,16 +20,12 @@ _LISTED = 6
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What is examined: a rig, where its ports are, the computer; `tell` hears what is looked at now.
-
-    `rig_option`: what names the rig file in commands for the user, " --rig my-rig.toml" or "".
-    """
+    """What is examined: a rig, where its ports are, the computer; `tell` hears what is looked at now."""
 
     on_bench: RigOnBench
     place: BusEndpoint
     computer: Computer
     tell: Callable[[str], None] = lambda _: None
-    rig_option: str = ""
 
     @property
     def rig(self) -> RigFile:
@@ -36,9 +33,8 @@ class Case:
         return self.on_bench.rig
 
     def command(self, words: str) -> str:
-        """A command of palpate on this rig, as the user would type it."""
-        name, _, rest = words.partition(" ")
-        return f"palpate {name}{self.rig_option}{' ' if rest else ''}{rest}"
+        """A command of palpate as the user would type it, with this rig's file in the place of RIG."""
+        return words.replace("RIG", shlex.quote(str(self.on_bench.path)))
 
 
 def step(name: str, looked_at: str, saw: str, findings: Sequence[FindingOut] = ()) -> DoctorStepOut:

@@ -201,7 +201,7 @@ def examined(fault: Fault, root: Path, seed: int = 3) -> DoctorOut:
     found = set_up_with(fault, root, seed)
     on_bench = found.on_bench()
     place = found.place(on_bench.described)
-    case = Case(on_bench, place, Computer(root), rig_option=" --rig rig.toml")
+    case = Case(on_bench, place, Computer(root))
 
     def directions() -> Any:
         described = replace(found.bench, urls=place.urls)
