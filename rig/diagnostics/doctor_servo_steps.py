@@ -351,7 +351,7 @@ def _zeros(case: Case, seen: ServosSeen) -> DoctorStepOut:
     fine = len(starts) - len(findings)
     return step(
         *_NAMES[6],
-        f"{fine} of {counted(len(starts), 'finger stands', 'fingers stand')} where they wait{more}",
+        f"{fine} of {counted(len(starts), 'finger', 'fingers')} where a run may start{more}",
         findings,
     )
 
