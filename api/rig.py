@@ -15,6 +15,7 @@ from palpate.api.answers import Answer, Plan
 from palpate.api.arguments import checked
 from palpate.api.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_rig
 from palpate.api.check import CheckAnswer, check_rig_and_hold, check_rig_and_touch
+from palpate.api.doctor import DoctorAnswer, examine_rig
 from palpate.api.files import PathLike, name_of, objects_from, scene_from
 from palpate.api.identification import identify_on
 from palpate.api.monitor import Monitor, check_streaming
@@ -31,6 +32,7 @@ from palpate.rig.bench import connect, place, set_up
 from palpate.rig.calibrated_rig import RigOnBench, load_calibrated
 from palpate.rig.commissioning.calibration import STEPS
 from palpate.rig.commissioning.rig_prober import Table
+from palpate.rig.diagnostics.doctor_directions import Onlooker
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.identification.observers import Observer
 from palpate.rig.monitor.arrays import find_array_ports, select_fingers, stream_arrays
@@ -207,6 +209,34 @@ class Rig:
                 table=table,
                 permit=permit,
                 progress=progress,
+            )
+
+    @checked
+    def doctor(
+        self,
+        *,
+        move: bool = False,
+        onlooker: Onlooker | None = None,
+        permit: Callable[[], None] = lambda: None,
+        progress: Callable[[str], None] = lambda _: None,
+        notice: Callable[[str], None] = warning,
+    ) -> DoctorAnswer:
+        """Examine the whole set-up step by step, in the order in which things go wrong, from ports to forces.
+
+        Nothing moves but for `move`: then, if nothing is wrong and `permit` was called, each joint moves a
+        little, and `onlooker` says which way the tip went; an emulated rig has one. An InputError of `permit`
+        skips that. `notice`: as in `identify`. Devices that are missing or fail are findings. Raises
+        InputError for `move` on a real rig without an onlooker, SafetyStop if a motion had to be stopped.
+        """
+        with unwinding_signals():
+            return examine_rig(
+                self._on_bench,
+                self._seed,
+                move=move,
+                onlooker=onlooker,
+                permit=permit,
+                progress=progress,
+                notice=notice,
             )
 
     @checked

@@ -24,6 +24,7 @@ from palpate.cli.commissioning.calibrate import calibrate
 from palpate.cli.commissioning.init import init
 from palpate.cli.commissioning.setup_motors import setup_motors
 from palpate.cli.diagnostics.check import check
+from palpate.cli.diagnostics.doctor import doctor
 from palpate.cli.diagnostics.find_port import find_port
 from palpate.cli.diagnostics.scan import scan
 from palpate.cli.diagnostics.stop import stop
@@ -124,6 +125,7 @@ app.command(rich_help_panel=_SETTING_UP)(find_port)
 app.command(rich_help_panel=_SETTING_UP)(scan)
 app.command(rich_help_panel=_SETTING_UP)(setup_motors)
 app.command(rich_help_panel=_SETTING_UP)(check)
+app.command(rich_help_panel=_SETTING_UP)(doctor)
 app.command(rich_help_panel=_SETTING_UP)(calibrate)
 app.command(rich_help_panel=_SETTING_UP)(watch)
 app.command(rich_help_panel=_SETTING_UP)(stop)

@@ -15,6 +15,7 @@ from palpate.config.calibrate_result import CalibrateOut
 from palpate.config.calibration_file import CalibrationFile
 from palpate.config.check_result import CheckOut
 from palpate.config.contacts_file import ContactsFile
+from palpate.config.doctor_result import DoctorOut
 from palpate.config.export_result import ExportOut
 from palpate.config.grip_result import GripOut
 from palpate.config.identification_result import IdentificationOut
@@ -42,6 +43,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "calibration": CalibrationFile,
     "check": CheckOut,
     "contacts": ContactsFile,
+    "doctor": DoctorOut,
     "export": ExportOut,
     "grip": GripOut,
     "identification": IdentificationOut,

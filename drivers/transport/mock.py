@@ -13,6 +13,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from palpate.drivers.transport.clock import VirtualClock
+from palpate.drivers.transport.port import PortMissing
 from palpate.drivers.transport.wire import (
     BITS_PER_BYTE,
     Device,
@@ -21,7 +22,6 @@ from palpate.drivers.transport.wire import (
     RatedDevice,
     wire_time_s,
 )
-from palpate.errors import DeviceError
 
 __all__ = ["MOCK_SCHEME", "MockHub", "MockWire", "wire_for_url"]
 
@@ -190,12 +190,12 @@ class MockHub:
 
 
 def wire_for_url(url: str) -> MockWire:
-    """Find the wire behind `mock://HUB/NAME`. Raises DeviceError if there is none."""
+    """Find the wire behind `mock://HUB/NAME`. Raises PortMissing if there is none."""
     hub_name, _, wire_name = url.partition("://")[2].partition("/")
     hub = _HUBS.get(hub_name)
     wire = hub.wire(wire_name) if hub is not None else None
     if wire is None:
-        raise DeviceError(
+        raise PortMissing(
             f"port {url} does not exist: no emulated device is attached under that name; "
             "check `port` in the rig file, or start the emulated rig first"
         )

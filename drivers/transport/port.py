@@ -23,20 +23,30 @@ unplugged port lets the terminal's own error through."""
 
 _OPENING_ERRORS: tuple[type[Exception], ...] = (*PORT_ERRORS, ValueError)
 _TAKEN = (errno.EAGAIN, errno.EBUSY)
+_FORBIDDEN = (errno.EACCES, errno.EPERM)
+_MISSING = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 
-__all__ = ["PORT_ERRORS", "PortTaken", "has_baudrate", "open_port"]
+__all__ = ["PORT_ERRORS", "PortForbidden", "PortMissing", "PortTaken", "has_baudrate", "open_port"]
 
 
 class PortTaken(DeviceError):
     """Another program has the port for itself."""
 
 
+class PortForbidden(DeviceError):
+    """This user may not open the port."""
+
+
+class PortMissing(DeviceError):
+    """There is no such port."""
+
+
 def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool = False) -> SerialBase:
     """Open a port (8N1), for this process alone, whose reads wait for at most `timeout_s`.
 
     `shared`: also if another program has it, which loses what is read here; for an emergency stop only.
-    Raises PortTaken if another program uses the port, DeviceError naming it if it does not exist or refuses
-    the baud rate.
+    Raises PortTaken if another program uses the port, PortForbidden if this user may not, PortMissing if it
+    does not exist, another DeviceError naming it if it refuses the baud rate.
     """
     handlers = __package__ or "palpate.drivers.transport"
     if handlers not in serial.protocol_handler_packages:
@@ -52,12 +62,13 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
             raise PortTaken(
                 f"port {url} is in use: another program is using it; close that program, then try again"
             ) from error
-        if isinstance(error, OSError) and error.errno == errno.EACCES:
-            raise DeviceError(
+        if isinstance(error, OSError) and error.errno in _FORBIDDEN:
+            raise PortForbidden(
                 f"port {url} may not be opened by this user; join the group that owns it "
                 "(sudo usermod -aG dialout $USER), then log in again"
             ) from error
-        raise DeviceError(
+        missing = isinstance(error, OSError) and error.errno in _MISSING
+        raise (PortMissing if missing else DeviceError)(
             f"port {url} does not exist or cannot be opened at {baudrate} baud: {_reason(error)}; "
             "check the cable and `port` in the rig file"
         ) from error

@@ -14,7 +14,7 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from palpate.drivers.transport.adapter import TTYS, latency_timer_s
 
-__all__ = ["SerialPort", "describe", "serial_ports"]
+__all__ = ["SerialPort", "describe", "port_users", "serial_ports"]
 
 _BY_ID = Path("/dev/serial/by-id")
 _PROCESSES = Path("/proc")
@@ -68,7 +68,7 @@ def describe(
     """What pyserial found, with what the system tells besides; the folders are those of Linux."""
     names = {str(link.resolve()): str(link) for link in _entries(by_id)}
     ports = sorted(found, key=lambda info: info.device)
-    users = _users(processes, {info.device for info in ports})
+    users = port_users(processes, {info.device for info in ports})
     return [
         SerialPort(
             info.device,
@@ -84,7 +84,7 @@ def describe(
     ]
 
 
-def _users(processes: Path, devices: set[str]) -> dict[str, str]:
+def port_users(processes: Path, devices: set[str]) -> dict[str, str]:
     """For each device that is open somewhere: the program's name and number."""
     users: dict[str, str] = {}
     for process in _entries(processes):

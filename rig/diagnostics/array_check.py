@@ -18,7 +18,7 @@ from palpate.rig.arrays import array_of, calibration_of, doubt_warning, threshol
 from palpate.rig.diagnostics.latency_timer import timer_warnings
 from palpate.rig.motion.hand import OpenPort
 
-__all__ = ["check_array"]
+__all__ = ["check_array", "listen"]
 
 _LISTEN_S = 1.0
 _POLL_S = 0.02
@@ -128,7 +128,7 @@ def _streamed(out: ArrayCheckOut, array: ArrayDriver, clock: Clock) -> list[Tact
     """The frames of a second."""
     try:
         array.start(out.wanted_hz)
-        return _listen(array, clock)
+        return listen(array, clock, _LISTEN_S)
     finally:
         array.stop()
 
@@ -149,9 +149,10 @@ def _wrong(out: ArrayCheckOut, *problems: str) -> ArrayCheckOut:
     return out.model_copy(update={"problems": (*out.problems, *problems)})
 
 
-def _listen(array: ArrayDriver, clock: Clock) -> list[TactileFrame]:
+def listen(array: ArrayDriver, clock: Clock, seconds: float) -> list[TactileFrame]:
+    """The frames that a streaming array sends in some seconds. Raises DeviceError if it goes away."""
     frames: list[TactileFrame] = []
-    end = clock.now() + _LISTEN_S
+    end = clock.now() + seconds
     while clock.now() < end:
         clock.sleep(_POLL_S)
         frames += array.frames()

@@ -1,0 +1,145 @@
+"""Doctor, taxel map: taxels that are dead, hot or unsteady, by an array's own account or by its frames.
+
+Whether taxels are where the array says cannot be seen while nothing touches them: `palpate watch` shows it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.config.doctor_result import Cause, DoctorStepOut, FindingOut
+from palpate.drivers.tactile.messages import SelfTestResult, TaxelFault
+from palpate.errors import counted
+from palpate.geometry import Bools
+from palpate.rig.diagnostics.doctor_arrays import ArraySeen
+from palpate.rig.diagnostics.doctor_steps import Case, listed, step, wrong
+from palpate.rig.diagnostics.untouched_frames import UntouchedFrames
+
+__all__ = ["TAXEL_MAP", "HeardArray", "judge_taxels"]
+
+TAXEL_MAP = ("taxel map", "let arrays test themselves, and looked for taxels that are stuck or unsteady")
+
+_TAXELS_NAMED = 6
+
+
+@dataclass(frozen=True, eq=False)
+class HeardArray:
+    """An array that introduced itself, and what its frames show."""
+
+    seen: ArraySeen
+    shown: UntouchedFrames | None
+    known_bad: frozenset[tuple[int, int]]
+
+
+def judge_taxels(case: Case, arrays: Sequence[HeardArray]) -> DoctorStepOut:
+    """The step on the taxels of arrays that fit the rig file."""
+    del case
+    findings = [found for array in arrays for found in (*_hardware(array), *_bad_taxels(array))]
+    count = sum(array.seen.description.taxels for array in arrays if array.seen.description is not None)
+    known = sum(len(array.known_bad) for array in arrays)
+    more = f", {known} of them known to the calibration and left out" if known else ""
+    tested = sum(array.seen.report is not None for array in arrays)
+    saw = f"{count} taxels of {counted(len(arrays), 'array', 'arrays')}{more}; {tested} tested themselves"
+    return step(*TAXEL_MAP, saw, findings)
+
+
+def _hardware(array: HeardArray) -> list[FindingOut]:
+    report = array.seen.report
+    if report is None or not report.result & ~SelfTestResult.TAXELS:
+        return []
+    parts = [str(p.name).replace("_", " ").lower() for p in SelfTestResult if p in report.result]
+    named = listed([part for part in parts if part != "taxels"])
+    return [
+        wrong(
+            Cause.ARRAY_HARDWARE,
+            array.seen.name,
+            f"its self-test finds fault with its {named or 'parts that only its maker can name'}",
+            "it is broken, or has too little supply",
+            "check its supply, then repair or replace it",
+        )
+    ]
+
+
+def _bad_taxels(array: HeardArray) -> list[FindingOut]:
+    """Taxels that are bad by the array's own account or by their frames, and not left out already."""
+    described, shown = array.seen.description, array.shown
+    assert described is not None
+    dead, hot, unsteady = (np.zeros((described.rows, described.cols), dtype=bool) for _ in range(3))
+    if shown is not None:
+        dead, hot, unsteady = shown.dead.copy(), shown.hot.copy(), shown.unsteady.copy()
+        if (
+            shown.drifting and array.seen.report is not None
+        ):  # which says what is dead; these have drifted to 0
+            dead &= ~shown.at_zero
+    by_fault = {TaxelFault.STUCK_LOW: dead, TaxelFault.STUCK_HIGH: hot, TaxelFault.UNSTEADY: unsteady}
+    for bad in () if array.seen.report is None else array.seen.report.bad:
+        if bad.row < described.rows and bad.col < described.cols:
+            by_fault[bad.fault][bad.row, bad.col] = True
+    dead &= ~hot
+    unsteady &= ~(hot | dead)
+    for row, col in array.known_bad:
+        dead[row, col] = hot[row, col] = unsteady[row, col] = False
+    return [*_dead(array.seen, dead), *_stuck(array.seen, hot), *_restless(array.seen, unsteady)]
+
+
+def _dead(item: ArraySeen, dead: Bools) -> list[FindingOut]:
+    columns, rows = np.flatnonzero(dead.all(axis=0)), np.flatnonzero(dead.all(axis=1))
+    replace = "repair the flat cable or replace the array"
+    if len(rows) == len(dead):
+        saw = f"none of its {dead.size} taxels ever changes"
+        why = "its skin is not connected to its electronics"
+        return [
+            wrong(Cause.ARRAY_HARDWARE, item.name, saw, why, "check the cable between skin and electronics")
+        ]
+    found = []
+    left = dead.copy()
+    for cause, name, numbers in ((Cause.DEAD_COLUMN, "column", columns), (Cause.DEAD_ROW, "row", rows)):
+        if not len(numbers):
+            continue
+        which = listed([str(number) for number in numbers])
+        saw = f"all taxels of {name}{'' if len(numbers) == 1 else 's'} {which} are dead"
+        found.append(
+            wrong(
+                cause, item.name, saw, f"a line of the {name} is broken, or its plug does not touch", replace
+            )
+        )
+        left[:, columns] = False
+        left[rows] = False
+    if left.any():
+        saw = f"{counted(int(left.sum()), 'dead taxel', 'dead taxels')}: {_places(left)}"
+        found.append(wrong(Cause.DEAD_TAXEL, item.name, saw, _PARTS, _LEAVE_OUT))
+    return found
+
+
+def _stuck(item: ArraySeen, hot: Bools) -> list[FindingOut]:
+    if not hot.any():
+        return []
+    saw = f"{counted(int(hot.sum()), 'taxel', 'taxels')} at full scale without a touch: {_places(hot)}"
+    why = "a short circuit in the skin, or something is pressed into it"
+    return [
+        wrong(
+            Cause.HOT_TAXEL,
+            item.name,
+            saw,
+            why,
+            "look at the skin there; then calibrate, which leaves it out",
+        )
+    ]
+
+
+def _restless(item: ArraySeen, unsteady: Bools) -> list[FindingOut]:
+    if not unsteady.any():
+        return []
+    saw = (
+        f"{counted(int(unsteady.sum()), 'taxel', 'taxels')} far noisier than the others: {_places(unsteady)}"
+    )
+    return [wrong(Cause.UNSTEADY_TAXEL, item.name, saw, "a contact in skin or plug is loose", _LEAVE_OUT)]
+
+
+_PARTS = "the skin is worn or damaged there"
+_LEAVE_OUT = "repair it, or calibrate, which leaves it out"
+
+
+def _places(taxels: Bools) -> str:
+    return listed([f"row {row} column {col}" for row, col in np.argwhere(taxels)], _TAXELS_NAMED)
