@@ -17,10 +17,14 @@ struct byte_ring {
     volatile uint8_t taken;   /* moved by the reader */
 };
 
+static inline bool byte_ring_is_full(const struct byte_ring *ring) {
+    return (uint8_t)(ring->written - ring->taken) == BYTE_RING_SIZE;
+}
+
 /* Append a byte; false if the ring is full. The writer's. */
 static inline bool byte_ring_put(struct byte_ring *ring, uint8_t byte) {
     const uint8_t written = ring->written;
-    if ((uint8_t)(written - ring->taken) == BYTE_RING_SIZE) {
+    if (byte_ring_is_full(ring)) {
         return false;
     }
     ring->bytes[written % BYTE_RING_SIZE] = byte;

@@ -25,9 +25,15 @@ uint64_t board_clock_us(void);
 /* Bytes have been put into board_sending: see that the transmitter runs. */
 void board_send(void);
 
+/* Whether palpate_poll would do something now: bytes have come, or it has more of them to send than
+ * board_sending could take, and now there is room. */
+static inline bool board_has_work(bool has_more) {
+    return !byte_ring_is_empty(&board_received) || (has_more && !byte_ring_is_full(&board_sending));
+}
+
 /* Sleep until an interrupt comes, at the latest at `until_us` of the board's clock and a fraction of a
- * millisecond; not at all if bytes wait in board_received. */
-void board_sleep(uint64_t until_us);
+ * millisecond; not at all if there is work, which is looked at once no interrupt can come in between. */
+void board_sleep(uint64_t until_us, bool has_more);
 
 /* The chip's serial number, as far as the board has one. */
 uint32_t board_serial(void);

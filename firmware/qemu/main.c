@@ -109,14 +109,13 @@ static void poll(void) {
     account.clock_us = now_us;
 }
 
-/* Bytes that wait for the line are taken on by the interrupt that has sent those before them. */
 static void sleep(void) {
     uint64_t until_us;
     if (!palpate_next_us(&array, &until_us)) {
         until_us = UINT64_MAX;
     }
     const uint32_t begin_us = (uint32_t)board_clock_us();
-    board_sleep(until_us);
+    board_sleep(until_us, array.ring.used > 0);
     account.asleep_us += (uint32_t)board_clock_us() - begin_us;
 }
 

@@ -125,7 +125,7 @@ void board_send(void) {
 
 /* ---- sleep ---- */
 
-void board_sleep(uint64_t until_us) {
+void board_sleep(uint64_t until_us, bool has_more) {
     const uint64_t longest_us = is_sending ? WATCHED_SLEEP_US : LONGEST_SLEEP_US;
     board_send();
     const uint64_t now_us = board_clock_us();
@@ -135,7 +135,7 @@ void board_sleep(uint64_t until_us) {
     const uint64_t left_us = until_us - now_us;
     TIMER_CC_1 = (uint32_t)(now_us + (left_us < longest_us ? left_us : longest_us));
     interrupts_off();
-    if (byte_ring_is_empty(&board_received)) {
+    if (!board_has_work(has_more)) {
         wait_for_interrupt();
     }
     interrupts_on();

@@ -65,10 +65,10 @@ uint64_t board_clock_us(void) {
 }
 
 /* The next tick wakes it, whatever the instant. */
-void board_sleep(uint64_t until_us) {
+void board_sleep(uint64_t until_us, bool has_more) {
     (void)until_us;
     interrupts_off();
-    if (byte_ring_is_empty(&board_received)) {
+    if (!board_has_work(has_more)) {
         wait_for_interrupt();
     }
     interrupts_on();
