@@ -1,11 +1,13 @@
 """The firmware on a processor that QEMU emulates (`firmware/qemu/`): built, run, reset, and looked into.
 
-A board's serial line is a pseudo-terminal; `path` is what a host opens. What the board keeps about itself is
+A board's serial line is a pseudo-terminal, or a TCP port: a terminal holds some 12 kB for a host that is late, a
+socket more than a million. `path` is what a host opens. What the board keeps about itself is
 read out of its memory through QEMU's own control socket (QMP), so that the firmware need not help.
 """
 
 import json
 import mmap
+import re
 import shutil
 import socket
 import struct
@@ -23,7 +25,7 @@ from firmware_build import build_firmware
 from palpate.geometry import Counts
 
 __all__ = ["COLUMNS", "DEPTH", "MICROBIT", "MPS2", "ROWS", "Account", "Machine", "QemuBoard", "Source"]
-__all__ += ["missing_tools", "qemu_board"]
+__all__ += ["PTY", "TCP", "missing_tools", "qemu_board"]
 
 ROWS, COLUMNS, DEPTH = 8, 20, 12
 _TOOLS = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}
@@ -31,6 +33,8 @@ _LIBRARY = "libnewlib-arm-none-eabi"
 _UNTOUCHED = 0xC5C5C5C5
 _RAM_BYTES = 16 << 20
 _PATIENCE_S = 20.0
+PTY = "pty,id=line"
+TCP = "socket,id=line,host=127.0.0.1,port=0,server=on,wait=off,nodelay=on"
 _COUNTERS = struct.Struct("<4I")
 _ACCOUNT = struct.Struct("<7I")
 
@@ -91,7 +95,13 @@ class QemuBoard:
     """
 
     def __init__(
-        self, machine: Machine, folder: Path, source: int, serial: int, icount: int | None = None
+        self,
+        machine: Machine,
+        folder: Path,
+        source: int = Source.PATTERN,
+        serial: int = 1,
+        icount: int | None = None,
+        line: str = PTY,
     ) -> None:
         self.machine = machine
         self._elf = build_firmware("qemu") / machine.name / "firmware.elf"
@@ -99,7 +109,7 @@ class QemuBoard:
         self._folder = folder
         control = folder / "control"
         self._process = subprocess.Popen(
-            [*self._command(source, serial, icount), "-qmp", f"unix:{control},server=on,wait=off"],
+            [*self._command(source, serial, icount, line), "-qmp", f"unix:{control},server=on,wait=off"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -110,14 +120,14 @@ class QemuBoard:
             self._answers = self._control.makefile("r", encoding="utf-8")
             self._answers.readline()  # a greeting
             self._ask("qmp_capabilities")
-            (line,) = (found for found in self._ask("query-chardev") if found["label"] == "line")
+            (told,) = (found for found in self._ask("query-chardev") if found["label"] == "line")
         except BaseException:
             self.kill()
             raise
-        self.path = str(line["filename"]).removeprefix("pty:")
+        self.path = _address(str(told["filename"]))
         self._turn = 0
 
-    def _command(self, source: int, serial: int, icount: int | None) -> list[str]:
+    def _command(self, source: int, serial: int, icount: int | None, line: str) -> list[str]:
         at = self.machine.matrix_at
         command = ["qemu-system-arm", "-machine", self.machine.board, "-kernel", str(self._elf)]
         if self.machine.is_feedable:
@@ -128,7 +138,7 @@ class QemuBoard:
             command += ["-object", backend]
         for place, value in ((at, source), (at + 4, serial)):
             command += ["-device", f"loader,addr={place:#x},data={value},data-len=4"]
-        command += ["-chardev", "pty,id=line", "-serial", "chardev:line", "-display", "none"]
+        command += ["-chardev", line, "-serial", "chardev:line", "-display", "none"]
         command += ["-monitor", "none"]
         return command if icount is None else [*command, "-icount", f"shift={icount},sleep=on"]
 
@@ -198,6 +208,13 @@ def _connected(path: Path, process: subprocess.Popen[str]) -> socket.socket:
             return control
 
 
+def _address(name: str) -> str:
+    """What a host opens, from QEMU's name of the line."""
+    found = re.fullmatch(r"pty:(/dev/pts/\d+)|disconnected:tcp:(127.0.0.1:\d+),.*", name)
+    assert found is not None, name
+    return found[1] or f"socket://{found[2]}"
+
+
 def _symbols(elf: Path) -> dict[str, int]:
     listed = subprocess.run(["arm-none-eabi-nm", str(elf)], capture_output=True, text=True, check=True)
     rows = (line.split() for line in listed.stdout.splitlines())
@@ -211,9 +228,10 @@ def qemu_board(
     source: int = Source.PATTERN,
     serial: int = 1,
     icount: int | None = None,
+    line: str = PTY,
 ) -> Iterator[QemuBoard]:
     """A board that runs until the block ends; `folder` is for its sockets and memory, and should be short."""
-    board = QemuBoard(machine, folder, source, serial, icount)
+    board = QemuBoard(machine, folder, source, serial, icount, line)
     try:
         yield board
     finally:
