@@ -31,8 +31,8 @@ static inline bool board_has_work(bool has_more) {
     return !byte_ring_is_empty(&board_received) || (has_more && !byte_ring_is_full(&board_sending));
 }
 
-/* Sleep until an interrupt comes, at the latest at `until_us` of the board's clock and a fraction of a
- * millisecond; not at all if there is work, which is looked at once no interrupt can come in between. */
+/* Sleep until an interrupt comes, at the latest a millisecond after `until_us` of the board's
+ * clock; not at all if there is work, which is looked at once no interrupt can come in between. */
 void board_sleep(uint64_t until_us, bool has_more);
 
 /* The chip's serial number, as far as the board has one. */

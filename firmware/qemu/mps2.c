@@ -5,7 +5,7 @@
 
 #define CLOCK_HZ 25000000u
 #define BAUD 1000000u
-#define TICK_US 250u
+#define TICK_US 1000u
 #define RELOAD (CLOCK_HZ / 1000000u * TICK_US - 1u)
 
 #define UART 0x40004000u

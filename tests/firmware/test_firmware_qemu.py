@@ -6,7 +6,7 @@ late. QEMU carries a byte at once, whatever the baud rate.
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -55,6 +55,17 @@ def driven(board: QemuBoard) -> Iterator[TactileArray]:
         port.close()
 
 
+def patiently(verb: Callable[[], object]) -> None:
+    """Ask again: on a busy computer the emulators of board and line may take longer than a host waits."""
+    for _ in range(10):
+        try:
+            verb()
+        except DeviceError:
+            continue
+        return
+    verb()
+
+
 def collect(array: TactileArray, wanted: int) -> tuple[NDArray[np.uint32], Counts]:
     """Numbers and counts of so many frames, and of those that came with the last one."""
     numbers: list[int] = []
@@ -75,9 +86,9 @@ def test_ten_thousand_frames_none_lost_none_misread(machine: Machine, tmp_path: 
     frames = 10_000
     with qemu_board(machine, tmp_path, icount=ICOUNT, line=TCP) as board, driven(board) as array:
         described = array.connect()
-        array.start(RATE_HZ)
+        patiently(lambda: array.start(RATE_HZ))
         numbers, counts = collect(array, frames)
-        array.stop()
+        patiently(array.stop)
         account = board.account()
     assert (described.rows, described.cols, described.bit_depth) == (ROWS, COLUMNS, DEPTH)
     assert described.firmware == f"{machine.name} 1"
@@ -95,15 +106,15 @@ def test_a_board_that_is_reset_in_mid_stream_is_noticed_and_comes_back(
     machine: Machine, tmp_path: Path
 ) -> None:
     with qemu_board(machine, tmp_path, icount=ICOUNT) as board, driven(board) as array:
-        array.connect()
+        patiently(array.connect)
         for _ in range(3):
-            array.start(RATE_HZ)
+            patiently(lambda: array.start(RATE_HZ))
             assert_right(*collect(array, 100))
             board.reset()
             with pytest.raises(DeviceError, match="no frame"):
                 collect(array, 10_000)
-            array.connect()
-        array.start(RATE_HZ)
+            patiently(array.connect)
+        patiently(lambda: array.start(RATE_HZ))
         numbers, counts = collect(array, 100)
         account = board.account()
     assert numbers[0] < 10, "numbers begin anew after a reset"
@@ -119,14 +130,13 @@ def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tm
         port = NoisyPort(open_port(board.path, 1_000_000), share=5e-4, seed=3)
         try:
             array = TactileArray(port, MonotonicClock(), "board")
-            array.connect()
-            array.start(RATE_HZ)
+            patiently(array.connect)
+            patiently(lambda: array.start(RATE_HZ))
             parts = []
             for _ in range(30):
-                port.write(rng.integers(0, 256, 60).astype(np.uint8).tobytes())
+                port.write(rng.integers(0, 256, 60).astype(np.uint8).tobytes() + b"\0")
                 parts.append(collect(array, 50))
-            port.write(b"\0")
-            array.stop()
+            patiently(array.stop)
             account = board.account()
         finally:
             port.close()
@@ -137,7 +147,7 @@ def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tm
     missing = int(np.sum(steps - 1))
     assert 50 < missing <= array.counters.lost
     assert missing <= 2 * port.flipped, "a flipped byte costs its message; a flipped delimiter the next, too"
-    assert account.faults > 20, "the board heard noise"
+    assert account.faults >= 30, "the board heard noise"
     assert account.given_up == 0
 
 
@@ -172,13 +182,13 @@ def test_untouched_skin_is_quiet_and_can_be_tared(machine: Machine, tmp_path: Pa
         qemu_board(machine, tmp_path, source=Source.QUIET, icount=ICOUNT) as board,
         driven(board) as array,
     ):
-        array.connect()
-        array.start(RATE_HZ)
+        patiently(array.connect)
+        patiently(lambda: array.start(RATE_HZ))
         _, raw = collect(array, 50)
-        array.tare(32, pedestal=100)
+        patiently(lambda: array.tare(32, pedestal=100))
         collect(array, 80)
         _, tared = collect(array, 50)
-        array.stop()
+        patiently(array.stop)
     assert 202 < raw.mean() < 204
     assert raw.min() >= 200
     assert raw.max() <= 206

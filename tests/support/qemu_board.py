@@ -132,7 +132,9 @@ class QemuBoard:
         command = ["qemu-system-arm", "-machine", self.machine.board, "-kernel", str(self._elf)]
         if self.machine.is_feedable:
             memory = self._folder / "memory"
-            memory.touch()
+            with memory.open("w+b") as file:
+                file.truncate(_RAM_BYTES)
+                self._shared = mmap.mmap(file.fileno(), mmap.PAGESIZE)
             backend = f"memory-backend-file,id=mem,size={_RAM_BYTES},mem-path={memory},share=on"
             command[2] += ",memory-backend=mem"
             command += ["-object", backend]
@@ -144,11 +146,10 @@ class QemuBoard:
 
     def feed(self, counts: Counts) -> None:
         """Have all taxels, shape (rows, columns), sampled as this from now on; for `Source.FED`."""
-        with (self._folder / "memory").open("r+b") as file, mmap.mmap(file.fileno(), 4096) as memory:
-            self._turn += 1
-            struct.pack_into("<I", memory, 8, 2 * self._turn - 1)
-            memory[12 : 12 + 2 * counts.size] = counts.astype("<u2").tobytes()
-            struct.pack_into("<I", memory, 8, 2 * self._turn)
+        self._turn += 1
+        struct.pack_into("<I", self._shared, 8, 2 * self._turn - 1)
+        self._shared[12 : 12 + 2 * counts.size] = counts.astype("<u2").tobytes()
+        struct.pack_into("<I", self._shared, 8, 2 * self._turn)
 
     def reset(self) -> None:
         """Press the board's reset button."""
