@@ -10,7 +10,9 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import tomlkit
 from qemu_board import MPS2, QemuBoard, Source, qemu_board
+from quick_rig import quick_bench
 
 from palpate.config import RigFile
 from palpate.drivers.emulators.array import EmulatedArray
@@ -23,8 +25,9 @@ from palpate.geometry import Floats
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.scene import Placement
 
-__all__ = ["BoardBench", "board_bench"]
+__all__ = ["BoardBench", "board_bench", "slow_bench", "write_real_rig"]
 
+_LATENCY_MS = 1000  # six emulators share this computer: a servo's may have to wait for its turn
 _SCAN_S = 4e-3  # how often the skin is looked at
 
 
@@ -87,3 +90,25 @@ def board_bench(rig: RigFile, placement: Placement | None, seed: int, folder: Pa
             boards[spec.name], paths[spec.array.port] = board, board.path
         service = stack.enter_context(serve_pty(devices, MonotonicClock(), threading.Event()))
         yield BoardBench({**service.paths, **paths}, boards)
+
+
+def slow_bench(folder: Path) -> tuple[Path, Path]:
+    """Write a rig whose fingers come slowly, since what they feel is late, and a catalogue of small parts."""
+    rig, parts = quick_bench(folder)
+    text = rig.read_text(encoding="utf-8")
+    quick, slow = "approach_speed_mm_s = 30.0", "approach_speed_mm_s = 10.0"
+    assert quick in text
+    rig.write_text(text.replace(quick, slow), encoding="utf-8")
+    return rig, parts
+
+
+def write_real_rig(rig: Path, paths: Mapping[str, str], path: Path) -> Path:
+    """Write the rig file to `path` with the ports that are served, and nothing emulated in it; returns `path`."""
+    document = tomlkit.parse(rig.read_text(encoding="utf-8"))
+    document.pop("emulation")
+    document["bus"]["port"] = paths[document["bus"]["port"]]
+    document["bus"]["latency_ms"] = _LATENCY_MS
+    for finger in document["fingers"]:
+        finger["array"]["port"] = paths[finger["array"]["port"]]
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+    return path
