@@ -29,13 +29,13 @@ from array_host import expected_counts
 from bench_firmware import Row, table
 from firmware_build import build_firmware
 from noisy_port import NoisyPort
+from pipe_port import PipePort
 from qemu_bench import board_bench, slow_bench, write_real_rig
-from qemu_board import COLUMNS, DEPTH, MICROBIT, MPS2, ROWS, TCP, Machine, missing_tools, qemu_board
+from qemu_board import COLUMNS, DEPTH, MICROBIT, MPS2, ROWS, Machine, missing_tools, qemu_board
 
 from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
-from palpate.drivers.transport.port import open_port
 from palpate.errors import DeviceError
 from palpate.rig.bench import place
 
@@ -49,9 +49,10 @@ def frames_row(machine: Machine, frames: int, rate_hz: float, share: float) -> R
     last = -1
     with (
         tempfile.TemporaryDirectory() as folder,
-        qemu_board(machine, Path(folder), icount=ICOUNT, line=TCP) as board,
+        qemu_board(machine, Path(folder), icount=ICOUNT, is_piped=True) as board,
     ):
-        port = NoisyPort(open_port(board.path, 1_000_000), share, seed=1)
+        pipes = PipePort(board.path)
+        port = NoisyPort(pipes, share, seed=1)
         array = TactileArray(port, MonotonicClock(), machine.name)
         array.connect()
         started(array, rate_hz)
@@ -71,7 +72,7 @@ def frames_row(machine: Machine, frames: int, rate_hz: float, share: float) -> R
             last = int(numbers[-1])
         spent = time.perf_counter() - begin
         account = board.account()
-        port.close()
+        pipes.close()
     time_us, asleep_us = account.clock_us - before.clock_us, account.asleep_us - before.asleep_us
     return {
         "run": f"{machine.core}, {rate_hz:g}/s" + (f", {share:g} of the bytes flipped" if share else ""),

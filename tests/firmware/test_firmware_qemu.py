@@ -14,13 +14,13 @@ import pytest
 from array_host import expected_counts, read_quiet, read_until
 from noisy_port import NoisyPort
 from numpy.typing import NDArray
+from pipe_port import PipePort
 from qemu_board import (
     COLUMNS,
     DEPTH,
     MICROBIT,
     MPS2,
     ROWS,
-    TCP,
     Machine,
     QemuBoard,
     Source,
@@ -47,7 +47,7 @@ RATE_HZ = 200.0
 
 @contextmanager
 def driven(board: QemuBoard) -> Iterator[TactileArray]:
-    port = open_port(board.path, 1_000_000)
+    port = PipePort(board.path) if board.is_piped else open_port(board.path, 1_000_000)
     try:
         yield TactileArray(port, MonotonicClock(), "board")
     finally:
@@ -83,7 +83,7 @@ def assert_right(numbers: NDArray[np.uint32], counts: Counts) -> None:
 @BOTH
 def test_ten_thousand_frames_none_lost_none_misread(machine: Machine, tmp_path: Path) -> None:
     frames = 10_000
-    with qemu_board(machine, tmp_path, icount=ICOUNT, line=TCP) as board, driven(board) as array:
+    with qemu_board(machine, tmp_path, icount=ICOUNT, is_piped=True) as board, driven(board) as array:
         described = array.connect()
         patiently(lambda: array.start(RATE_HZ))
         numbers, counts = collect(array, frames)
@@ -123,8 +123,8 @@ def test_a_board_that_is_reset_in_mid_stream_is_noticed_and_comes_back(
 def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tmp_path: Path) -> None:
     """One bit in 1 of 2000 bytes to the host flipped, and noise sent to the board all the time."""
     rng = np.random.default_rng(5)
-    with qemu_board(machine, tmp_path, icount=ICOUNT, line=TCP) as board:
-        port = NoisyPort(open_port(board.path, 1_000_000), share=5e-4, seed=3)
+    with qemu_board(machine, tmp_path, icount=ICOUNT, is_piped=True) as board:
+        port = NoisyPort(PipePort(board.path), share=5e-4, seed=3)
         try:
             array = TactileArray(port, MonotonicClock(), "board")
             patiently(array.connect)

@@ -1,7 +1,8 @@
 """A serial port whose bytes get damaged on their way to the host."""
 
 import numpy as np
-from serial.serialutil import SerialBase
+
+from palpate.drivers.tactile.stream import Port
 
 __all__ = ["NoisyPort"]
 
@@ -9,7 +10,7 @@ __all__ = ["NoisyPort"]
 class NoisyPort:
     """Flips one bit of a share of the bytes that are read; `flipped` counts them."""
 
-    def __init__(self, port: SerialBase, share: float, seed: int) -> None:
+    def __init__(self, port: Port, share: float, seed: int) -> None:
         self._port = port
         self._share = share
         self._rng = np.random.default_rng(seed)
@@ -34,6 +35,3 @@ class NoisyPort:
 
     def write(self, data: bytes, /) -> int | None:
         return self._port.write(data)
-
-    def close(self) -> None:
-        self._port.close()

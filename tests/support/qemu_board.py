@@ -1,13 +1,13 @@
 """The firmware on a processor that QEMU emulates (`firmware/qemu/`): built, run, reset, and looked into.
 
-A board's serial line is a pseudo-terminal, or a TCP port: a terminal holds some 12 kB for a host that is late, a
-socket more than a million. `path` is what a host opens. What the board keeps about itself is
+A board's serial line is a pseudo-terminal, or a pair of pipes: a terminal holds some 12 kB for a host that is late,
+a pipe a MiB. `path` is what a host opens. What the board keeps about itself is
 read out of its memory through QEMU's own control socket (QMP), so that the firmware need not help.
 """
 
 import json
 import mmap
-import re
+import os
 import shutil
 import socket
 import struct
@@ -25,7 +25,7 @@ from firmware_build import build_firmware
 from palpate.geometry import Counts
 
 __all__ = ["COLUMNS", "DEPTH", "MICROBIT", "MPS2", "ROWS", "Account", "Machine", "QemuBoard", "Source"]
-__all__ += ["PTY", "TCP", "missing_tools", "qemu_board"]
+__all__ += ["missing_tools", "qemu_board"]
 
 ROWS, COLUMNS, DEPTH = 8, 20, 12
 _TOOLS = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}
@@ -33,8 +33,6 @@ _LIBRARY = "libnewlib-arm-none-eabi"
 _UNTOUCHED = 0xC5C5C5C5
 _RAM_BYTES = 16 << 20
 _PATIENCE_S = 20.0
-PTY = "pty,id=line"
-TCP = "socket,id=line,host=127.0.0.1,port=0,server=on,wait=off,nodelay=on"
 _COUNTERS = struct.Struct("<4I")
 _ACCOUNT = struct.Struct("<7I")
 
@@ -91,9 +89,9 @@ class Account:
 class QemuBoard:
     """A running board. `icount`: nanoseconds of the board's time for an instruction are 2 to this power.
 
-    Without `icount` the processor is as fast as this computer can make it. With it, and on a TCP line, time in which
-    the board sleeps is skipped: nothing that keeps this computer busy can make it late. A terminal holds too little
-    for that, and there the board sleeps in real time.
+    Without `icount` the processor is as fast as this computer can make it. With it, and on pipes, time in which the
+    board sleeps is skipped: nothing that keeps this computer busy can make it late. A terminal holds too little for
+    that, and there the board sleeps in real time.
     """
 
     def __init__(
@@ -103,15 +101,16 @@ class QemuBoard:
         source: int = Source.PATTERN,
         serial: int = 1,
         icount: int | None = None,
-        line: str = PTY,
+        is_piped: bool = False,
     ) -> None:
         self.machine = machine
+        self.is_piped = is_piped
         self._elf = build_firmware("qemu") / machine.name / "firmware.elf"
         self._symbols = _symbols(self._elf)
-        self._folder = folder
+        self._folder, self._pipes = folder, folder / "line"
         control = folder / "control"
         self._process = subprocess.Popen(
-            [*self._command(source, serial, icount, line), "-qmp", f"unix:{control},server=on,wait=off"],
+            [*self._command(source, serial, icount, is_piped), "-qmp", f"unix:{control},server=on,wait=off"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -126,10 +125,10 @@ class QemuBoard:
         except BaseException:
             self.kill()
             raise
-        self.path = _address(str(told["filename"]))
+        self.path = str(self._pipes) if is_piped else str(told["filename"]).removeprefix("pty:")
         self._turn = 0
 
-    def _command(self, source: int, serial: int, icount: int | None, line: str) -> list[str]:
+    def _command(self, source: int, serial: int, icount: int | None, is_piped: bool) -> list[str]:
         at = self.machine.matrix_at
         command = ["qemu-system-arm", "-machine", self.machine.board, "-kernel", str(self._elf)]
         if self.machine.is_feedable:
@@ -142,10 +141,14 @@ class QemuBoard:
             command += ["-object", backend]
         for place, value in ((at, source), (at + 4, serial)):
             command += ["-device", f"loader,addr={place:#x},data={value},data-len=4"]
+        if is_piped:
+            for way in ("in", "out"):
+                os.mkfifo(f"{self._pipes}.{way}")
+        line = f"pipe,id=line,path={self._pipes}" if is_piped else "pty,id=line"
         command += ["-chardev", line, "-serial", "chardev:line", "-display", "none"]
         command += ["-monitor", "none"]
         if icount is not None:
-            command += ["-icount", f"shift={icount},sleep={'off' if line == TCP else 'on'}"]
+            command += ["-icount", f"shift={icount},sleep={'off' if is_piped else 'on'}"]
         return command
 
     def feed(self, counts: Counts) -> None:
@@ -213,13 +216,6 @@ def _connected(path: Path, process: subprocess.Popen[str]) -> socket.socket:
             return control
 
 
-def _address(name: str) -> str:
-    """What a host opens, from QEMU's name of the line."""
-    found = re.fullmatch(r"pty:(/dev/pts/\d+)|disconnected:tcp:(127.0.0.1:\d+),.*", name)
-    assert found is not None, name
-    return found[1] or f"socket://{found[2]}"
-
-
 def _symbols(elf: Path) -> dict[str, int]:
     listed = subprocess.run(["arm-none-eabi-nm", str(elf)], capture_output=True, text=True, check=True)
     rows = (line.split() for line in listed.stdout.splitlines())
@@ -233,10 +229,10 @@ def qemu_board(
     source: int = Source.PATTERN,
     serial: int = 1,
     icount: int | None = None,
-    line: str = PTY,
+    is_piped: bool = False,
 ) -> Iterator[QemuBoard]:
     """A board that runs until the block ends; `folder` is for its sockets and memory, and should be short."""
-    board = QemuBoard(machine, folder, source, serial, icount, line)
+    board = QemuBoard(machine, folder, source, serial, icount, is_piped)
     try:
         yield board
     finally:
