@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 import numpy as np
 from array_host import expected_counts
 from bench_firmware import Row, table
-from firmware_build import build_firmware
 from noisy_port import NoisyPort
 from pipe_port import PipePort
 from qemu_bench import board_bench, slow_bench, write_real_rig
 from qemu_board import COLUMNS, DEPTH, MICROBIT, MPS2, ROWS, Machine, missing_tools, qemu_board
+from qemu_profile import instructions_by_function
 
 from palpate.config import load_objects, load_rig
 from palpate.drivers.tactile import TactileArray
@@ -40,6 +40,7 @@ from palpate.errors import DeviceError
 from palpate.rig.bench import place
 
 ICOUNT = 6  # 2^6 ns an instruction
+_WORTH_A_ROW = 100  # instructions
 _ASKED = 10  # a busy computer may keep an emulator from answering in time
 
 
@@ -88,6 +89,21 @@ def frames_row(machine: Machine, frames: int, rate_hz: float, share: float) -> R
         "stack": account.stack_bytes,
         "adds_up": wrong == 0 and account.frames >= received + missing and missing <= 2 * port.flipped,
     }
+
+
+def profile_rows() -> list[Row]:
+    """Instructions for a frame by function, of both boards, as far as they are more than a few."""
+    found = []
+    for machine in (MPS2, MICROBIT):
+        with tempfile.TemporaryDirectory() as folder:
+            found.append(instructions_by_function(machine, 250.0, Path(folder)))
+    totals = [sum(counts.values()) for counts in found]
+    rows: list[Row] = [{"function": "all", MPS2.core: totals[0], MICROBIT.core: totals[1]}]
+    for name in dict.fromkeys(name for counts in found for name in counts):
+        each = [counts.get(name, 0.0) for counts in found]
+        if max(each) > _WORTH_A_ROW:
+            rows.append({"function": name, MPS2.core: each[0], MICROBIT.core: each[1]})
+    return rows
 
 
 def started(array: TactileArray, rate_hz: float) -> None:
@@ -146,14 +162,17 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=1_000_000, help="of each undamaged run")
     parser.add_argument("--flip", type=float, default=1e-4)
     parser.add_argument("--parts", type=int, default=0)
+    parser.add_argument("--profile", action="store_true")
     args = parser.parse_args()
     missing = missing_tools()
     if missing:
         print(f"needs the Debian packages {missing}", file=sys.stderr)
         return 2
+    if args.profile:
+        print(table(profile_rows()))
+        return 0
     rows = []
     if args.frames:
-        build_firmware("qemu-size")
         for machine, rate_hz in ((MPS2, 250.0), (MICROBIT, 250.0)):
             rows.append(frames_row(machine, args.frames, rate_hz, 0.0))
             rows.append(frames_row(machine, args.frames // 10, rate_hz, args.flip))

@@ -4,6 +4,8 @@ The boards' time follows their instructions (`-icount`). QEMU carries a byte at 
 """
 
 import os
+import re
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -12,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from array_host import expected_counts, read_quiet, read_until
+from firmware_build import FIRMWARE, build_firmware
 from noisy_port import NoisyPort
 from numpy.typing import NDArray
 from pipe_port import PipePort
@@ -190,3 +193,16 @@ def test_untouched_skin_is_quiet_and_can_be_tared(machine: Machine, tmp_path: Pa
     assert raw.min() >= 200
     assert raw.max() <= 206
     assert abs(tared.mean() - 100) < 1
+
+
+@BOTH
+def test_what_it_costs_is_what_the_readme_says(machine: Machine) -> None:
+    """Flash and RAM of the whole program, start-up and the board's own code included."""
+    text = (FIRMWARE / "README.md").read_text(encoding="utf-8")
+    row = re.search(rf"^\| {machine.core}.*\| ([\d.]+) kB \| ([\d.]+) kB \|", text, re.MULTILINE)
+    assert row is not None
+    elf = build_firmware("qemu") / machine.name / "firmware.elf"
+    listed = subprocess.run(["arm-none-eabi-size", str(elf)], capture_output=True, text=True, check=True)
+    code, data, zeroed = map(int, listed.stdout.splitlines()[1].split()[:3])
+    assert (code + data) / 1000 == pytest.approx(float(row[1]), abs=0.3)
+    assert (data + zeroed) / 1000 == pytest.approx(float(row[2]), abs=0.1)

@@ -25,11 +25,12 @@ from firmware_build import build_firmware
 from palpate.geometry import Counts
 
 __all__ = ["COLUMNS", "DEPTH", "MICROBIT", "MPS2", "ROWS", "Account", "Machine", "QemuBoard", "Source"]
-__all__ += ["missing_tools", "qemu_board"]
+__all__ += ["board_pipes", "missing_tools", "qemu_board"]
 
 ROWS, COLUMNS, DEPTH = 8, 20, 12
 _TOOLS = {"arm-none-eabi-gcc": "gcc-arm-none-eabi", "qemu-system-arm": "qemu-system-arm"}
 _LIBRARY = "libnewlib-arm-none-eabi"
+_PIPES = "line"
 _UNTOUCHED = 0xC5C5C5C5
 _RAM_BYTES = 16 << 20
 _PATIENCE_S = 20.0
@@ -107,7 +108,7 @@ class QemuBoard:
         self.is_piped = is_piped
         self._elf = build_firmware("qemu") / machine.name / "firmware.elf"
         self._symbols = _symbols(self._elf)
-        self._folder, self._pipes = folder, folder / "line"
+        self._folder, self._pipes = folder, folder / _PIPES
         control = folder / "control"
         self._process = subprocess.Popen(
             [*self._command(source, serial, icount, is_piped), "-qmp", f"unix:{control},server=on,wait=off"],
@@ -142,8 +143,7 @@ class QemuBoard:
         for place, value in ((at, source), (at + 4, serial)):
             command += ["-device", f"loader,addr={place:#x},data={value},data-len=4"]
         if is_piped:
-            for way in ("in", "out"):
-                os.mkfifo(f"{self._pipes}.{way}")
+            board_pipes(self._folder)
         line = f"pipe,id=line,path={self._pipes}" if is_piped else "pty,id=line"
         command += ["-chardev", line, "-serial", "chardev:line", "-display", "none"]
         command += ["-monitor", "none"]
@@ -197,6 +197,14 @@ class QemuBoard:
             self._answers.close()
         self._process.kill()
         self._process.communicate()
+
+
+def board_pipes(folder: Path) -> Path:
+    """Make the pipes of a serial line, one for each way; returns what both names begin with."""
+    path = folder / _PIPES
+    for way in ("in", "out"):
+        os.mkfifo(f"{path}.{way}")
+    return path
 
 
 def _connected(path: Path, process: subprocess.Popen[str]) -> socket.socket:
