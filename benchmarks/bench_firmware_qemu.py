@@ -2,14 +2,16 @@
 
 The firmware is built by arm-none-eabi-gcc and runs on two boards of QEMU, a Cortex-M3 and a Cortex-M0, whose
 time follows their instructions: 16 million a second. An array of 8 x 20 taxels of 12 bit streams through the
-board's UART, its interrupts and rings, and through `TactileArray`; every frame is compared with what the board
-must have sampled. The second run of each board has one bit flipped in 1 of 10,000 bytes to the host.
+board's UART, its interrupts and rings, and through `TactileArray`; every frame is compared with what the
+board must have sampled. The second run of each board, a tenth as long, has one bit flipped in 1 of 10,000
+bytes to the host.
 
 Columns: `sent`, frames by the firmware's own count when the last one had come; `received`; `lost`, messages
-missing by their numbers; `given_up`, frames that the board itself left out; `flipped`, bytes; `wrong`, frames
-received that are not what was sampled; `frames/s`, of this computer's time; `instructions` for a frame: all that the
-board carries out while it streams; `idle`, share of its time that it sleeps; `stack`, deepest, in bytes. Ends with
-1 if a frame is wrong or not accounted for. `--profile` says which functions the instructions are in.
+missing by their numbers; `given_up`, frames that the board itself left out; `flipped`, bytes; `wrong`,
+frames received that are not what was sampled; `frames/s`, of this computer's time; `instructions` for a
+frame: all that the board carries out while it streams; `idle`, share of its time that it sleeps; `stack`,
+deepest, in bytes. Ends with 1 if a frame is wrong or not accounted for. `--profile` says which functions the
+instructions are in.
 
 `--parts N` identifies N parts in real time on the emulated bench, whose three arrays are such boards.
 """

@@ -1,6 +1,6 @@
 """palpate's commands against arrays whose firmware runs on an emulated Cortex-M3, three of them on one rig.
 
-The boards sample what the emulated skin feels. The commands know nothing of that: to them the rig is a real one.
+The boards sample what the emulated skin feels. The commands know nothing of that: to them the rig is real.
 """
 
 import json

@@ -1,7 +1,7 @@
-"""The emulated bench with boards of QEMU in place of its arrays: the skin is palpate's, the firmware is the real one.
+"""The emulated bench with boards of QEMU in place of its arrays: palpate's skin, and the real firmware.
 
-What an emulated array would have sampled is written into the board's memory, where the firmware finds it as the
-counts of its matrix. Servos are served on a pseudo-terminal, in real time; every board has one of its own.
+What an emulated array would have sampled is written into the board's memory, where the firmware finds it as
+the counts of its matrix. Servos are served on a pseudo-terminal, in real time; every board has its own.
 """
 
 import threading
@@ -32,7 +32,7 @@ _SCAN_S = 4e-3  # how often the skin is looked at
 
 
 class FedMatrix:
-    """What is sampled in place of an emulated array (`SampledArray`): hands counts to a board, says nothing."""
+    """Sampled in place of an emulated array (`SampledArray`): hands counts to a board and says nothing."""
 
     def __init__(self, taxels: Taxels, board: QemuBoard, advance: Callable[[float], None]) -> None:
         self._taxels, self._board, self._advance = taxels, board, advance
@@ -52,7 +52,7 @@ class FedMatrix:
     def restart(self, now: float) -> None:
         """Nothing is remembered."""
 
-    def feed(self, data: bytes, now: float) -> list[Emission]:
+    def feed(self, _data: bytes, now: float) -> list[Emission]:
         return self.poll(now)
 
     def poll(self, now: float) -> list[Emission]:
@@ -103,7 +103,7 @@ def slow_bench(folder: Path) -> tuple[Path, Path]:
 
 
 def write_real_rig(rig: Path, paths: Mapping[str, str], path: Path) -> Path:
-    """Write the rig file to `path` with the ports that are served, and nothing emulated in it; returns `path`."""
+    """Write the rig file to `path` with the served ports, and nothing emulated in it; returns `path`."""
     document = tomlkit.parse(rig.read_text(encoding="utf-8"))
     document.pop("emulation")
     document["bus"]["port"] = paths[document["bus"]["port"]]

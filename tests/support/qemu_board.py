@@ -1,8 +1,8 @@
 """The firmware on a processor that QEMU emulates (`firmware/qemu/`): built, run, reset, and looked into.
 
-A board's serial line is a pseudo-terminal, or a pair of pipes: a terminal holds some 12 kB for a host that is late,
-a pipe a MiB. `path` is what a host opens. What the board keeps about itself is
-read out of its memory through QEMU's own control socket (QMP), so that the firmware need not help.
+A board's serial line is a pseudo-terminal, or a pair of pipes: a terminal holds some 12 kB for a host that is
+late, a pipe a MiB. `path` is what a host opens. What the board keeps about itself is read out of its memory
+through QEMU's own control socket (QMP), so that the firmware need not help.
 """
 
 import json
@@ -90,9 +90,9 @@ class Account:
 class QemuBoard:
     """A running board. `icount`: nanoseconds of the board's time for an instruction are 2 to this power.
 
-    Without `icount` the processor is as fast as this computer can make it. With it, and on pipes, time in which the
-    board sleeps is skipped: nothing that keeps this computer busy can make it late. A terminal holds too little for
-    that, and there the board sleeps in real time.
+    Without `icount` the processor is as fast as this computer can make it. With it, and on pipes, time in
+    which the board sleeps is skipped: nothing that keeps this computer busy can make it late. A terminal
+    holds too little for that, and there the board sleeps in real time.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class QemuBoard:
         self._ask("memsave", val=address, size=size, filename=str(path))
         return path.read_bytes()
 
-    def _ask(self, command: str, **arguments: object) -> Any:  # noqa: ANN401 - JSON of any shape
+    def _ask(self, command: str, **arguments: object) -> Any:
         self._control.sendall(json.dumps({"execute": command, "arguments": arguments}).encode())
         while True:
             answer = json.loads(self._answers.readline())

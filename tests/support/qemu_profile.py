@@ -39,13 +39,18 @@ def instructions_by_function(machine: Machine, rate_hz: float, folder: Path) -> 
 
 
 def _places(trace: Iterable[bytes], sample_at: int) -> list[Counter[int]]:
-    """How often each instruction was carried out, from one sample to the next: a counter for each frame."""
+    """How often each instruction was carried out, from one sample to the next: a counter for each frame.
+
+    One that reaches for a device is traced twice, as QEMU begins it anew to get the time right.
+    """
     found: list[Counter[int]] = [Counter()]
+    before = -1
     for text, _ in zip(trace, range(_TRACED), strict=False):
         match = _PLACE.search(text)
-        if match is None:
+        place = before if match is None else int(match[1], 16)
+        if place == before:
             continue
-        place = int(match[1], 16)
+        before = place
         if place == sample_at:
             found.append(Counter())
         found[-1][place] += 1
