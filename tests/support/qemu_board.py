@@ -169,7 +169,7 @@ class QemuBoard:
         )
         faults, requests, frames, given_up = _COUNTERS.unpack(self._memory(counters_at, _COUNTERS.size))
         (overruns,) = struct.unpack("<I", self._memory(overruns_at, 4))
-        return Account(faults, requests, frames, given_up, overruns, *rest, self._stack_bytes())
+        return Account(faults, requests, frames, given_up, overruns, *rest, stack_bytes=self._stack_bytes())
 
     def _stack_bytes(self) -> int:
         bottom, top = self._symbols["link_stack"], self._symbols["link_stack_top"]
