@@ -96,7 +96,7 @@ def slow_bench(folder: Path) -> tuple[Path, Path]:
     """Write a rig whose fingers come slowly, since what they feel is late, and a catalogue of small parts."""
     rig, parts = quick_bench(folder)
     text = rig.read_text(encoding="utf-8")
-    quick, slow = "approach_speed_mm_s = 30.0", "approach_speed_mm_s = 10.0"
+    quick, slow = "approach_speed_mm_s = 30.0", "approach_speed_mm_s = 5.0"
     assert quick in text
     rig.write_text(text.replace(quick, slow), encoding="utf-8")
     return rig, parts
