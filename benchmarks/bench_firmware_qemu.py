@@ -179,7 +179,10 @@ def main() -> int:
             rows.append(frames_row(machine, args.frames, rate_hz, 0.0))
             rows.append(frames_row(machine, args.frames // 10, rate_hz, args.flip))
         print(table(rows))
-    parts = [part_row(seed) for seed in range(args.parts)]
+    parts = []
+    for seed in range(args.parts):
+        parts.append(part_row(seed))
+        print(table(parts[-1:]).splitlines()[-1], file=sys.stderr)
     if parts:
         print(table(parts))
     return 0 if all(row["adds_up"] for row in [*rows, *parts]) else 1

@@ -76,13 +76,14 @@ void board_sleep(uint64_t until_us, bool has_more) {
 
 /* ---- serial line ---- */
 
+/* The interrupt is cleared first: a byte that comes after the last look must raise it again. */
 void on_interrupt_0(void) {
+    UART_INTCLEAR = INT_RECEIVED;
     while ((UART_STATE & STATE_RECEIVED) != 0) {
         if (!byte_ring_put(&board_received, (uint8_t)UART_DATA)) {
             board_overruns++;
         }
     }
-    UART_INTCLEAR = INT_RECEIVED;
 }
 
 static void send_next(void) {

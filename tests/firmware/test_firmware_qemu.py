@@ -127,7 +127,8 @@ def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tm
     """One bit in 1 of 2000 bytes to the host flipped, and noise sent to the board all the time."""
     rng = np.random.default_rng(5)
     with qemu_board(machine, tmp_path, icount=ICOUNT, is_piped=True) as board:
-        port = NoisyPort(PipePort(board.path), share=5e-4, seed=3)
+        pipes = PipePort(board.path)
+        port = NoisyPort(pipes, share=5e-4, seed=3)
         try:
             array = TactileArray(port, MonotonicClock(), "board")
             patiently(array.connect)
@@ -139,7 +140,7 @@ def test_noise_on_the_line_costs_frames_and_none_is_misread(machine: Machine, tm
             patiently(array.stop)
             account = board.account()
         finally:
-            port.close()
+            pipes.close()
     numbers, counts = (np.concatenate(found) for found in zip(*parts, strict=True))
     assert_right(numbers, counts)
     steps = np.diff(numbers.astype(np.int64))
