@@ -30,7 +30,7 @@ from qemu_board import (
     missing_tools,
     qemu_board,
 )
-from wire_messages import ACK, FRAME, HELLO, START, STOP, frame_counts, request, said
+from wire_messages import ACK, DESCRIBE, FRAME, HELLO, START, STOP, frame_counts, request, said
 
 from palpate.drivers.tactile import TactileArray
 from palpate.drivers.transport.clock import MonotonicClock
@@ -175,6 +175,22 @@ def test_a_host_that_stalls_misses_frames_that_are_counted(machine: Machine, tmp
     assert numbers[-1] + 1 == len(came) + account.given_up, "each gap is of frames that were given up"
     counts = np.array([frame_counts(found) for found in frames]).reshape(-1, ROWS, COLUMNS)
     assert_right(np.array([found.sequence for found in frames], np.uint32), counts)
+
+
+@BOTH
+def test_each_of_many_requests_is_answered(machine: Machine, tmp_path: Path) -> None:
+    """Bytes come while the board runs, at any instant: an interrupt that misses one once is deaf from then on."""
+    with qemu_board(machine, tmp_path) as board:
+        descriptor = os.open(board.path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            for number in range(1, 600):
+                os.write(descriptor, request(HELLO, number))
+                (answer,) = said(read_until(descriptor, 1))
+                assert (answer.type, answer.request) == (DESCRIBE, number)
+            account = board.account()
+        finally:
+            os.close(descriptor)
+    assert (account.requests, account.faults, account.overruns) == (599, 0, 0)
 
 
 @BOTH
