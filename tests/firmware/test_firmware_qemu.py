@@ -179,7 +179,7 @@ def test_a_host_that_stalls_misses_frames_that_are_counted(machine: Machine, tmp
 
 @BOTH
 def test_each_of_many_requests_is_answered(machine: Machine, tmp_path: Path) -> None:
-    """Bytes come while the board runs, at any instant: an interrupt that misses one once is deaf from then on."""
+    """Bytes come while the board runs, at any instant. An interrupt that misses one is deaf from then on."""
     with qemu_board(machine, tmp_path) as board:
         descriptor = os.open(board.path, os.O_RDWR | os.O_NOCTTY)
         try:
