@@ -36,7 +36,7 @@ def test_check_watch_and_identify(tmp_path: Path) -> None:
     assert checked.code == 0, checked.err
     assert [found["firmware"] for found in checked.json["arrays"]] == ["mps2 1"] * 3
     assert watched.code == 0, watched.err
-    assert {finger["name"] for finger in json.loads(watched.out.splitlines()[-1])["fingers"]} == set(accounts)
+    assert {shown["finger"] for shown in json.loads(watched.out.splitlines()[-1])["fingers"]} == set(accounts)
     assert done.code == 0, done.err
     answer = done.json
     assert (answer["verdict"], answer["object"]) == ("identified", truth.model.name)
