@@ -4,6 +4,8 @@
 #include <string.h>
 #include <time.h>
 
+#include "test/pattern.h"
+
 #define PITCH_MM 2.0f
 #define RADIUS_MM 8.0f
 #define SPREAD_RAD 4.712389f /* 270 degrees */
@@ -74,21 +76,15 @@ bool board_is_done(const struct board *board) {
 
 /* ---- what it feels ---- */
 
-uint32_t board_pattern(uint32_t number, uint32_t taxel) {
-    uint32_t x = number * 0x9E3779B1u + taxel * 0x85EBCA77u;
-    x = (x ^ (x >> 15)) * 0x2C1B3C6Du;
-    return x ^ (x >> 12);
-}
-
 static uint16_t count(struct board *board, uint32_t number, uint32_t taxel) {
     const uint32_t largest = board->array.largest;
     switch (board->kinds[taxel]) {
     case PALPATE_STUCK_LOW: return 0;
     case PALPATE_STUCK_HIGH: return (uint16_t)largest;
     case PALPATE_UNSTEADY:
-        board->unrest = board_pattern(board->unrest, taxel) + 1u;
+        board->unrest = frame_pattern(board->unrest, taxel) + 1u;
         return (uint16_t)(board->unrest & largest);
-    default: return (uint16_t)(board_pattern(number, taxel) & largest);
+    default: return (uint16_t)(frame_pattern(number, taxel) & largest);
     }
 }
 

@@ -26,12 +26,4 @@ const char *board_init(struct board *board, const struct options *options);
 /* Whether all frames that were asked for have been sampled. */
 bool board_is_done(const struct board *board);
 
-/* The count of a good taxel in the frame with this number, before it is cut to the bit depth:
- *
- *     x = number * 0x9E3779B1 + taxel * 0x85EBCA77    (mod 2^32; taxel = row * columns + column)
- *     x = (x ^ (x >> 15)) * 0x2C1B3C6D                (mod 2^32)
- *     count = (x ^ (x >> 12)) mod 2^depth
- */
-uint32_t board_pattern(uint32_t number, uint32_t taxel);
-
 #endif

@@ -69,7 +69,7 @@ def array_host(program: Path, *options: object) -> Iterator[ArrayHost]:
 def expected_counts(numbers: NDArray[np.uint32], rows: int, columns: int, depth: int = 16) -> Counts:
     """What frames with these numbers hold, shape (frames, rows, columns).
 
-    The formula is that of `board_pattern` in firmware/host/board.h.
+    The formula is that of `frame_pattern` in firmware/test/pattern.h.
     """
     x = np.asarray(numbers, np.uint32)[:, None] * np.uint32(0x9E3779B1)
     x = x + np.arange(rows * columns, dtype=np.uint32) * np.uint32(0x85EBCA77)
