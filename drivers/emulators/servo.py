@@ -59,6 +59,7 @@ class EmulatedServo:
             built, built.firmware if firmware is None else firmware, ShaftMotion(built.motor, start_rad)
         )
         self._catch_up: Callable[[], None] | None = None
+        self._held_by: Callable[[float, float], float] | None = None
         self._unit.table.set("ID", dxl_id)
         self._unit.table.set("Baud Rate", baud_rate_code)
         self._powered = True
@@ -98,13 +99,22 @@ class EmulatedServo:
 
     def step(self, dt_s: float, load_nm: float) -> None:
         """Let `dt_s` pass with an outside torque on the shaft; positive pushes towards +position."""
+        if self._held_by is not None:
+            load_nm += self._held_by(self._inner.motion.shaft_rad, self._inner.motion.velocity_rad_s)
         if self._powered:
             self._inner.step(dt_s, load_nm)
         else:
             self._inner.motion.step(dt_s, load_nm)
 
+    def hold(self, torque_nm: Callable[[float, float], float] | None) -> None:
+        """Let something else act on the shaft from now on, such as a clamp: torque (N·m) by rad and rad/s."""
+        self.catch_up()
+        self._held_by = torque_nm
+
     def quiet_steps(self, dt_s: float) -> int:
         """How many steps of `dt_s` `run` may take at once: at least 1."""
+        if self._held_by is not None:
+            return 1
         return self._inner.quiet_steps(dt_s) if self._powered else _ANY_STEPS
 
     def run(self, dt_s: float, steps: int) -> list[float]:
@@ -112,6 +122,9 @@ class EmulatedServo:
 
         Returns the shaft's angle (rad) after each step, to where it stands still.
         """
+        if self._held_by is not None:
+            self.step(dt_s, 0.0)
+            return [self._inner.motion.shaft_rad]
         return self._inner.run(dt_s, steps) if self._powered else self._inner.motion.run(dt_s, steps)[0]
 
     def report_hardware_error(self, bits: int) -> None:

@@ -71,7 +71,7 @@ def _one_servo(dxl_id: int, deed: Callable[[EmulatedServo], object]) -> Plant:
 
 
 def _old_firmware(servo: EmulatedServo) -> None:
-    servo._unit = EmulatedServo(servo.dxl_id, firmware=37, start_rad=servo.shaft_rad)._unit
+    servo._inner = EmulatedServo(servo.dxl_id, firmware=37, start_rad=servo.shaft_rad)._inner
 
 
 def _both_off(found: SetUp) -> None:

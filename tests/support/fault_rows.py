@@ -83,10 +83,8 @@ def _unplug(host: Host, back_s: float) -> None:
 
 def _clamp(host: Host, dxl_id: int) -> None:
     servo = host.session.servos[dxl_id]
-    free, at = servo.step, servo.shaft_rad
-    servo.step = lambda dt_s, load_nm: free(  # type: ignore[method-assign]
-        dt_s, load_nm - 50.0 * (servo.shaft_rad - at) - 0.3 * servo.shaft_rad_s
-    )
+    at = servo.shaft_rad
+    servo.hold(lambda rad, rad_s: -50.0 * (rad - at) - 0.3 * rad_s)
 
 
 def shove(host: Host) -> None:

@@ -292,11 +292,7 @@ def test_a_servo_that_somebody_else_switches_off(tmp_path: Path) -> None:
 def test_a_servo_that_is_held_on_its_way(tmp_path: Path) -> None:
     """An aim is clamped while it turns: the run ends after a second, not after twenty."""
     session = small_session()
-    aim = session.bench.fingers[0].servos[0]
-    free = aim.step
-    aim.step = lambda dt_s, load_nm: free(  # type: ignore[method-assign]
-        dt_s, load_nm - 80.0 * aim.shaft_rad - 0.5 * aim.shaft_rad_s
-    )
+    session.bench.fingers[0].servos[0].hold(lambda rad, rad_s: -80.0 * rad - 0.5 * rad_s)
     reach = reach_of(session.rig)
     own = reach.of_finger(0)
     with pytest.raises(DeviceError, match=r"servo 11 .* did not reach .* it has stopped at"):

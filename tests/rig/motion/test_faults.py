@@ -102,27 +102,15 @@ def test_a_finger_held_by_what_it_does_not_feel(tmp_path: Path) -> None:
     """Something catches the finger behind its tip: the servo pulls, the array feels nothing."""
     session = small_session(empty=True)
     slide = session.servos[12]
-    free = slide.step
 
-    class Clamp:
-        def __init__(self) -> None:
-            self.at: float | None = None
+    def shut() -> None:
+        at = slide.shaft_rad
+        slide.hold(lambda rad, rad_s: -50.0 * (rad - at) - 0.3 * rad_s)
 
-        def step(self, dt_s: float, load_nm: float) -> None:
-            pull = 0.0
-            if self.at is not None:
-                pull = -50.0 * (slide.shaft_rad - self.at) - 0.3 * slide.shaft_rad_s
-            free(dt_s, load_nm + pull)
-
-        def shut(self) -> None:
-            self.at = slide.shaft_rad
-
-    clamp = Clamp()
-    session.bench.fingers[0].servos[1].step = clamp.step  # type: ignore[method-assign]
-    error = failing(session, tmp_path, GripPhase.CLOSING, 1.0, clamp.shut)
+    error = failing(session, tmp_path, GripPhase.CLOSING, 1.0, shut)
     assert isinstance(error, SafetyStop)
     assert "finger f1 is held" in str(error)
-    clamp.at = None
+    slide.hold(None)
     check_off(session)
 
 

@@ -91,13 +91,12 @@ def push_aside_once_it_touches(rig: ProbedRig) -> None:
     """From the first contact on, the first finger's aim is pushed harder than its current can hold."""
     finger = rig.session.bench.fingers[0]
     aim, touched = finger.servos[0], [False]
-    free = aim.step
 
-    def pushed(dt_s: float, load_nm: float) -> None:
+    def push(_rad: float, rad_s: float) -> float:
         touched[0] = touched[0] or finger.press is not None
-        free(dt_s, load_nm + (2.0 - 0.5 * aim.shaft_rad_s if touched[0] else 0.0))
+        return 2.0 - 0.5 * rad_s if touched[0] else 0.0
 
-    aim.step = pushed  # type: ignore[method-assign]
+    aim.hold(push)
 
 
 def test_a_press_that_leaves_its_line_is_stopped(alone: ProbedRig) -> None:
