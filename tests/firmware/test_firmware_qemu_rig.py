@@ -19,6 +19,7 @@ MISSING = missing_tools()
 pytestmark = [
     pytest.mark.realtime,
     pytest.mark.slow,
+    pytest.mark.campaign,
     pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}"),
 ]
 

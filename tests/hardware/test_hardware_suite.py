@@ -206,6 +206,7 @@ def test_on_a_terminal_it_asks(tmp_path: Path, answer: str, outcome: str) -> Non
 
 
 @pytest.mark.realtime
+@pytest.mark.campaign
 @pytest.mark.timeout(100)
 def test_a_signal_ends_it_with_torque_off(bench: Path, tmp_path: Path) -> None:
     """SIGTERM while a finger may move ends the whole session, not one test."""

@@ -111,6 +111,7 @@ def test_no_scheduler_is_one_line(address: str, words: str, tmp_path: Path) -> N
     assert told.err.count("\n") == 1
 
 
+@pytest.mark.campaign
 def test_a_scheduler_without_workers_is_one_line(tmp_path: Path) -> None:
     with cluster(tmp_path, workers=0) as on:
         told = run("study", "--runs", 2, "--scheduler", on.address, cwd=tmp_path)
