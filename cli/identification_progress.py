@@ -1,5 +1,6 @@
 """Progress of an identification on the terminal, and its answer in words."""
 
+import math
 from pathlib import Path
 
 from rich.console import Console
@@ -64,7 +65,8 @@ class Progress:
             case RecognitionEvent():
                 self._console.print(f"        {_hypotheses(event.recognition)}")
             case MoveEvent(_, float() as furthest_mm):
-                moved = f"fingers may have moved the part by {furthest_mm:.1f} mm"
+                far = f"by {furthest_mm:.1f} mm" if math.isfinite(furthest_mm) else "without a bound"
+                moved = f"fingers may have moved the part {far}"
                 self._console.print(f"        {moved}: earlier grips are dropped")
             case MoveEvent():
                 self._console.print(

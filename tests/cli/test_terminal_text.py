@@ -1,6 +1,7 @@
 """Text from devices and files cannot act on the terminal that it is shown on."""
 
 import io
+import math
 
 import pytest
 from hypothesis import given
@@ -65,10 +66,12 @@ def test_why_earlier_grips_are_dropped() -> None:
     with Progress(console) as progress:
         progress(MoveEvent(2))
         progress(MoveEvent(3, 3.84))
+        progress(MoveEvent(4, math.inf))
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().splitlines() == [
         "        contradicts earlier grips: the part may have moved, they are dropped",
         "        fingers may have moved the part by 3.8 mm: earlier grips are dropped",
+        "        fingers may have moved the part without a bound: earlier grips are dropped",
     ]
 
 
