@@ -112,9 +112,9 @@ class EmulatedServo:
         self._held_by = torque_nm
 
     def quiet_steps(self, dt_s: float) -> int:
-        """How many steps of `dt_s` `run` may take at once: at least 1."""
+        """How many steps of `dt_s` `run` may take at once; none while something else acts on the shaft."""
         if self._held_by is not None:
-            return 1
+            return 0
         return self._inner.quiet_steps(dt_s) if self._powered else _ANY_STEPS
 
     def run(self, dt_s: float, steps: int) -> list[float]:
@@ -122,9 +122,6 @@ class EmulatedServo:
 
         Returns the shaft's angle (rad) after each step, to where it stands still.
         """
-        if self._held_by is not None:
-            self.step(dt_s, 0.0)
-            return [self._inner.motion.shaft_rad]
         return self._inner.run(dt_s, steps) if self._powered else self._inner.motion.run(dt_s, steps)[0]
 
     def report_hardware_error(self, bits: int) -> None:
