@@ -84,7 +84,7 @@ def run(peer: str, asked: Asked, python: str, *options: str) -> Run:
         write(asked.problem, path)
         one_core = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL")}
         done = subprocess.run(
-            [python, str(PEERS / "answer.py"), peer, str(path), *options],
+            [str(Path(python).absolute()), str(PEERS / "answer.py"), peer, str(path), *options],
             env={**os.environ, **one_core},
             capture_output=True,
             text=True,
