@@ -135,6 +135,10 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     if case["traced"]:
         _trace(trace, case)
     bench = composition.set_up(rig, placement, case["seed"])
+    assert bench.mock is not None, "the rig is emulated"
+    emulated = bench.mock.rig.bench
+    for finger in emulated.fingers:
+        finger.weighs_taxels = True
     try:
         with composition.connect(bench) as hand:
             hand.prepare()
@@ -142,8 +146,6 @@ def one(case: dict[str, Any]) -> dict[str, Any]:
     except PalpateError as problem:
         outcome = f"{type(problem).__name__}: {problem}"
     spent = time.process_time() - began
-    assert bench.mock is not None, "the rig is emulated"
-    emulated = bench.mock.rig.bench
     shift = emulated.part.displacement
     truth = [*shift.shift_mm, shift.turn_rad, bench.clock.now()]
     for finger in emulated.fingers:

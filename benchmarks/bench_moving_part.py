@@ -70,7 +70,7 @@ class Hidden:
         if isinstance(event, StageEvent):
             if event.stage is GripPhase.CLOSING:
                 for finger in self._bench.fingers:
-                    finger.hardest_on_taxels_n = 0.0
+                    finger.weighs_taxels, finger.hardest_on_taxels_n = True, 0.0
             if event.stage is GripPhase.RETRACTING:
                 self.poses.append(self.pose())
                 for name, finger in zip(self._names, self._bench.fingers, strict=True):

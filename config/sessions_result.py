@@ -13,10 +13,11 @@ __all__ = ["PortOfSessionOut", "SessionInfoOut", "SessionOut", "SessionsOut", "U
 class SessionOut(Out):
     """One recorded session, as its log says.
 
-    `path`: its folder. `began`: UTC. `command` recorded it. `emulated`: null for sessions of versions that
-    did not record it. `ended` is null while the run goes on, and of one that was killed (`writing` says
-    which). `duration` (s) is the rig's own time. `verdict` is null where there was no answer, `object` and
-    `state` where it names none.
+    `path`: its folder. `began`: UTC. `command` recorded it. `seed`: null if nothing was drawn from one.
+    `emulated`: by the rig file, or by what served devices say of themselves, known when there is a result;
+    null for sessions of versions that did not record it. `ended` is null while the run goes on, and of one
+    that was killed (`writing` says which). `duration` (s) is the rig's own time. `verdict` is null where
+    there was no answer, `object` and `state` where it names none.
     """
 
     path: str

@@ -1,5 +1,6 @@
 """Recorded sessions for the terminal: a table of many, or all there is to say of one."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from palpate.errors import counted
 from palpate.views.tables import folded, table
 
 __all__ = ["info_lines", "show_sessions", "size_words"]
+
+_WORD = re.compile("([A-Z][a-z]+)")
 
 
 def show_sessions(
@@ -39,7 +42,7 @@ def info_lines(item: SessionOut) -> list[str]:
     rows = [
         ("session", f"{item.path}, {size_words(item.bytes)}"),
         ("started", f"{item.began or 'not recorded'}, palpate {item.palpate or '?'}"),
-        ("rig", f"{_rig_words(item)}, {_seed_words(item)}{_calibration_words(item)}"),
+        ("rig", f"{_rig_words(item)}{_seed_words(item)}{_calibration_words(item)}"),
         ("ran", f"{item.duration:.1f} s, {counted(item.grips, 'grip', 'grips')}, {_touch_words(item)}"),
         ("answer", _answer_words(item)),
         ("ended", _end_words(item)),
@@ -64,7 +67,7 @@ def _rig_words(item: SessionOut) -> str:
 
 
 def _seed_words(item: SessionOut) -> str:
-    return "no seed" if item.seed is None else f"seed {item.seed}"
+    return "" if item.seed is None else f", seed {item.seed}"
 
 
 def _calibration_words(item: SessionOut) -> str:
@@ -73,11 +76,12 @@ def _calibration_words(item: SessionOut) -> str:
 
 def _answer_words(item: SessionOut) -> str:
     if item.verdict is None:
-        return {"done": "none"}.get(_end_words(item), _end_words(item))
+        end = _end_words(item)
+        return "none" if end == "done" else f"none ({end})"
     return f"{item.verdict}: {item.object}, {item.state}" if item.object else item.verdict
 
 
 def _end_words(item: SessionOut) -> str:
     if item.ended is None:
         return "running" if item.writing else "killed"
-    return item.ended.how
+    return _WORD.sub(r" \1", item.ended.how).strip().lower()  # "NotAnswering": not answering

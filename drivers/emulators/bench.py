@@ -66,7 +66,8 @@ class EmulatedFinger:
 
     `outline` is the section of what stands on the table at the finger's height, as it was put, None for
     nothing. `press` is what touches the tip now, `hardest_n` the largest force on its axis so far.
-    `hardest_on_taxels_n`: the largest sum of what its taxels bear; two walls press against each other.
+    `hardest_on_taxels_n`: the largest sum of what its taxels bear, while `weighs_taxels`, which takes time;
+    two walls press against each other.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class EmulatedFinger:
         self.array = array
         self.press: TipLoad | None = None
         self.hardest_n = self.hardest_on_taxels_n = 0.0
+        self.weighs_taxels = False
         self._stage = stage
         self._mechanics: ArmMechanics | SlideMechanics = (
             ArmMechanics(truth, *servos) if isinstance(truth, ArmTruth) else SlideMechanics(truth, *servos)
@@ -170,7 +172,8 @@ class EmulatedFinger:
         self.press = None if self.outline is None else self._touch(self.outline, displacement)
         if self.press is not None:
             self.hardest_n = max(self.hardest_n, float(np.hypot(*self.press.force_n)))
-            self.hardest_on_taxels_n = max(self.hardest_on_taxels_n, float(self.press.by_ray_n.sum()))
+            if self.weighs_taxels:
+                self.hardest_on_taxels_n = max(self.hardest_on_taxels_n, float(self.press.by_ray_n.sum()))
 
     def forces_on(self, displacement: Displacement) -> list[PointForce]:
         """What the tip would do to the part at a displacement; nothing if it would not touch it."""

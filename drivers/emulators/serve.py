@@ -4,9 +4,9 @@ One port per device, a pseudo-terminal (`pty_port`) or a TCP port (`tcp_port`). 
 devices while the service runs, woken by bytes from a client, by an answer whose time has come, or by a device
 that speaks of its own accord. Physics shared between devices may also be touched by others under `lock`.
 
-If the computer is too slow for the devices, their time runs slower than the clock's: a turn of the service
-lets them live for a few milliseconds at most, and then answers. Real servos are never late with an answer
-because their motors are hard to compute.
+If the computer is too slow for the devices, their time runs slower than the clock's. A turn of the service
+lets them live for a few milliseconds at most, and then answers, also while it catches up: real servos are
+never late with an answer because their motors are hard to compute.
 """
 
 import select
@@ -24,29 +24,42 @@ from palpate.errors import DeviceError
 __all__ = ["Service", "serve_pty", "serve_tcp"]
 
 _IDLE_S = 0.02  # longest sleep: how late a stop request or the physics may be noticed
-_TURN_S = 0.025  # the devices live for this long in one turn, at most
+_TURN_S = 0.004  # the devices live for this long in one turn, at most
+_MOST_BEHIND_S = 0.25  # what the devices are behind the clock by more is never made up for
 
 Devices = Mapping[str, tuple[Device, int]]
 
 
 class _Lifetime:
-    """The devices' time: as the clock's, but it never jumps by more than `_TURN_S`."""
+    """The devices' time: follows the clock's in turns of `_TURN_S` at most.
+
+    `_MOST_BEHIND_S` is half of what a servo's bus watchdog waits in a run: a client that is held up as long
+    as the devices must not look silent to them when they catch up.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._seen = clock.now()
         self._now = self._seen
+        self._behind = 0.0
 
     def advanced(self) -> float:
         """Begin a turn: the devices' time (s) in it."""
         seen = self._clock.now()
-        self._now += min(seen - self._seen, _TURN_S)
+        self._behind = min(self._behind + seen - self._seen, _MOST_BEHIND_S)
         self._seen = seen
+        turn = min(self._behind, _TURN_S)
+        self._behind -= turn
+        self._now += turn
         return self._now
 
-    def until(self, instant: float) -> float:
-        """How long to wait (s) for an instant of the devices' time."""
-        return max(0.0, instant - self._now - (self._clock.now() - self._seen))
+    def until(self, instant: float | None) -> float:
+        """How long to wait (s) for an instant of the devices' time; None: for nothing in particular."""
+        if self._behind > 0.0:
+            return 0.0
+        if instant is None:
+            return _IDLE_S
+        return min(_IDLE_S, max(0.0, instant - self._now - (self._clock.now() - self._seen)))
 
 
 class Service:
@@ -127,8 +140,7 @@ class Service:
     def _patience_s(self) -> float:
         with self.lock:
             events = [line.next_event_s() for line in self._lines.values()]
-        wait = min((event for event in events if event is not None), default=None)
-        return _IDLE_S if wait is None else min(_IDLE_S, self._clock.until(wait))
+        return self._clock.until(min((event for event in events if event is not None), default=None))
 
     def _close(self) -> None:
         for line in self._lines.values():

@@ -58,8 +58,7 @@ class Skin:
                 stiffness_n_per_mm=self.stiffness_n_per_mm,
                 friction=self.friction,
             )
-            load = TipLoad(load.force_n + shear.force_n, load.angle + shear.angle_rad, load.by_ray_n)
+            load = load.turned(load.force_n + shear.force_n, shear.angle_rad)
         if not displacement.is_none:
-            angle = load.angle + displacement.turn_rad
-            load = TipLoad(displacement.turned(load.force_n), angle, load.by_ray_n)
+            load = load.turned(displacement.turned(load.force_n), displacement.turn_rad)
         return Press(load, shear)

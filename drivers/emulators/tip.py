@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.geometry import Floats, Ints
 
-__all__ = ["PartSection", "TipLoad", "separation_mm", "tip_load"]
+__all__ = ["PartSection", "SkinContact", "TipLoad", "separation_mm", "tip_load"]
 
 
 _RAYS = 1440  # directions in which dents are taken, a quarter of a degree apart: a corner dents only a few
@@ -59,11 +59,32 @@ class PartSection:
 
 @dataclass(frozen=True, eq=False)
 class TipLoad:
-    """Force (2,) N on the tip in W, and its share by direction: N per ray at angles `angle` (m,) in W."""
+    """Force (2,) N on the tip in W, and its share by direction: N per ray at angles `angle` (m,) in W.
+
+    Shares are worked out when they are asked for: arrays sample a few of the loads that mechanics go through.
+    `turns_rad`: by how much the rays have been turned, in order.
+    """
 
     force_n: Floats
-    angle: Floats
-    by_ray_n: Floats
+    contact: "SkinContact"
+    turns_rad: tuple[float, ...] = ()
+
+    @cached_property
+    def angle(self) -> Floats:
+        """Directions (m,) rad in W of the rays."""
+        result = _ANGLES
+        for turn_rad in self.turns_rad:
+            result = result + turn_rad
+        return result
+
+    @property
+    def by_ray_n(self) -> Floats:
+        """What each ray (m,) bears."""
+        return self.contact.by_ray_n
+
+    def turned(self, force_n: Floats, turn_rad: float) -> "TipLoad":
+        """With another force on the tip, and the rays turned on."""
+        return TipLoad(force_n, self.contact, (*self.turns_rad, turn_rad))
 
 
 def separation_mm(outline: PartSection, centre_mm: Floats) -> float:
@@ -84,31 +105,101 @@ def tip_load(
     outline: PartSection, centre_mm: Floats, radius_mm: float, stiffness_n_per_mm: float
 ) -> TipLoad | None:
     """What the outline does to a tip with its axis at `centre_mm` in W; None if it does not touch it."""
-    # Served on real ports, this runs for every finger in every millisecond: far edges are left out first,
-    # and then rays that cannot meet near ones.
+    # Served on real ports, this runs for every finger in every millisecond: far edges are left out first, and
+    # dents are taken in the few directions on which the force depends.
     away = _to_edges(outline, centre_mm)
     square = np.einsum("ij,ij->i", away, away)
     near = np.flatnonzero(square <= radius_mm**2)
     if not len(near):
         return None
-    looked = _rays_towards(away[near], square[near], radius_mm)
-    some = PartSection(outline.start[near], outline.end[near], outline.top_mm)
-    dent: Floats = radius_mm - _reach(some, centre_mm, _HEADINGS[looked])
-    touched = dent > 0
-    if not touched.any():
+    contact = SkinContact(outline, near, away[near], square[near], centre_mm, radius_mm, stiffness_n_per_mm)
+    if not contact.is_touched():
         return None
-    looked, dent = looked[touched], dent[touched]
-    stretch = _stretches(looked)
-    share = _shares(stretch, dent)
-    push, at = _pushes(outline, near, away[near], centre_mm, radius_mm, _on_rays(looked, dent))
-    of = _on_rays(looked, stretch, -1)[at].astype(np.int64)
-    count = int(stretch.max()) + 1
-    force = _summed(of[of >= 0], push[of >= 0], count)
-    spread = _summed(stretch, share[:, None] * _HEADINGS[looked], count)
-    # What taxels see leaves the same force on the axis.
-    scale = np.hypot(force[:, 0], force[:, 1]) / np.maximum(np.hypot(spread[:, 0], spread[:, 1]), 1e-12)
-    by_ray = _on_rays(looked, stiffness_n_per_mm * share * scale[stretch])
-    return TipLoad(stiffness_n_per_mm * push.sum(axis=0), _ANGLES, by_ray)
+    push, _ = contact.pushes
+    return TipLoad(stiffness_n_per_mm * push.sum(axis=0), contact)
+
+
+@dataclass(frozen=True, eq=False)
+class SkinContact:
+    """A tip's skin where it meets an outline: dents, and what the axis and the taxels feel of them.
+
+    `near` (n,): edges that reach into the undeformed circle; `away` (n, 2) mm: from their nearest points to
+    the axis, and that squared, `square` (n,).
+    """
+
+    outline: PartSection
+    near: Ints
+    away: Floats
+    square: Floats
+    centre_mm: Floats
+    radius_mm: float
+    stiffness_n_per_mm: float
+
+    def is_touched(self) -> bool:
+        """Whether any ray is dented: those about the nearest point first."""
+        x, y = self.away[np.argmin(self.square)].tolist()
+        towards = math.floor(math.atan2(-y, -x) / _STEP_RAD)
+        about = np.arange(towards - 1, towards + 3) % _RAYS
+        return bool((self._dents(about) > 0).any()) or len(self._touched[0]) > 0
+
+    @cached_property
+    def pushes(self) -> tuple[Floats, Ints]:
+        """Deepest dents, and valleys between them taken off, and their rays (m,).
+
+        They are pushes (m, 2) towards the axis in mm of a flat wall's stiffness.
+
+        Along the boundary the distance to the axis is least at feet on edges and at corners that stick out,
+        and greatest at corners of notches.
+        """
+        outline, near = self.outline, self.near
+        along = outline.along[near]
+        rel = self.centre_mm - outline.start[near]
+        ahead = np.einsum("ij,ij->i", rel, along)
+        behind = np.einsum("ij,ij->i", rel, outline.along[outline.before[near]])
+        on_edge = (ahead > 0) & (ahead < outline.square[near])
+        # Either way from a corner the distance grows if it sticks out, and shrinks in a notch.
+        corner = np.where((ahead <= 0) & (behind >= 0), 1.0, np.where((ahead > 0) & (behind < 0), -1.0, 0.0))
+        point = np.vstack([self.away[on_edge], rel[corner != 0]])
+        sign = np.concatenate([np.ones(int(on_edge.sum())), corner[corner != 0]])
+        distance = np.hypot(point[:, 0], point[:, 1])
+        ray = np.round(np.arctan2(-point[:, 1], -point[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
+        dent = self.radius_mm - distance
+        # What dents the skin further in that direction hides it.
+        counts = (dent > 0) & (distance > 0)
+        counts[counts] = np.maximum(self._dents(ray[counts]), 0.0) < dent[counts] + _HIDDEN_MM
+        dent, point, distance = dent[counts], point[counts], distance[counts]
+        push = sign[counts] * dent * _not_cancelled(dent, self.radius_mm)
+        return point * (push / distance)[:, None], ray[counts]
+
+    @cached_property
+    def by_ray_n(self) -> Floats:
+        """What each ray (m,) bears: every stretch leaves the same force on the axis as its pushes."""
+        looked, dent = self._touched
+        stretch = _stretches(looked)
+        share = _shares(stretch, dent)
+        push, at = self.pushes
+        of = _on_rays(looked, stretch, -1)[at].astype(np.int64)
+        count = int(stretch.max()) + 1
+        force = _summed(of[of >= 0], push[of >= 0], count)
+        spread = _summed(stretch, share[:, None] * _HEADINGS[looked], count)
+        scale = np.hypot(force[:, 0], force[:, 1]) / np.maximum(np.hypot(spread[:, 0], spread[:, 1]), 1e-12)
+        return _on_rays(looked, self.stiffness_n_per_mm * share * scale[stretch])
+
+    @cached_property
+    def _touched(self) -> tuple[Ints, Floats]:
+        """Rays (m,) that are dented, in order, and their dents (mm)."""
+        looked = _rays_towards(self.away, self.square, self.radius_mm)
+        dent = self._dents(looked)
+        return looked[dent > 0], dent[dent > 0]
+
+    def _dents(self, ray: Ints) -> Floats:
+        """How far edges dent the skin (mm) in directions (m,); negative where they do not."""
+        result: Floats = self.radius_mm - _reach(self._edges, self.centre_mm, _HEADINGS[ray])
+        return result
+
+    @cached_property
+    def _edges(self) -> PartSection:
+        return PartSection(self.outline.start[self.near], self.outline.end[self.near], self.outline.top_mm)
 
 
 def _on_rays(ray: Ints, value: Floats | Ints, elsewhere: float = 0.0) -> Floats:
@@ -165,39 +256,6 @@ def _shares(stretch: Ints, dent: Floats) -> Floats:
     np.maximum.at(deepest, stretch, dent)
     result: Floats = (deepest[stretch] * dent) / total[stretch]
     return result
-
-
-def _pushes(
-    outline: PartSection,
-    near: Ints,
-    away: Floats,
-    centre_mm: Floats,
-    radius_mm: float,
-    dent_of: Floats,
-) -> tuple[Floats, Ints]:
-    """Deepest dents, and valleys between them taken off, as pushes (m, 2) towards the axis in mm of a flat
-    wall's stiffness, and their rays (m,).
-
-    Along the boundary the distance to the axis is least at feet on edges and at corners that stick out, and
-    greatest at corners of notches. `away` (n, 2): from the nearest points of edges `near` (n,) to the axis;
-    `dent_of`: dents by ray, which tell what something nearer hides.
-    """
-    along = outline.along[near]
-    rel = centre_mm - outline.start[near]
-    ahead = np.einsum("ij,ij->i", rel, along)
-    behind = np.einsum("ij,ij->i", rel, outline.along[outline.before[near]])
-    on_edge = (ahead > 0) & (ahead < outline.square[near])
-    # Either way from a corner the distance grows if it sticks out, and shrinks in a notch.
-    corner = np.where((ahead <= 0) & (behind >= 0), 1.0, np.where((ahead > 0) & (behind < 0), -1.0, 0.0))
-    point = np.vstack([away[on_edge], rel[corner != 0]])
-    sign = np.concatenate([np.ones(int(on_edge.sum())), corner[corner != 0]])
-    distance = np.hypot(point[:, 0], point[:, 1])
-    ray = np.round(np.arctan2(-point[:, 1], -point[:, 0]) / _STEP_RAD).astype(np.int64) % _RAYS
-    dent = radius_mm - distance
-    counts = (dent > 0) & (distance > 0) & (dent_of[ray] < dent + _HIDDEN_MM)
-    dent, point, distance = dent[counts], point[counts], distance[counts]
-    push = sign[counts] * dent * _not_cancelled(dent, radius_mm)
-    return point * (push / distance)[:, None], ray[counts]
 
 
 def _summed(stretch: Ints, vector: Floats, count: int) -> Floats:

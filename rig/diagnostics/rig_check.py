@@ -31,6 +31,8 @@ from palpate.rig.wiring import start_problem
 
 __all__ = ["check_rig"]
 
+_SLOW = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
+
 
 def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lambda _: None) -> CheckOut:
     """Check every device of a rig; `now` is called with what is being checked.
@@ -68,9 +70,9 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
     warnings = [
         *supply_warnings(item.servo.model.name for item in servos),
         *timer_warnings(rig.bus.port, timer),
-        *(_about(item, text) for item in found for text in item.warnings),
+        *_servo_warnings(found),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.warnings),
-        *_loop_warnings(loop, rig.closing.sample_rate_hz),
+        *_loop_warnings(loop, rig.closing.sample_rate_hz, found, timer or 0.0),
         *_count_warnings(counts, found),
         *_start_warnings(rig, fingers, states),
         *_force_warnings(rig, touch_force),
@@ -119,13 +121,42 @@ def _about(servo: ServoCheckOut, text: str) -> str:
     )
 
 
-def _loop_warnings(loop: LoopOut | None, wanted_hz: float) -> list[str]:
-    if loop is None or loop.rate_hz >= wanted_hz:
+def _servo_warnings(found: Sequence[ServoCheckOut]) -> list[str]:
+    """Warnings of servos; what is said of several with the same words is said once."""
+    of_text: dict[str, list[ServoCheckOut]] = {}
+    for servo in found:
+        for text in servo.warnings:
+            of_text.setdefault(text, []).append(servo)
+    warnings = []
+    for text, servos in of_text.items():
+        names = ", ".join(f"{item.id} ({item.owner})" for item in servos)
+        alone = _about(servos[0], text)
+        warnings.append(alone if len(servos) == 1 else f"servos {names}: {text}")
+    return warnings
+
+
+def _loop_warnings(
+    loop: LoopOut | None, wanted_hz: float, found: Sequence[ServoCheckOut], timer_s: float
+) -> list[str]:
+    """Whether all servos are read too seldom, or much more slowly than wire and adapter need."""
+    if loop is None:
         return []
-    return [
-        f"all servos can be read {loop.rate_hz:.0f} times a second, sample_rate_hz is {wanted_hz:g}; "
-        "Return Delay Time 0, an adapter's latency timer of 1 ms and a higher baud rate help"
-    ]
+    warnings = []
+    if loop.p99_ms > _SLOW * (loop.wire_ms + timer_s * 1e3):
+        warnings.append(
+            f"one in a hundred reads of all servos takes more than {loop.p99_ms:.1f} ms, the wire alone "
+            f"{loop.wire_ms:.1f} ms: a busy computer delays this program or served devices, and what comes "
+            "too late counts as not answering; end other programs"
+        )
+    delays_ms = [(item.return_delay_us or 0) / 1e3 for item in found if item.answers]
+    delay_ms = max(delays_ms, default=0.0) if loop.fast else sum(delays_ms)
+    # A run sets the delays to 0, and that they are not is said of the servos.
+    if 1e3 / max(1e3 / loop.rate_hz - delay_ms, 1e-3) < wanted_hz:
+        warnings.append(
+            f"all servos can be read {loop.rate_hz:.0f} times a second, sample_rate_hz is {wanted_hz:g}; "
+            "an adapter's latency timer of 1 ms and a higher baud rate help"
+        )
+    return warnings
 
 
 def _count_warnings(counts: BusCountsOut, found: Sequence[ServoCheckOut]) -> list[str]:

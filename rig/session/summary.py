@@ -10,6 +10,7 @@ from palpate.config.replay_result import EndOut
 from palpate.config.sessions_result import SessionOut, UnreadableOut
 from palpate.errors import InputError
 from palpate.rig.session.log_file import is_written_now, log_path, read_log
+from palpate.vocabulary import Strategy
 
 __all__ = ["FoundSessions", "find_sessions", "summary_of"]
 
@@ -58,8 +59,8 @@ def summary_of(folder: Path) -> SessionOut:
         command=_text(header.get("command")) or "identify",
         palpate=_text(header.get("palpate")),
         rig=_text(header.get("rig")),
-        seed=header.get("seed") if isinstance(header.get("seed"), int) else None,
-        emulated=header.get("emulated") if isinstance(header.get("emulated"), bool) else None,
+        seed=_seed(header),
+        emulated=_emulated(header, result),
         calibration=header.get("calibration") is True,
         writing=end is None and is_written_now(path),
         ended=end and EndOut(how=str(end.get("how")), message=_text(end.get("message"))),
@@ -71,6 +72,19 @@ def summary_of(folder: Path) -> SessionOut:
         state=_text(result.get("state")),
         bytes=sum(item.stat().st_size for item in folder.iterdir() if item.is_file()),
     )
+
+
+def _seed(header: Mapping[str, Any]) -> int | None:
+    """The seed, if anything was drawn from it: emulated devices, or grips at random."""
+    drawn = header.get("emulated") is not False or header.get("strategy") == Strategy.RANDOM
+    seed = header.get("seed")
+    return seed if drawn and isinstance(seed, int) else None
+
+
+def _emulated(header: Mapping[str, Any], result: Mapping[str, Any]) -> bool | None:
+    """Whether devices were emulated: by the rig file, or as they said themselves by the end of the run."""
+    said = (item.get("emulated") for item in (result, header))
+    return next((item for item in said if isinstance(item, bool)), None)
 
 
 def _last_lines(lines: bytes) -> Sequence[bytes]:

@@ -121,7 +121,10 @@ def test_the_loop_takes_what_the_wire_takes() -> None:
     assert out.loop is not None
     assert out.loop.wire_ms <= out.loop.median_ms <= 1.3 * out.loop.wire_ms
     assert out.loop.cycles == pytest.approx(out.loop.rate_hz, abs=2)
-    assert any("sample_rate_hz is 250" in text for text in out.warnings), "with the factory's return delay"
+    assert not any("sample_rate_hz" in text for text in out.warnings), "a run sets the return delay to 0"
+    slow = RIG.model_copy(update={"closing": RIG.closing.model_copy(update={"sample_rate_hz": 700.0})})
+    warnings = check_rig(slow, endpoint_of_rig(slow)).warnings
+    assert any("sample_rate_hz is 700" in text for text in warnings), "the wire alone is slower"
 
 
 def test_a_rig_that_has_run_once_has_no_warnings() -> None:

@@ -95,7 +95,7 @@ def test_a_list_says_what_was_found_and_how_each_ended(here: Here, running: Path
         "running",
         "killed",
         "identified: hand, flat",
-        "ValueError",
+        "none (value error)",
         "5 sessions",
     ):
         assert words in shown

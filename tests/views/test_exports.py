@@ -177,7 +177,7 @@ def test_a_bag_is_read_back_by_rosbags(
             *("sensor_msgs", "geometry_msgs", "std_msgs", "visualization_msgs")
         }
     assert counts == said["messages"]
-    assert counts["/answer"] == sum(bool(event.get("hypotheses")) for event in events)
+    assert counts["/answer"] == sum(bool(event.get("hypotheses") or event.get("result")) for event in events)
     logged = Counter(event["event"] for event in events)
     assert {kind: kinds[kind] for kind in logged} == logged
 
@@ -197,6 +197,11 @@ def test_csv_files_have_their_units_in_their_headers_and_a_line_for_each_sample(
     assert [row["finger"] for row in tables["contacts"]] == [item["contact"]["name"] for item in touched]
     ends = [item["contact"]["end_mm"] for item in touched]
     assert [[float(row["x_mm"]), float(row["y_mm"])] for row in tables["contacts"]] == ends
+    (result,) = [event["result"] for event in events if event["event"] == "result"]
+    answers = [row for row in tables["hypotheses"] if not row["grip"]]
+    assert len(answers) == 1 + len(result["alternatives"])
+    place = {name.split("_")[0]: float(answers[0][name]) for name in ("x_mm", "y_mm", "theta_rad")}
+    assert (place, answers[0]["verdict"]) == (result["configuration"], result["verdict"])
     assert sum(name.startswith("taxel_") for name in tables["array-f1"][0]) == 160
     assert f"tables: {sum(map(len, tables.values()))} messages on {len(tables)} topics" in ended.out
 

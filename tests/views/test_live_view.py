@@ -106,7 +106,10 @@ def test_frames_say_what_the_log_says(session: Path, page: Page) -> None:
     last = page.json(f"/frame?t={extent['last']}")
     (result,) = [event["result"] for event in events if event["event"] == "result"]
     assert (last["verdict"], last["end"]["how"]) == (result["verdict"], "done")
-    assert last["hypotheses"][0]["x"] == pytest.approx(result["configuration"]["x"], abs=1e-5)
+    shown = last["hypotheses"][0]
+    assert {name: shown[name] for name in ("x", "y", "theta")} == result["configuration"]
+    assert list(shown["bounds"].values()) == [list(pair) for pair in result["bounds"].values()]
+    assert (last["left"], last["plan"]) == (1 + len(result["alternatives"]), [])
     touches = [touch for event in events for touch in event.get("touches", ())]
     assert [item["end"] for item in last["contacts"]] == [touch["contact"]["end_mm"] for touch in touches]
     for event in events:

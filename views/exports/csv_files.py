@@ -16,6 +16,7 @@ from palpate.rig.session.samples import (
     SessionSamples,
     TipSample,
 )
+from palpate.views.logged_hypotheses import answered
 
 __all__ = ["write_csv"]
 
@@ -120,7 +121,11 @@ def _rows(sample: Sample) -> Iterator[tuple[str, Callable[[], Iterable[str]], _R
                     yield "contacts", lambda: _CONTACTS, _contact(t_s, values["grip"], touch)
             if kind == "recognised":
                 for item in values["hypotheses"]:
-                    yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, values, item)
+                    yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, values["grip"], values, item)
+            if kind == "result":
+                result = values["result"]
+                for item in answered(result):
+                    yield "hypotheses", lambda: _HYPOTHESES, _hypothesis(t_s, None, result, item)
 
 
 def _without_traces(values: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -154,11 +159,11 @@ def _contact(t_s: float, grip: int, touch: Mapping[str, Any]) -> _Row:
     ]
 
 
-def _hypothesis(t_s: float, values: Mapping[str, Any], item: Mapping[str, Any]) -> _Row:
+def _hypothesis(t_s: float, grip: int | None, values: Mapping[str, Any], item: Mapping[str, Any]) -> _Row:
     at, bounds = item["configuration"], item["bounds"]
     return [
         t_s,
-        values["grip"],
+        grip,
         values["verdict"],
         item["object"],
         item["state"],

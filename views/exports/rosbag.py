@@ -25,7 +25,7 @@ from palpate.rig.session.samples import (
 )
 from palpate.views.exports.clock import LogClock
 from palpate.views.exports.scene import COLOURS, Outline, Scene, scene_changes
-from palpate.views.logged_hypotheses import heaviest_first
+from palpate.views.logged_hypotheses import answered, heaviest_first
 
 __all__ = ["write_rosbag"]
 
@@ -114,10 +114,14 @@ class _Writer:
             case EventSample():
                 text = json.dumps({"t_s": sample.t_s, "event": sample.kind} | dict(sample.values))
                 self._put("/events", sample.t_s, make("std_msgs/msg/String", data=text))
-                if sample.kind == "recognised" and sample.values["hypotheses"]:
+                if sample.kind == "recognised":
                     self._answer(sample.t_s, sample.values["hypotheses"])
+                if sample.kind == "result":
+                    self._answer(sample.t_s, answered(sample.values["result"]))
 
     def _answer(self, t_s: float, hypotheses: Sequence[Mapping[str, Any]]) -> None:
+        if not hypotheses:
+            return
         at = heaviest_first(hypotheses)[0]["configuration"]
         make, half = self._make, at["theta_rad"] / 2
         place = make("geometry_msgs/msg/Point", x=at["x_mm"] * _M, y=at["y_mm"] * _M, z=0.0)

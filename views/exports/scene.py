@@ -10,7 +10,7 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.samples import EventSample, Sample, TipSample
-from palpate.views.logged_hypotheses import heaviest_first, outlines_in_w
+from palpate.views.logged_hypotheses import answered, heaviest_first, outlines_in_w
 
 __all__ = ["COLOURS", "Outline", "Scene", "Tip", "scene_changes"]
 
@@ -102,15 +102,20 @@ class _Drawn:
             new = (_contact(values["grip"], touch) for touch in values["touches"])
             self._contacts += tuple(item for item in new if item is not None)
         elif sample.kind == "recognised":
-            heaviest = heaviest_first(values["hypotheses"])[:_SHOWN]
-            self._hypotheses = tuple(
-                ring for number, item in enumerate(heaviest) for ring in self._rings(item, number)
-            )
+            self._show(values["hypotheses"])
+        elif sample.kind == "result":
+            self._show(answered(values["result"]))
         elif sample.kind == "truth":
             self._truth = tuple(self._rings(values, None))
         else:
             return False
         return True
+
+    def _show(self, hypotheses: Sequence[Mapping[str, Any]]) -> None:
+        heaviest = heaviest_first(hypotheses)[:_SHOWN]
+        self._hypotheses = tuple(
+            ring for number, item in enumerate(heaviest) for ring in self._rings(item, number)
+        )
 
     def scene(self, t_s: float) -> Scene:
         tips = []

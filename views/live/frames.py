@@ -4,7 +4,7 @@ import base64
 import json
 import math
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from palpate.config import RigFile
 from palpate.geometry import Floats, ObjectModel
 from palpate.rig.session.samples import EventSample, FrameSample, Sample, ServoSample, TipSample
-from palpate.views.logged_hypotheses import heaviest_first
+from palpate.views.logged_hypotheses import answered, heaviest_first
 
 __all__ = ["FrameStore", "setting_of"]
 
@@ -43,6 +43,7 @@ class FrameStore:
             "torque": {},
             "contacts": [],
             "hypotheses": [],
+            "left": 0,
             "plan": [],
             "truth": None,
             "frames": 0,
@@ -101,17 +102,22 @@ class FrameStore:
                 state["contacts"] = []
             case "recognised":
                 state["verdict"] = values["verdict"]
-                heaviest = heaviest_first(values["hypotheses"])
-                state["hypotheses"] = [_hypothesis(item) for item in heaviest[:_SHOWN]]
+                self._show(values["hypotheses"])
             case "planned":
                 state["plan"] = [_approach(item) for item in values["approaches"]]
             case "truth":
                 state["truth"] = _place(values)
             case "result":
-                state["verdict"] = values["result"]["verdict"]
+                state["verdict"], state["plan"] = values["result"]["verdict"], []
+                self._show(answered(values["result"]))
             case "end":
+                state["plan"] = []
                 state["end"] = {"how": values.get("how"), "message": values.get("message")}
                 self.is_ended = True
+
+    def _show(self, hypotheses: Sequence[Mapping[str, Any]]) -> None:
+        self._state["hypotheses"] = [_hypothesis(item) for item in heaviest_first(hypotheses)[:_SHOWN]]
+        self._state["left"] = len(hypotheses)
 
 
 class _Taxels:

@@ -3,6 +3,8 @@
 
 const NS = "http://www.w3.org/2000/svg";
 const NORMAL_MM = 14;
+const HYPOTHESES_LISTED = 8;
+const CONTACTS_LISTED = 9;
 const token = document.querySelector('meta[name="palpate-token"]').content;
 const isRun = document.querySelector('meta[name="palpate-kind"]').content === "run";
 const byId = (id) => document.getElementById(id);
@@ -56,7 +58,7 @@ function drawTable(frame) {
   if (frame.truth) make("path", { class: "truth", d: outline(frame.truth) }, svg);
   for (const item of frame.contacts) {
     const [x1, y1] = at(item.start), [x2, y2] = at(item.end);
-    if (item.grip === frame.grip) make("line", { class: "way", x1, y1, x2, y2 }, svg);
+    if (item.grip === frame.grip && !frame.end) make("line", { class: "way", x1, y1, x2, y2 }, svg);
     if (!item.touched) continue;
     make("circle", { class: "contact", cx: x2, cy: y2, r: item.radius }, svg);
     if (item.normal) make("path", { class: "normal", d: sector(item.end, NORMAL_MM / 2 + item.radius, ...item.normal) }, svg);
@@ -85,14 +87,14 @@ function drawTable(frame) {
 function drawHypotheses(frame) {
   const list = byId("hypotheses");
   list.replaceChildren();
-  for (const item of frame.hypotheses.slice(0, 8)) {
+  for (const item of frame.hypotheses.slice(0, HYPOTHESES_LISTED)) {
     const row = element("li", "", list);
     element("span", `${item.object}, ${item.state}`, row);
     element("b", `${(100 * item.weight).toFixed(1)} %`, row);
     const theta = item.round ? "any" : `${(item.theta * 180 / Math.PI).toFixed(1)}°`;
     element("small", `x ${item.x.toFixed(2)} mm, y ${item.y.toFixed(2)} mm, θ ${theta}`, row);
   }
-  const more = frame.hypotheses.length - 8;
+  const more = frame.left - HYPOTHESES_LISTED;
   if (more > 0) element("li", `and ${more} more`, list);
   if (!frame.hypotheses.length) element("li", frame.verdict ? "none" : "nothing touched yet", list);
 }
@@ -117,7 +119,7 @@ function drawArrays(frame) {
 function drawContacts(frame) {
   const body = byId("contacts").tBodies[0];
   body.replaceChildren();
-  for (const item of frame.contacts.slice(-9).reverse()) {
+  for (const item of frame.contacts.slice(-CONTACTS_LISTED).reverse()) {
     const row = element("tr", "", body);
     const degrees = item.normal ? item.normal.map((v) => v * 180 / Math.PI) : null;
     const normal = degrees ? `${(((degrees[0] + degrees[1]) / 2 + 360) % 360).toFixed(0)} ± ${((degrees[1] - degrees[0]) / 2).toFixed(0)}` : "";
@@ -125,6 +127,8 @@ function drawContacts(frame) {
     [item.grip, item.finger, place, normal, item.force === null || item.force === undefined ? "" : item.force.toFixed(2)]
       .forEach((value) => element("td", value, row));
   }
+  const earlier = frame.contacts.length - CONTACTS_LISTED;
+  if (earlier > 0) element("td", `and ${earlier} earlier`, element("tr", "", body)).colSpan = 5;
 }
 
 function drawPlan(frame) {
@@ -151,7 +155,7 @@ function draw(frame) {
   const doing = frame.end ? "the run has ended" : frame.stage ? `grip ${frame.grip}: ${frame.stage}` : frame.doing || "connecting";
   byId("doing").textContent = frame.end ? frame.end.message || doing : `${doing}, ${torque}`;
   byId("clock").textContent = `${frame.t.toFixed(2)} s`;
-  byId("counts").textContent = `${frame.frames} array frames` + (skipped ? `, ${skipped} pictures skipped` : "");
+  byId("counts").textContent = `${frame.frames} array frames` + (isRun && skipped ? `, ${skipped} pictures skipped` : "");
   const button = byId("stop");
   if (frame.end && !button.disabled) button.hidden = true;  // once pressed, it says what came of it
   drawTable(frame); drawHypotheses(frame); drawArrays(frame); drawContacts(frame); drawPlan(frame);
