@@ -90,6 +90,7 @@ def study(
         strategy=chosen,
         seed=seed,
         parts=motion,
+        states_in_catalogue=len(states),
         seconds=time.perf_counter() - begin,
         advice=Advice(
             _separating(states, fingers, confusion_of(found[AS_IT_IS])),

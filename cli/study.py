@@ -38,7 +38,11 @@ def study(
     ] = None,
     budget: Annotated[
         int | None,
-        typer.Option("--budget", min=0, help="Runs to do again with each error halved; a tenth if left out."),
+        typer.Option(
+            "--budget",
+            min=0,
+            help="Runs to do again with each error halved; a tenth, 200 at most, if left out.",
+        ),
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Use a dask cluster's workers.")

@@ -169,7 +169,7 @@ class StudyOut(Out):
     `lost`: runs that do not end with the truth still possible. `seconds`: taken now, without runs that were
     kept before. `grips`, `position_error`, `moved` (mm): median and 90th percentile. `verdicts`: the most
     frequent first. `hardest`: pairs that take most touches to tell apart. `touches_of`: runs by how many they
-    took. `noise_budget`: what errors cost, from a part of the runs. `heights`: those that fingers may be at.
+    took. `states`: those that were drawn, of `states_in_catalogue`. `noise_budget`: what errors cost, from a part of the runs. `heights`: those that fingers may be at.
     """
 
     format: Literal["palpate/study@1"] = "palpate/study@1"
@@ -190,6 +190,7 @@ class StudyOut(Out):
     moved: tuple[Rounded, Rounded]
     position_error: tuple[Rounded, Rounded] | None
     states: tuple[StateStudiedOut, ...]
+    states_in_catalogue: int
     confusion: tuple[ConfusionOut, ...]
     hardest: tuple[PairStudiedOut, ...]
     separating: tuple[SeparatingStudiedOut, ...]

@@ -117,7 +117,7 @@ def _finger(finger: FingerConfig, plan: _Plan) -> Iterator[str]:
     base, heading = np.array(finger.base_mm), math.radians(finger.heading_deg)
     tip_mm, is_slide = 60.0, isinstance(finger, SlideFingerConfig)
     if isinstance(finger, SlideFingerConfig):
-        tip_mm = 0.75 * finger.slide.range_mm[0] + 0.25 * finger.slide.range_mm[1]
+        tip_mm = finger.slide.range_mm[0]  # where it waits
     tip = plan.at(base + tip_mm * np.array([math.cos(heading), math.sin(heading)]))
     (x, y), radius = plan.at(base), finger.tip.radius_mm * plan.scale
     way = {"stroke_width": 3.0} if is_slide else {"stroke_width": LINE, "stroke_dasharray": "2 3"}

@@ -15,7 +15,7 @@ _SHOWN = 8
 def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
     """Verdicts and costs first, then the states and pairs that are hardest; fingers are at `heights_mm`."""
     lines = [
-        f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {counted(len(out.states), 'state', 'states')}"
+        f"{counted(out.runs, 'run', 'runs')}, rig {out.rig}, {_states_words(out)}"
         f"{', parts that move' if out.parts is PartMotion.MOVING else ''}:"
     ]
     lines += [
@@ -28,7 +28,7 @@ def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
     touches, grips = out.touches, out.grips
     lines.append(
         f"touches {touches.mean:.1f} on average, in 90 % of runs up to {touches.p90:g}; "
-        f"grips {grips[0]:g}, {grips[1]:g}"
+        f"grips {grips[0]:g} in the median, up to {grips[1]:g}"
     )
     if out.position_error is not None:
         lines.append(
@@ -44,6 +44,14 @@ def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
     if out.best_heights is not None:
         lines += ["", best_heights_words(out.best_heights, heights_mm)]
     return lines + _budget_lines(out.noise_budget)
+
+
+def _states_words(out: StudyOut) -> str:
+    """How many states were drawn, and of how many where that is not all."""
+    drawn, all_states = len(out.states), out.states_in_catalogue
+    if drawn == all_states:
+        return counted(drawn, "state", "states")
+    return f"{drawn} of {counted(all_states, 'state', 'states')} drawn"
 
 
 def best_heights_words(best: BestHeightsOut, heights_mm: Sequence[float]) -> str:

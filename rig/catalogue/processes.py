@@ -17,10 +17,11 @@ def in_processes(
 ) -> Iterator[tuple[int, _T]]:
     """Call a function of a module with each of the arguments; their index and the result, as they come.
 
-    As many at once as there are cores. What the function raises is raised here.
+    As many at once as there are cores that this process may use (`taskset` and containers limit them). What
+    the function raises is raised here.
     """
     others = set(active_children())
-    with ProcessPoolExecutor(min(len(arguments), os.cpu_count() or 1), initializer=_leave_signals) as pool:
+    with ProcessPoolExecutor(min(len(arguments), _cores()), initializer=_leave_signals) as pool:
         try:
             work = {pool.submit(function, *some): index for index, some in enumerate(arguments)}
             for future in as_completed(work):
@@ -29,6 +30,11 @@ def in_processes(
             for child in set(active_children()) - others:
                 child.terminate()
             raise
+
+
+def _cores() -> int:
+    # Not every system has affinities.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _leave_signals() -> None:

@@ -52,9 +52,13 @@ def study_out(
     seed: int,
     parts: PartMotion = PartMotion.STILL,
     seconds: float = 0.0,
+    states_in_catalogue: int | None = None,
     advice: Advice | None = None,
 ) -> StudyOut:
-    """The summary; `objects`, `rig`: their names. There is at least one run."""
+    """The summary; `objects`, `rig`: their names. There is at least one run.
+
+    `states_in_catalogue`: from which states were drawn, None: those that were drawn are all.
+    """
     wrong = [run for run in runs if is_wrong(run)]
     errors = [run.position_error for run in runs if run.position_error is not None and run.inside_bounds]
     advice = advice or Advice()
@@ -77,7 +81,8 @@ def study_out(
         touches_of=dict(sorted(Counter(run.touches for run in runs).items())),
         moved=_spread(run.moved for run in runs),
         position_error=_spread(errors) if errors else None,
-        states=_states(runs),
+        states=(states := _states(runs)),
+        states_in_catalogue=len(states) if states_in_catalogue is None else states_in_catalogue,
         confusion=confusion_of(runs),
         hardest=_pairs(runs),
         separating=advice.separating,

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -153,10 +154,18 @@ def _contact(t_s: float, grip: int, touch: Mapping[str, Any]) -> _Row:
         contact["touched"],
         *contact["end_mm"],
         contact["position_bound_mm"],
-        normal.get("lo_rad"),
-        normal.get("hi_rad"),
+        *_directions(normal),
         patch.get("force_n"),
     ]
+
+
+def _directions(normal: Mapping[str, Any]) -> tuple[float | None, float | None]:
+    """The ends of a range of normals; the middle between −π and π."""
+    lo, hi = normal.get("lo_rad"), normal.get("hi_rad")
+    if lo is None or hi is None:
+        return None, None
+    turns = math.tau * round((lo + hi) / 2 / math.tau)
+    return lo - turns, hi - turns
 
 
 def _hypothesis(t_s: float, grip: int | None, values: Mapping[str, Any], item: Mapping[str, Any]) -> _Row:

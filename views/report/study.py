@@ -71,7 +71,9 @@ def _verdicts(out: StudyOut) -> str:
     parts = [table(("verdict", "runs", "share"), rows, numbers=("runs", "share"))]
     if not out.wrong:
         most = 100 * (1 - _DOUBT ** (1 / out.runs))
-        words = f"If {most:.2g} % of such runs were wrong, one study in 20 would see none in {out.runs} runs."
+        words = (
+            f"None of {out.runs} runs was wrong: with 95 % confidence, fewer than {most:.2g} % of all are."
+        )
         parts.append(paragraph(words))
     return section("Verdicts", *parts)
 

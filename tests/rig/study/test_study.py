@@ -111,7 +111,7 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> No
     shown = run(*words, "--report", "study.html", cwd=tmp_path)
     assert (shown.code, shown.err) == (0, "")
     first, *_, last = shown.out.splitlines()
-    assert first == f"6 runs, rig bench, {len(told.json['states'])} states, parts that move:"
+    assert first == f"6 runs, rig bench, {len(told.json['states'])} of 6 states drawn, parts that move:"
     assert last == "report study.html, runs runs.jsonl"
     refused = run("study", "--runs", 1, "--keep", "nowhere/runs.jsonl", cwd=tmp_path)
     assert (refused.code, refused.err.count("\n")) == (2, 1)
