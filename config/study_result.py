@@ -166,10 +166,11 @@ class BestHeightsOut(Out):
 class StudyOut(Out):
     """What a study found. `wrong`: runs that named what did not lie there, or whose bounds do not hold.
 
-    `lost`: runs that do not end with the truth still possible. `seconds`: taken now, without runs that were
-    kept before. `grips`, `position_error`, `moved` (mm): median and 90th percentile. `verdicts`: the most
-    frequent first. `hardest`: pairs that take most touches to tell apart. `touches_of`: runs by how many they
-    took. `states`: those that were drawn, of `states_in_catalogue`. `noise_budget`: what errors cost, from a part of the runs. `heights`: those that fingers may be at.
+    `lost`: runs that do not end with the truth still possible. `seconds`: taken now, without runs that
+    were kept before. `grips`, `position_error`, `moved` (mm): median and 90th percentile. `verdicts`: the
+    most frequent first. `hardest`: pairs that take most touches to tell apart. `touches_of`: runs by how
+    many they took. `states`: those that were drawn, of `states_in_catalogue`. `noise_budget`: what errors
+    cost, from a part of the runs. `heights`: those that fingers may be at.
     """
 
     format: Literal["palpate/study@1"] = "palpate/study@1"

@@ -88,8 +88,8 @@ def _refuse(file: CalibrationFile, other: str | None) -> None:
     # A replay says the same from another folder, so no path is named.
     if other is not None:
         raise InputError(
-            f'the calibration of rig "{file.rig}" {other}: calibrate again with `palpate calibrate`, or leave '
-            "it out with --no-calibration (an emulated rig's devices are those of its --seed)"
+            f'the calibration of rig "{file.rig}" {other}: calibrate again with `palpate calibrate`, or '
+            "leave it out with --no-calibration (an emulated rig's devices are those of its --seed)"
         )
 
 

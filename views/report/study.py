@@ -71,9 +71,7 @@ def _verdicts(out: StudyOut) -> str:
     parts = [table(("verdict", "runs", "share"), rows, numbers=("runs", "share"))]
     if not out.wrong:
         most = 100 * (1 - _DOUBT ** (1 / out.runs))
-        words = (
-            f"None of {out.runs} runs was wrong: with 95 % confidence, fewer than {most:.2g} % of all are."
-        )
+        words = f"None was wrong: with 95 % confidence, fewer than {most:.2g} % of all such runs are."
         parts.append(paragraph(words))
     return section("Verdicts", *parts)
 
