@@ -30,6 +30,11 @@ $(DEV): $(STAMP)
 # the vendor's SDK as most programs still have it, a client in tests: it cannot be installed beside the one we use
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
 		--target $(OTHER)/dynamixel-sdk-3.8.4 dynamixel-sdk==3.8.4
+# what hands and arms of others drive servos with, clients in tests: their buses alone, on the SDK that they pin
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
+		--target $(OTHER)/lerobot lerobot==0.4.4 "deepdiff>=8,<9" "orderly-set<6" tqdm dynamixel-sdk==3.8.4
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade \
+		--target $(OTHER)/orca_core orca-core==0.12.0 pyyaml dynamixel-sdk==3.8.4
 	@touch $@
 
 demo: $(STAMP)

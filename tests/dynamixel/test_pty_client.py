@@ -18,6 +18,7 @@ from repository import ROOT
 from served_servos import BAUD, Served, served_servos
 
 from palpate.drivers.dynamixel import Bus, PortFailed, Servo, disable_torque
+from palpate.drivers.dynamixel.control_table import TORQUE_ENABLE
 from palpate.drivers.transport.clock import MonotonicClock
 from palpate.drivers.transport.port import open_port
 
@@ -73,6 +74,8 @@ class Foreign:
 SDK_NOW = Foreign("dynamixel-sdk", "4", "dynamixel_sdk", "sdk_client.py")
 SDK_THEN = Foreign("dynamixel-sdk", "3.8.4", "dynamixel_sdk", "sdk_client.py", OTHER / "dynamixel-sdk-3.8.4")
 RUSTYPOT = Foreign("rustypot", "1", "rustypot", "rustypot_client.py")
+LEROBOT = Foreign("lerobot", "0.4.4", "lerobot", "lerobot_client.py", OTHER / "lerobot")
+ORCA = Foreign("orca-core", "0.12.0", "orca_core", "orca_core_client.py", OTHER / "orca_core")
 each_sdk = pytest.mark.parametrize("sdk", [SDK_NOW, SDK_THEN], ids=str)
 
 
@@ -82,6 +85,15 @@ def check_at_goals(served: Served) -> None:
     assert {dxl_id: abs(ticks[dxl_id] - goal) <= 4 for dxl_id, goal in GOALS.items()} == dict.fromkeys(
         GOALS, True
     ), ticks
+
+
+def torque_is_off(served: Served) -> bool:
+    """Of all servos, as they say themselves."""
+    bus = Bus(open_port(served.path, BAUD), MonotonicClock(), BAUD, latency_s=0.1)
+    try:
+        return not any(bus.read(dxl_id, TORQUE_ENABLE) for dxl_id in GOALS)
+    finally:
+        bus.close()
 
 
 @pytest.mark.timeout(240)
@@ -131,6 +143,34 @@ def test_unmodified_rustypot() -> None:
         assert told["torque after"] == [[0]] * 3
         assert told["reboot"] is True
         check_at_goals(served)
+
+
+@pytest.mark.timeout(120)
+def test_unmodified_lerobot() -> None:
+    with served_servos([5, 6, 7]) as served:
+        told = LEROBOT.run(served.path, "basics")
+        assert told["everybody"] == dict.fromkeys(IDS, 1020)
+        assert told["mode"] == [4] * 3
+        assert told["return delay"] == [0] * 3
+        assert told["calibration"] == {"pan": 5, "lift": 6, "grip": 7}
+        assert told["before"] == {"pan": 2048, "lift": 2048, "grip": 2048}
+        assert abs(told["moved"][-1]["pan"] - GOALS[5]) <= 3
+        assert told["current"].keys() == told["before"].keys()
+        check_at_goals(served)
+        assert torque_is_off(served), "disconnecting switches torque off"
+
+
+@pytest.mark.timeout(120)
+def test_unmodified_orca_core() -> None:
+    with served_servos([5, 6, 7]) as served:
+        told = ORCA.run(served.path, "basics")
+        assert told["responding"] == told["after reboot"] == [5, 6, 7]
+        assert told["mode"] == [5] * 3
+        assert told["ok"] is True
+        assert told["temperature"] == [30.0] * 3
+        assert told["errors"] == [0] * 3
+        check_at_goals(served)
+        assert torque_is_off(served)
 
 
 @pytest.mark.timeout(240)
