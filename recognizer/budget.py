@@ -39,13 +39,17 @@ class Budget:
 
     @property
     def candidates(self) -> int:
-        """Ways to pair a contact, that are looked at."""
-        return self.units
+        """Ways to pair a contact, that are looked at: a look at one is cheap."""
+        return 8 * self.units
 
     @property
     def interpretations(self) -> int:
-        """Interpretations that the pairing of the second or third contact may leave."""
-        return self.units // 50
+        """Interpretations that the pairing of the second or third contact may leave.
+
+        Large catalogues have many after the second contact, and few after the third. A contact that is left
+        unpaired costs them more than its interpretations would.
+        """
+        return self.units
 
     @property
     def worthwhile(self) -> int:

@@ -131,6 +131,13 @@ def assert_same_cells(found: Cells, expected: Cells) -> None:
     assert np.all(corners(found.polygon).sum(axis=1) >= 1)
 
 
+class HundredthOfBudget(Budget):
+    """So small that drawn cases, which numpy has to get through as well, come to its end."""
+
+    pairs = property(lambda self: Budget.pairs.fget(self) // 100)  # type: ignore[attr-defined]
+    interpretations = property(lambda self: Budget.interpretations.fget(self) // 100)  # type: ignore[attr-defined]
+
+
 def test_a_spent_budget_is_the_same() -> None:
     seen: Counter[str] = Counter()
     for seed, units in product(range(12), (10_000, 100_000, 1_000_000)):
@@ -138,9 +145,10 @@ def test_a_spent_budget_is_the_same() -> None:
         touched = [replace(contact, normal=None) for contact in case.contacts if contact.touched][:2]
         if len(touched) < 2:
             continue
-        found = outcome(case.catalogue(), touched, Budget(units))
+        budget = HundredthOfBudget(units)
+        found = outcome(case.catalogue(), touched, budget)
         with without_kernel():
-            assert outcome(case.catalogue(), touched, Budget(units)) == found
+            assert outcome(case.catalogue(), touched, budget) == found
         seen[found] += 1
     assert min(seen["spent"], seen["done"]) > 3
 
