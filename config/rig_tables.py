@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from palpate.config.emulated_adapter import AdapterConfig, Span
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, in_order
 from palpate.config.outlines import outline_problem
@@ -224,6 +225,16 @@ class EmulationConfig(FileModel):
     lost_packets: WireShare = Field(default=0.0, description="Share of packets that get lost, likewise.")
     array_boot_s: Annotated[Length, Field(le=10)] = Field(
         default=0.0, description="Arrays reset as their ports open, and are deaf for so long."
+    )
+    array_reset_s: Span | None = Field(
+        default=None,
+        description="[lo, hi]: so long after the start one array, drawn by the seed, resets; absent: none.",
+    )
+    bus_adapter: AdapterConfig | None = Field(
+        default=None, description="The bus's USB adapter; absent: bytes pass as on a wire."
+    )
+    array_adapter: AdapterConfig | None = Field(
+        default=None, description="Each array's USB adapter, likewise."
     )
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."

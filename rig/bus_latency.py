@@ -11,7 +11,10 @@ def bus_latency_s(rig: RigFile) -> float:
     """What the bus's adapter may add to an answer: as the rig file says, else as the system tells."""
     if rig.bus.latency_ms is not None:
         return rig.bus.latency_ms / 1e3
-    return EMULATED_LATENCY_S if rig.emulated else port_latency_s(rig.bus.port)
+    if rig.emulation is None:
+        return port_latency_s(rig.bus.port)
+    adapter = rig.emulation.bus_adapter
+    return EMULATED_LATENCY_S if adapter is None else latency_with_timer_s(adapter.latency_ms / 1e3)
 
 
 def port_latency_s(port: str) -> float:
