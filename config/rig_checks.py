@@ -207,6 +207,15 @@ def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) 
             f"{declared:g}; widen the bound or emulate less",
             *("emulation", "deflection_mm_per_n"),
         )
+    slides = drawn.mechanics and drawn.mechanics.slide_deflection_mm_per_n
+    along = slides[1] if slides and finger.type == "slide" else 0.0
+    if along + drawn.deflection_mm_per_n > finger.bounds.deflection_mm_per_n:
+        raise problem(
+            f"and emulation.deflection_mm_per_n let a tip give way by {along + drawn.deflection_mm_per_n:g} "
+            f"mm per N, beyond the bound fingers[{index}].bounds.deflection_mm_per_n = "
+            f"{finger.bounds.deflection_mm_per_n:g}; widen the bound or emulate less",
+            *("emulation", "mechanics", "slide_deflection_mm_per_n"),
+        )
     part = drawn.part
     if part is None:
         return

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from palpate.config.emulated_adapter import AdapterConfig, Span
+from palpate.config.emulated_mechanics import MechanicsConfig
 from palpate.config.emulated_part import EmulatedPartConfig
 from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, in_order
 from palpate.config.outlines import outline_problem
@@ -238,6 +239,9 @@ class EmulationConfig(FileModel):
     )
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
+    )
+    mechanics: MechanicsConfig | None = Field(
+        default=None, description="What is different about friction, motors, supply, cables and screws."
     )
     part: EmulatedPartConfig | None = Field(
         default=None, description="Whether the part moves when it is pushed; absent: it stands still."

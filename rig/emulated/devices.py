@@ -35,6 +35,7 @@ from palpate.rig.emulated.emulated_truth import (
     truth_of,
     with_yield,
 )
+from palpate.rig.emulated.mechanics_truth import roughen, with_cables
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
@@ -113,6 +114,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
         truth = with_yield(truth, finger, rig.emulation, np.random.default_rng([seed, 8, index]))
+        truth = with_cables(truth, rig.emulation, np.random.default_rng([seed, 12, index]))
         description = description_of(finger, seed)
         starts = start_angles_rad(finger, rig)
         near, far = (
@@ -134,6 +136,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
+    roughen(bench, rig, seed)
     servos = [servo for finger in fingers for servo in finger.servos]
     servos += [] if stage is None else [stage.servo]
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)

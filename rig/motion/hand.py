@@ -16,8 +16,8 @@ from serial.serialutil import SerialBase
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
 from palpate.drivers.dynamixel.errors import PortFailed, WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop
-from palpate.drivers.dynamixel.servo import Servo, stop_at
+from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop, hold
+from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.finger import Servos, Turn
@@ -54,6 +54,10 @@ _REPLUG_POLL_S = 0.25
 _ARRAY_BACK_S = 4.0  # how long to wait for an array that was lost, with fingers stopped and torque on
 _MOST_TAKEN_UP = 3  # arrays in a run; more often, something is wrong that needs a person
 _OFF_TRIES = 3  # whatever interrupts switching off, it is done again
+
+_OTHERS = (
+    "another program, such as ModemManager after plugging in, may have the port, too: palpate doctor names it"
+)
 
 _M = TypeVar("_M", bound=Mover)
 
@@ -97,6 +101,10 @@ class Hand:
         try:
             self._connect(open_port)
         except BaseException as error:
+            if (
+                isinstance(error, DeviceError) and self._ports
+            ):  # the port is there, and what is said is spoilt
+                error.add_note(_OTHERS)
             _warn(error, self.close())
             raise
 
@@ -274,9 +282,15 @@ class Hand:
         if held:
             servo = held[0].driven[0]
             at = self.states([servo])[servo.dxl_id].position_rad
+            closing = {own for finger in self.fingers for own in finger.drive.closing_servos}
+            remedy = (
+                "its friction is more than max_force_n lets it overcome: raise that"
+                if servo in closing
+                else "its friction is more than its position loop overcomes: loosen what it turns"
+            )
             raise DeviceError(
                 f"servo {servo.dxl_id} on {self.bus.port_name} did not reach its goal in free space: it has "
-                f"stopped at {at:.3f} rad; check what holds it; if nothing does, raise max_force_n"
+                f"stopped at {at:.3f} rad; check what holds it; if nothing does, {remedy}"
             )
 
     def tare(self) -> None:
@@ -344,8 +358,7 @@ class Hand:
         Raises `lost` if it does not come back or was lost too often in this run, DeviceError if another
         array is there.
         """
-        servos = self.states(self._servos)
-        stop_at(self.bus, {s: s.nearest_rad(servos[s.dxl_id].position_rad) for s in self._servos})
+        hold(self.bus, self.states, self._servos)
         self.disarm()
         self._taken_up += 1
         if self._taken_up > _MOST_TAKEN_UP:
