@@ -218,7 +218,7 @@ class TipMover(_FingerMover):
         remedy = "" if self.run.travel_mm > _OFF_WAY_MM else "; if it is clear, raise max_force_n"
         raise SafetyStop(
             f"finger {self.finger.name} is held after {self.run.travel_mm:.1f} mm of its way by something "
-            "that its array does not feel; fingers were stopped; clear its way{remedy}"
+            f"that its array does not feel; fingers were stopped; clear its way{remedy}"
         )
 
     def _go(self, now: float) -> ServoGoals:
