@@ -22,6 +22,7 @@ __all__ = [
     "check_obstacles",
     "check_places",
     "check_real",
+    "check_stops_known",
 ]
 
 ARM_MARGIN_MM = 2.0
@@ -150,6 +151,16 @@ def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
     for port, place in _ports(fingers, bus):
         if port.startswith(_MOCK):
             raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
+
+
+def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
+    """Refuse a check of slips without stops of every finger's slide."""
+    for index, finger in enumerate(fingers):
+        if finger.type != "slide" or finger.slide.stops_mm is None:
+            raise problem(
+                f'is true, and fingers[{index}] ("{finger.name}") has no slide.stops_mm to meet',
+                *("search", "check_slips"),
+            )
 
 
 def check_emulation(

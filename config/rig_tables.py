@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from palpate.config.emulated_adapter import AdapterConfig, Span
 from palpate.config.emulated_mechanics import MechanicsConfig
 from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, in_order
+from palpate.config.fields import Count, FileModel, Flag, Items, Length, Name, Point, Positive, Text, in_order
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
@@ -148,6 +148,10 @@ class SearchConfig(FileModel):
         default=DEFAULT_BUDGET,
         description="Units of work that one recognition may take: interpretations, cells and configurations "
         "tested against a contact. When they are spent, there are more hypotheses, with wider bounds.",
+    )
+    check_slips: Flag = Field(
+        default=False,
+        description="Before and after a run slides meet their back stops: none may have slipped between.",
     )
     part_holds_n: Positive | None = Field(
         default=None,

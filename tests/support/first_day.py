@@ -132,6 +132,15 @@ ROWS: tuple[Row, ...] = (
         "moving|unknown|unresolved|indistinguishable",
         unsure="a slide that has slipped looks like a part that lies elsewhere",
     ),
+    Row(
+        "a screw that slips, with check_slips",
+        "mechanics = {slip_mm = [0.5, 3], slip_after_s = [20, 30]}",
+        "moving|unknown|unresolved|indistinguishable|has slipped",
+        bounds=(
+            ("max_grips = 8", "max_grips = 8\ncheck_slips = true"),
+            ("zero_mm = 40.0", "zero_mm = 40.0\nstops_mm = [42.0, 253.0]"),
+        ),
+    ),
 )
 
 

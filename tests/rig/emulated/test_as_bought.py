@@ -15,7 +15,6 @@ BY_NAME = {row.name: row for row in ROWS}
     [
         ("latency timer of 16 ms everywhere", "right"),
         ("an array resets in a run", "right"),
-        ("bus's adapter comes back under another name", "message"),
         ("3 … 4 times the friction at rest", "message"),
     ],
 )
@@ -24,10 +23,23 @@ def test_a_run_ends_as_its_row_says(name: str, kind: str) -> None:
     assert (found.kind, found.torque_on) == (kind, ()), found
 
 
-def test_an_adapter_that_comes_back_under_another_name_is_said() -> None:
+def test_torque_is_off_after_the_bus_came_back_under_another_name_which_is_said() -> None:
     found = run_row(BY_NAME["bus's adapter comes back under another name"], 2)
+    assert (found.kind, found.torque_on) == ("message", ())
     assert "has come back as" in found.text
     assert "/dev/serial/by-id" in found.text
+
+
+def test_a_screw_that_slips_is_found_at_the_stops() -> None:
+    found = run_row(BY_NAME["a screw that slips, with check_slips"], 4)
+    assert (found.kind, found.torque_on) == ("message", ()), found
+    assert "finger f2: its slide (servo 22) meets its back stop" in found.text
+
+
+def test_slips_cannot_be_checked_without_stops() -> None:
+    row = BY_NAME["a screw that slips, with check_slips"]
+    with pytest.raises(ValueError, match="no slide.stops_mm to meet"):
+        rig_of(type(row)(row.name, row.emulation, bounds=row.bounds[:1]))
 
 
 def test_latency_is_in_the_expected_peak() -> None:
