@@ -20,9 +20,9 @@ from repository import ROOT
 PAGE = ROOT / "docs" / "as-bought.md"
 _BEGIN, _END = "<!-- table: python benchmarks/bench_first_day.py --page -->\n", "<!-- end of table -->"
 _HEAD = (
-    "| what is different | right | message | outside its bounds | wrong | torque left on "
+    "| what is different | runs | right | message | outside its bounds | wrong | torque left on "
     "| begun again | rig time, s | peak, N |\n"
-    "|---|---|---|---|---|---|---|---|---|\n"
+    "|---|---|---|---|---|---|---|---|---|---|\n"
 )
 
 
@@ -34,7 +34,7 @@ def line(row: Row, found: list[Outcome]) -> str:
     spent = [item.rig_s for item in found if item.rig_s]
     rig_s = f"{statistics.median(spent):.1f}" if spent else "–"
     hardest = max(item.hardest_n for item in found)
-    cells = [*counts, on, again, rig_s, f"{hardest:.1f}"]
+    cells = [len(found), *counts, on, again, rig_s, f"{hardest:.1f}"]
     return f"| {row.name} | " + " | ".join(str(cell) for cell in cells) + " |\n"
 
 

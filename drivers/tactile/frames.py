@@ -7,7 +7,7 @@ from palpate.drivers.tactile.messages import Description
 from palpate.errors import DeviceError
 from palpate.geometry import Counts
 
-__all__ = ["ArrayCounters", "ArrayDriver", "ArrayLost", "TactileFrame"]
+__all__ = ["ArrayCounters", "ArrayDriver", "ArrayLost", "ArraySilent", "TactileFrame"]
 
 
 class ArrayLost(DeviceError):
@@ -16,6 +16,10 @@ class ArrayLost(DeviceError):
     def __init__(self, finger: str, message: str) -> None:
         super().__init__(message)
         self.finger = finger
+
+
+class ArraySilent(DeviceError):
+    """An array does not say what it is, or what comes from its port is no message."""
 
 
 @dataclass(frozen=True, eq=False)

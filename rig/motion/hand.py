@@ -15,14 +15,14 @@ from serial.serialutil import SerialBase
 
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, PortFailed, WatchdogTripped
 from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop, hold
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.finger import Servos, Turn
 from palpate.drivers.tactile.description import Description
-from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, TactileFrame
+from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, ArraySilent, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.drivers.transport.plugged_ports import renamed
 from palpate.drivers.transport.reopened_port import ReopenedPort
@@ -101,9 +101,7 @@ class Hand:
         try:
             self._connect(open_port)
         except BaseException as error:
-            if (
-                isinstance(error, DeviceError) and self._ports
-            ):  # the port is there, and what is said is spoilt
+            if isinstance(error, NotAnswering | DamagedAnswer | ArraySilent):
                 error.add_note(_OTHERS)
             _warn(error, self.close())
             raise
@@ -117,8 +115,10 @@ class Hand:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        failed = self.close()
+        was_driven, failed = self._driven, self.close()
         if error is not None:
+            if not was_driven and isinstance(error, NotAnswering | DamagedAnswer):
+                error.add_note(_OTHERS)
             _warn(error, failed)
             if self._renamed:
                 error.add_note(self._renamed)

@@ -38,7 +38,7 @@ def test_a_screw_that_slips_is_found_at_the_stops() -> None:
 
 def test_slips_cannot_be_checked_without_stops() -> None:
     row = BY_NAME["a screw that slips, with check_slips"]
-    with pytest.raises(ValueError, match="no slide.stops_mm to meet"):
+    with pytest.raises(ValueError, match=r"no slide\.stops_mm to meet"):
         rig_of(type(row)(row.name, row.emulation, bounds=row.bounds[:1]))
 
 
