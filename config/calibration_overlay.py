@@ -32,10 +32,14 @@ _NOT_GEOMETRY = frozenset(
     {
         "port", "baudrate_bps", "bounds", "bound_mm", "bound_deg", "zero_bound_mm", "mm_per_turn_spread",
         "radius_bound_mm", "heading_bound_deg", "stiffness_spread", "gain_spread", "drift_counts_per_s",
-        "backlash_mm", "backlash_deg", "taxels",
+        "backlash_mm", "backlash_deg", "friction_a", "taxels",
     }
 )  # fmt: skip
 """Keys that say where a device is plugged in, or how well something is known: they may change freely."""
+
+
+_LEAST_FRICTION = 0.8
+"""Of a slide's measured friction: it becomes less as grease warms and parts wear in."""
 
 
 def geometry_sha256(rig: RigFile) -> str:
@@ -123,7 +127,10 @@ def _with_tactile(finger: FingerConfig, found: TactileCalibration) -> FingerConf
 
 def _with_actuators(finger: SlideFingerConfig, found: ActuatorsCalibration) -> SlideFingerConfig:
     slide, aim = found.slide, found.aim
-    changes: dict[str, float] = {"backlash_mm": slide.backlash_mm + _SIGMAS * slide.backlash_sigma_mm}
+    changes: dict[str, float] = {
+        "backlash_mm": slide.backlash_mm + _SIGMAS * slide.backlash_sigma_mm,
+        "friction_a": _LEAST_FRICTION * slide.friction_a,
+    }
     if slide.homed:
         changes |= {
             "zero_mm": slide.zero_mm,

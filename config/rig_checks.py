@@ -22,6 +22,7 @@ __all__ = [
     "check_obstacles",
     "check_places",
     "check_real",
+    "check_stops_known",
 ]
 
 ARM_MARGIN_MM = 2.0
@@ -152,6 +153,16 @@ def check_real(fingers: Sequence[FingerConfig], bus: BusConfig) -> None:
             raise problem(f'"{port}" is an emulated port, but there is no [emulation] table', *place)
 
 
+def check_stops_known(fingers: Sequence[FingerConfig]) -> None:
+    """Refuse a check of slips without stops of every finger's slide."""
+    for index, finger in enumerate(fingers):
+        if finger.type != "slide" or finger.slide.stops_mm is None:
+            raise problem(
+                f'is true, and fingers[{index}] ("{finger.name}") has no slide.stops_mm to meet',
+                *("search", "check_slips"),
+            )
+
+
 def check_emulation(
     drawn: EmulationConfig,
     fingers: Sequence[FingerConfig],
@@ -206,6 +217,15 @@ def _check_under_load(drawn: EmulationConfig, finger: FingerConfig, index: int) 
             f"{turned:.3g}° per N, beyond the bound fingers[{index}].bounds.deflection_deg_per_n = "
             f"{declared:g}; widen the bound or emulate less",
             *("emulation", "deflection_mm_per_n"),
+        )
+    slides = drawn.mechanics and drawn.mechanics.slide_deflection_mm_per_n
+    along = slides[1] if slides and finger.type == "slide" else 0.0
+    if along + drawn.deflection_mm_per_n > finger.bounds.deflection_mm_per_n:
+        raise problem(
+            f"and emulation.deflection_mm_per_n let a tip give way by {along + drawn.deflection_mm_per_n:g} "
+            f"mm per N, beyond the bound fingers[{index}].bounds.deflection_mm_per_n = "
+            f"{finger.bounds.deflection_mm_per_n:g}; widen the bound or emulate less",
+            *("emulation", "mechanics", "slide_deflection_mm_per_n"),
         )
     part = drawn.part
     if part is None:

@@ -18,6 +18,7 @@ from palpate.config.rig_checks import (
     check_obstacles,
     check_places,
     check_real,
+    check_stops_known,
 )
 from palpate.config.rig_fingers import FingerConfig
 from palpate.config.rig_servos import StageConfig
@@ -55,6 +56,8 @@ class RigFile(FileModel):
         check_identities(self.fingers, self.bus, self.stage)
         check_places(self.fingers, self.clear_radius_mm, clearance)
         check_obstacles(self.obstacles, self.fingers, self.clear_radius_mm, clearance)
+        if self.search.check_slips:
+            check_stops_known(self.fingers)
         if self.emulation is None:
             check_real(self.fingers, self.bus)
         else:

@@ -138,6 +138,10 @@ class SlideConfig(ServoConfig):
     mm_per_turn_spread: Share = Field(
         default=0.0, description="Bound: mm_per_turn is off by at most this share."
     )
+    friction_a: Annotated[Length, Field(le=1)] = Field(
+        default=0.0,
+        description="Bound: friction takes at least this current; max_force_n allows so much more for it.",
+    )
     stops_mm: LengthRange | None = Field(
         default=None,
         description="[back, front]: distance from base to tip centre where the slide meets its hard stops; "

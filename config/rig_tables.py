@@ -10,8 +10,10 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
+from palpate.config.emulated_adapter import AdapterConfig, Span
+from palpate.config.emulated_mechanics import MechanicsConfig
 from palpate.config.emulated_part import EmulatedPartConfig
-from palpate.config.fields import Count, FileModel, Items, Length, Name, Point, Positive, Text, in_order
+from palpate.config.fields import Count, FileModel, Flag, Items, Length, Name, Point, Positive, Text, in_order
 from palpate.config.outlines import outline_problem
 from palpate.config.problems import problem
 from palpate.config.rig_servos import Share
@@ -147,6 +149,10 @@ class SearchConfig(FileModel):
         description="Units of work that one recognition may take: interpretations, cells and configurations "
         "tested against a contact. When they are spent, there are more hypotheses, with wider bounds.",
     )
+    check_slips: Flag = Field(
+        default=False,
+        description="Before and after a run slides meet their back stops: none may have slipped between.",
+    )
     part_holds_n: Positive | None = Field(
         default=None,
         description="No part slides below this horizontal force at its middle, N. Without it parts are taken "
@@ -225,8 +231,21 @@ class EmulationConfig(FileModel):
     array_boot_s: Annotated[Length, Field(le=10)] = Field(
         default=0.0, description="Arrays reset as their ports open, and are deaf for so long."
     )
+    array_reset_s: Span | None = Field(
+        default=None,
+        description="[lo, hi]: so long after the start one array, drawn by the seed, resets; absent: none.",
+    )
+    bus_adapter: AdapterConfig | None = Field(
+        default=None, description="The bus's USB adapter; absent: bytes pass as on a wire."
+    )
+    array_adapter: AdapterConfig | None = Field(
+        default=None, description="Each array's USB adapter, likewise."
+    )
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
+    )
+    mechanics: MechanicsConfig | None = Field(
+        default=None, description="What is different about friction, motors, supply, cables and screws."
     )
     part: EmulatedPartConfig | None = Field(
         default=None, description="Whether the part moves when it is pushed; absent: it stands still."

@@ -11,7 +11,7 @@ from serial.serialutil import SerialBase
 
 from palpate.config import ArmFingerConfig, ObjectsFile, RigFile, Scene
 from palpate.drivers.transport.clock import Clock, MonotonicClock
-from palpate.drivers.transport.port import open_port
+from palpate.drivers.transport.plugged_ports import FollowedPorts, SystemPlugs
 from palpate.drivers.transport.record import Recorder, Sink
 from palpate.errors import InputError
 from palpate.rig.bus_latency import bus_latency_s
@@ -101,8 +101,10 @@ def environment(
     """
     latency_s = bus_latency_s(bench.rig) if latency_s is None else latency_s
 
+    ports = FollowedPorts(SystemPlugs() if bench.mock is None else bench.mock)
+
     def open_raw(port: str, baudrate: int) -> SerialBase:
-        return open_port(bench.urls(port), baudrate)
+        return ports.open(bench.urls(port), baudrate)
 
     if sink is None:
         return Environment(bench.clock, open_raw, latency_s)

@@ -1,7 +1,8 @@
 """Expected peak force of a touch at a speed: what a rig file's threshold, speeds and stiffness come to.
 
-Between the contact and standing still a tip goes on by speed × latency (the wait for a frame, the stop on its
-way) and by what braking takes; its skin, a spring, presses harder by stiffness × that:
+Between the contact and standing still a tip goes on by speed × latency and by what braking takes; its skin, a
+spring, presses harder by stiffness × that. Latency is the wait for a frame, in the array's adapter, too, and
+the look at the servos before they are told to stop:
 
     peak = contact_force_n + stiffness · (speed · latency + speed² / (2 · deceleration))
 
@@ -14,16 +15,16 @@ from collections.abc import Iterable
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile
 from palpate.drivers.dynamixel.control_table import RAD_PER_TICK
 from palpate.drivers.dynamixel.specifications import specification
+from palpate.rig.bus_latency import array_latency_s, bus_latency_s
 
 __all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm"]
 
 _WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
-_STOP_S = 1e-3  # the stop on the bus
 
 
 def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
     """Peak force (N) of the hardest of a rig's fingers on a part that does not give way, met at a speed."""
-    latency_s = _WAIT_FRAMES / rig.closing.sample_rate_hz + _STOP_S
+    latency_s = _WAIT_FRAMES / rig.closing.sample_rate_hz + bus_latency_s(rig) + array_latency_s(rig)
     return rig.closing.contact_force_n + max(
         finger.tip.stiffness_n_per_mm
         * (speed_mm_s * latency_s + speed_mm_s**2 / 2 / deceleration_mm_s2(finger, rig.closing.max_force_n))

@@ -136,10 +136,11 @@ class SlideDrive:
         wait_mm: float,
         speed_mm_s: float,
         force_n: float,
+        friction_a: float = 0.0,
     ) -> None:
         """`wait_mm`: distance from the base at which the tip waits; it goes back there at `speed_mm_s`.
 
-        `force_n`: the tip never presses harder.
+        `force_n`: the tip never presses harder. `friction_a`: the slide's friction takes this at least.
         """
         self._aim = aim
         self._slide = slide
@@ -147,6 +148,7 @@ class SlideDrive:
         self._wait_mm = wait_mm
         self._speed_mm_s = speed_mm_s
         self._force_n = force_n
+        self._friction_a = friction_a
         self._targets: ServoGoals = {}
 
     @property
@@ -219,7 +221,7 @@ class SlideDrive:
 
     def _current_a(self) -> float:
         lever_m = abs(self._kinematics.mm_per_rad) / 1000
-        return self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
+        return self._friction_a + self._force_n * lever_m / self._slide.model.known_torque.nm_per_a
 
     def _set_speed(self, speed_mm_s: float) -> None:
         self._slide.set_profile(speed_mm_s / abs(self._kinematics.mm_per_rad), ACCELERATION_RAD_S2)

@@ -29,7 +29,7 @@ def drive_of(spec: FingerConfig, rig: RigFile, bus: Bus) -> Drive:
         return ArmDrive(near, far, arm_kinematics(spec), wait, closing.max_force_n)
     wait = wait_distance_mm(spec, radius)
     speed, force = closing.approach_speed_mm_s, closing.max_force_n
-    return SlideDrive(near, far, slide_kinematics(spec), wait, speed, force)
+    return SlideDrive(near, far, slide_kinematics(spec), wait, speed, force, spec.slide.friction_a)
 
 
 def start_problem(

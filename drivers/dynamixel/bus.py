@@ -95,7 +95,7 @@ class Bus:
         often a lost or damaged answer is asked for again. `reopen`: opens the port anew after an unplug.
         Raises PortFailed if the port cannot be set up.
         """
-        self.port_name = port.port or "(unnamed port)"
+        self.port_name: str
         self.timing = Timing(baudrate, latency_s)
         self.counts = BusCounts()
         self._clock = clock
@@ -250,6 +250,7 @@ class Bus:
 
     def _use(self, port: SerialBase) -> None:
         self._port = port
+        self.port_name = port.port or "(unnamed port)"
         with self._port_errors():
             self._transceiver = Transceiver(port, self._clock, self.timing, self.counts)
 

@@ -17,7 +17,7 @@ from palpate.drivers.dynamixel.servo import Servo, stop_at, write_goals
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.transport.clock import Clock
 
-__all__ = ["End", "Guard", "Mover", "ServoGoals", "ServoMover", "guarded_loop", "guarded_move"]
+__all__ = ["End", "Guard", "Mover", "ServoGoals", "ServoMover", "guarded_loop", "guarded_move", "hold"]
 
 ServoGoals = Mapping[Servo, float]
 """Servo angles (rad) to be written, or to be reached."""
@@ -123,6 +123,12 @@ def guarded_loop(
             _look(read, streaming, now)
         _write(bus, {mover: mover.stream(now()) for mover in left})
     return ends
+
+
+def hold(bus: Bus, read: ReadStates, servos: Sequence[Servo]) -> None:
+    """Stop servos where they are now, whatever they were on their way to."""
+    states = read(servos)
+    stop_at(bus, {servo: servo.nearest_rad(states[servo.dxl_id].position_rad) for servo in servos})
 
 
 def _asked(movers: Sequence[_M], how: Callable[[_M], End | None]) -> dict[_M, End]:

@@ -111,6 +111,12 @@ class EmulatedFinger:
         self._shear = self._sheared = None
         self._loads.clear()
 
+    def slip(self, by_mm: float) -> None:
+        """Let the horn of its slide's servo slip; arms have none."""
+        self.servos[0].catch_up()
+        if isinstance(self._mechanics, SlideMechanics):
+            self._mechanics.slip(by_mm)
+
     @property
     def servos(self) -> tuple[EmulatedServo, EmulatedServo]:
         """The servo next to the base, and the other one."""
@@ -238,7 +244,11 @@ class EmulatedFinger:
 
 
 class Bench:
-    """All fingers round one table, in one time, and `part`, which stands on it."""
+    """All fingers round one table, in one time, and `part`, which stands on it.
+
+    `happenings`: what is to happen at which instants (s), in their order. `supply`: called in each step, sets
+    the servos' supply; None: it stays as it is.
+    """
 
     def __init__(
         self,
@@ -256,6 +266,8 @@ class Bench:
             servo.lag(self.catch_up)
         self._steps = self._due = self._free = 0
         self._now = -math.inf
+        self.happenings: list[tuple[float, Callable[[], None]]] = []
+        self.supply: Callable[[], None] | None = None
 
     def put(self, section_at: Callable[[float], PartSection | None], part: Part | None = None) -> None:
         """Let something else stand on the table; nothing may touch a tip now.
@@ -276,6 +288,11 @@ class Bench:
         """
         if now <= self._now:
             return  # devices ask several times at one instant
+        while self.happenings and self.happenings[0][0] <= now:
+            at, happens = self.happenings.pop(0)
+            if at > self._now:
+                self.advance(at)
+            happens()
         self._now = now
         self._due = int(now / _STEP_S + 1e-6)
         while self._due > self._steps + self._free:
@@ -315,6 +332,8 @@ class Bench:
             self.stage.run(_STEP_S, steps)
         for finger in self.fingers:
             finger.run(_STEP_S, steps)
+        if self.supply is not None:
+            self.supply()
         self.part.step(self._tip_forces, False, _STEP_S)
 
     def _step(self) -> None:
@@ -322,6 +341,8 @@ class Bench:
         self._sample_until(self._steps * _STEP_S)
         if self.stage is not None:
             self.stage.step(_STEP_S, self._torque_nm(self.stage))
+        if self.supply is not None:
+            self.supply()
         for finger in self.fingers:
             finger.step(_STEP_S)
             finger.touch(self.part.displacement)

@@ -7,7 +7,7 @@ What the host does not know (the `…Truth` values) is drawn by whoever builds t
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,7 +40,8 @@ class FingerTruth:
     servo angles as the shaft has them and `aim_play_rad` and `slide_play_mm` either way between the two.
     `array_heading_rad`: where the array's middle looks, from the direction of travel. `stops_mm`: distances
     at which the carriage that bears the tip meets its hard stops, None if it has none. `aim_yield`: how the
-    aim gives way to a force across the slide; None: it bears none.
+    aim gives way to a force across the slide; None: it bears none. `slide_yield_mm_per_n`: how far the tip
+    gives way along the slide; `cable_n`: what a cable pulls the carriage outwards with.
     """
 
     base_mm: tuple[float, float]
@@ -57,6 +58,8 @@ class FingerTruth:
     array_heading_rad: float
     stops_mm: tuple[float, float] | None = None
     aim_yield: JointYield | None = None
+    slide_yield_mm_per_n: float = 0.0
+    cable_n: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,9 @@ class SlideMechanics:
             truth.aim_play_rad, self._aim_drive(), truth.aim_yield, truth.stiffness_n_per_mm
         )
         self._slide_play = Play(truth.slide_play_mm, self._slide_drive())
+        self._slide_bend = Joint(
+            0.0, 0.0, JointYield(truth.slide_yield_mm_per_n, math.inf), truth.stiffness_n_per_mm
+        )
         self._stood = (math.nan, math.nan)
         self._centre = np.full(2, math.nan)
 
@@ -119,7 +125,7 @@ class SlideMechanics:
     @property
     def centre_mm(self) -> Floats:
         """True position (2,) of the tip's axis; the same array as long as it stands still."""
-        at = angle, distance = self._aim_joint.at, self._slide_play.at
+        at = angle, distance = self._aim_joint.at, self._slide_play.at + self._slide_bend.at
         if at != self._stood:
             x, y = self._truth.base_mm
             self._stood = at
@@ -136,16 +142,27 @@ class SlideMechanics:
                 across = float(force_n[1]) * math.cos(facing) - float(force_n[0]) * math.sin(facing)
         steps = 1 if self._reached_mm() is None else _STOP_STEPS
         for _ in range(steps):
-            self._slide_on(dt_s / steps, push)
+            self._slide_on(dt_s / steps, push + self._truth.cable_n)
+        if self._truth.slide_yield_mm_per_n:
+            self._slide_bend.step(dt_s, 0.0, push, 1.0)
         lever = self._slide_play.at
         self._aim.step(dt_s, across * lever / _MM_PER_M / self._truth.gear_ratio)
         self._aim_joint.step(dt_s, self._aim_drive(), across, lever)
+
+    def slip(self, by_mm: float) -> None:
+        """Let the slide's horn slip on its shaft."""
+        self._truth = replace(self._truth, zero_mm=self._truth.zero_mm + by_mm)
+        self._slide_play.at += by_mm
 
     def reach_mm(self, dt_s: float, steps: int) -> float:
         """The furthest that `run` may move the tip; infinite where more than servos may move it."""
         slide = self._slide.motion.reach_rad(dt_s, steps) * abs(self._truth.mm_per_rad)
         at, stops = self._slide_play.at, self._truth.stops_mm
-        if not self._aim_joint.is_straight or (stops and not stops[0] + slide < at < stops[1] - slide):
+        if (
+            self._truth.cable_n
+            or not (self._aim_joint.is_straight and self._slide_bend.is_straight)
+            or (stops and not stops[0] + slide < at < stops[1] - slide)
+        ):
             return math.inf
         turn = self._aim.motion.reach_rad(dt_s, steps) / self._truth.gear_ratio
         return slide + (abs(at) + slide) * turn

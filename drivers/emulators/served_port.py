@@ -7,7 +7,7 @@ arrived. `pty_port` and `tcp_port` say how clients come, send and receive.
 from abc import ABC, abstractmethod
 from collections import deque
 
-from palpate.drivers.transport.wire import Device, Emission, RatedDevice, wire_time_s
+from palpate.drivers.transport.wire import AdaptedDevice, Device, Emission, RatedDevice, wire_time_s
 
 __all__ = ["CHUNK", "ServedPort"]
 
@@ -73,6 +73,10 @@ class ServedPort(ABC):
         return self._outgoing[0][0] if own is None else min(own, self._outgoing[0][0])
 
     def _schedule(self, emissions: list[Emission], rate: int) -> None:
+        adapted = self.device if isinstance(self.device, AdaptedDevice) else None
+        if adapted is not None:
+            rate = adapted.arrival_rate
         for instant, data in emissions:
-            self._free_s = max(instant, self._free_s) + wire_time_s(len(data), rate)
+            lasts = wire_time_s(len(data), rate) if adapted is None else 0.0
+            self._free_s = max(instant, self._free_s) + lasts
             self._outgoing.append((self._free_s, data, rate))

@@ -147,6 +147,18 @@ class EmulatedServo:
             self._powered = True
             unit.start(BOOT_S)
 
+    @property
+    def nominal_v(self) -> float:
+        """Recommended supply of its model."""
+        return self._inner.model.nominal_v
+
+    @property
+    def motor_power_w(self) -> float:
+        """What the motor takes from the supply now, W."""
+        motion = self._inner.motion
+        volts = self._inner.protection.supply_v
+        return abs(motion.duty * motion.current_a) * volts if self._powered else 0.0
+
     def set_temperature(self, celsius: float) -> None:
         """Set the temperature inside; it goes on from there with what the motor heats."""
         self._unit.protection.temperature_c = celsius

@@ -35,6 +35,7 @@ class ShaftMotion:
         "_profile_a",
         "_profile_v",
         "_rest_nm",
+        "_rest_share",
         "_stall_a",
         "_u_max",
         "current_a",
@@ -63,6 +64,7 @@ class ShaftMotion:
         self._profile_v = 0.0
         self._profile_a = 0.0
         self._rest_nm = math.nan
+        self._rest_share = 1.0
         self.shaft_rad = start_rad
         self.velocity_rad_s = 0.0
         self.current_a = 0.0
@@ -94,6 +96,21 @@ class ShaftMotion:
         """Set the supply as a multiple of the voltage that the motor's constants hold for."""
         self._rest_nm = math.nan
         self._drive_a = self._stall_a * ratio
+
+    def set_mechanics(self, friction: float, rest_share: float, torque_share: float) -> None:
+        """Change the motor: friction, and torque for a current, times the present ones.
+
+        `rest_share`: friction at rest, times that in motion; at least 1.
+        """
+        self._rest_nm = math.nan
+        self._friction_nm *= friction
+        self._rest_share = max(1.0, rest_share)
+        self._nm_per_a *= torque_share
+
+    @property
+    def friction_nm(self) -> float:
+        """Friction in motion."""
+        return self._friction_nm
 
     def set_profile(self, velocity_rad_s: float, acceleration_rad_s2: float) -> None:
         """Set the profile of the next goals; 0 means unlimited."""
@@ -184,6 +201,7 @@ class ShaftMotion:
         gain, most_duty, drive_a = self._gain_per_rad, self._u_max, self._drive_a
         most_a, a_per_rad_s, nm_per_a = self._max_current_a, self._a_per_rad_s, self._nm_per_a
         inertia, slowed = self._inertia, self._friction_nm * dt / self._inertia
+        rest = slowed * self._rest_share
         velocity, shaft, goal = self.velocity_rad_s, self.shaft_rad, self.goal_rad
         duty, current = self.duty, self.current_a
         angles: list[float] = []
@@ -197,10 +215,11 @@ class ShaftMotion:
             duty = most_duty if duty > most_duty else -most_duty if duty < -most_duty else duty
             current = duty * drive_a - velocity * a_per_rad_s
             current = most_a if current > most_a else -most_a if current < -most_a else current
+            holds = rest if velocity == 0.0 else slowed
             velocity += current * nm_per_a * dt / inertia
-            if velocity > slowed:
+            if velocity > holds:
                 velocity -= slowed
-            elif velocity < -slowed:
+            elif velocity < -holds:
                 velocity += slowed
             else:
                 velocity = 0.0
@@ -239,11 +258,12 @@ class ShaftMotion:
             torque = current * self._nm_per_a + load_nm
         else:
             torque = load_nm
-        velocity += torque * dt / self._inertia
         slowed = self._friction_nm * dt / self._inertia
-        if velocity > slowed:
+        holds = slowed * self._rest_share if velocity == 0.0 else slowed
+        velocity += torque * dt / self._inertia
+        if velocity > holds:
             velocity -= slowed
-        elif velocity < -slowed:
+        elif velocity < -holds:
             velocity += slowed
         else:
             velocity = 0.0

@@ -9,7 +9,7 @@ from serial.serialutil import SerialBase
 
 from palpate.drivers.tactile.exchange import ArrayExchange
 from palpate.drivers.tactile.frame_plausibility import FramePlausibility
-from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.frames import ArrayLost, ArraySilent, TactileFrame
 from palpate.drivers.tactile.messages import (
     MAX_TARE_SAMPLES,
     Ack,
@@ -111,11 +111,11 @@ class TactileArray(StreamedArray):
     def _silent(self) -> DeviceError:
         where, noise = self._stream.where, self._exchange.noise
         if noise:
-            return DeviceError(
+            return ArraySilent(
                 f"{where} does not answer, and what it sends is no message of the tactile protocol "
                 f"({noise}); check protocol and baud rate in the rig file, and its firmware"
             )
-        return DeviceError(
+        return ArraySilent(
             f"{where} does not answer; check its power, its cable and the port's name in the rig file"
         )
 
@@ -206,7 +206,8 @@ class TactileArray(StreamedArray):
         if isinstance(answer, Nack):
             raise DeviceError(f"{where} refuses to {verb} ({answer.reason.name}); {_ADVICE[answer.reason]}")
         if answer is None:
-            raise DeviceError(f"{where} did not answer a request to {verb}; check its power and its cable")
+            name, what = self._stream.name, f"did not answer a request to {verb}"
+            raise ArrayLost(name, f"{where} {what}; check its power and its cable")
         return answer
 
     def _take(self, message: Message, body: Frame) -> None:

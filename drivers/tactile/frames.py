@@ -4,9 +4,22 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from palpate.drivers.tactile.messages import Description
+from palpate.errors import DeviceError
 from palpate.geometry import Counts
 
-__all__ = ["ArrayCounters", "ArrayDriver", "TactileFrame"]
+__all__ = ["ArrayCounters", "ArrayDriver", "ArrayLost", "ArraySilent", "TactileFrame"]
+
+
+class ArrayLost(DeviceError):
+    """An array sends no more, has started anew or is gone. It may come back: asking it again shows."""
+
+    def __init__(self, finger: str, message: str) -> None:
+        super().__init__(message)
+        self.finger = finger
+
+
+class ArraySilent(DeviceError):
+    """An array does not say what it is, or what comes from its port is no message."""
 
 
 @dataclass(frozen=True, eq=False)

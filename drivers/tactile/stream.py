@@ -12,7 +12,7 @@ from typing import Protocol, cast
 import serial
 from serial.serialutil import SerialBase
 
-from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
 from palpate.errors import DeviceError
 
@@ -104,6 +104,11 @@ class FrameStream:
         self.bytes = 0
 
     @property
+    def name(self) -> str:
+        """The finger's."""
+        return self._name
+
+    @property
     def where(self) -> str:
         """What messages call the array."""
         return f"tactile array {self._name} on {self._port.port}"
@@ -166,8 +171,9 @@ class FrameStream:
                 if self._since_frame
                 else ("", "that it was started")
             )
-            raise DeviceError(
-                f"{self.where} sent no frame for {timeout_s:g} s{but}; check its cable and {cause}"
+            raise ArrayLost(
+                self._name,
+                f"{self.where} sent no frame for {timeout_s:g} s{but}; check its cable and {cause}",
             )
         return self._frames.popleft()
 
@@ -284,10 +290,11 @@ class FrameStream:
 
     def has_restarted(self, how: str) -> DeviceError:
         """The error of an array that was reset; `how` it shows."""
-        return DeviceError(
+        return ArrayLost(
+            self._name,
             f"{self.where} has restarted ({how}) and has lost its settings: check its supply and "
-            "its cable, then start again"
+            "its cable, then start again",
         )
 
     def _gone(self, problem: Exception) -> DeviceError:
-        return DeviceError(f"{self.where} is gone ({problem}); check its cable and open it again")
+        return ArrayLost(self._name, f"{self.where} is gone ({problem}); check its cable and open it again")

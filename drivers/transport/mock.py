@@ -16,6 +16,7 @@ from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.port import PortMissing
 from palpate.drivers.transport.wire import (
     BITS_PER_BYTE,
+    AdaptedDevice,
     Device,
     Emission,
     OpenedDevice,
@@ -26,6 +27,7 @@ from palpate.drivers.transport.wire import (
 __all__ = ["MOCK_SCHEME", "MockHub", "MockWire", "wire_for_url"]
 
 MOCK_SCHEME = "mock"
+_AT_ONCE_S = 1e-9  # for a byte of a packet that an adapter hands over
 _ROUNDING_BYTES = 1e-3  # of one byte's wire time; far above the clock's rounding, far below a byte
 
 _HUBS: "weakref.WeakValueDictionary[str, MockHub]" = weakref.WeakValueDictionary()
@@ -56,6 +58,7 @@ class MockWire:
         self.clock = clock
         self._device = device
         self._rated = device if isinstance(device, RatedDevice) else None
+        self._adapted = device if isinstance(device, AdaptedDevice) else None
         self._bursts: deque[_Burst] = deque()
         self._free_s = 0.0
 
@@ -135,11 +138,14 @@ class MockWire:
         return self._device.next_due()
 
     def _enqueue(self, emissions: list[Emission], baudrate: int) -> None:
+        byte_s = BITS_PER_BYTE / baudrate
+        if self._adapted is not None:
+            baudrate, byte_s = self._adapted.arrival_rate, _AT_ONCE_S
         for instant, data in emissions:
             if not data:
                 continue
             start = max(instant, self._free_s)
-            burst = _Burst(start, data, baudrate, BITS_PER_BYTE / baudrate)
+            burst = _Burst(start, data, baudrate, byte_s)
             self._free_s = start + len(data) * burst.byte_s
             self._bursts.append(burst)
 

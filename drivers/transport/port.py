@@ -70,7 +70,7 @@ def open_port(url: str, baudrate: int, *, timeout_s: float = 0.0, shared: bool =
         missing = isinstance(error, OSError) and error.errno in _MISSING
         raise (PortMissing if missing else DeviceError)(
             f"port {url} does not exist or cannot be opened at {baudrate} baud: {_reason(error)}; "
-            "check the cable and `port` in the rig file"
+            "check the cable and `port` in the rig file (palpate find-port finds its name)"
         ) from error
     return port
 

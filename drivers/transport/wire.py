@@ -9,7 +9,15 @@ whose members have rates of their own is a `RatedDevice`.
 
 from typing import Protocol, runtime_checkable
 
-__all__ = ["BITS_PER_BYTE", "Device", "Emission", "OpenedDevice", "RatedDevice", "wire_time_s"]
+__all__ = [
+    "BITS_PER_BYTE",
+    "AdaptedDevice",
+    "Device",
+    "Emission",
+    "OpenedDevice",
+    "RatedDevice",
+    "wire_time_s",
+]
 
 BITS_PER_BYTE = 10  # 8 data bits, one start bit, one stop bit
 
@@ -51,6 +59,16 @@ class OpenedDevice(Device, Protocol):
 
     def opened(self, now: float) -> None:
         """Take note that a port was opened at `now`."""
+        ...
+
+
+@runtime_checkable
+class AdaptedDevice(Device, Protocol):
+    """A device behind an adapter, whose packets reach the host whole at the instants of their emissions."""
+
+    @property
+    def arrival_rate(self) -> int:
+        """Rate of what it hands over."""
         ...
 
 

@@ -7,7 +7,7 @@ virtual time or hands them out to be served on real ports.
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,12 +20,14 @@ from palpate.drivers.emulators.faults import FaultRates, FaultyWire, RatedFaulty
 from palpate.drivers.emulators.mechanics import EmulatedStage
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.emulators.taxels import Taxels
+from palpate.drivers.emulators.usb_adapter import PluggedPort
 from palpate.drivers.tactile.messages import Description, Shape
 from palpate.drivers.transport.clock import VirtualClock
 from palpate.drivers.transport.mock import MockHub
 from palpate.drivers.transport.wire import Device
 from palpate.errors import InputError
 from palpate.rig.arrays import emulated_array
+from palpate.rig.emulated.adapters import behind_adapters
 from palpate.rig.emulated.emulated_truth import (
     dead_taxels,
     joint_truth,
@@ -33,6 +35,7 @@ from palpate.rig.emulated.emulated_truth import (
     truth_of,
     with_yield,
 )
+from palpate.rig.emulated.mechanics_truth import roughen, with_cables
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
 
@@ -49,12 +52,14 @@ _BOOT_TEXT = b"boot: palpate emulator\r\n"
 class EmulatedRig:
     """Emulated devices by the port that the rig file names, with each wire's baud rate.
 
-    `part`: how what lies on the table moves, None if the rig file does not say.
+    `part`: how what lies on the table moves, None if the rig file does not say. `renamed`: the names under
+    which adapters come back that come back under another one, by the rig file's.
     """
 
     bench: Bench
     devices: Mapping[str, tuple[Device, int]]
     part: PartTruth | None = None
+    renamed: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +73,21 @@ class MockRig:
     hub: MockHub
     clock: VirtualClock
     urls: Mapping[str, str]
+
+    def adapter_of(self, url: str) -> str | None:
+        """The port, as the rig file names it, whose adapter is at a URL now: these are `Plugs`."""
+        port = next((port for port, at in self.urls.items() if at == url), None)
+        first = {name: port for port, name in self.rig.renamed.items()}.get(port or "", port)
+        return first if port is not None and self._is_there(port) else None
+
+    def port_of(self, adapter: object) -> str | None:
+        """The URL at which the adapter of one of the rig file's ports is now."""
+        names = [str(adapter), self.rig.renamed.get(str(adapter), "")]
+        return next((self.urls[name] for name in names if name in self.urls and self._is_there(name)), None)
+
+    def _is_there(self, port: str) -> bool:
+        device, _ = self.rig.devices[port]
+        return not isinstance(device, PluggedPort) or device.is_there(self.clock.now())
 
 
 def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig:
@@ -94,6 +114,7 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
         truth = with_yield(truth, finger, rig.emulation, np.random.default_rng([seed, 8, index]))
+        truth = with_cables(truth, rig.emulation, np.random.default_rng([seed, 12, index]))
         description = description_of(finger, seed)
         starts = start_angles_rad(finger, rig)
         near, far = (
@@ -115,13 +136,17 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
         fingers.append(EmulatedFinger(truth, (near, far), array, outline, stage, tip_friction))
     bench = Bench(fingers, stage, part_of(part, placement) if part and placement else None)
     bench_of.append(bench)
+    roughen(bench, rig, seed)
     servos = [servo for finger in fingers for servo in finger.servos]
     servos += [] if stage is None else [stage.servo]
     chain = ServoChain(servos, advance, baudrate=rig.bus.baudrate_bps)
     devices: dict[str, tuple[Device, int]] = {rig.bus.port: (chain, rig.bus.baudrate_bps)}
+    reset_s = _reset_s(rig, seed)
     for finger, emulated in zip(rig.fingers, fingers, strict=True):
-        devices[finger.array.port] = (_board(emulated.array, rig.emulation), finger.array.baudrate_bps)
-    return EmulatedRig(bench, _on_bad_wires(devices, rig.emulation, seed), part)
+        board = _board(emulated.array, rig.emulation, reset_s.get(finger.name))
+        devices[finger.array.port] = (board, finger.array.baudrate_bps)
+    on_wires, renamed = behind_adapters(_on_bad_wires(devices, rig.emulation, seed), rig, seed)
+    return EmulatedRig(bench, on_wires, part, renamed)
 
 
 def _on_bad_wires(
@@ -171,11 +196,27 @@ def _servo(rig: RigFile, dxl_id: int, model: str, start_rad: float) -> EmulatedS
     return EmulatedServo(dxl_id, model=model, start_rad=start_rad, baud_rate_code=code)
 
 
-def _board(array: SampledArray, emulation: EmulationConfig) -> Device:
+def _reset_s(rig: RigFile, seed: int) -> Mapping[str, float]:
+    """Which finger's array resets by itself, and when."""
+    if rig.emulation is None or rig.emulation.array_reset_s is None:
+        return {}
+    rng = np.random.default_rng([seed, 10])
+    finger = rig.fingers[int(rng.integers(len(rig.fingers)))]
+    return {finger.name: float(rng.uniform(*rig.emulation.array_reset_s))}
+
+
+def _board(array: SampledArray, emulation: EmulationConfig, reset_s: float | None) -> Device:
     """What the array's port leads to."""
-    if emulation.array_boot_s == 0:
+    if emulation.array_boot_s == 0 and reset_s is None:
         return array
-    return BootingBoard(array, emulation.array_boot_s, array.restart, _BOOT_TEXT)
+    return BootingBoard(
+        array,
+        emulation.array_boot_s,
+        array.restart,
+        _BOOT_TEXT,
+        reset_s=reset_s,
+        has_dtr=emulation.array_boot_s > 0,
+    )
 
 
 def _column_pitch_mm(finger: FingerConfig) -> float:

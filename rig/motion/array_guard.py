@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from palpate.config import ClosingConfig
-from palpate.drivers.tactile.frames import TactileFrame
+from palpate.drivers.tactile.frames import ArrayLost, TactileFrame
 from palpate.drivers.transport.clock import Clock
-from palpate.errors import DeviceError, SafetyStop
+from palpate.errors import SafetyStop
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.load_meter import LoadMeter
 
@@ -119,7 +119,8 @@ class ArrayGuard:
     def _check_heard(self, finger: HostFinger, now: float) -> None:
         allowed = max(_SILENT_S, _SILENT_FRAMES / self._closing.sample_rate_hz)
         if now - self._heard_s[finger] > allowed:
-            raise DeviceError(
+            raise ArrayLost(
+                finger.name,
                 f"tactile array {finger.name} on {finger.spec.array.port} has sent {finger.array.silence} "
-                f"for {allowed:g} s while fingers moved; fingers were stopped; check its cable"
+                f"for {allowed:g} s while fingers moved; fingers were stopped; check its cable",
             )

@@ -214,9 +214,11 @@ class TipMover(_FingerMover):
 
     def held(self, _now: float) -> End:
         """What it means that the finger stands still on its way: here that all motion ends."""
+        # one that has not begun to move at all may be held by its own friction
+        remedy = "" if self.run.travel_mm > _OFF_WAY_MM else "; if it is clear, raise max_force_n"
         raise SafetyStop(
             f"finger {self.finger.name} is held after {self.run.travel_mm:.1f} mm of its way by something "
-            "that its array does not feel; fingers were stopped; clear its way"
+            f"that its array does not feel; fingers were stopped; clear its way{remedy}"
         )
 
     def _go(self, now: float) -> ServoGoals:

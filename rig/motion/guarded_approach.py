@@ -15,6 +15,7 @@ from palpate.drivers.dynamixel.guarded import End, ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Turn
 from palpate.drivers.tactile.contact import ContactPatch
+from palpate.drivers.tactile.frames import ArrayLost
 from palpate.recognizer import FREE_MARGIN_MM, FingerApproach
 from palpate.rig.contact_peak import travel_step_mm
 from palpate.rig.drives import AIM_TOLERANCE_RAD
@@ -61,7 +62,8 @@ def carry_out_grip(
     """Carry out a grip: aim, close, touch, measure, retract. Fingers must be retracted and stay so between.
 
     `measure`: how contacts are measured after the slow touch, None for where fingers rest. A grip in which
-    a servo's Bus Watchdog trips is begun once more; its touches then have no trace. Raises DeviceError for a
+    a servo's Bus Watchdog trips, or an array is lost and comes back, is begun once more; its touches then
+    have no trace. Raises DeviceError for a
     device that fails and SafetyStop for a finger that is held by something its array does not feel. Torque
     stays on at every way out; the end of the hand's `with` block switches it off.
     """
@@ -70,12 +72,31 @@ def carry_out_grip(
         return _carry_out(hand, grip, tell, measure or measure_at_rest, under_way)
     except WatchdogTripped as tripped:
         hand.notice(f"{tripped}; the grip is begun again")
+    except ArrayLost as lost:
+        hand.take_up_again(lost)
+    while True:
+        try:
+            again = _carry_out_again(hand, grip, tell, measure or measure_at_rest, under_way)
+        except ArrayLost as lost:
+            hand.take_up_again(lost)  # as often as that lets it
+        else:  # what the first tries did to the part is not in it
+            return [replace(touch, trace=None) for touch in again]
+
+
+def _carry_out_again(
+    hand: Hand,
+    grip: Sequence[FingerApproach],
+    tell: Callable[[GripPhase], None],
+    measure: Measure,
+    under_way: list[ApproachState],
+) -> list[Touch]:
+    """Take fingers back that were under way, as `under_way` is told, and carry out the grip."""
     hand.arm()
     if under_way:
         look(hand, under_way)
         go_to(hand, dict.fromkeys(under_way, 0.0))
-    again = _carry_out(hand, grip, tell, measure or measure_at_rest, [])
-    return [replace(touch, trace=None) for touch in again]  # what the first try did to the part is not in it
+        under_way.clear()
+    return _carry_out(hand, grip, tell, measure, under_way)
 
 
 def _carry_out(

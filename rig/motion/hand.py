@@ -15,14 +15,17 @@ from serial.serialutil import SerialBase
 
 from palpate.config import FingerConfig, RigFile
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import PortFailed, WatchdogTripped
-from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop
+from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop, hold
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
 from palpate.drivers.dynamixel.torque import disable_torque
 from palpate.drivers.finger import Servos, Turn
-from palpate.drivers.tactile.frames import ArrayDriver, TactileFrame
+from palpate.drivers.tactile.description import Description
+from palpate.drivers.tactile.frames import ArrayDriver, ArrayLost, ArraySilent, TactileFrame
 from palpate.drivers.transport.clock import Clock
+from palpate.drivers.transport.plugged_ports import renamed
+from palpate.drivers.transport.reopened_port import ReopenedPort
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.arrays import array_of, extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
@@ -48,7 +51,13 @@ _POLL_S = 0.02
 _FRAME_TIMEOUT_S = 1.0
 _REPLUG_S = 20.0  # how long to wait for an adapter that was unplugged while torque was on
 _REPLUG_POLL_S = 0.25
+_ARRAY_BACK_S = 4.0  # how long to wait for an array that was lost, with fingers stopped and torque on
+_MOST_TAKEN_UP = 3  # arrays in a run; more often, something is wrong that needs a person
 _OFF_TRIES = 3  # whatever interrupts switching off, it is done again
+
+_OTHERS = (
+    "another program, such as ModemManager after plugging in, may have the port, too: palpate doctor names it"
+)
 
 _M = TypeVar("_M", bound=Mover)
 
@@ -80,6 +89,9 @@ class Hand:
         self._check = check
         self._array_guard = ArrayGuard(clock, rig.closing)
         self._ports: list[SerialBase] = []
+        self._array_ports: dict[str, ReopenedPort] = {}
+        self._taken_up = 0
+        self._renamed = ""
         self._arrays: list[ArrayDriver] = []
         self._servos: list[Servo] = []
         self.fingers: tuple[HostFinger, ...] = ()
@@ -89,6 +101,8 @@ class Hand:
         try:
             self._connect(open_port)
         except BaseException as error:
+            if isinstance(error, NotAnswering | DamagedAnswer | ArraySilent):
+                error.add_note(_OTHERS)
             _warn(error, self.close())
             raise
 
@@ -101,9 +115,13 @@ class Hand:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        failed = self.close()
+        was_driven, failed = self._driven, self.close()
         if error is not None:
+            if not was_driven and isinstance(error, NotAnswering | DamagedAnswer):
+                error.add_note(_OTHERS)
             _warn(error, failed)
+            if self._renamed:
+                error.add_note(self._renamed)
             if not isinstance(error, Exception) and not failed:
                 error.add_note("torque is off")
         elif failed:
@@ -119,10 +137,12 @@ class Hand:
             for port in self._ports:
                 with suppress(Exception):  # torque is what matters, and the next port
                     port.close()
+            for array_port in self._array_ports.values():
+                array_port.close()
             if self._servos:
                 with suppress(Exception):
                     self.bus.close()  # on a port of its own, if the adapter was plugged in again
-            self._servos, self._arrays, self._ports = [], [], []
+            self._servos, self._arrays, self._ports, self._array_ports = [], [], [], {}
 
     def _switch_off_despite_interruptions(self) -> list[DeviceError]:
         """Switch off; what interrupts it, such as a signal or lack of memory, is raised once it is done."""
@@ -157,6 +177,7 @@ class Hand:
             f"{self.bus.port_name} is gone and torque may be on: plug it in again within {_REPLUG_S:g} s, "
             "or cut the servos' power"
         )
+        before = self.bus.port_name
         deadline = self.clock.now() + _REPLUG_S
         while self.clock.now() < deadline:
             self.clock.sleep(_REPLUG_POLL_S)
@@ -167,6 +188,8 @@ class Hand:
             failed = disable_torque(self.bus, self._servos)
             if not any(isinstance(error, PortFailed) for error in failed):
                 break
+        if self.bus.port_name != before:
+            self._renamed = renamed(before, self.bus.port_name)
         return failed
 
     def prepare(self) -> None:
@@ -259,9 +282,15 @@ class Hand:
         if held:
             servo = held[0].driven[0]
             at = self.states([servo])[servo.dxl_id].position_rad
+            closing = {own for finger in self.fingers for own in finger.drive.closing_servos}
+            remedy = (
+                "its friction is more than max_force_n lets it overcome: raise that"
+                if servo in closing
+                else "its friction is more than its position loop overcomes: loosen what it turns"
+            )
             raise DeviceError(
                 f"servo {servo.dxl_id} on {self.bus.port_name} did not reach its goal in free space: it has "
-                f"stopped at {at:.3f} rad; check what holds it; if nothing does, raise max_force_n"
+                f"stopped at {at:.3f} rad; check what holds it; if nothing does, {remedy}"
             )
 
     def tare(self) -> None:
@@ -323,6 +352,43 @@ class Hand:
         """Frames of an array that were not taken before, up to now: for what belongs to a read just made."""
         return self._array_guard.take(finger)
 
+    def take_up_again(self, lost: ArrayLost) -> None:
+        """Stop all fingers where they are, and let an array that was lost stream again once it is back.
+
+        Raises `lost` if it does not come back or was lost too often in this run, DeviceError if another
+        array is there.
+        """
+        hold(self.bus, self.states, self._servos)
+        self.disarm()
+        self._taken_up += 1
+        if self._taken_up > _MOST_TAKEN_UP:
+            raise lost
+        finger = next(finger for finger in self.fingers if finger.name == lost.finger)
+        before = self._array_ports[finger.name].port
+        self._array_guard.stop([other for other in self.fingers if other is not finger])
+        known, found = finger.array.description, self._found_again(finger, lost)
+        if found.unique_id != known.unique_id:
+            raise DeviceError(f"{lost}; another array answers there now: plug the arrays as they were")
+        now_at = self._array_ports[finger.name].port
+        self.notice(f"{lost}; it is back, and the grip is begun again")
+        if before and now_at and now_at != before:
+            self.notice(renamed(before, now_at))
+        self.start_arrays()
+
+    def _found_again(self, finger: HostFinger, lost: ArrayLost) -> Description:
+        """What an array says of itself that answers again; raises `lost` if it does not."""
+        deadline = self.clock.now() + _ARRAY_BACK_S
+        while self.clock.now() < deadline:
+            try:
+                return finger.array.connect()
+            except ArrayLost:
+                self.clock.sleep(_REPLUG_POLL_S)
+            except DeviceError:
+                continue
+            with suppress(DeviceError):
+                self._array_ports[finger.name].reopen()
+        raise lost
+
     def _connect(self, open_port: OpenPort) -> None:
         rig = self.rig
         port = open_port(rig.bus.port, rig.bus.baudrate_bps)
@@ -351,8 +417,8 @@ class Hand:
         self.emulated = any(finger.array.description.emulated for finger in self.fingers)
 
     def _array(self, spec: FingerConfig, open_port: OpenPort) -> ArrayDriver:
-        port = open_port(spec.array.port, spec.array.baudrate_bps)
-        self._ports.append(port)
+        port = ReopenedPort(lambda: open_port(spec.array.port, spec.array.baudrate_bps))
+        self._array_ports[spec.name] = port
         return array_of(spec, port, self.clock)
 
     def _finger(self, spec: FingerConfig, drive: Drive, array: ArrayDriver) -> HostFinger:

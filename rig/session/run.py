@@ -17,6 +17,7 @@ from palpate.rig.identification.result import identification_out
 from palpate.rig.identification.stability_table import NotBounded, StabilityTable
 from palpate.rig.motion.calibrated_devices import check_devices
 from palpate.rig.motion.guarded_approach import GripPhase
+from palpate.rig.motion.slip_check import check_slips, slides_at_stops
 from palpate.rig.session.calibration_drift import calibration_used
 from palpate.rig.session.environment import Environment
 from palpate.rig.session.truth_event import Truth
@@ -121,7 +122,10 @@ def run_identification(
     ):
         check_devices(job.calibration, hand)
         hand.prepare()
+        at_stops = slides_at_stops(hand) if job.rig.search.check_slips else {}
         result = identify(hand, job.catalogue, observed, strategy=job.strategy, seed=job.seed)
+        if at_stops:
+            check_slips(hand, at_stops)
         emulated = hand.emulated
     late = observed.late_failure or notice_beside.late_failure
     placement = lies()

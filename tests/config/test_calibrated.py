@@ -90,7 +90,9 @@ def test_a_slide_that_did_not_meet_its_stops_keeps_zero_and_travel() -> None:
     described = RIG.fingers[0]
     assert isinstance(first, SlideFingerConfig)
     assert isinstance(described, SlideFingerConfig)
-    assert first.slide == described.slide.model_copy(update={"backlash_mm": first.slide.backlash_mm})
+    assert first.slide.friction_a == pytest.approx(0.8 * slide.friction_a)
+    measured = {"backlash_mm": first.slide.backlash_mm, "friction_a": first.slide.friction_a}
+    assert first.slide == described.slide.model_copy(update=measured)
 
 
 GEOMETRY = [

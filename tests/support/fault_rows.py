@@ -256,7 +256,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "an array's cable breaks",
         lambda h: setattr(h.session.cables["mock://f1"], "cut", True),
-        "all motion ends within 0.15 s and a look, torque off",
+        "all motion ends within 0.15 s and a look; if it does not answer within 4 s, torque off",
         "`device error: tactile array f1 on … has sent nothing for 0.15 s …`, exit code 3",
         DEVICE,
         r"tactile array f1 on .*(sent nothing|(does|did) not answer|no frame)",
@@ -266,7 +266,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault(
         "an array is unplugged",
         lambda h: setattr(_wire(h, "mock://f1"), "unplugged", True),
-        "torque off",
+        "all motion ends; if it is not back within 4 s, torque off; if it is, the grip is begun again",
         "`device error: tactile array f1 on … is gone …`, exit code 3",
         DEVICE,
         r"tactile array f1 on |port .*/f1 ",

@@ -1,0 +1,190 @@
+"""What a first day on hardware brings, emulated: each row is something of adapters or mechanics.
+
+A run ends with the right answer, within its bounds; or with the row's own message or verdict; with torque off
+in both cases, as the emulated servos themselves say.
+"""
+
+import re
+import tomllib
+from dataclasses import dataclass
+
+from firm_rig import firm_rig
+from quick_rig import small, small_objects
+
+from palpate.config import RigFile
+from palpate.errors import PalpateError
+from palpate.recognizer import Catalogue
+from palpate.rig.bench import environment, place, set_up
+from palpate.rig.session.run import IdentificationJob, run_identification
+from palpate.vocabulary import IdentificationVerdict, Strategy
+
+__all__ = ["ROWS", "Outcome", "Row", "run_row"]
+
+_TORQUE_ENABLE = 64
+
+
+@dataclass(frozen=True)
+class Row:
+    """One thing that is different: keys of `[emulation]` in TOML, and what may be said instead of an answer.
+
+    `says`: a pattern of the error's line, or of a verdict that is no answer; "" if only the right answer will
+    do. `bounds`: changes to the rig file's text, by which it declares what the row needs declared. `unsure`:
+    why an answer may be outside of its bounds here, which then counts by itself; "" if it must not.
+    """
+
+    name: str
+    emulation: str
+    says: str = ""
+    bounds: tuple[tuple[str, str], ...] = ()
+    unsure: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run: `kind` is right, message, unsure or wrong; `rig_s` of runs that were answered."""
+
+    kind: str
+    text: str
+    rig_s: float
+    hardest_n: float
+    torque_on: tuple[int, ...]
+    notices: tuple[str, ...]
+
+
+_GONE = r"failed|is gone|does not answer|do not answer|did not answer|sent no frame|has sent"
+_DEFLECTION = (("heading_deg = 0.02\n", "heading_deg = 0.02\ndeflection_mm_per_n = 0.06\n"),)
+
+ROWS: tuple[Row, ...] = (
+    Row("as it should be", ""),
+    Row("latency timer of 1 ms", "bus_adapter = {latency_ms = 1}\narray_adapter = {latency_ms = 1}"),
+    Row("latency timer of 16 ms at the bus", "bus_adapter = {latency_ms = 16}"),
+    Row(
+        "latency timer of 16 ms everywhere",
+        "bus_adapter = {latency_ms = 16}\narray_adapter = {latency_ms = 16}",
+    ),
+    Row("bus's hub stalls for 20 … 80 ms", "bus_adapter = {stall_ms = [20, 80], stall_every_s = 1}", _GONE),
+    Row(
+        "bus's hub stalls for 100 … 400 ms",
+        "bus_adapter = {stall_ms = [100, 400], stall_every_s = 5}",
+        _GONE + "|too late",
+    ),
+    Row(
+        "arrays' hub stalls for 20 … 80 ms", "array_adapter = {stall_ms = [20, 80], stall_every_s = 1}", _GONE
+    ),
+    Row(
+        "arrays' hub stalls for 100 … 400 ms",
+        "array_adapter = {stall_ms = [100, 400], stall_every_s = 20}",
+        _GONE,
+    ),
+    Row("bus's adapter echoes", "bus_adapter = {echoes = true}"),
+    Row("arrays' adapters echo", "array_adapter = {echoes = true}"),
+    Row("bus's adapter goes and comes back", "bus_adapter = {gone_after_s = [1, 25]}", "port .* failed"),
+    Row(
+        "bus's adapter comes back under another name",
+        'bus_adapter = {gone_after_s = [1, 25], comes_back_as = "other"}',
+        "port .* failed",
+    ),
+    Row("an array's adapter goes and comes back", "array_adapter = {gone_after_s = [1, 25]}", _GONE),
+    Row(
+        "an array's adapter comes back under another name",
+        'array_adapter = {gone_after_s = [1, 25], comes_back_as = "other"}',
+        _GONE,
+    ),
+    Row("another program has the bus's port for 15 s", "bus_adapter = {grabbed_s = 15}", "another program"),
+    Row(
+        "another program has the arrays' ports for 15 s",
+        "array_adapter = {grabbed_s = 15}",
+        "another program",
+    ),
+    Row("arrays reset as their ports open", "array_boot_s = 1.5"),
+    Row("an array resets in a run", "array_reset_s = [1, 25]\narray_boot_s = 0.8", _GONE),
+    Row(
+        "friction of 1 … 2.4 times the model's", "mechanics = {friction = [1, 2.4]}", "did not reach|is held"
+    ),
+    Row(
+        "friction of 3 … 4 times: more than max_force_n",
+        "mechanics = {friction = [3, 4]}",
+        "did not reach|is held",
+    ),
+    Row("twice the friction at rest", "mechanics = {rest_friction = [1.5, 2.3]}", "did not reach|is held"),
+    Row("3 … 4 times the friction at rest", "mechanics = {rest_friction = [3, 4]}", "did not reach|is held"),
+    Row("cogging", "mechanics = {cogging = [0.3, 1]}", "did not reach|is held"),
+    Row("warm motors", "mechanics = {torque_loss = [0.1, 0.25]}", "did not reach|is held"),
+    Row(
+        "a supply of 0.5 … 4 ohm",
+        "mechanics = {supply_ohm = [0.5, 4]}",
+        "hardware error|restarted|not answer",
+    ),
+    Row(
+        "a supply of 30 … 60 ohm",
+        "mechanics = {supply_ohm = [30, 60]}",
+        "hardware error|restarted|not answer|torque off",
+    ),
+    Row("cables that pull", "mechanics = {cable_n = [-1, 1]}", "did not reach|is held"),
+    Row(
+        "slides that give way under load",
+        "mechanics = {slide_deflection_mm_per_n = [0.02, 0.06]}",
+        bounds=_DEFLECTION,
+    ),
+    Row(
+        "a screw that slips",
+        "mechanics = {slip_mm = [0.5, 3], slip_after_s = [3, 20]}",
+        "moving|unknown|unresolved|indistinguishable",
+        unsure="a slide that has slipped looks like a part that lies elsewhere",
+    ),
+    Row(
+        "a screw that slips, with check_slips",
+        "mechanics = {slip_mm = [0.5, 3], slip_after_s = [20, 30]}",
+        "moving|unknown|unresolved|indistinguishable|has slipped",
+        bounds=(
+            ("max_grips = 8", "max_grips = 8\ncheck_slips = true"),
+            ("zero_mm = 40.0", "zero_mm = 40.0\nstops_mm = [42.0, 253.0]"),
+        ),
+    ),
+)
+
+
+def rig_of(row: Row) -> RigFile:
+    """The small firm bench with what the row declares."""
+    text = small(firm_rig())
+    for old, new in row.bounds:
+        assert old in text
+        text = text.replace(old, new)
+    described = tomllib.loads(text)
+    described["emulation"] |= tomllib.loads(row.emulation)
+    return RigFile.model_validate(described)
+
+
+def run_row(row: Row, seed: int) -> Outcome:
+    """Identify a part of the small catalogue, drawn by the seed."""
+    rig, objects, notices = rig_of(row), small_objects(), list[str]()
+    placement = place(rig, objects, None, seed)
+    bench = set_up(rig, placement, seed)
+    job = IdentificationJob(rig, Catalogue(objects.objects), placement, Strategy.PLANNED, seed, None)
+    rig_s = 0.0
+    try:
+        run = run_identification(job, environment(bench), notice=notices.append)
+    except PalpateError as error:
+        text = "; ".join([str(error), *getattr(error, "__notes__", [])])
+        kind = "message" if row.says and re.search(row.says, text) else "wrong"
+    else:
+        out = run.out(wall_seconds=0.0, session=None)
+        assert out.truth is not None
+        text, rig_s = f"{out.verdict} {out.object}", out.rig_seconds
+        if out.verdict == IdentificationVerdict.IDENTIFIED:
+            kind = "right" if out.truth.named and out.truth.inside_bounds else "wrong"
+            if row.unsure and out.truth.named and not out.truth.inside_bounds:
+                kind = "unsure"
+        else:
+            kind = "message" if row.says and re.search(row.says, out.verdict) else "wrong"
+    assert bench.emulated is not None
+    fingers = bench.emulated.bench.fingers
+    on = tuple(servo.dxl_id for finger in fingers for servo in finger.servos if _is_on(servo))
+    if on:
+        kind = "wrong"
+    return Outcome(kind, text, rig_s, max(f.hardest_n for f in fingers), on, tuple(notices))
+
+
+def _is_on(servo) -> bool:  # type: ignore[no-untyped-def]
+    answer = servo.answer_block(_TORQUE_ENABLE, 1)
+    return bool(answer is not None and answer.params[0])
