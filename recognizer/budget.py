@@ -49,7 +49,7 @@ class Budget:
         Large catalogues have many after the second contact, and few after the third. A contact that is left
         unpaired costs them more than its interpretations would.
         """
-        return self.units
+        return 4 * self.units
 
     @property
     def worthwhile(self) -> int:
