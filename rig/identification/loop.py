@@ -104,7 +104,8 @@ class PushTables:
     @classmethod
     def of(cls, rig: RigFile, catalogue: Catalogue) -> Self:
         """Nothing is worked out before it is asked for."""
-        return cls(MotionBounds(rig, catalogue), StabilityTable(rig, catalogue))
+        bounds = MotionBounds(rig, catalogue)
+        return cls(bounds, StabilityTable(rig, catalogue, bounds))
 
 
 class _Search:
@@ -234,8 +235,8 @@ class _Search:
         touches = tuple(self._execute(gently, lambda stage: self._observers(StageEvent(number, stage))))
         self._grips.append(touches)
         since = self._motions[-1].after if self._motions else None
-        self._motions.append(self._bounds.of_grip(touches, self._evidence.recognition, since))
         self._observers(TouchEvent(number, touches))
+        self._motions.append(self._bounds.of_grip(touches, self._evidence.recognition, since))
         self._understand()
 
     def _touch_mm_s(self) -> float:

@@ -9,8 +9,8 @@ from palpate.config import RigFile
 from palpate.geometry import Floats, Ints
 from palpate.recognizer import Catalogue, Recognition
 from palpate.rig.contact_peak import expected_peak_n
+from palpate.rig.identification.motion_bounds import MotionBounds
 from palpate.rig.identification.stability import DIRECTIONS, FRICTION_MOST, RESERVE, Stability, stability_of
-from palpate.rig.identification.support import supports_of
 from palpate.vocabulary import PushResponse
 
 __all__ = ["NotBounded", "StabilityTable"]
@@ -28,10 +28,14 @@ class NotBounded:
 
 @dataclass(frozen=True, eq=False)
 class StabilityTable:
-    """Stabilities of a catalogue's states on a rig, each computed when it is first asked for."""
+    """Stabilities of a catalogue's states on a rig, each computed when it is first asked for.
+
+    `bounds`: those of the same run, whose supports are used; None: they are worked out again.
+    """
 
     rig: RigFile
     catalogue: Catalogue
+    bounds: MotionBounds | None = None
 
     def of(self, state: int) -> Stability:
         """Stability of the state of an index."""
@@ -48,11 +52,13 @@ class StabilityTable:
 
     @cached_property
     def _slide_shares(self) -> Floats:
-        height_mm = max(finger.height_mm for finger in self.rig.fingers)
-        supports = supports_of(self.catalogue, self.rig.search, height_mm)
+        bounds = self.bounds or MotionBounds(self.rig, self.catalogue)
         force_n = expected_peak_n(self.rig, self.rig.closing.touch_speed_mm_s)
         return np.array(
-            [(force_n / item.holds_n, force_n / item.holds_n * item.turn_rad_per_mm) for item in supports]
+            [
+                (force_n / item.holds_n, force_n / item.holds_n * item.turn_rad_per_mm)
+                for item in bounds.supports
+            ]
         ).reshape(-1, 2)
 
     def not_bounded(self, recognition: Recognition | None, pushed_n: float) -> tuple[NotBounded, ...]:

@@ -80,7 +80,7 @@ class IdentificationRun(ShortRepr):
         """States of the answer in which the fingers may have tipped or rolled the part."""
         bounds = MotionBounds(self.job.rig, self.job.catalogue)
         pushed_n = max((bounds.peak_force_n(grip) for grip in self.result.grips), default=0.0)
-        table = StabilityTable(self.job.rig, self.job.catalogue)
+        table = StabilityTable(self.job.rig, self.job.catalogue, bounds)
         return table.not_bounded(self.result.recognition, pushed_n)
 
     def _calibration(self) -> CalibrationUsedOut | None:
