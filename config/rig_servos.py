@@ -5,13 +5,14 @@ stops that do not fit that are refused here, at the key to be changed. Units are
 """
 
 import math
+import re
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from palpate.config.fields import FileModel, Length, Number, Point, Text, in_order, plugin
 from palpate.config.problems import problem
-from palpate.extensions import SERVO_MODELS
+from palpate.extensions import SERVO_MODELS, available
 
 __all__ = ["AimConfig", "Angle", "JointConfig", "Share", "SlideConfig", "StageConfig"]
 
@@ -27,13 +28,29 @@ def _not_zero(value: float) -> float:
     return value
 
 
-BUILT_IN_MODELS = ("XL330-M288", "XC330-M288", "XM430-W350")
-"""Servo models of rig files that need no plug-in."""
+BUILT_IN_MODELS = (
+    *("XL330-M077", "XL330-M288", "XC330-M181", "XC330-M288", "XC330-T181", "XC330-T288", "XM335-T323"),
+    *("XM430-W210", "XM430-W350", "XH430-W210", "XH430-W350", "XH430-V210", "XH430-V350"),
+    *("XD430-T210", "XD430-T350", "XW430-T200", "XW430-T333"),
+    *("XM540-W150", "XM540-W270", "XH540-W150", "XH540-W270", "XH540-V150", "XH540-V270"),
+    *("XD540-T150", "XD540-T270", "XW540-T140", "XW540-T260"),
+)
+"""Servo models of rig files that need no plug-in: those of the X series that report Present Current."""
+
+_WITHOUT_CURRENT = re.compile(r"(2?X[LC]430|XL-?320|[ADER]X-|MX-(12|28))")
+"""How names of the vendor's models without Present Current begin (e-Manual, their control tables)."""
 
 
 def _known_model(name: str) -> str:
-    if name not in BUILT_IN_MODELS:
-        plugin(SERVO_MODELS, name, BUILT_IN_MODELS)
+    if name in BUILT_IN_MODELS:
+        return name
+    if _WITHOUT_CURRENT.match(name) and name not in available(SERVO_MODELS):
+        raise problem(
+            f'is "{name}", which does not report its current, so that what it presses with can be neither '
+            "limited nor known; models that do are in docs/rig-file.md#servo-models, XC330-M288 and "
+            "XM430-W350 among them"
+        )
+    plugin(SERVO_MODELS, name, BUILT_IN_MODELS)
     return name
 
 

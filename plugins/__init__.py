@@ -5,8 +5,9 @@
 """
 
 from palpate.config import ArrayConfig, MountedArrayConfig
-from palpate.drivers.dynamixel.emanual_tables import COMMON_ITEMS, Access, Area, TableItem, table_of
+from palpate.drivers.dynamixel.emanual_tables import COMMON_ITEMS, Access, Area, TableItem
 from palpate.drivers.dynamixel.specifications import MotorConstants, ServoSpecification
+from palpate.drivers.dynamixel.x_series import table_of
 from palpate.drivers.emulators.bench import SampledArray
 from palpate.drivers.emulators.taxels import Taxels
 from palpate.drivers.tactile.description import Description, Shape

@@ -28,7 +28,7 @@ __all__ = ["ServoBench", "ServoConformance"]
 
 _BAUD = 1_000_000
 _STEP_S = 1e-3
-_SOME_MODELS_LACK = {"PWM Slope"}
+_SOME_MODELS_LACK = {"PWM Slope", "LED"}
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """The control table as the host uses it: items, units, modes and error bits that the whole X series shares.
 
-Names are the e-Manual's. `manual` has the items with access and ranges, `models` those of other series.
-Source: ROBOTIS e-Manual, control tables of XM430-W350, XL330-M288 and XC330-M288 (these addresses agree).
+Names are the e-Manual's. `emanual_tables` has items with access and range, `models` those of other series.
+Source: ROBOTIS e-Manual, control tables of the X series with current (their addresses agree).
 """
 
 import math
@@ -65,7 +65,7 @@ ITEMS: dict[str, Item] = {
     item.name: Item(item.name, item.address, item.size, item.signed, item.area is Area.EEPROM)
     for item in COMMON_ITEMS
 }
-"""Every item that the whole X series has, by name, in order of address."""
+"""Items of the X series by name, in order of address; some models lack PWM Slope or LED."""
 
 ID = ITEMS["ID"]
 BAUD_RATE = ITEMS["Baud Rate"]

@@ -31,12 +31,15 @@ def read_group(
 
     `silent`: those that did not answer at all the last time; they are asked once, and last. It is brought
     up to date. All others are asked as often as there are `tries`, patiently where that is True. `fast`:
-    with one fast read first; what is missing in it is read plainly.
+    the first try is a fast read, and what is missing in it is read plainly, at least once: a servo that has
+    fallen silent is noticed no later than by servos that know no fast reads.
     """
     found: _Answers = _read_fast(transceiver, blocks, silent) if fast else {}
     left = {dxl_id: block for dxl_id, block in blocks.items() if dxl_id not in found}
     counts.retries += bool(fast and left.keys() - silent)
-    found.update(_read_plain(transceiver, left, silent, tries, counts))
+    plain = tries[1:] if fast and len(tries) > 1 else tries
+    heard = {dxl_id: blocks[dxl_id] for dxl_id in list(found)[:1]}
+    found.update(_read_plain(transceiver, left, silent, plain, counts, heard))
     gone = {dxl_id for dxl_id, answer in found.items() if answer is Lost.SILENT}
     silent -= found.keys() - gone
     silent |= gone
@@ -60,15 +63,18 @@ def _read_plain(
     silent: set[int],
     tries: Sequence[bool],
     counts: BusCounts,
+    heard: Mapping[int, Block],
 ) -> _Answers:
+    """`heard`: one that has answered a fast read, with its block; nothing if none has."""
     found: _Answers = {}
     tried = dict.fromkeys(blocks, 0)
     waiting = sorted(blocks, key=silent.__contains__)
-    wide = transceiver.wider(blocks) if blocks else {}
+    wide = transceiver.wider({**heard, **blocks}) if blocks else {}
     while waiting:
         patient = tries[max(tried[dxl_id] for dxl_id in waiting)]
         # one that has answered is asked along, and first: if it is prompt, silence is the others' own
-        witness = [dxl_id for dxl_id, answer in found.items() if isinstance(answer, StatusPacket)][:1]
+        answered = [dxl_id for dxl_id, answer in found.items() if isinstance(answer, StatusPacket)]
+        witness = [*heard, *answered][:1]
         asked = [*witness, *waiting] if patient else waiting
         answers = transceiver.read_group({dxl_id: wide[dxl_id] for dxl_id in asked}, patient=patient)
         hiding = next((dxl_id for dxl_id in waiting if answers[dxl_id] in _UNHEARD), None)

@@ -1,9 +1,9 @@
 """Models of servos: where each has its items, and what its units are. Between vendor's tables and `servo`.
 
 Addresses and sizes are those of the tables that ship with the vendor's SDK, for every model in them. What
-these leave out is added from the e-Manual for the models that rigs are built of (`manual`): access,
-defaults, ranges, the layout of older and newer firmware; and, from the specifications, what a current
-means.
+these leave out is added from the e-Manual for the models that rigs are built of (`x_series`): access,
+defaults, ranges, the layout of older and newer firmware, models that the vendor's list of numbers lacks; and,
+from the specifications, what a current means.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from palpate.drivers.dynamixel import control_table as ct
 from palpate.drivers.dynamixel.control_table import Item
 from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.specifications import SPECIFICATIONS, ServoSpecification, specification
+from palpate.drivers.dynamixel.x_series import MODEL_NAMES
 from palpate.errors import InputError
 from palpate.extensions import SERVO_MODELS, available
 
@@ -119,7 +120,9 @@ def model_named(name: str, firmware: int | None = None) -> Model:
 
     A plug-in's model goes before the vendor's table of the same name, which knows less.
     """
-    if name not in SPECIFICATIONS and name in available(SERVO_MODELS):
+    if name in SPECIFICATIONS:
+        return model_numbered(SPECIFICATIONS[name].number, firmware)
+    if name in available(SERVO_MODELS):
         return _specified(specification(name), firmware)
     for number, found in _numbers().items():
         if _name_of(found) == name:
@@ -160,12 +163,14 @@ def _torque(found: ServoSpecification | None, table: dict[str, TableItem] | None
 
 @cache
 def model_numbered(number: int, firmware: int | None = None) -> Model:
-    """Find a model by what a ping answers; raises InputError if the vendor's tables do not have it.
+    """Find a model by what a ping answers; raises InputError if neither tables nor manual have it.
 
     While the firmware is not known, the newest layout is taken.
     """
     file = _numbers().get(number)
     if file is None:
+        if number in MODEL_NAMES:
+            return _specified(SPECIFICATIONS[MODEL_NAMES[number]], firmware)
         raise InputError(f"model number {number} is not in the vendor's tables")
     name = _name_of(file)
     newer = file.replace(".model", "_fw52.model")
@@ -209,12 +214,8 @@ def _indirect(items: dict[str, Item]) -> Indirect | None:
 
 
 def models_known() -> list[str]:
-    """Names of all models in the vendor's tables."""
-    return sorted(_named(number) for number in _numbers())
-
-
-def _named(number: int) -> str:
-    return _name_of(_numbers()[number])
+    """Names of all models in the vendor's tables, and of built-in ones that these lack."""
+    return sorted({_name_of(file) for file in _numbers().values()} | SPECIFICATIONS.keys())
 
 
 def _name_of(file: str) -> str:

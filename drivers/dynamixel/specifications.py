@@ -1,8 +1,8 @@
 """Specifications of servo models: motor and supply from the e-Manual, and what is guessed for emulated ones.
 
-Stall torque, stall current and no-load speed are those of section "Specifications" of each model's page
-(XM430-W350, XL330-M288-T, XC330-M288-T) at the recommended supply. Units of current are those of the control
-tables there. Inertia, friction and heating stand nowhere; the guesses are said where they stand.
+Stall torque, stall current and no-load speed are those of section "Specifications" of each model's page, at
+the recommended supply. Units of current are those of the control tables there (`x_series`). Inertia, friction
+and heating stand nowhere; the guesses are said where they stand.
 """
 
 import math
@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any
 
-from palpate.drivers.dynamixel.emanual_tables import EXTENDED_FIRMWARE, MODEL_NAMES, TableItem, table_of
+from palpate.drivers.dynamixel.emanual_tables import TableItem
+from palpate.drivers.dynamixel.x_series import X_SERIES, XModel, table_of
 from palpate.extensions import SERVO_MODELS, broken, load
 
 __all__ = ["SPECIFICATIONS", "MotorConstants", "ServoSpecification", "specification", "supply_warnings"]
@@ -39,7 +39,8 @@ class ServoSpecification:
     `firmware`: what an emulated one has unless asked otherwise. `extended_firmware`: first one with fast
     reads, Control Table Backup and Startup Configuration. `nominal_v`: recommended supply. `brown_out_v`:
     below it the controller is off; a guess, the manual gives operating ranges only. `current_unit_a`: of
-    Goal and Present Current. `protocol_types`: values of Protocol Type that it works with.
+    Goal and Present Current. `protocol_types`: values of Protocol Type that it works with. `supply_v`: least
+    and highest supply; None: `nominal_v` alone.
 
     Its positions have 4096 steps a turn, 2048 at 0 rad, and its velocities units of 0.229 rpm.
     """
@@ -54,41 +55,49 @@ class ServoSpecification:
     current_unit_a: float
     motor: MotorConstants
     protocol_types: tuple[int, ...] = (2,)
+    supply_v: tuple[float, float] | None = None
 
 
-# guessed so that all motors gather speed in the XM430's 12 ms and lose its part of their torque to friction
-_XL330_MOTOR = MotorConstants(0.52, 1.47, 103 * _RPM, 6e-4, 0.006)
-_XC330_MOTOR = MotorConstants(0.93, 1.80, 81 * _RPM, 1.2e-3, 0.011)
-
-# on an X330 the other types are radio control, which falls back to Protocol 2.0 where it hears none at boot;
-# an XM430 with type 1 would speak Protocol 1.0, which is not emulated
-_RADIO_CONTROL = (2, 20, 21, 22)
+_XM430 = MotorConstants()
+_ALSO_RADIO_CONTROL = (2, 20, 21, 22)
 
 
-def _built_in(
-    number: int, firmware: int, supply_v: tuple[float, float], current_unit_a: float, *more: Any
-) -> ServoSpecification:
+def _motor(model: XModel) -> MotorConstants:
+    """A model's motor. Guessed: it gathers speed in an XM430-W350's 12 ms and loses its share to friction."""
+    strength = model.stall_torque_nm / _XM430.stall_torque_nm
+    no_load_rad_s = model.no_load_rpm * _RPM
+    return MotorConstants(
+        model.stall_torque_nm,
+        model.stall_current_a,
+        no_load_rad_s,
+        inertia_kg_m2=_XM430.inertia_kg_m2 * strength * _XM430.no_load_rad_s / no_load_rad_s,
+        friction_nm=_XM430.friction_nm * strength,
+    )
+
+
+def _built_in(model: XModel) -> ServoSpecification:
+    family = model.family
+    low, nominal, high = family.supply_v
+    # on an X330 the other types are radio control, which falls back to Protocol 2.0 where it hears none at
+    # boot; others with type 1 would speak Protocol 1.0, which is not emulated
+    small = "Protocol Type" not in family.ranges
     return ServoSpecification(
-        MODEL_NAMES[number],
-        number,
-        partial(table_of, number),
-        firmware,
-        EXTENDED_FIRMWARE[number],
-        *supply_v,
-        current_unit_a,
-        *more,
+        model.name,
+        model.number,
+        partial(table_of, model.number),
+        max(family.extended_firmware, *family.indirect),
+        family.extended_firmware,
+        nominal,
+        nominal / 2,
+        family.current_unit_a,
+        _motor(model),
+        _ALSO_RADIO_CONTROL if small else (2,),
+        (low, high),
     )
 
 
 SPECIFICATIONS: Mapping[str, ServoSpecification] = MappingProxyType(
-    {
-        found.name: found
-        for found in (
-            _built_in(1020, 44, (12.0, 6.0), 2.69e-3, MotorConstants()),
-            _built_in(1200, 52, (5.0, 2.5), 1.0e-3, _XL330_MOTOR, _RADIO_CONTROL),
-            _built_in(1240, 52, (5.0, 2.5), 1.0e-3, _XC330_MOTOR, _RADIO_CONTROL),
-        )
-    }
+    {model.name: _built_in(model) for model in X_SERIES.values()}
 )
 """Built-in models by name."""
 
@@ -106,7 +115,7 @@ def specification(name: str) -> ServoSpecification:
 def supply_warnings(models: Iterable[str]) -> list[str]:
     """What is wrong with the supply of servos on one bus, whose cables pass it on; none if all need the same.
 
-    Models that are not known here are left out.
+    Models that are not built in are left out.
     """
     by_volts: dict[float, set[str]] = {}
     for name in set(models) & SPECIFICATIONS.keys():
@@ -116,7 +125,18 @@ def supply_warnings(models: Iterable[str]) -> list[str]:
     listed = ", ".join(
         f"{volts:g} V for {' and '.join(sorted(by_volts[volts]))}" for volts in sorted(by_volts)
     )
+    ranges = [_supply_range(SPECIFICATIONS[name]) for names in by_volts.values() for name in names]
+    low, high = max(low for low, _ in ranges), min(high for _, high in ranges)
+    if low <= high:
+        return [
+            f"servos on one bus are made for different supplies ({listed}), and cables pass the supply on: "
+            f"all take {low:g} to {high:g} V; set the supply within that, and measure it first"
+        ]
     return [
         f"servos on one bus need different supplies ({listed}), and cables pass the supply on: the highest "
         "destroys the others; use servos of one voltage, or feed them apart, with only ground and data joined"
     ]
+
+
+def _supply_range(found: ServoSpecification) -> tuple[float, float]:
+    return (found.nominal_v, found.nominal_v) if found.supply_v is None else found.supply_v

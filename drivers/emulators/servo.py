@@ -1,8 +1,8 @@
-"""An emulated servo: XM430-W350, XL330-M288 or XC330-M288. Knows packets, but neither wire nor clock.
+"""An emulated servo of the X series, or of a plug-in. Knows packets, but neither wire nor clock.
 
 `ServoChain` puts servos on a wire and hands them the packets; the bench physics calls `step` with the torque
 that the mechanics put on the shaft. Everything is written from the ROBOTIS e-Manual (pages "DYNAMIXEL
-Protocol 2.0", "XM430-W350", "XL330-M288-T", "XC330-M288-T"). What the manual leaves open is decided in the
+Protocol 2.0" and those of the models). What the manual leaves open is decided in the
 modules `servo_*` and said where it is decided; `docs/emulation.md` lists what has no effect.
 
 Position 2048 is shaft angle 0. At power-up, at a reboot and in Position Control Mode, the servo knows its

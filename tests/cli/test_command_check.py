@@ -74,7 +74,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
         "owner": "f1 aim",
         "model": "XM430-W350",
         "answers": True,
-        "firmware": 44,
+        "firmware": 45,
         "voltage_v": 12.0,
         "voltage_limits_v": [9.5, 16.0],
         "temperature_c": out["servos"][0]["temperature_c"],
@@ -122,9 +122,9 @@ def test_the_loop_takes_what_the_wire_takes() -> None:
     assert out.loop.wire_ms <= out.loop.median_ms <= 1.3 * out.loop.wire_ms
     assert out.loop.cycles == pytest.approx(out.loop.rate_hz, abs=2)
     assert not any("sample_rate_hz" in text for text in out.warnings), "a run sets the return delay to 0"
-    slow = RIG.model_copy(update={"closing": RIG.closing.model_copy(update={"sample_rate_hz": 700.0})})
+    slow = RIG.model_copy(update={"closing": RIG.closing.model_copy(update={"sample_rate_hz": 800.0})})
     warnings = check_rig(slow, endpoint_of_rig(slow)).warnings
-    assert any("sample_rate_hz is 700" in text for text in warnings), "the wire alone is slower"
+    assert any("sample_rate_hz is 800" in text for text in warnings), "the wire alone is slower"
 
 
 def test_a_rig_that_has_run_once_has_no_warnings() -> None:
@@ -291,7 +291,7 @@ def test_the_servos_fit_into_a_narrow_terminal(capsys: pytest.CaptureFixture[str
     show(check_rig(RIG, endpoint_of_rig(RIG)), Console(width=80, soft_wrap=True))
     rows = [line for line in capsys.readouterr().out.splitlines() if "XM430-W350" in line]
     assert [row.split()[1:] for row in rows[:1]] == [
-        ["11", "f1", "aim", "XM430-W350", "44", "12.0", "V", "30", "°C", "off", "4", "differ"]
+        ["11", "f1", "aim", "XM430-W350", "45", "12.0", "V", "30", "°C", "off", "4", "differ"]
     ]
     assert len(rows) == 6
 

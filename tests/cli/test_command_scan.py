@@ -51,7 +51,7 @@ def test_the_shipped_rig_as_json(here: Here) -> None:
                 "id": dxl_id,
                 "model": "XM430-W350",
                 "model_number": 1020,
-                "firmware": 44,
+                "firmware": 45,
                 "crowded": False,
                 "owner": owner,
             }

@@ -87,7 +87,7 @@ def test_six_servos_from_a_bag(bench: Callable[[list[EmulatedServo]], Bench]) ->
         "owner": "f1 slide",
         "model": "XM430-W350",
         "outcome": "written",
-        "found": {"id": 1, "baudrate_bps": 57600, "firmware": 44},
+        "found": {"id": 1, "baudrate_bps": 57600, "firmware": 45},
         "written": [
             {"item": "Return Delay Time", "found": 250, "wanted": 0},
             {"item": "Operating Mode", "found": 3, "wanted": 5},

@@ -8,13 +8,23 @@ from firm_rig import firm_rig
 from repository import EXAMPLES, ROOT
 
 from palpate.config import load_rig, shipped_rig
+from palpate.config.rig_servos import BUILT_IN_MODELS
 from palpate.config.schema import FORMATS, schema_text
+from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
 from palpate.errors import InputError
 
 BENCH = firm_rig().read_text(encoding="utf-8")
 ARMS = (EXAMPLES / "two-link-rig.toml").read_text(encoding="utf-8")
 FRESH = (EXAMPLES / "fresh-rig.toml").read_text(encoding="utf-8")
 REAL = (EXAMPLES / "real-rig.toml").read_text(encoding="utf-8")
+
+
+WITHOUT_CURRENT = sorted(
+    entry.name.removesuffix(".model").upper().replace("_", "-")
+    for entry in (files("dynamixel_easy_sdk") / "control_table").iterdir()
+    if entry.name.startswith(("x", "2x", "mx")) and "Present Current" not in entry.read_text()
+)
+"""Models of the vendor's tables that have no Present Current."""
 
 
 def refusal(folder: Path, text: str) -> str:
@@ -156,8 +166,12 @@ CASES = [
         "bus.baudrate_bps: is 100000; allowed: 9600, 57600, 115200, 1000000, 2000000, 3000000, 4000000",
     ),
     (
-        changed(BENCH, "XM430-W350", "XM430-W210"),
-        'fingers[0].aim.model ("f1"): is "XM430-W210"; allowed: "XL330-M288", "XC330-M288", "XM430-W350"',
+        changed(BENCH, "XM430-W350", "XM430-W999"),
+        'fingers[0].aim.model ("f1"): is "XM430-W999"; allowed: "XL330-M077", "XL330-M288", "XC330-M181"',
+    ),
+    (
+        changed(BENCH, "XM430-W350", "XL430-W250"),
+        'fingers[0].aim.model ("f1"): is "XL430-W250", which does not report its current, so that what',
     ),
     (
         changed(BENCH, "gear_ratio = 5.0", "gear_ratio = 0.0"),
@@ -393,3 +407,14 @@ def test_every_key_of_a_rig_is_explained_in_the_docs() -> None:
     known = keys(json.loads(schema_text("rig")))
     assert {"dxl_id", "placement_radius_mm", "max_grips"} <= known
     assert known <= documented
+
+
+def test_the_models_of_rig_files_are_those_that_drivers_know() -> None:
+    assert tuple(SPECIFICATIONS) == BUILT_IN_MODELS
+
+
+@pytest.mark.parametrize("model", [*WITHOUT_CURRENT, "AX-12A", "XC430-T240BB", "2XC430-W250"])
+def test_a_servo_that_reports_no_current_is_refused_and_told_why(model: str, tmp_path: Path) -> None:
+    said = refusal(tmp_path, changed(BENCH, "XM430-W350", model))
+    assert said.startswith(f'fingers[0].aim.model ("f1"): is "{model}", which does not report its current')
+    assert "docs/rig-file.md#servo-models" in said

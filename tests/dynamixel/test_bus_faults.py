@@ -118,7 +118,7 @@ class FaultyBusMachine(RuleBasedStateMachine):
         except DeviceError as error:
             self.failed.append(error)
             return
-        assert (answer.model_number, answer.firmware) == (1020, 44)
+        assert (answer.model_number, answer.firmware) == (1020, 45)
 
     def check(self, dxl_id: int, item: Item, value: int) -> None:
         assert value in self.may_be[dxl_id, item], (dxl_id, item.name, value, self.may_be[dxl_id, item])

@@ -180,6 +180,17 @@ def test_fast_reads_are_used_where_the_firmware_has_them(firmware: int, model: s
     assert later < took + 3e-3, "the silent one is left out of the fast read"
 
 
+@pytest.mark.parametrize("silent", [1, 2, 4])
+def test_a_servo_that_falls_silent_is_noticed_as_soon_with_fast_reads(silent: int) -> None:
+    """The fast read is one of the tries, and who answered it shows that the computer is not late."""
+    noticed = {}
+    for firmware in (44, 45):
+        wire = Wire(firmware=firmware)
+        wire.emulated[silent].power_off()
+        noticed[firmware] = wire.took(lambda: wire.reader.read(wire.servos))  # noqa: B023
+    assert noticed[45] <= noticed[44]
+
+
 def test_one_old_firmware_and_all_are_read_plainly() -> None:
     wire = Wire(firmware=45)
     old = EmulatedServo(1, firmware=44)

@@ -1,29 +1,35 @@
 """Our control tables against the machine-readable ones that the vendor ships with its easy SDK."""
 
 import math
+import re
 from importlib.resources import files
 
 import pytest
 
-from palpate.drivers.dynamixel.emanual_tables import (
-    EXTENDED_FIRMWARE,
-    MODEL_NAMES,
-    Access,
-    Area,
-    TableItem,
-    table_of,
-)
+from palpate.drivers.dynamixel.emanual_tables import Access, Area, TableItem
 from palpate.drivers.dynamixel.models import model_named, model_numbered, models_known
+from palpate.drivers.dynamixel.specifications import SPECIFICATIONS
+from palpate.drivers.dynamixel.x_series import EXTENDED_FIRMWARE, MODEL_NAMES, table_of
 from palpate.errors import InputError
 
-# (model number, firmware, the vendor's file)
-VENDOR_FILES = [
-    (1020, 45, "xm430_w350"),
-    (1200, 51, "xl330_m288"),
-    (1200, 52, "xl330_m288_fw52"),
-    (1240, 51, "xc330_m288"),
-    (1240, 52, "xc330_m288_fw52"),
-]
+VENDORS = files("dynamixel_easy_sdk") / "control_table"
+
+
+def vendor_files() -> list[tuple[int, int, str]]:
+    """(model number, firmware, the vendor's file) of every built-in model that the vendor has a table of."""
+    there = {entry.name.removesuffix(".model") for entry in VENDORS.iterdir()}
+    cases = []
+    for number, name in MODEL_NAMES.items():
+        plain = name.lower().replace("-", "_")
+        newest = f"{plain}_fw52"
+        if newest in there:
+            cases += [(number, 51, plain), (number, 52, newest)]
+        elif plain in there:
+            cases += [(number, 45, plain), (number, 52, plain)]
+    return cases
+
+
+VENDOR_FILES = vendor_files()
 # on the e-Manual's pages of these items, and not in the vendor's files
 ONLY_MANUAL = {"Startup Configuration", "Backup Ready"}
 # the easy SDK's own use of the indirect items, not items themselves
@@ -32,7 +38,7 @@ ONLY_VENDOR = {"Indirect Address Write", "Indirect Data Write", "Indirect Addres
 
 def vendor_table(model: str) -> dict[str, tuple[int, int]]:
     """(address, size) by item name."""
-    text = (files("dynamixel_easy_sdk") / "control_table" / f"{model}.model").read_text()
+    text = (VENDORS / f"{model}.model").read_text()
     rows = text.split("[control table]")[1].strip().splitlines()[1:]
     table = {}
     for row in rows:
@@ -62,6 +68,57 @@ def test_the_manuals_table_is_the_vendors(number: int, firmware: int, file: str)
     for name in theirs:
         if name.startswith("Indirect") and name not in ONLY_VENDOR:
             assert ours[name] == theirs[name], name
+
+
+def test_every_model_but_one_has_a_table_of_the_vendor() -> None:
+    assert MODEL_NAMES.keys() - {number for number, _, _ in VENDOR_FILES} == {1710}  # XM335-T323
+
+
+def test_every_model_of_the_vendors_x_series_with_present_current_is_built_in() -> None:
+    with_current = {
+        name.removesuffix(".model")
+        for name in (entry.name for entry in VENDORS.iterdir())
+        if name.startswith("x") and "_fw52" not in name and "Present Current" in (VENDORS / name).read_text()
+    }
+    ours = {name.lower().replace("-", "_") for name in SPECIFICATIONS}
+    assert with_current - ours == {"xw540_h260"}  # its stall torque is not known
+    assert ours - with_current == {"xm335_t323"}
+
+
+def test_the_vendors_numbers_are_ours() -> None:
+    rows = (row.split("\t") for row in (VENDORS / "dynamixel.model").read_text().splitlines()[1:] if row)
+    theirs = {int(row[0]): row[1].removesuffix(".model").upper().replace("_", "-") for row in rows}
+    assert {number: theirs[number] for number in MODEL_NAMES if number in theirs} == {
+        number: name for number, name in MODEL_NAMES.items() if number not in (1280, 1710)
+    }
+
+
+def test_torque_per_ampere_is_near_the_vendors_where_its_tables_give_one() -> None:
+    """They do so for three models, less or more than stall torque over stall current (docs/rig-file.md)."""
+    shares = {}
+    for number, _, file in VENDOR_FILES:
+        units = re.search(r"Present Current\t(\S+)\tN/m", (VENDORS / f"{file}.model").read_text())
+        if units is not None:
+            torque = model_numbered(number).known_torque
+            shares[MODEL_NAMES[number]] = float(units[1]) / (torque.nm_per_a * torque.current_unit_a)
+    known = {"XC330-T181": 0.706, "XC330-T288": 0.841, "XH540-W150": 1.155}
+    assert shares == pytest.approx(known, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "nm_per_a"),
+    [  # as newer pages of the manual print it
+        ("XC330-M288", 0.517),
+        ("XM540-W150", 1.659),
+        ("XM540-W270", 2.409),
+        ("XH540-V150", 2.667),
+        ("XH540-V270", 3.833),
+        ("XW540-T140", 1.408),
+        ("XW540-T260", 1.939),
+    ],
+)
+def test_torque_per_ampere_is_the_manuals(name: str, nm_per_a: float) -> None:
+    assert model_named(name).known_torque.nm_per_a == pytest.approx(nm_per_a, abs=6e-4)
 
 
 def test_models_and_their_names_agree_with_the_hosts() -> None:
@@ -155,6 +212,11 @@ def test_a_model_of_another_series_has_its_own_places_and_units() -> None:
         ("XL330-M288", 46, True, 224),
         ("XC330-M288", 52, True, 208),
         ("2XL430-W250", 52, False, 224),
+        ("XW430-T200", 44, False, 224),
+        ("XW430-T200", 45, True, 224),
+        ("XM335-T323", 45, True, 224),
+        ("XC330-T288", 46, True, 224),
+        ("XC330-T288", 52, True, 208),
     ],
 )
 def test_the_firmware_decides_on_layout_and_fast_reads(

@@ -258,7 +258,7 @@ def test_nothing_but_a_ping_to_all_is_answered() -> None:
 def test_the_cause_can_be_read_while_alerting() -> None:
     console = Console()
     console.servo.report_hardware_error(4)
-    assert console.send(Instruction.PING) == StatusPacket(1, 0x80, b"\xfc\x03\x2c")
+    assert console.send(Instruction.PING) == StatusPacket(1, 0x80, b"\xfc\x03\x2d")
     assert console.send(Instruction.READ, b"\x46\0\1\0") == StatusPacket(1, 0x80, b"\4")
 
 

@@ -1,4 +1,4 @@
-"""The vendor's SDK on three emulated models at once, in virtual time: group reads and rarer instructions."""
+"""The vendor's SDK on emulated servos, in virtual time: every model, rarer instructions to three of them."""
 
 import math
 from collections.abc import Iterator
@@ -15,6 +15,7 @@ from dynamixel_sdk import (
     Protocol2PacketHandler,
 )
 
+from palpate.drivers.dynamixel.x_series import MODEL_NAMES, X_SERIES
 from palpate.drivers.emulators.chain import ServoChain
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.clock import VirtualClock
@@ -55,18 +56,47 @@ class Client:
                 servo.step(1e-3, 0.0)
 
 
+def client_of(servos: dict[int, EmulatedServo]) -> Client:
+    clock = VirtualClock()
+    hub = MockHub(clock, "sdk")
+    url = hub.attach("bus", ServoChain(list(servos.values()), lambda _: None), BAUD)
+    port = VirtualPort(url, clock)
+    assert port.setBaudRate(BAUD)
+    return Client(port, Protocol2PacketHandler(), servos)
+
+
 @pytest.fixture
 def client() -> Iterator[Client]:
     servos = {
         k: EmulatedServo(k, model=model, firmware=firmware, start_rad=0.1 * k)
         for k, (model, firmware, _) in MODELS.items()
     }
-    clock = VirtualClock()
-    hub = MockHub(clock, "sdk")
-    url = hub.attach("bus", ServoChain(list(servos.values()), lambda _: None), BAUD)
-    port = VirtualPort(url, clock)
-    assert port.setBaudRate(BAUD)
-    yield Client(port, Protocol2PacketHandler(), servos)
+    made = client_of(servos)
+    yield made
+    made.port.closePort()
+
+
+@pytest.mark.parametrize("number", MODEL_NAMES)
+def test_every_model_by_the_vendors_sdk(number: int) -> None:
+    """Ping, fast read, its own voltage and limits, and a goal that it moves to."""
+    model = X_SERIES[number]
+    client = client_of({1: EmulatedServo(1, model=model.name)})
+    port, sdk = client.port, client.packets
+    assert sdk.ping(port, 1) == (number, *DONE)
+    group = GroupSyncRead(port, sdk, 132, 4)
+    group.addParam(1)
+    assert group.fastSyncRead() == COMM_SUCCESS
+    assert group.getData(1, 132, 4) == 2048
+    assert sdk.read2ByteTxRx(port, 1, 144)[0] == round(10 * model.family.supply_v[1])
+    highest = model.current_limit
+    assert sdk.read2ByteTxRx(port, 1, 38) == (highest, *DONE)
+    assert sdk.write2ByteTxRx(port, 1, 38, highest + 1) == (COMM_SUCCESS, 4)  # Data Range Error
+    assert sdk.write2ByteTxRx(port, 1, 38, highest // 2) == DONE
+    assert sdk.write1ByteTxRx(port, 1, 64, 1) == DONE
+    assert sdk.write4ByteTxRx(port, 1, 116, 2600) == DONE
+    client.run(2.0)
+    assert sdk.read4ByteTxRx(port, 1, 132)[0] == pytest.approx(2600, abs=10)
+    assert sdk.write2ByteTxRx(port, 1, 38, 9) == (COMM_SUCCESS, 7)  # EEPROM is locked while torque is on
     port.closePort()
 
 

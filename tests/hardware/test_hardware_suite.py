@@ -133,7 +133,7 @@ def test_a_rig_that_is_well_passes(bench: Path, tmp_path: Path) -> None:
     assert [name for name, outcome in found.items() if outcome not in ("passed", "skipped")] == [], said
     assert len(MOVES.findall(done.stdout)) == 7, "what moves is said beforehand"
     servo = properties(tmp_path / "found.xml", "test_servo_is_healthy[12-f1-slide]")
-    assert servo.items() >= {("servo", "12 (f1 slide)"), ("model", "XM430-W350"), ("firmware", "44")}
+    assert servo.items() >= {("servo", "12 (f1 slide)"), ("model", "XM430-W350"), ("firmware", "45")}
     array = properties(tmp_path / "found.xml", "test_array_streams_without_loss[f1]")
     assert array.items() >= {("protocol", "palpate"), ("geometry", "8 x 20 cylinder"), ("emulated", "True")}
     assert len(array["unique_id"]) == 32

@@ -289,11 +289,11 @@ def bus_on(wire: FaultyWire) -> tuple[Bus, MockHub]:
 def test_the_bus_sees_what_the_wire_does() -> None:
     wire = FaultyWire(ServoChain([EmulatedServo(1)], lambda _: None), 1)
     bus, hub = bus_on(wire)
-    assert bus.ping(1) == Ping(1020, 44)
+    assert bus.ping(1) == Ping(1020, 45)
     wire.rates = WireRates(
         to_device=FaultRates(late=1.0, late_s=2e-3), to_host=FaultRates(late=1.0, late_s=2e-3)
     )
-    assert bus.ping(1) == Ping(1020, 44)
+    assert bus.ping(1) == Ping(1020, 45)
     assert wire.counts.to_device.late == wire.counts.to_host.late == 1
     wire.rates = WireRates(to_host=FaultRates(lost=1.0))
     with pytest.raises(NotAnswering):
@@ -303,7 +303,7 @@ def test_the_bus_sees_what_the_wire_does() -> None:
     with pytest.raises(PortFailed, match="faulty/bus failed"):
         bus.ping(1)
     wire.unplugged = False
-    assert bus.ping(1) == Ping(1020, 44)
+    assert bus.ping(1) == Ping(1020, 45)
     bus.close()
     hub.close()
 
@@ -345,6 +345,6 @@ def test_servos_of_two_rates_behind_a_faulty_wire() -> None:
     url = hub.attach("bus", wire, BAUD)
     for dxl_id, rate in ((1, BAUD), (2, 57_600)):
         bus = Bus(open_port(url, rate), clock, rate)
-        assert bus.ping(dxl_id) == Ping(1020, 44)
+        assert bus.ping(dxl_id) == Ping(1020, 45)
         bus.close()
     hub.close()
