@@ -32,6 +32,8 @@ _EXACT = 1e-6
 """Share of the size: what the symmetry of a file's numbers is good for."""
 _ROUNDING = 1e-8
 """Share of the size that is rounding of our own."""
+_LITTLE = 0.1
+"""Share of the distance that is allowed, below which a looser bound is as good."""
 _PARALLEL = 1e-4
 """Directions that differ by less are one."""
 _MOST_FACES, _MOST_PROVEN = 20_000, 64
@@ -67,13 +69,18 @@ def _orders(azimuth: Floats, least: int) -> Iterator[int]:
 def _apart_mm(
     surface: SurfaceDistance, centre: Floats, axis: Floats, order: int, within_mm: float
 ) -> float | None:
-    """How far the surface is from itself in every turn by a multiple of 1/order; None if that is too far."""
-    frame, worst = axis_frame(axis), 0.0
-    for number in range(1, order // 2 + 1):  # a turn back is as far apart as one there
+    """How far the surface is from itself in every turn by a multiple of 1/order; None if that is too far.
+
+    Turned k times the surface is at most k times as far as turned once: where that is little, it will do.
+    """
+    frame, worst, most = axis_frame(axis), 0.0, order // 2  # a turn back is as far apart as one there
+    for number in range(1, most + 1):
         rotation = frame.T @ _turn(2 * math.pi * number / order) @ frame
         apart = surface_apart_between_mm(surface, rotation, centre - rotation @ centre, within_mm)
         if apart is None:
             return None
+        if number == 1 and most * apart <= _LITTLE * within_mm:
+            return most * apart
         worst = max(worst, apart)
     return worst
 
