@@ -14,7 +14,7 @@ from palpate.config.fields import FileModel, Length, Number, Point, Text, in_ord
 from palpate.config.problems import problem
 from palpate.extensions import SERVO_MODELS, available
 
-__all__ = ["AimConfig", "Angle", "JointConfig", "Share", "SlideConfig", "StageConfig"]
+__all__ = ["AimConfig", "Angle", "JointConfig", "Share", "SlideConfig", "StageConfig", "without_current"]
 
 _TURNS = 256
 """Turns either way in Extended Position Control Mode (e-Manual, Operating Mode (11))."""
@@ -41,15 +41,22 @@ _WITHOUT_CURRENT = re.compile(r"(2?X[LC]430|XL-?320|[ADER]X-|MX-(12|28))")
 """How names of the vendor's models without Present Current begin (e-Manual, their control tables)."""
 
 
+def without_current(name: str) -> str | None:
+    """Why a model of the vendor's cannot be used, if it does not report its current; None for any other."""
+    if name in BUILT_IN_MODELS or name in available(SERVO_MODELS) or not _WITHOUT_CURRENT.match(name):
+        return None
+    return (
+        f'is "{name}", which does not report its current, so that what it presses with can be neither '
+        "limited nor known; models that do are in docs/rig-file.md#servo-models, XC330-M288 and "
+        "XM430-W350 among them"
+    )
+
+
 def _known_model(name: str) -> str:
     if name in BUILT_IN_MODELS:
         return name
-    if _WITHOUT_CURRENT.match(name) and name not in available(SERVO_MODELS):
-        raise problem(
-            f'is "{name}", which does not report its current, so that what it presses with can be neither '
-            "limited nor known; models that do are in docs/rig-file.md#servo-models, XC330-M288 and "
-            "XM430-W350 among them"
-        )
+    if (why := without_current(name)) is not None:
+        raise problem(why)
     plugin(SERVO_MODELS, name, BUILT_IN_MODELS)
     return name
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from palpate.config.rig_servos import without_current
 from palpate.config.scan_result import ScannedServoOut
 from palpate.drivers.tactile.array import TactileArray
 from palpate.drivers.tactile.messages import Description
@@ -37,7 +38,8 @@ def rig_text(
     """The text of a rig file: servos are paired in order of their ids, arrays put on fingers in order.
 
     An array that was not found stands as the name of its port, or as a placeholder where there are too few.
-    Raises InputError for fewer than two servos, for servos of different baud rates or of unknown models.
+    Raises InputError for fewer than two servos, for servos of different baud rates, of unknown models or of
+    models that do not report their current.
     """
     known = sorted(servos, key=lambda servo: servo.id)
     if len(known) < 2:
@@ -49,6 +51,8 @@ def rig_text(
     for servo in known:
         if servo.model is None:
             raise InputError(f"the servo with id {servo.id} is of a model that palpate does not know")
+        if (why := without_current(servo.model)) is not None:
+            raise InputError(f"the servo with id {servo.id} {why}")
     count = len(known) // 2
     fingers = [
         _finger(k, count, known[2 * k : 2 * k + 2], arrays[k] if k < len(arrays) else None)
