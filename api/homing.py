@@ -7,6 +7,7 @@ from palpate.config import SlideFingerConfig
 from palpate.errors import InputError
 from palpate.rig.bench import connect, set_up
 from palpate.rig.calibrated_rig import RigOnBench
+from palpate.rig.motion.homing import Home
 
 __all__ = ["HomedSlide", "check_homable", "home_rig"]
 
@@ -35,7 +36,7 @@ def home_rig(on_bench: RigOnBench, seed: int, notice: Callable[[str], None]) -> 
     names = _names(on_bench)
     bench = replace(set_up(on_bench.described, None, seed), rig=on_bench.rig)
     with connect(bench, notice=notice) as hand:
-        hand.prepare(home_all=True)
+        hand.prepare(home=Home.ALL)
         found = [(finger.name, finger.drive.servos[1]) for finger in hand.fingers if finger.name in names]
     return [HomedSlide(name, slide.dxl_id, slide.turns) for name, slide in found]
 

@@ -39,6 +39,7 @@ from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.motion.homing import (
+    Home,
     forget_turn,
     home_slides,
     homing_problem,
@@ -206,11 +207,11 @@ class Hand:
             self._renamed = renamed(before, self.bus.port_name)
         return failed
 
-    def prepare(self, *, home_all: bool = False) -> None:
+    def prepare(self, *, home: Home = Home.UNKNOWN) -> None:
         """Write and check limits, switch torque on where everything stands, and home slides.
 
-        Homed are slides with `stops_mm` whose turn is unknown since their servos were without power;
-        `home_all`: also those whose turn is known.
+        `home`: which of the slides with `stops_mm`. Where none is, those whose turn is unknown must be
+        retracted in their first turn, as slides without stops.
         """
         self._driven = False
         self.disarm()  # one that has tripped in an earlier run refuses goals
@@ -223,9 +224,9 @@ class Hand:
                 raise DeviceError(wrong)
         unknown = []
         for finger in self.fingers:
-            recalled = is_homable(finger) and not home_all and recall_turn(self.bus, finger)
+            recalled = is_homable(finger) and home is not Home.ALL and recall_turn(self.bus, finger)
             finger.drive.prepare()
-            if not is_homable(finger):
+            if home is Home.NONE or not is_homable(finger):
                 self._check_start(finger)
             elif not (recalled and is_within_stops(finger, self.servos_of([finger])[finger][1])):
                 unknown.append(finger)
@@ -472,7 +473,7 @@ class Hand:
         """Raise DeviceError if a finger stands where it must not start."""
         states = self.states(finger.drive.servos)
         near, far = (states[servo.dxl_id].position_rad for servo in finger.drive.servos)
-        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far))
+        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far), is_homed=False)
         if wrong is not None:
             raise DeviceError(f"finger {finger.name}: {wrong}")
 

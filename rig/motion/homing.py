@@ -12,6 +12,7 @@ turn before all slides are back.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
 from typing import Protocol
 
 import numpy as np
@@ -30,7 +31,7 @@ from palpate.errors import DeviceError
 from palpate.rig.drives import ACCELERATION_RAD_S2
 from palpate.rig.host_finger import HostFinger
 
-__all__ = ["back_stop_distances_mm", "forget_turn", "home_slides", "homing_problem", "is_homable"]
+__all__ = ["Home", "back_stop_distances_mm", "forget_turn", "home_slides", "homing_problem", "is_homable"]
 __all__ += ["is_within_stops", "recall_turn"]
 
 _PERIOD_S = 0.01
@@ -44,6 +45,14 @@ _STILL_S = 0.4
 _FREE_STILL_S = 1.0
 _AIM_SLACK_DEG = 2.0
 _RAM_RESTORE = 0x02  # bit of Startup Configuration: RAM, and with it the mark, would outlive the turns
+
+
+class Home(Enum):
+    """Which slides are homed before a run: those whose turn is unknown, all that have stops, or none."""
+
+    UNKNOWN = "unknown"
+    ALL = "all"
+    NONE = "none"
 
 
 class _Hand(Protocol):

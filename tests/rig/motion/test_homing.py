@@ -18,7 +18,7 @@ from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.errors import DeviceError
 from palpate.rig.bench import connect
 from palpate.rig.motion.hand import Hand
-from palpate.rig.motion.homing import back_stop_distances_mm
+from palpate.rig.motion.homing import Home, back_stop_distances_mm
 
 RIG = small_rig(shipped_rig("xm430-bench"))
 
@@ -83,9 +83,21 @@ def test_home_all_homes_what_is_known_too() -> None:
     for _ in range(2):
         before = session.clock.now()
         with connect(session.bench_rig) as hand:
-            hand.prepare(home_all=True)
+            hand.prepare(home=Home.ALL)
             assert off_mm(session, hand) < 1.5
         assert session.clock.now() - before > 3.0
+
+
+def test_without_homing_nothing_moves_and_known_turns_hold() -> None:
+    session = session_of(1)
+    with connect(session.bench_rig) as hand:
+        hand.prepare()
+    before = [finger.centre_mm for finger in session.bench.fingers]
+    with connect(session.bench_rig) as hand:
+        hand.prepare(home=Home.NONE)
+        assert off_mm(session, hand) < 1.5
+    for finger, at in zip(session.bench.fingers, before, strict=True):
+        assert np.hypot(*(finger.centre_mm - at)) < 0.3
 
 
 def clamp(servo: EmulatedServo) -> Callable[[float, float], float]:
@@ -138,7 +150,7 @@ def test_a_blink_of_power_is_named_with_what_homes_it() -> None:
         pytest.raises(DeviceError, match=r"servo 22 .* has restarted.*palpate home, homes it"),
         connect(session.bench_rig) as hand,
     ):
-        hand.prepare(home_all=True)
+        hand.prepare(home=Home.ALL)
     assert not any(session.torque().values())
     with connect(session.bench_rig) as hand:
         hand.prepare()
