@@ -39,7 +39,7 @@ class StateTraffic:
         self._is_ping = False
         self._is_fast = False
         self._turns: dict[int, int] = {}
-        self._mark_of: int | None = None
+        self._mark: tuple[int, Block, Block] | None = None
         self._answer = bytearray()
 
     def sent(self, data: bytes) -> None:
@@ -50,12 +50,12 @@ class StateTraffic:
 
     def received(self, data: bytes) -> Iterator[tuple[int, ServoState]]:
         """What the host has received: ID and state of every servo whose answer is whole with it."""
-        if self._is_ping or self._mark_of is not None or (self._asked and not self._is_fast):
+        if self._is_ping or self._mark is not None or (self._asked and not self._is_fast):
             for packet in self._received.feed(data):
                 if isinstance(packet, StatusPacket) and self._is_ping:
                     self._note_firmware(packet)
-                elif isinstance(packet, StatusPacket) and self._mark_of is not None:
-                    self._note_mark(packet.dxl_id, packet.params)
+                elif isinstance(packet, StatusPacket) and self._mark is not None:
+                    self._note_read_mark(packet)
                 elif isinstance(packet, StatusPacket):
                     yield from self._state(packet)
             return
@@ -77,23 +77,33 @@ class StateTraffic:
         self._is_ping = packet.instruction == Instruction.PING
         self._is_fast = packet.instruction in (Instruction.FAST_SYNC_READ, Instruction.FAST_BULK_READ)
         self._asked = _asked_blocks(packet)
-        self._mark_of = None
+        self._mark = None
         if packet.instruction in (Instruction.READ, Instruction.WRITE):
             self._begin_mark(packet)
 
     def _begin_mark(self, packet: InstructionPacket) -> None:
         """Note the turns where a mark is written, and that one is read."""
-        model, place = self._models.get(packet.dxl_id), packet.params[: _WORD.size]
+        model, params = self._models.get(packet.dxl_id), packet.params
         item = None if model is None else mark_item(model)
-        if item is None or place != _WORD.pack(item.address):
+        if item is None:
             return
         if packet.instruction == Instruction.WRITE:
-            self._note_mark(packet.dxl_id, packet.params[_WORD.size :])
-        else:
-            self._mark_of = packet.dxl_id
+            if params[: _WORD.size] == _WORD.pack(item.address):
+                self._note_mark(packet.dxl_id, params[_WORD.size :])
+        elif len(params) == _SYNC.size:
+            first, size = _SYNC.unpack(params)
+            if first <= item.address and item.address + item.size <= first + size:
+                self._mark = (packet.dxl_id, (first, size), (item.address, item.size))
 
     def _note_mark(self, dxl_id: int, mark: bytes) -> None:
         self._turns[dxl_id] = turns_in(int.from_bytes(mark, "little")) or 0
+
+    def _note_read_mark(self, answer: StatusPacket) -> None:
+        """The mark in an answer, which may hold more, see `pending`."""
+        assert self._mark is not None
+        dxl_id, wide, place = self._mark
+        if answer.dxl_id == dxl_id and not answer.error_number and len(answer.params) == wide[1]:
+            self._note_mark(dxl_id, part(answer.params, wide, place))
 
     def _note_firmware(self, answer: StatusPacket) -> None:
         """Where the state lies depends on the firmware."""
