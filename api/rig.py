@@ -17,6 +17,7 @@ from palpate.api.calibration import SHIPPED_RIG, CalibrationAnswer, calibrate_ri
 from palpate.api.check import CheckAnswer, check_rig_and_hold, check_rig_and_touch
 from palpate.api.doctor import DoctorAnswer, examine_rig
 from palpate.api.files import PathLike, name_of, objects_from, scene_from
+from palpate.api.homing import HomedSlide, check_homable, home_rig
 from palpate.api.identification import identify_on
 from palpate.api.monitor import Monitor, check_streaming
 from palpate.api.signals import unwinding_signals
@@ -273,6 +274,21 @@ class Rig:
             )
         self._on_bench = load_calibrated(self.path)
         return answer
+
+    def check_homable(self) -> None:
+        """Raise InputError if there is no slide to home: none has `stops_mm` in the rig file."""
+        check_homable(self._on_bench)
+
+    @checked
+    def home(self, *, notice: Callable[[str], None] = warning) -> list[HomedSlide]:
+        """Home every slide that has `stops_mm` in the rig file: back against its back stop; fingers move.
+
+        From then on each slide's turn is known until its servo loses its power. `notice`: as in `identify`.
+        Returns what was found, in the fingers' order. Raises InputError for a rig without such a slide,
+        DeviceError for a slide that is held or meets no stop, SafetyStop as every motion.
+        """
+        with unwinding_signals():
+            return home_rig(self._on_bench, self._seed, notice)
 
     @checked
     @contextmanager

@@ -21,6 +21,7 @@ from typer.exceptions import TyperException
 
 from palpate.api.warning import RigWarning
 from palpate.cli.commissioning.calibrate import calibrate
+from palpate.cli.commissioning.home import home
 from palpate.cli.commissioning.init import init
 from palpate.cli.commissioning.setup_motors import setup_motors
 from palpate.cli.diagnostics.check import check
@@ -126,6 +127,7 @@ app.command(rich_help_panel=_SETTING_UP)(scan)
 app.command(rich_help_panel=_SETTING_UP)(setup_motors)
 app.command(rich_help_panel=_SETTING_UP)(check)
 app.command(rich_help_panel=_SETTING_UP)(doctor)
+app.command(rich_help_panel=_SETTING_UP)(home)
 app.command(rich_help_panel=_SETTING_UP)(calibrate)
 app.command(rich_help_panel=_SETTING_UP)(watch)
 app.command(rich_help_panel=_SETTING_UP)(stop)

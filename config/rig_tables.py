@@ -5,7 +5,7 @@ Units are the file's, which are the suffixes of the names. `docs/rig-file.md` ex
 
 import logging
 from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
@@ -243,6 +243,11 @@ class EmulationConfig(FileModel):
     )
     placement_radius_mm: Positive = Field(
         description="Parts are put with the origin of their object frame inside this circle."
+    )
+    start: Literal["waiting", "anywhere"] = Field(
+        default="waiting",
+        description="Where slides and their aims stand when they are switched on: retracted at aim 0, or "
+        "anywhere in their travel and range, drawn by the seed.",
     )
     mechanics: MechanicsConfig | None = Field(
         default=None, description="What is different about friction, motors, supply, cables and screws."

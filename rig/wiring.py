@@ -33,11 +33,17 @@ def drive_of(spec: FingerConfig, rig: RigFile, bus: Bus) -> Drive:
 
 
 def start_problem(
-    spec: FingerConfig, rig: RigFile, servos: tuple[Servo, Servo], angles_rad: Servos
+    spec: FingerConfig,
+    rig: RigFile,
+    servos: tuple[Servo, Servo],
+    angles_rad: Servos,
+    *,
+    is_homed: bool = True,
 ) -> str | None:
     """Why a finger must not start from where it stands; None if it may.
 
-    A slide must be retracted, because its servo knows its angle within one turn only. An arm's tip must be
+    A slide must be retracted, because its servo knows its angle within one turn only; one whose stops are
+    known may stand anywhere if it `is_homed` before it moves otherwise. An arm's tip must be
     beside the workspace, where it waits: nothing is known of what is between there and another place.
     """
     if isinstance(spec, ArmFingerConfig):
@@ -52,6 +58,8 @@ def start_problem(
             f"with torque off, push it by hand to within {_START_MM:g} mm of ({home[0]:.1f}, {home[1]:.1f}), "
             "then start again"
         )
+    if is_homed and spec.slide.stops_mm is not None:
+        return None
     distance = slide_kinematics(spec).distance_mm(angles_rad[1])
     lo, hi = spec.slide.range_mm
     play = spec.slide.backlash_mm

@@ -105,12 +105,12 @@ class NotConfirmed(ServoError):
 class Restarted(ServoError):
     """A servo has lost its settings: it was without power for a moment, or was rebooted."""
 
-    def __init__(self, dxl_id: int, port: str) -> None:
+    def __init__(self, dxl_id: int, port: str, remedy: str = "then start again") -> None:
         super().__init__(
             [dxl_id],
             port,
             f"servo {dxl_id} on {port} has restarted, with torque off and its turns forgotten; "
-            "check its supply and plug, then start again",
+            f"check its supply and plug, {remedy}",
         )
 
 

@@ -41,7 +41,14 @@ class Servo:
         self.dxl_id = dxl_id
         self.model: Model = model_named(model)
         self.range_rad = range_rad
+        self.turns = 0
+        """Whole turns that Present Position is ahead of `range_rad`'s angles; homing finds them."""
         self._bus = bus
+
+    @property
+    def zero_tick(self) -> int:
+        """Present Position at 0 rad, in the turn that the servo counts in."""
+        return self.model.zero_tick + self.turns * round(2 * math.pi / self.model.rad_per_tick)
 
     def with_range(self, range_rad: tuple[float, float]) -> "Servo":
         """The same servo for a move that may go further, such as homing against a hard stop."""
@@ -187,7 +194,7 @@ class Servo:
                 f"its range {low:.4f} … {high:.4f} rad; nothing was sent: "
                 "check the plan or the range in the rig file"
             )
-        return round(goal_rad / self.model.rad_per_tick) + self.model.zero_tick
+        return round(goal_rad / self.model.rad_per_tick) + self.zero_tick
 
     def arm_watchdog(self, timeout_s: float) -> None:
         """Let the servo stop by itself if it hears nothing for `timeout_s`.

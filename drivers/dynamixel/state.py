@@ -114,11 +114,16 @@ class StateReader:
             return answer
         if answer.error_number:
             return StatusError(servo.dxl_id, self.bus.port_name, answer.error_number, "to read its state")
-        return state_in(servo.model, answer.params) or Restarted(servo.dxl_id, self.bus.port_name)
+        return state_in(servo.model, answer.params, servo.turns) or Restarted(
+            servo.dxl_id, self.bus.port_name
+        )
 
 
-def state_in(model: Model, block: bytes) -> ServoState | None:
-    """The state in a block of `STATE_BYTES` bytes; None if the servo has restarted, or for another size."""
+def state_in(model: Model, block: bytes, turns: int = 0) -> ServoState | None:
+    """The state in a block of `STATE_BYTES` bytes; None if the servo has restarted, or for another size.
+
+    `turns`: how many the servo counts ahead, see `Servo.turns`.
+    """
     if len(block) != STATE_BYTES:
         return None
     current, velocity, position, error, torque, watchdog, level = _LAYOUT.unpack(block)
@@ -126,7 +131,7 @@ def state_in(model: Model, block: bytes) -> ServoState | None:
         return None
     unit = math.nan if model.torque is None else model.torque.current_unit_a
     return ServoState(
-        (position - model.zero_tick) * model.rad_per_tick,
+        (position - model.zero_tick) * model.rad_per_tick - 2 * math.pi * turns,
         velocity * model.velocity_unit_rad_s,
         current * unit,
         bool(torque),

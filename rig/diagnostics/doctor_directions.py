@@ -18,6 +18,7 @@ from palpate.rig.drives import ACCELERATION_RAD_S2, AIM_TOLERANCE_RAD
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.guarded_approach import retract_all
 from palpate.rig.motion.hand import Hand
+from palpate.rig.motion.homing import Home
 
 __all__ = ["DIRECTIONS", "EmulatedOnlooker", "Onlooker", "examine_directions"]
 
@@ -72,7 +73,7 @@ class EmulatedOnlooker:
 
 def examine_directions(hand: Hand, onlooker: Onlooker) -> DoctorStepOut:
     """Move each joint of each finger from where it waits, and back. Raises what motion raises."""
-    hand.prepare()
+    hand.prepare(home=Home.NONE)  # which way slides go is not known yet
     hand.arm()
     retract_all(hand)
     findings, joints = [], 0

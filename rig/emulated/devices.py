@@ -31,13 +31,13 @@ from palpate.rig.emulated.adapters import behind_adapters
 from palpate.rig.emulated.emulated_truth import (
     dead_taxels,
     joint_truth,
-    start_angles_rad,
     truth_of,
     with_yield,
 )
 from palpate.rig.emulated.mechanics_truth import roughen, with_cables
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
+from palpate.rig.emulated.start_postures import start_postures
 
 __all__ = ["EmulatedRig", "MockRig", "description_of", "emulate", "on_mock_wires"]
 
@@ -110,16 +110,16 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
 
     stage, part = _stage(rig, seed), draw_part(rig.emulation.part, placement, seed)
     tip_friction = 0.0 if part is None else part.tip_friction
+    postures = start_postures(rig, placement, np.random.default_rng([seed, 14]))
     for index, finger in enumerate(rig.fingers):
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
         truth = with_yield(truth, finger, rig.emulation, np.random.default_rng([seed, 8, index]))
         truth = with_cables(truth, rig.emulation, np.random.default_rng([seed, 12, index]))
         description = description_of(finger, seed)
-        starts = start_angles_rad(finger, rig)
         near, far = (
             _servo(rig, servo.dxl_id, servo.model, start)
-            for servo, start in zip(finger.servos.values(), starts, strict=True)
+            for servo, start in zip(finger.servos.values(), postures[index], strict=True)
         )
         taxels = Taxels(
             description,

@@ -13,9 +13,15 @@ from typing import Self, TypeVar
 
 from serial.serialutil import SerialBase
 
-from palpate.config import FingerConfig, RigFile
+from palpate.config import FingerConfig, RigFile, SlideFingerConfig
 from palpate.drivers.dynamixel.bus import Bus
-from palpate.drivers.dynamixel.errors import DamagedAnswer, NotAnswering, PortFailed, WatchdogTripped
+from palpate.drivers.dynamixel.errors import (
+    DamagedAnswer,
+    NotAnswering,
+    PortFailed,
+    Restarted,
+    WatchdogTripped,
+)
 from palpate.drivers.dynamixel.guarded import End, Mover, ServoGoals, ServoMover, guarded_loop, hold
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.dynamixel.state import ServoState, StateReader
@@ -32,6 +38,15 @@ from palpate.rig.conversion import kinematics_of
 from palpate.rig.drives import Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
+from palpate.rig.motion.homing import (
+    Home,
+    forget_turn,
+    home_slides,
+    homing_problem,
+    is_homable,
+    is_within_stops,
+    recall_turn,
+)
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.turning_stage import HostStage
@@ -192,8 +207,12 @@ class Hand:
             self._renamed = renamed(before, self.bus.port_name)
         return failed
 
-    def prepare(self) -> None:
-        """Write and check limits, switch torque on where everything stands."""
+    def prepare(self, *, home: Home = Home.UNKNOWN) -> None:
+        """Write and check limits, switch torque on where everything stands, and home slides.
+
+        `home`: which of the slides with `stops_mm`. Where none is, those whose turn is unknown must be
+        retracted in their first turn, as slides without stops.
+        """
         self._driven = False
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
@@ -203,12 +222,23 @@ class Hand:
             wrong = self.stage.start_problem(at)
             if wrong is not None:
                 raise DeviceError(wrong)
+        unknown = []
         for finger in self.fingers:
+            recalled = is_homable(finger) and home is not Home.ALL and recall_turn(self.bus, finger)
             finger.drive.prepare()
-            self._check_start(finger)
+            if home is Home.NONE or not is_homable(finger):
+                self._check_start(finger)
+            elif not (recalled and is_within_stops(finger, self.servos_of([finger])[finger][1])):
+                unknown.append(finger)
+        for finger in unknown:
+            forget_turn(self.bus, finger)
+            wrong = homing_problem(finger, self.servos_of([finger])[finger])
+            if wrong is not None:
+                raise DeviceError(f"finger {finger.name}: {wrong}")
         for servo in self._servos:
             servo.enable_torque()
         self._driven = True
+        home_slides(self, unknown)
 
     @property
     def turn(self) -> Turn:
@@ -244,7 +274,10 @@ class Hand:
         Raises NotAnswering for silent ones, HardwareAlert for one with a hardware error, Restarted for one
         that has lost its power meanwhile, WatchdogTripped for one that heard nothing for too long.
         """
-        states = self._reader.read(servos).all()
+        try:
+            states = self._reader.read(servos).all()
+        except Restarted as error:
+            raise Restarted(error.dxl_ids[0], self.bus.port_name, self._after_restart(error)) from None
         for dxl_id, state in states.items():
             if state.watchdog_tripped:
                 raise WatchdogTripped(dxl_id, self.bus.port_name, WATCHDOG_S)
@@ -427,11 +460,20 @@ class Hand:
             spec, kinematics_of(spec), drive, home_line(spec, self.rig.clear_radius_mm), array, extractor
         )
 
+    def _after_restart(self, error: Restarted) -> str:
+        """What is to be done about a servo that has lost its turns."""
+        fingers = [finger for finger in self.fingers if finger.drive.servos[1].dxl_id == error.dxl_ids[0]]
+        if any(map(is_homable, fingers)):
+            return "then start again: the next run, or palpate home, homes it"
+        if any(isinstance(finger.spec, SlideFingerConfig) for finger in fingers):
+            return "push its finger back by hand until it is retracted, then start again"
+        return "then start again"
+
     def _check_start(self, finger: HostFinger) -> None:
         """Raise DeviceError if a finger stands where it must not start."""
         states = self.states(finger.drive.servos)
         near, far = (states[servo.dxl_id].position_rad for servo in finger.drive.servos)
-        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far))
+        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far), is_homed=False)
         if wrong is not None:
             raise DeviceError(f"finger {finger.name}: {wrong}")
 

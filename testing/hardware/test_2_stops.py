@@ -152,9 +152,7 @@ def _after(hand: Hand, mover: HalfWay) -> Seen:
 def _angles(hand: Hand, servos: list[Servo]) -> dict[int, float]:
     """Present Position (rad) of servos, by id, whatever is wrong with them."""
     return {
-        servo.dxl_id: (
-            hand.bus.read(servo.dxl_id, ITEMS["Present Position"], alert=False) - servo.model.zero_tick
-        )
+        servo.dxl_id: (hand.bus.read(servo.dxl_id, ITEMS["Present Position"], alert=False) - servo.zero_tick)
         * servo.model.rad_per_tick
         for servo in servos
     }

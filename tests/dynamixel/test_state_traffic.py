@@ -1,5 +1,6 @@
 """States in recorded bytes are those that the host has read, however it asked for them."""
 
+import math
 import random
 
 import pytest
@@ -19,6 +20,7 @@ from palpate.drivers.dynamixel.packet import (
 from palpate.drivers.dynamixel.servo import Servo, write_goals
 from palpate.drivers.dynamixel.state import STATE_BYTES, ServoState, StateReader
 from palpate.drivers.dynamixel.state_traffic import StateTraffic
+from palpate.drivers.dynamixel.turn_mark import mark_item, mark_value, turns_in
 from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.drivers.transport.port import open_port
 
@@ -65,6 +67,44 @@ def test_every_state_that_was_read_is_found(
     assert len({state.position_rad for _, state in known}) > 20
     assert sorted(found, key=repr) == sorted(known, key=repr)
     assert bus.counts.retries == 0, "no length that is read in turn was refused"
+
+
+@pytest.mark.parametrize("is_read", [False, True])
+def test_a_turn_that_is_marked_counts_from_then_on(is_read: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether the recording holds how the mark was written, or only how a later run read it."""
+    wire = MotorWire([EmulatedServo(1, start_rad=1.0)])
+    port = open_port(wire.url, 1_000_000)
+    bus = Bus(port, wire.clock, 1_000_000, latency_s=1e-3)
+    servo = Servo(bus, 1, "XM430-W350")
+    reader = StateReader(bus, [servo])
+    servo.check()
+    reader.arrange()
+    item = mark_item(servo.model)
+    assert item is not None
+    if is_read:
+        bus.write(1, item, mark_value(-2))
+    traffic, found = StateTraffic({1: servo.model}), []
+    write, read = port.write, port.read
+
+    def written(data: bytes) -> int | None:
+        traffic.sent(data)
+        return write(data)
+
+    def taken(size: int = 1) -> bytes:
+        data = read(size)
+        found.extend(traffic.received(data))
+        return data
+
+    monkeypatch.setattr(port, "write", written)
+    monkeypatch.setattr(port, "read", taken)
+    if is_read:
+        assert turns_in(bus.read(1, item)) == -2
+    else:
+        bus.write(1, item, mark_value(-2))
+    servo.turns = -2
+    known = reader.read([servo]).all()[1]
+    assert known.position_rad == pytest.approx(1.0 + 4 * math.pi, abs=0.002)
+    assert found == [(1, known)]
 
 
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=60)), max_size=20))

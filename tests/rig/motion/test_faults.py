@@ -82,7 +82,7 @@ def test_a_silent_array_is_named_and_nothing_gets_torque(tmp_path: Path, name: s
     with pytest.raises(DeviceError, match=rf"tactile array {name} on mock://\S+/{name} does not answer"):
         session.run_grip(tmp_path, session.middle())
     check_off(session)
-    check_log(tmp_path, "DeviceError")
+    check_log(tmp_path, "ArraySilent")
 
 
 @pytest.mark.parametrize("dead", [12, 31])

@@ -1,0 +1,51 @@
+"""Runs from random postures, and runs after a blink of power: what comes of them.
+
+    python benchmarks/bench_homing.py [--postures 100] [--blinks 50]
+
+Postures: each seed is a small bench of another hidden truth, with its aims anywhere in their ranges and its
+slides anywhere in their travel, and a part. Blinks: in a run on such a bench one servo is without power for a
+moment, at an instant drawn from the whole run; then the same bench runs once more from where everything came
+to rest. Right: the part is identified and lies within the bounds. Message: an error's line. Wrong: anything
+else. Torque is read from the emulated servos themselves.
+"""
+
+import argparse
+import sys
+from collections import Counter
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
+
+from homing_runs import Outcome, run_after_blink, run_from_anywhere
+
+
+def _table(name: str, outcomes: list[Outcome]) -> None:
+    kinds = Counter(outcome.kind for outcome in outcomes)
+    torque = sum(bool(outcome.torque_on) for outcome in outcomes)
+    homed = sum(outcome.homed > 0 for outcome in outcomes)
+    print(
+        f"| {name} | {len(outcomes)} | {kinds['right']} | {kinds['message']} | {kinds['unresolved']} | "
+        f"{kinds['wrong']} | {torque} | {homed} | {max(outcome.hardest_n for outcome in outcomes):.1f} |"
+    )
+    for text, count in Counter(o.text for o in outcomes if o.kind != "right").most_common():
+        print(f"    {count} × {text}")
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--postures", type=int, default=100)
+    parser.add_argument("--blinks", type=int, default=50)
+    asked = parser.parse_args()
+    print("| runs | n | right | message | not resolved | wrong | torque on | homed | hardest, N |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    if asked.postures:
+        _table("from a random posture", [run_from_anywhere(seed) for seed in range(asked.postures)])
+    if asked.blinks:
+        pairs = [run_after_blink(seed) for seed in range(asked.blinks)]
+        _table("in which power blinks", [first for first, _ in pairs])
+        _table("after it", [second for _, second in pairs])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,274 @@
+"""Homing: which turn a slide stands in, found by driving it back against its back stop.
+
+A servo that was without power reports its angle within one turn, and a slide takes several. A slide whose rig
+file names its stops is therefore homed unless its servo bears a mark in its RAM (`turn_mark`), which is lost
+together with its turns. Whole turns are all that homing finds: zero and travel stay what the rig file or a
+calibration says.
+
+Going back is free whatever the turn and wherever other fingers stand: a finger's body reaches straight from
+its base to its tip, so a tip that goes back with its aim held goes where its own body has been. Aims must not
+turn before all slides are back.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+
+from palpate.config import SlideFingerConfig
+from palpate.config.rig_servos import SlideConfig
+from palpate.drivers.dynamixel.bus import Bus
+from palpate.drivers.dynamixel.control_table import OperatingMode
+from palpate.drivers.dynamixel.guarded import End, Guard, ServoGoals, ServoMover
+from palpate.drivers.dynamixel.servo import Servo
+from palpate.drivers.dynamixel.state import ServoState
+from palpate.drivers.dynamixel.turn_mark import LARGEST_TURNS, NO_MARK, mark_item, mark_value, turns_in
+from palpate.drivers.finger import Servos
+from palpate.drivers.slide_finger import SlideKinematics
+from palpate.errors import DeviceError
+from palpate.rig.drives import ACCELERATION_RAD_S2
+from palpate.rig.host_finger import HostFinger
+
+__all__ = ["Home", "back_stop_distances_mm", "forget_turn", "home_slides", "homing_problem", "is_homable"]
+__all__ += ["is_within_stops", "recall_turn"]
+
+_PERIOD_S = 0.01
+_ARRIVED_MM = 0.8
+_SLOW_MM_S = 5.0
+_MARGIN_MM = 0.7  # what a stop and a drive yield under max_force_n
+_BEFORE_MM = 1.5  # so far before the nearest place of a stop the slide goes slowly
+_PASSED_MM = 1.0
+_STILL_MM = 0.03
+_STILL_S = 0.4
+_FREE_STILL_S = 1.0
+_AIM_SLACK_DEG = 2.0
+_RAM_RESTORE = 0x02  # bit of Startup Configuration: RAM, and with it the mark, would outlive the turns
+
+
+class Home(Enum):
+    """Which slides are homed before a run: those whose turn is unknown, all that have stops, or none."""
+
+    UNKNOWN = "unknown"
+    ALL = "all"
+    NONE = "none"
+
+
+class _Hand(Protocol):
+    """What homing needs of a hand."""
+
+    @property
+    def bus(self) -> Bus: ...
+
+    def states(self, servos: Sequence[Servo], /) -> Mapping[int, ServoState]: ...
+
+    def guarded(
+        self, movers: Sequence[ServoMover], /, *, period_s: float = ...
+    ) -> Mapping[ServoMover, End]: ...
+
+    def move_servos(self, goals_rad: ServoGoals, tolerance_rad: Callable[[Servo], float], /) -> None: ...
+
+    def arm(self) -> None: ...
+
+    def disarm(self) -> None: ...
+
+
+def is_homable(finger: HostFinger) -> bool:
+    """Whether it is a slide of which the rig file names the stops."""
+    return isinstance(finger.spec, SlideFingerConfig) and finger.spec.slide.stops_mm is not None
+
+
+def recall_turn(bus: Bus, finger: HostFinger) -> bool:
+    """Take over the turn that a slide's servo is marked with; False if it is not marked, and must be homed.
+
+    Call it before the servo's mode is written: position mode forgets turns, too.
+    """
+    slide = finger.drive.closing_servos[0]
+    slide.turns, turns = 0, _marked_turns(bus, slide)
+    if turns is None:
+        return False
+    slide.turns = turns
+    return True
+
+
+def forget_turn(bus: Bus, finger: HostFinger) -> None:
+    """Take the mark off a slide's servo: from now on its turn is unknown, whatever interrupts homing."""
+    slide = finger.drive.closing_servos[0]
+    slide.turns, item = 0, mark_item(slide.model)
+    if item is not None and turns_in(bus.read(slide.dxl_id, item)) is not None:
+        bus.write(slide.dxl_id, item, NO_MARK)
+
+
+def is_within_stops(finger: HostFinger, angle_rad: float) -> bool:
+    """Whether a slide's tip can stand at the distance that its servo's angle says."""
+    slide = _slide(finger)
+    back, front = _stops_mm(slide)
+    slack = _half_mm(slide)
+    distance = _kinematics(finger).distance_mm(angle_rad)
+    return back - slack <= distance <= front + slack + slide.off_mm(front)
+
+
+def homing_problem(finger: HostFinger, angles_rad: Servos) -> str | None:
+    """Why a finger must not be homed from where it stands; None if it may. `angles_rad`: aim, and slide."""
+    spec = finger.spec
+    assert isinstance(spec, SlideFingerConfig)
+    aim, slide = finger.drive.servos
+    kinematics = _kinematics(finger)
+    aimed = math.degrees((angles_rad[0] - kinematics.aim_zero_rad) / kinematics.gear_ratio)
+    lo, hi = spec.aim.range_deg
+    if not lo - _AIM_SLACK_DEG <= aimed <= hi + _AIM_SLACK_DEG:
+        return (
+            f"its aim (servo {aim.dxl_id}) stands at {aimed:.1f}°, outside its range {lo:g} … {hi:g}°; "
+            "with torque off, turn it back by hand, then start again"
+        )
+    if 2 * _half_mm(spec.slide) + _BEFORE_MM + 2 * _PASSED_MM >= abs(spec.slide.mm_per_turn):
+        return (
+            f"its slide (servo {slide.dxl_id}) cannot be homed: zero_bound_mm and mm_per_turn_spread leave "
+            "open which turn its back stop is in; measure better"
+        )
+    if not back_stop_distances_mm(spec.slide, kinematics.distance_mm(angles_rad[1])):
+        back, front = _stops_mm(spec.slide)
+        return (
+            f"its slide (servo {slide.dxl_id}) stands where it cannot be in any turn between its stops at "
+            f"{back:g} and {front:g} mm; check slide.stops_mm, slide.zero_mm and slide.mm_per_turn"
+        )
+    return None
+
+
+def home_slides(hand: _Hand, fingers: Sequence[HostFinger]) -> None:
+    """Drive slides back, one after the other, until each stalls at its back stop; mark their turns.
+
+    Torque is on, aims hold, turns are forgotten (`forget_turn`). Each goes to
+    where it waits. Raises DeviceError for a slide that is held elsewhere, or meets no stop, and what the
+    guards of every motion raise.
+    """
+    if not fingers:
+        return
+    hand.arm()
+    for finger in fingers:
+        slide = finger.drive.closing_servos[0]
+        turns = _turns_at_stop(hand, finger)
+        slide.turns = turns
+        item = mark_item(slide.model)
+        if item is not None and abs(turns) <= LARGEST_TURNS:
+            hand.bus.write(slide.dxl_id, item, mark_value(turns))
+        _go_back(hand, finger)
+    hand.disarm()
+
+
+def back_stop_distances_mm(slide: SlideConfig, reading_mm: float) -> list[tuple[float, int]]:
+    """Where a slide may meet its back stop, as it reads distances now, and in which turn; nearest first.
+
+    `reading_mm`: distance from the base as it reads, off by a number of whole turns, the second of each pair.
+    """
+    back, front = _stops_mm(slide)
+    half = _half_mm(slide)
+    travel_mm = front - back + slide.off_mm(front) + half
+    step = slide.mm_per_turn
+    around = (reading_mm - back) / step
+    reach = math.ceil((travel_mm + half) / abs(step)) + 1
+    found = [
+        (back + turns * step, turns)
+        for turns in range(math.floor(around) - reach, math.ceil(around) + reach + 1)
+    ]
+    within = [(stop, turns) for stop, turns in found if -half <= reading_mm - stop <= travel_mm]
+    return sorted(within, reverse=True)
+
+
+def _turns_at_stop(hand: _Hand, finger: HostFinger) -> int:
+    """Go back until a stop is met where one may be; how many turns the servo counts ahead."""
+    slide, kinematics = finger.drive.closing_servos[0], _kinematics(finger)
+    reading_mm = kinematics.distance_mm(_angle_rad(hand, slide))
+    for stop_mm, turns in back_stop_distances_mm(_slide(finger), reading_mm):
+        if _is_met(hand, finger, stop_mm):
+            return turns
+    raise DeviceError(
+        f"finger {finger.name}: its slide (servo {slide.dxl_id}) went back over all its travel and met no "
+        "hard stop; check slide.stops_mm, slide.zero_mm and the sign of slide.mm_per_turn"
+    )
+
+
+def _is_met(hand: _Hand, finger: HostFinger, stop_mm: float) -> bool:
+    """Go to where the back stop may be, then slowly on; whether the slide stalls there."""
+    slide, kinematics = finger.drive.closing_servos[0], _kinematics(finger)
+    half = _half_mm(_slide(finger))
+    near, past = stop_mm + half + _BEFORE_MM, stop_mm - half - 2 * _PASSED_MM
+    at_mm = kinematics.distance_mm(_angle_rad(hand, slide))
+    ends = sorted(kinematics.slide_servo_rad(mm) for mm in (past, max(at_mm, near)))
+    # Soft limits hold in the right turn only: moves of homing alone go by what the servo reads.
+    homing = slide.with_range((ends[0], ends[1]))
+    per_mm = abs(1 / kinematics.mm_per_rad)
+    if at_mm > near:
+        finger.drive.retract()  # its profile: as fast as through free space
+        free = Guard(stall_s=_FREE_STILL_S)
+        leg = ServoMover(homing, kinematics.slide_servo_rad(near), _ARRIVED_MM * per_mm, free)
+        if _end(hand, leg) is not End.REACHED:
+            raise _held(hand, finger, at_mm)
+    slide.set_profile(_SLOW_MM_S * per_mm, ACCELERATION_RAD_S2)
+    guard = Guard(moved_rad=_STILL_MM * per_mm, stall_s=_STILL_S)
+    mover = ServoMover(homing, kinematics.slide_servo_rad(past), _PASSED_MM * per_mm, guard)
+    end = _end(hand, mover)
+    if end is End.REACHED:
+        return False
+    since = mover.moved_s + _STILL_S / 2
+    stood = [state.position_rad for when, state in mover.seen if when > since]
+    off_mm = kinematics.distance_mm(float(np.mean(stood))) - stop_mm
+    if end is not End.STALL or abs(off_mm) > half:
+        raise _held(hand, finger, at_mm)
+    return True
+
+
+def _held(hand: _Hand, finger: HostFinger, from_mm: float) -> DeviceError:
+    slide = finger.drive.closing_servos[0]
+    gone = from_mm - _kinematics(finger).distance_mm(_angle_rad(hand, slide))
+    return DeviceError(
+        f"finger {finger.name}: its slide (servo {slide.dxl_id}) is held {abs(gone):.1f} mm on its way back "
+        "to its stop, where no stop can be; clear its way; if it is clear, check slide.stops_mm and "
+        "slide.zero_mm, and raise max_force_n"
+    )
+
+
+def _end(hand: _Hand, mover: ServoMover) -> End:
+    return hand.guarded([mover], period_s=_PERIOD_S)[mover]
+
+
+def _angle_rad(hand: _Hand, servo: Servo) -> float:
+    return hand.states([servo])[servo.dxl_id].position_rad
+
+
+def _go_back(hand: _Hand, finger: HostFinger) -> None:
+    """Go from the stop to where the finger waits."""
+    hand.move_servos(finger.drive.retract(), lambda servo: finger.drive.reached_rad(servo, _ARRIVED_MM))
+
+
+def _marked_turns(bus: Bus, slide: Servo) -> int | None:
+    """Turns that the servo is marked with; None if they may have been lost since, or never were known."""
+    item = mark_item(slide.model)
+    if item is None or slide.read("Operating Mode") != OperatingMode.CURRENT_BASED_POSITION:
+        return None
+    restores = "Startup Configuration" in slide.model.items and slide.read("Startup Configuration")
+    if restores and restores & _RAM_RESTORE:
+        return None
+    return turns_in(bus.read(slide.dxl_id, item))
+
+
+def _half_mm(slide: SlideConfig) -> float:
+    """How far from its declared place the back stop may be met, either way, as the servo reads it."""
+    back, _ = _stops_mm(slide)
+    return slide.off_mm(back) + 2 * slide.backlash_mm + _MARGIN_MM
+
+
+def _stops_mm(slide: SlideConfig) -> tuple[float, float]:
+    assert slide.stops_mm is not None, "only slides with stops are homed"
+    return slide.stops_mm
+
+
+def _slide(finger: HostFinger) -> SlideConfig:
+    assert isinstance(finger.spec, SlideFingerConfig)
+    return finger.spec.slide
+
+
+def _kinematics(finger: HostFinger) -> SlideKinematics:
+    assert isinstance(finger.kinematics, SlideKinematics)
+    return finger.kinematics
