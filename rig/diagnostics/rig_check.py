@@ -29,7 +29,7 @@ from palpate.rig.diagnostics.servo_check import check_loop, check_servo
 from palpate.rig.servo_settings import FingerSettings, ServoSettings, finger_settings, servo_settings
 from palpate.rig.wiring import start_problem
 
-__all__ = ["check_rig"]
+__all__ = ["check_rig", "loop_warnings"]
 
 _SLOW = 2.0  # times what wire and latency timer take, from which a computer is said to be busy
 
@@ -72,7 +72,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
         *timer_warnings(rig.bus.port, timer),
         *_servo_warnings(found),
         *(f"array {item.finger}: {text}" for item in arrays for text in item.warnings),
-        *_loop_warnings(loop, rig.closing.sample_rate_hz, found, timer or 0.0),
+        *loop_warnings(loop, rig.closing.sample_rate_hz, found, timer or 0.0),
         *_count_warnings(counts, found),
         *_start_warnings(rig, fingers, states),
         *_force_warnings(rig, touch_force),
@@ -135,7 +135,7 @@ def _servo_warnings(found: Sequence[ServoCheckOut]) -> list[str]:
     return warnings
 
 
-def _loop_warnings(
+def loop_warnings(
     loop: LoopOut | None, wanted_hz: float, found: Sequence[ServoCheckOut], timer_s: float
 ) -> list[str]:
     """Whether all servos are read too seldom, or much more slowly than wire and adapter need."""

@@ -48,7 +48,7 @@ def _words(grip: GripRecord, before: GripRecord | None) -> str:
             "Earlier grips no longer count: it contradicts them, or fingers may have moved the part too far."
         )
     if grip.verdict is None:
-        return " ".join([*words, "The run ended before its contacts were interpreted."])
+        return " ".join([*words, "Its contacts were not interpreted."])
     left = {name_of(item) for item in grip.hypotheses}
     if before is not None:
         fell = sorted({name_of(item) for item in before.hypotheses} - left)
@@ -65,6 +65,13 @@ def _kind(grip: GripRecord, before: GripRecord | None) -> str:
     if grip.planned["decisive"]:
         return "A planned grip, decisive: whatever it finds, hypotheses fall."
     return "A planned grip: what it is expected to find rules out most."
+
+
+def _title(grip: GripRecord, first: Mapping[str, Any] | None) -> str:
+    """What the contacts say."""
+    if grip.verdict is None:
+        return "not interpreted"
+    return "nothing agrees" if first is None else name_of(first)
 
 
 def _touches(grip: GripRecord) -> str:
@@ -124,7 +131,7 @@ def _picture(
     ]
     return draw(
         Picture(
-            title=f"After grip {grip.number}: {'nothing agrees' if first is None else name_of(first)}",
+            title=f"After grip {grip.number}: {_title(grip, first)}",
             found=() if first is None else outlines_in_w(first, models),
             pose=None if first is None else _pose(first),
             truth=() if truth is None else outlines_in_w(truth, models),
