@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from itertools import groupby
 
-import numpy as np
-
 from palpate.config import RigFile
 from palpate.errors import InputError, counted
 from palpate.geometry import ObjectModel
@@ -32,28 +30,7 @@ def finding_lines(rig: RigFile, models: Sequence[ObjectModel], name: str) -> lis
     states = sum(len(model.states) for model in models)
     if sum(finding.trouble in HOPELESS for finding in found) == states:
         raise InputError(f'{name}: rig "{rig.name}" cannot identify anything in it: {"; ".join(lines)}')
-    return [f"{name}: {line}" for line in [*lines, *_overhanging(rig, models)]]
-
-
-def _overhanging(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:
-    """A line if the emulated table may be set with a part that reaches out of the workspace."""
-    if rig.emulation is None:
-        return []
-    reaches = [(_reach_mm(model), model.name) for model in models]
-    reach, name = max(reaches, default=(0.0, ""))
-    placed, radius = rig.emulation.placement_radius_mm, rig.workspace.radius_mm
-    if reach + placed <= radius:
-        return []
-    return [
-        f"{name} reaches {reach:.3g} mm from its origin, which emulation.placement_radius_mm lets lie "
-        f"{placed:g} mm from the middle: it may reach out of the workspace of {radius:g} mm, and answers are "
-        "for parts inside; lower the one or raise the other"
-    ]
-
-
-def _reach_mm(model: ObjectModel) -> float:
-    rings = [ring for state in model.states for section in state.sections for ring in section.rings]
-    return max((float(np.hypot(*ring.T).max()) for ring in rings), default=0.0)
+    return [f"{name}: {line}" for line in lines]
 
 
 def untouched_lines(rig: RigFile, models: Sequence[ObjectModel]) -> list[str]:

@@ -15,9 +15,8 @@ from odd_parts import objects_file, part, scene_file
 from repository import EXAMPLES
 from sampling import sample
 
-from palpate.config import load_objects, load_rig, load_scene, shipped_objects, shipped_rig
+from palpate.config import load_objects, load_rig, load_scene
 from palpate.config.schema import schema_text
-from palpate.rig.catalogue.reachability_text import finding_lines
 from palpate.rig.emulated.scene import Placement, placement_of
 from palpate.rig.emulated.scene_reachability import scene_lines
 
@@ -140,16 +139,3 @@ def test_scenes_that_fingers_cannot_feel(tmp_path: Path, name: str) -> None:
     assert len(lines) == bool(said)
     for words in said:
         assert words in lines[0]
-
-
-def test_an_emulated_table_that_lets_parts_reach_out_of_the_workspace_is_said() -> None:
-    rig = load_rig(shipped_rig())
-    models = load_objects(shipped_objects()).objects
-    assert finding_lines(rig, models, "parts") == []
-    assert rig.emulation is not None
-    wide = rig.model_copy(
-        update={"emulation": rig.emulation.model_copy(update={"placement_radius_mm": 60.0})}
-    )
-    (line,) = finding_lines(wide, models, "parts")
-    assert line.startswith("parts: grip reaches 67.8 mm from its origin")
-    assert "out of the workspace of 125 mm" in line
