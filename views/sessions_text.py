@@ -47,7 +47,7 @@ def info_lines(item: SessionOut) -> list[str]:
         ("answer", _answer_words(item)),
         ("ended", _end_words(item)),
     ]
-    if item.ended is not None and item.ended.message:
+    if item.ended is not None and item.ended.message and item.ended.message != _end_words(item):
         rows.append(("", item.ended.message))
     return [f"{name:<8} {words}" for name, words in rows]
 

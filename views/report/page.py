@@ -27,7 +27,8 @@ figure { margin: .6rem 0; background: #fff; border: 1px solid var(--line); borde
   padding: .3rem; }
 figure svg { display: block; width: 100%; height: auto; max-height: 40rem; }
 .sections figure svg { max-height: none; }
-.columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 0 2rem; }
+.columns { display: grid; gap: 0 2rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); }
 @media print {
   @page { size: A4; margin: 15mm; }
   :root { --ink: #000; --paper: #fff; --muted: #444; --line: #bbb; }
