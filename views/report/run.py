@@ -41,7 +41,7 @@ def run_report(samples: SessionSamples, summary: SessionOut, folder: Path) -> st
         section("Timing", _timing(grips, summary)),
         section("Devices", _devices(samples.rig, file)),
         section("Calibration", _calibration(answer, summary)),
-        section("Versions", _versions(file)),
+        section("Versions", _versions(file, summary)),
         section("Rig file", lines(_text(folder / "rig.toml")), kind="settings"),
     ]
     return page(title, parts)
@@ -137,8 +137,11 @@ def _calibration(answer: IdentificationOut | None, summary: SessionOut) -> str:
     return table(("", ""), rows)
 
 
-def _versions(file: SessionFile) -> str:
-    rows = [(name, _shown(value)) for name, value in file.header.items() if name not in ("format", "sum")]
+def _versions(file: SessionFile, summary: SessionOut) -> str:
+    """What the run began with; whether devices were emulated, and the seed, as far as it counts."""
+    known = {**file.header, "emulated": summary.emulated, "seed": summary.seed}
+    left_out = ("format", "sum", *(name for name, value in known.items() if value is None))
+    rows = [(name.replace("_", " "), _shown(value)) for name, value in known.items() if name not in left_out]
     return table(("", ""), rows)
 
 
