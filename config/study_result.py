@@ -36,6 +36,7 @@ class StudyRunOut(Out):
     `variation`: what was varied, nothing if empty. `moved`: how far fingers moved the part in all.
     `inside_bounds`: the true state is among those that are left, and its true place within that one's bounds.
     `left`: states, object and name, that are still possible. `rivals`: others, those that lasted longest.
+    `sticks_out`: the part was put so that it sticks out of the workspace, where answers do not hold.
     """
 
     number: int
@@ -54,6 +55,7 @@ class StudyRunOut(Out):
     touches: int
     left: tuple[tuple[str, str], ...]
     rivals: tuple[RivalOut, ...]
+    sticks_out: bool = False
 
 
 class StateStudiedOut(Out):
@@ -166,10 +168,11 @@ class BestHeightsOut(Out):
 class StudyOut(Out):
     """What a study found. `wrong`: runs that named what did not lie there, or whose bounds do not hold.
 
-    `lost`: runs that do not end with the truth still possible. `seconds`: taken now, without runs that
-    were kept before. `grips`, `position_error`, `moved` (mm): median and 90th percentile. `verdicts`: the
-    most frequent first. `hardest`: pairs that take most touches to tell apart. `touches_of`: runs by how
-    many they took. `states`: those that were drawn, of `states_in_catalogue`. `noise_budget`: what errors
+    `lost`: runs that do not end with the truth still possible. `sticking_out`: runs whose part stuck out
+    of the workspace; some of both may be among them. `seconds`: taken now, without runs that were kept
+    before. `grips`, `position_error`, `moved` (mm): median and 90th percentile. `verdicts`: the most
+    frequent first. `hardest`: pairs that take most touches to tell apart. `touches_of`: runs by how many
+    they took. `states`: those that were drawn, of `states_in_catalogue`. `noise_budget`: what errors
     cost, from a part of the runs. `heights`: those that fingers may be at.
     """
 
@@ -183,6 +186,7 @@ class StudyOut(Out):
     runs: int
     wrong: int
     lost: int
+    sticking_out: int
     seconds: Rounded
     verdicts: tuple[VerdictCountOut, ...]
     grips: tuple[Rounded, Rounded]

@@ -25,6 +25,9 @@ def study_lines(out: StudyOut, heights_mm: Sequence[float]) -> list[str]:
     lines.append(f"  {'wrong answers':18s} {out.wrong:6d}")
     if out.lost > out.wrong:
         lines.append(f"  {'truth not left':18s} {out.lost:6d}")
+    if out.sticking_out:
+        words = "of the workspace: answers are for parts inside"
+        lines.append(f"  {'parts sticking out':18s} {out.sticking_out:6d}  {words}")
     touches, grips = out.touches, out.grips
     lines.append(
         f"touches {touches.mean:.1f} on average, in 90 % of runs up to {touches.p90:g}; "

@@ -13,8 +13,9 @@ from palpate.rig.catalogue.reachability_text import workspace_words
 from palpate.rig.catalogue.section_stack import region_at
 from palpate.rig.emulated.scene import Placement
 
-__all__ = ["scene_lines"]
+__all__ = ["scene_lines", "sticks_out_mm"]
 
+_ORIGIN = shapely.Point(0, 0)
 _TOLERANCE_MM = 0.01
 _EMPTY = "the table will seem empty"
 
@@ -28,13 +29,21 @@ def scene_lines(rig: RigFile, placement: Placement) -> list[str]:
         high = f"{placement.state.top_mm:.3g} mm high"
         fingers = heights_in_words(heights)
         return [f"{name} ({high}): nothing at the height of any finger, {fingers}; {_EMPTY}"]
-    origin, radius = shapely.Point(0, 0), rig.workspace.radius_mm
-    if shapely.distance(met, origin) >= radius:
+    if shapely.distance(met, _ORIGIN) >= rig.workspace.radius_mm:
         return [f"{name}: lies outside of {workspace_words(rig)}; {_EMPTY}"]
-    beyond = float(shapely.hausdorff_distance(met, origin)) - radius
-    if beyond > _TOLERANCE_MM:
+    beyond = sticks_out_mm(rig, placement)
+    if beyond > 0:
         return [f"{name}: sticks out of {workspace_words(rig)}, by {beyond:.3g} mm; fingers may start on it"]
     return []
+
+
+def sticks_out_mm(rig: RigFile, placement: Placement) -> float:
+    """How far the part sticks out of the workspace at the heights of fingers; 0 if it does not."""
+    met = shapely.union_all([_region(placement, at.height_mm) for at in at_heights(rig)])
+    if met.is_empty:
+        return 0.0
+    beyond = float(shapely.hausdorff_distance(met, _ORIGIN)) - rig.workspace.radius_mm
+    return beyond if beyond > _TOLERANCE_MM else 0.0
 
 
 def _region(placement: Placement, z_mm: float) -> shapely.Geometry:

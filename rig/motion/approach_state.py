@@ -23,7 +23,8 @@ _MOVED_MM = 0.05
 class ApproachState:
     """State of one finger's part of a grip; `line` and all places are in the frame that carries the finger.
 
-    `travel_mm` is how far along the line the tip is; `track` where it was seen, if it is steered along;
+    `travel_mm` is how far along the line the tip is, `advance_mm` what it has come since the last look, 0 on
+    its way back; `track` where it was seen, if it is steered along;
     `meter`: what loads the part, None where loads are not asked for.
     """
 
@@ -33,6 +34,7 @@ class ApproachState:
     started: Servos = (math.nan, math.nan)
     servos: Servos = (math.nan, math.nan)
     travel_mm: float = 0.0
+    advance_mm: float = 0.0
     touched: bool = False
     searching: bool = False
     moved_s: float = 0.0
@@ -66,12 +68,14 @@ class ApproachState:
         """Note where the finger stands after aiming."""
         self.started = self.servos = servos
         self.travel_mm = self.line.travel_mm(self.centre_mm)
+        self.advance_mm = 0.0
 
     def seen(self, servos: Servos, now: float) -> None:
         """Note where the servos are."""
         self.servos = servos
-        centre = self.centre_mm
+        centre, before_mm = self.centre_mm, self.travel_mm
         self.travel_mm = self.line.travel_mm(centre)
+        self.advance_mm = max(0.0, self.travel_mm - before_mm)
         if abs(self.travel_mm - self._last_mm) > _MOVED_MM:
             self._last_mm, self.moved_s = self.travel_mm, now
         if self.meter is not None:

@@ -226,9 +226,12 @@ class TipMover(_FingerMover):
         return self.finger.drive.go(run.line, run.travel_mm, self.limit_mm, self._speed_mm_s, now)
 
     def is_crowded(self) -> bool:
-        """Whether another finger is nearer than the rig file's clearance_mm."""
-        own, clearance_mm = self.run.body(), self.hand.rig.closing.clearance_mm
-        return not all(is_apart(own, other.body(), clearance_mm) for other in self._others)
+        """Whether another finger is nearer than the rig file's clearance_mm, or may be at the next look.
+
+        Until then both go on about as far as they have come since the last one.
+        """
+        own, clearance_mm = self.run.body(), self.hand.rig.closing.clearance_mm + self.run.advance_mm
+        return not all(is_apart(own, other.body(), clearance_mm + other.advance_mm) for other in self._others)
 
 
 class SearchMover(TipMover):

@@ -18,6 +18,7 @@ from palpate.rig.emulated.answer_error import compare
 from palpate.rig.emulated.array_noise import ArrayNoise, noise_of
 from palpate.rig.emulated.part_truth import draw_part, part_of
 from palpate.rig.emulated.scene import Placement, draw_placement
+from palpate.rig.emulated.scene_reachability import sticks_out_mm
 from palpate.rig.identification.loop import PushTables, search
 from palpate.rig.identification.observers import Event, Observers, RecognitionEvent, TouchEvent
 from palpate.rig.identification.result import hypotheses_of
@@ -151,6 +152,7 @@ class Simulation:
             touches=result.touches,
             left=tuple(sorted({(item.state.object_name, item.state.state.name) for item in hypotheses})),
             rivals=watch.rivals(),
+            sticks_out=sticks_out_mm(self.rig, placement) > 0,
         )
 
     def _touches(self, placement: Placement, rng: np.random.Generator) -> SimulatedTouches | PushingTouches:

@@ -71,6 +71,7 @@ def study_out(
         runs=len(runs),
         wrong=len(wrong),
         lost=sum(not run.inside_bounds for run in runs),
+        sticking_out=sum(run.sticks_out for run in runs),
         verdicts=tuple(
             VerdictCountOut(verdict=verdict, runs=count)
             for verdict, count in Counter(run.verdict for run in runs).most_common()

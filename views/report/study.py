@@ -68,6 +68,9 @@ def _verdicts(out: StudyOut) -> str:
     rows.append(("wrong answers", str(out.wrong), f"{100 * out.wrong / out.runs:.1f} %"))
     if out.lost > out.wrong:
         rows.append(("truth not left", str(out.lost), f"{100 * out.lost / out.runs:.1f} %"))
+    if out.sticking_out:
+        share = f"{100 * out.sticking_out / out.runs:.1f} %"
+        rows.append(("part sticking out of the workspace", str(out.sticking_out), share))
     parts = [table(("verdict", "runs", "share"), rows, numbers=("runs", "share"))]
     if not out.wrong:
         most = 100 * (1 - _DOUBT ** (1 / out.runs))

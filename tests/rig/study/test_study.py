@@ -19,6 +19,7 @@ from palpate.config.study_result import StudyRunOut
 from palpate.errors import InputError
 from palpate.rig.study.simulation import Simulation, with_motion
 from palpate.rig.study.summary import is_wrong, study_out
+from palpate.views.study_text import study_lines
 from palpate.vocabulary import IdentificationVerdict, PartMotion, Strategy
 
 RIG, SIX = load_rig(shipped_rig()), load_objects(shipped_objects())
@@ -115,3 +116,24 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> No
     assert last == "report study.html, runs runs.jsonl"
     refused = run("study", "--runs", 1, "--keep", "nowhere/runs.jsonl", cwd=tmp_path)
     assert (refused.code, refused.err.count("\n")) == (2, 1)
+
+
+def test_parts_that_stick_out_of_the_workspace_are_counted() -> None:
+    objects = load_objects(shipped_objects())
+    rig = load_rig(shipped_rig())
+    assert rig.emulation is not None
+    wide = rig.model_copy(
+        update={
+            "emulation": rig.emulation.model_copy(update={"placement_radius_mm": 110.0}),
+            "workspace": rig.workspace.model_copy(update={"radius_mm": 110.0}),
+        }
+    )
+    counts = []
+    for one in (rig, wide):
+        simulation = Simulation(*with_motion(one, objects, PartMotion.STILL), Strategy.RANDOM, 0)
+        rows = [simulation.run(number) for number in range(3)]
+        out = study_out(rows, objects="shipped", rig="r", strategy=Strategy.RANDOM, seed=0)
+        counts.append(out.sticking_out)
+        assert ("parts sticking out" in "\n".join(study_lines(out, [10.0]))) is bool(out.sticking_out)
+    assert counts[0] == 0
+    assert counts[1] > 0
