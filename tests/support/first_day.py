@@ -12,6 +12,7 @@ from firm_rig import firm_rig
 from quick_rig import small, small_objects
 
 from palpate.config import RigFile
+from palpate.drivers.emulators.servo import EmulatedServo
 from palpate.errors import PalpateError
 from palpate.recognizer import Catalogue
 from palpate.rig.bench import environment, place, set_up
@@ -185,6 +186,7 @@ def run_row(row: Row, seed: int) -> Outcome:
     return Outcome(kind, text, rig_s, max(f.hardest_n for f in fingers), on, tuple(notices))
 
 
-def _is_on(servo) -> bool:  # type: ignore[no-untyped-def]
+def _is_on(servo: EmulatedServo) -> bool:
+    """Whether a servo holds its shaft, as it says itself."""
     answer = servo.answer_block(_TORQUE_ENABLE, 1)
     return bool(answer is not None and answer.params[0])
