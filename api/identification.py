@@ -183,7 +183,8 @@ def _drawn(on_bench: RigOnBench, objects: ObjectsFile, seed: int, run: int) -> P
     """What lies on an emulated table in a later run on one rig."""
     emulation = on_bench.described.emulation
     assert emulation is not None, "something lies on emulated tables only"
-    return draw_placement(objects, emulation.placement_radius_mm, np.random.default_rng([seed, 0, run]))
+    rng = np.random.default_rng([seed, 0, run])
+    return draw_placement(objects, emulation.placement_radius_mm, rng, on_bench.described.workspace.radius_mm)
 
 
 def _write_results(answer: Answer, run: IdentificationRun, folder: Path) -> None:

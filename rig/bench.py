@@ -57,7 +57,8 @@ def place(rig: RigFile, objects: ObjectsFile, scene: Scene | None, seed: int) ->
         placement = placement_of(scene, objects)
         check_known([placement.model], rig.fingers)  # it may come from a file of its own
         return placement
-    return draw_placement(objects, rig.emulation.placement_radius_mm, np.random.default_rng([seed, 0]))
+    rng = np.random.default_rng([seed, 0])
+    return draw_placement(objects, rig.emulation.placement_radius_mm, rng, rig.workspace.radius_mm)
 
 
 def _check_heights(rig: RigFile, objects: ObjectsFile) -> None:

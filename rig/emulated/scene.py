@@ -20,6 +20,8 @@ from palpate.recognizer import Configuration
 
 __all__ = ["Placement", "draw_placement", "moved", "outline_at", "placement_of", "rings_of", "shape_of"]
 
+_PUT_DOWN = 50  # times, until a part lies inside the workspace
+
 
 @dataclass(frozen=True)
 class Placement:
@@ -58,15 +60,37 @@ def placement_of(scene: Scene, catalogue: ObjectsFile) -> Placement:
     return Placement(model, states[name], *at, scene.mass_kg, scene.friction)
 
 
-def draw_placement(objects: ObjectsFile, radius_mm: float, rng: np.random.Generator) -> Placement:
-    """Any object in any state with its centre of area anywhere within `radius_mm` of the middle."""
+def draw_placement(
+    objects: ObjectsFile, radius_mm: float, rng: np.random.Generator, workspace_mm: float = math.inf
+) -> Placement:
+    """Any object in any state with its centre of area anywhere within `radius_mm` of the middle.
+
+    One that would stick out of a circle of `workspace_mm` is put down again; if it never fits, it lies as
+    it was put first.
+    """
     model = objects.objects[int(rng.integers(len(objects.objects)))]
     state = model.states[int(rng.integers(len(model.states)))]
+    first = None
+    for _ in range(_PUT_DOWN):
+        lies = _put_down(model, state, radius_mm, rng)
+        first = first or lies
+        if all(_furthest_mm(lies, section) <= workspace_mm for section in state.sections):
+            return lies
+    assert first is not None
+    return first
+
+
+def _put_down(model: ObjectModel, state: State, radius_mm: float, rng: np.random.Generator) -> Placement:
     theta = float(rng.uniform(-math.pi, math.pi))
     away, bearing = radius_mm * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     centre = affinity.rotate(_shape(state.sections[0]), theta, origin=(0, 0), use_radians=True).centroid
     x, y = away * math.cos(bearing) - centre.x, away * math.sin(bearing) - centre.y
     return Placement(model, state, float(x), float(y), theta)
+
+
+def _furthest_mm(lies: Placement, section: Section) -> float:
+    """From W's origin to the section's furthest point."""
+    return float(np.hypot(*shapely.get_coordinates(shape_of(lies, section)).T).max())
 
 
 def outline_at(placement: Placement, height_mm: float) -> PartSection | None:

@@ -116,7 +116,7 @@ class Simulation:
     def run(self, number: int, variation: str = "") -> StudyRunOut:
         """Draw a part and where it lies, and identify it. `variation`: how this simulation is called."""
         rng = np.random.default_rng([self.seed, number])
-        placement = draw_placement(self.objects, self._placed_within_mm(), rng)
+        placement = draw_placement(self.objects, self._placed_within_mm(), rng, self.rig.workspace.radius_mm)
         watch = _Watch((placement.model.name, placement.state.name))
         touches = self._touches(placement, rng)
         result = search(

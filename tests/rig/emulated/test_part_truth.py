@@ -79,6 +79,26 @@ def test_loads_balance_about_the_centre_of_mass(feet: int, seed: int) -> None:
         assert support.share.max() > 1.2 * support.share.min()
 
 
+def test_drawn_parts_lie_inside_the_workspace_if_they_fit() -> None:
+    outside = 0
+    for seed in range(30):
+        rngs = np.random.default_rng(seed), np.random.default_rng(seed)
+        anywhere, inside = (
+            draw_placement(OBJECTS, 60.0, rngs[0]),
+            draw_placement(OBJECTS, 60.0, rngs[1], 80.0),
+        )
+        furthest = [
+            shapely.hausdorff_distance(shape_of(lies, lies.state.sections[0]), shapely.Point(0, 0))
+            for lies in (anywhere, inside)
+        ]
+        assert furthest[1] <= 80.0
+        assert (anywhere == inside) is bool(furthest[0] <= 80.0)
+        outside += furthest[0] > 80.0
+    assert outside > 5
+    never = draw_placement(OBJECTS, 20.0, np.random.default_rng(0), workspace_mm=5.0)
+    assert never == draw_placement(OBJECTS, 20.0, np.random.default_rng(0))
+
+
 def test_a_whole_base_is_spread_evenly_under_a_part_of_one_section() -> None:
     for seed in range(6):
         lies = draw_placement(OBJECTS, 20.0, np.random.default_rng(seed))

@@ -118,18 +118,13 @@ def test_the_command_says_what_the_json_and_the_report_say(tmp_path: Path) -> No
     assert (refused.code, refused.err.count("\n")) == (2, 1)
 
 
-def test_parts_that_stick_out_of_the_workspace_are_counted() -> None:
+def test_parts_that_do_not_fit_into_the_workspace_are_counted() -> None:
     objects = load_objects(shipped_objects())
     rig = load_rig(shipped_rig())
     assert rig.emulation is not None
-    wide = rig.model_copy(
-        update={
-            "emulation": rig.emulation.model_copy(update={"placement_radius_mm": 110.0}),
-            "workspace": rig.workspace.model_copy(update={"radius_mm": 110.0}),
-        }
-    )
+    narrow = rig.model_copy(update={"workspace": rig.workspace.model_copy(update={"radius_mm": 40.0})})
     counts = []
-    for one in (rig, wide):
+    for one in (rig, narrow):
         simulation = Simulation(*with_motion(one, objects, PartMotion.STILL), Strategy.RANDOM, 0)
         rows = [simulation.run(number) for number in range(3)]
         out = study_out(rows, objects="shipped", rig="r", strategy=Strategy.RANDOM, seed=0)
