@@ -242,7 +242,8 @@ class EmulationConfig(FileModel):
         default=None, description="Each array's USB adapter, likewise."
     )
     placement_radius_mm: Positive = Field(
-        description="Parts are put with their centre of area inside this circle, inside the workspace if they fit."
+        description="Parts are put with their centre of area inside this circle, "
+        "inside the workspace if they fit."
     )
     start: Literal["waiting", "anywhere"] = Field(
         default="waiting",
