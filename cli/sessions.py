@@ -27,7 +27,7 @@ def list_sessions(context: typer.Context, folder: FolderOption = _FOLDER, json: 
     from palpate.rig.session.summary import find_sessions
     from palpate.views.sessions_text import show_sessions
 
-    found = find_sessions(folder)
+    found = find_sessions(_existing(folder))
     if json:
         out = SessionsOut(folder=str(folder), sessions=found.sessions, unreadable=found.unreadable)
         typer.echo(to_json(out))
@@ -79,7 +79,9 @@ def prune(
     if keep is None and older_than is None:
         raise InputError("say which sessions may go: --keep N, --older-than DAYS, or both")
     age = None if older_than is None else timedelta(days=older_than)
-    old = to_prune(find_sessions(folder).sessions, keep=keep, older_than=age, now=datetime.now(UTC))
+    old = to_prune(
+        find_sessions(_existing(folder)).sessions, keep=keep, older_than=age, now=datetime.now(UTC)
+    )
     for item in old:
         typer.echo(f"{'would remove' if dry_run else 'removing'} {item.path}, {size_words(item.bytes)}")
     removed = None if dry_run else remove_sessions(old)
@@ -88,3 +90,12 @@ def prune(
     for name in () if removed is None else removed.kept_folders:
         typer.echo(f"{name} stays: it holds other files, or is being written", err=True)
     return 0
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, which must exist unless it is the usual one: that is made by the first session."""
+    from palpate.errors import InputError
+
+    if folder != _FOLDER and not folder.is_dir():
+        raise InputError(f"--sessions {folder}: there is no such folder")
+    return folder

@@ -17,7 +17,16 @@ from palpate.files import read_bytes
 from palpate.files.limits import LOG_BYTES
 from palpate.files.opening import size_in_words
 
-__all__ = ["LOG_NAME", "LogFile", "is_locked", "is_written_now", "log_path", "read_log", "session_of"]
+__all__ = [
+    "LOG_NAME",
+    "LogFile",
+    "check_session",
+    "is_locked",
+    "is_written_now",
+    "log_path",
+    "read_log",
+    "session_of",
+]
 
 LOG_NAME = "session.jsonl.zst"
 _PLAIN_NAME = "session.jsonl"
@@ -70,8 +79,19 @@ class LogFile:
 
 
 def session_of(path: Path) -> Path:
-    """The session's folder, which a user may also name by its log."""
-    return path.parent if path.name in (LOG_NAME, _PLAIN_NAME) and path.is_file() else path
+    """The session's folder, which a user may also name by its log. Raises InputError if there is no log."""
+    if path.name in (LOG_NAME, _PLAIN_NAME) and path.is_file():
+        return path.parent
+    check_session(path)
+    return path
+
+
+def check_session(folder: Path) -> None:
+    """Raise InputError if a folder has no log."""
+    if not folder.is_dir():
+        raise InputError(f"{folder} is not a session: there is no such folder")
+    if not log_path(folder).is_file():
+        raise InputError(f"{folder} is not a session: there is no {LOG_NAME} in it")
 
 
 def log_path(folder: Path) -> Path:

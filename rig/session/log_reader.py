@@ -31,7 +31,7 @@ from palpate.files.limits import LOG_LINE_BYTES, LOG_LINES, VALUES
 from palpate.files.opening import size_in_words
 from palpate.rig.session.error_values import INTERRUPTS, KINDS, error_of
 from palpate.rig.session.log import check_sum
-from palpate.rig.session.log_file import log_path, read_log
+from palpate.rig.session.log_file import check_session, log_path, read_log
 from palpate.vocabulary.short_repr import ShortRepr
 
 __all__ = ["FORMAT", "SessionFile", "entry_in", "read_session"]
@@ -71,10 +71,8 @@ class SessionFile(ShortRepr):
 def read_session(folder: Path) -> SessionFile:
     """Read the log in a session's folder; InputError if there is none, or a line of it cannot be read."""
     path = log_path(folder)
-    try:
-        raw = read_log(folder)
-    except InputError as error:
-        raise InputError(f"{folder} is not a session: {error}") from None
+    check_session(folder)
+    raw = read_log(folder)
     _check_counts(path, raw)
     entries = []
     checked, changed = 0, None

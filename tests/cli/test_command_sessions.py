@@ -116,9 +116,10 @@ def test_what_cannot_be_read_is_listed_and_the_rest_all_the_same(here: Here) -> 
 
 def test_of_no_folder_there_are_no_sessions(here: Here) -> None:
     assert here("sessions").out == "0 sessions, 0.0 kB\n"
-    ended = here("info", "nowhere")
-    assert (ended.code, ended.err.count("\n")) == (2, 1)
-    assert "there is no such file" in ended.err
+    for words in (("info", "nowhere"), ("sessions", "--sessions", "nowhere")):
+        ended = here(*words)
+        assert (ended.code, ended.err.count("\n")) == (2, 1)
+        assert "there is no such folder" in ended.err
 
 
 def test_info_is_of_a_folder_or_its_log(here: Here) -> None:

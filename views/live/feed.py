@@ -7,6 +7,7 @@ from palpate.config import RigFile, load_objects
 from palpate.drivers.transport.recording import SessionEvent
 from palpate.errors import InputError
 from palpate.rig.calibrated_rig import load_calibrated
+from palpate.rig.session.log_file import check_session
 from palpate.rig.session.log_tail import LogTail
 from palpate.rig.session.samples import EventSample, SampleDecoder
 from palpate.views.live.frames import FrameStore, setting_of
@@ -23,8 +24,7 @@ class SessionFeed:
         self._folder = folder
         self._tail = LogTail(folder)
         self._decoder: SampleDecoder | None = None
-        if not self._tail.path.is_file():
-            raise InputError(f"{folder} is not a session: {self._tail.path} is missing")
+        check_session(folder)
         path = folder / "objects.json"
         objects = load_objects(path).objects if path.exists() else ()
         self.setting: Mapping[str, object] = setting_of(self._rig(calibration=False), objects)
