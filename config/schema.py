@@ -18,6 +18,7 @@ from palpate.config.contacts_file import ContactsFile
 from palpate.config.doctor_result import DoctorOut
 from palpate.config.export_result import ExportOut
 from palpate.config.grip_result import GripOut
+from palpate.config.home_result import HomeOut
 from palpate.config.identification_result import IdentificationOut
 from palpate.config.import_result import ImportOut
 from palpate.config.objects_result import ObjectsCheckOut, ObjectsListingOut
@@ -46,6 +47,7 @@ FORMATS: Mapping[str, type[BaseModel]] = {
     "doctor": DoctorOut,
     "export": ExportOut,
     "grip": GripOut,
+    "home": HomeOut,
     "identification": IdentificationOut,
     "import": ImportOut,
     "objects": ObjectsFileText,

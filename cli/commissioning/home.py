@@ -24,12 +24,11 @@ def home(
     One after the other, slides go back until they meet their back stop (stops_mm in the rig file). Runs
     home slides whose turn is unknown by themselves; this command homes all of them.
     """
-    from dataclasses import asdict
-    from json import dumps
-
     from palpate.api.rig import open_rig
     from palpate.cli.commissioning.confirm_motion import ask_to_move
     from palpate.cli.terminal import Terminal
+    from palpate.config.home_result import HomedSlideOut, HomeOut
+    from palpate.config.results import to_json
 
     opened = open_rig(rig, seed=seed, calibration=not no_calibration)
     opened.check_homable()
@@ -38,7 +37,8 @@ def home(
         ask_to_move(err, "Slides go back to their stops, one after the other. Are hands away?")
     found = opened.home(notice=err.print)
     if json:
-        typer.echo(dumps({"format": "palpate/home@1", "slides": [asdict(slide) for slide in found]}))
+        slides = tuple(HomedSlideOut(**vars(slide)) for slide in found)
+        typer.echo(to_json(HomeOut(slides=slides)))
     out = err if json else Terminal(highlight=False, soft_wrap=True)
     for slide in found:
         out.print(

@@ -8,6 +8,7 @@ import pytest
 from command import Ended, run_here
 
 from palpate.config import shipped_rig
+from palpate.config.home_result import HomeOut
 
 Here = Callable[..., Ended]
 BENCH = shipped_rig("xm430-bench")
@@ -25,6 +26,7 @@ def test_slides_that_stand_anywhere_are_homed(here: Here, tmp_path: Path) -> Non
     rig.write_text(text.replace("noise_counts = 2.0", 'noise_counts = 2.0\nstart = "anywhere"'), "utf-8")
     ended = here("home", "--rig", rig, "--yes", "--seed", 1, "--json")
     assert ended.code == 0
+    HomeOut.model_validate_json(ended.out)
     slides = json.loads(ended.out)["slides"]
     assert [(slide["finger"], slide["dxl_id"]) for slide in slides] == [("f1", 12), ("f2", 22), ("f3", 32)]
     assert any(slide["turns"] < 0 for slide in slides)
