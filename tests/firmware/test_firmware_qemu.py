@@ -1,6 +1,7 @@
 """The firmware on a Cortex-M3 and a Cortex-M0 that QEMU emulates, instruction by instruction.
 
-The boards' time follows their instructions (`-icount`). QEMU carries a byte at once, whatever the baud rate.
+The boards' time follows their instructions (`-icount`), so that a busy computer costs them nothing. QEMU carries a
+byte at once, whatever the baud rate.
 """
 
 import os
@@ -40,7 +41,7 @@ from palpate.geometry import Counts
 
 MISSING = missing_tools()
 pytestmark = [
-    pytest.mark.realtime,
+    pytest.mark.slow,
     pytest.mark.skipif(bool(MISSING), reason=f"needs the Debian packages {MISSING}"),
 ]
 BOTH = pytest.mark.parametrize("machine", [MPS2, MICROBIT], ids=lambda machine: machine.core)

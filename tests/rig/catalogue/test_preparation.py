@@ -150,8 +150,8 @@ def test_sound_files_with_other_contents_are_made_anew(
     """As by a program that knows the format: digests fit, arrays do not."""
     cache = Cache(tmp_path)
     prepared_catalogue(objects, FINGERS, cache=cache)
-    kept = {path: map_arrays(path) for path in tmp_path.iterdir()}
-    for path, arrays in kept.items():
+    kept = {path: map_arrays(path) for path in sorted(tmp_path.iterdir())}
+    for path, arrays in list(kept.items())[::3]:  # each costs a preparation
         for spoilt in (
             {name: value for name, value in arrays.items() if not name.endswith("first")},
             {name: value[:-1] if value.ndim else value for name, value in arrays.items()},

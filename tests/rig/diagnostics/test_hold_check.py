@@ -54,7 +54,12 @@ def held(session: EmulatedSession) -> HoldCheckOut:
     ("seed", "part"),
     [
         pytest.param(0, {"mass_kg": 0.15, "friction": 0.3, "tip_friction": 0.3}, id="150 g"),
-        pytest.param(1, {"mass_kg": 0.7, "friction": 0.25, "tip_friction": 0.6}, id="700 g"),
+        pytest.param(
+            1,
+            {"mass_kg": 0.7, "friction": 0.25, "tip_friction": 0.6},
+            id="700 g",
+            marks=pytest.mark.campaign,
+        ),
         pytest.param(
             2, {"mass_kg": 0.06, "friction": 0.2, "tip_friction": 0.0}, id="60 g", marks=pytest.mark.campaign
         ),

@@ -14,7 +14,7 @@ from repository import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
-RUNS = 40
+RUNS = 24
 WORDS = ("study", "--rig", "rig.toml", "--objects", "small-parts.json", "--runs", RUNS, "--seed", 3)
 
 
