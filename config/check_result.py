@@ -151,10 +151,14 @@ class CalibrationCheckOut(Out):
 
 
 class TouchForceOut(Out):
-    """Expected peak forces (N) of the quick touch, which finds a part, and of the slow one that measures."""
+    """Expected peak forces (N) of the quick touch, which finds a part, and of the slow one that measures.
+
+    `unstopped_n`: of a finger at approach speed that nobody stops, as when the bus is unplugged.
+    """
 
     quick_n: Rounded
     slow_n: Rounded
+    unstopped_n: Rounded
 
 
 class FingerHoldOut(Out):

@@ -7,9 +7,13 @@ the look at the servos before they are told to stop:
     peak = contact_force_n + stiffness · (speed · latency + speed² / (2 · deceleration))
 
 A stopped servo brakes with the largest torque that max_force_n lets it have and its friction, against its
-rotor's inertia behind the gear.
+rotor's inertia behind the gear. One that nobody stops, because the host or its bus is gone, presses until its
+current limit and its inertia m, as a mass at the tip, are used up:
+
+    peak = max_force_n + friction_a as a force + approach speed · √(stiffness · m)
 """
 
+import math
 from collections.abc import Iterable
 
 from palpate.config import ArmFingerConfig, FingerConfig, RigFile
@@ -17,7 +21,7 @@ from palpate.drivers.dynamixel.control_table import RAD_PER_TICK
 from palpate.drivers.dynamixel.specifications import specification
 from palpate.rig.bus_latency import array_latency_s, bus_latency_s
 
-__all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm"]
+__all__ = ["deceleration_mm_s2", "expected_peak_n", "travel_step_mm", "unstopped_peak_n"]
 
 _WAIT_FRAMES = 1.5  # half a period until the next frame on average, and one until it is looked at
 
@@ -30,6 +34,32 @@ def expected_peak_n(rig: RigFile, speed_mm_s: float) -> float:
         * (speed_mm_s * latency_s + speed_mm_s**2 / 2 / deceleration_mm_s2(finger, rig.closing.max_force_n))
         for finger in rig.fingers
     )
+
+
+def unstopped_peak_n(rig: RigFile) -> float:
+    """Peak force (N) of the hardest finger that runs into something firm and is told nothing any more."""
+    return max(
+        rig.closing.max_force_n
+        + _friction_allowance_n(finger)
+        + rig.closing.approach_speed_mm_s / abs(lever_mm) * _root_n_m(finger, model)
+        for finger in rig.fingers
+        for model, lever_mm in _levers(finger)
+    )
+
+
+def _root_n_m(finger: FingerConfig, model: str) -> float:
+    """√(stiffness · inertia) of the tip at its stiffest: force (N) for each rad/s of the servo."""
+    stiffest_n_per_m = 1e3 * finger.tip.stiffness_n_per_mm * (1 + finger.tip.stiffness_spread)
+    return math.sqrt(stiffest_n_per_m * specification(model).motor.inertia_kg_m2)
+
+
+def _friction_allowance_n(finger: FingerConfig) -> float:
+    """What a slide's servo may push with beside max_force_n, in case its friction does not take it."""
+    if isinstance(finger, ArmFingerConfig):
+        return 0.0
+    motor = specification(finger.slide.model).motor
+    torque_nm = finger.slide.friction_a * motor.stall_torque_nm / motor.stall_current_a
+    return 1e3 * torque_nm / abs(finger.slide.mm_per_rad)
 
 
 def deceleration_mm_s2(finger: FingerConfig, max_force_n: float) -> float:

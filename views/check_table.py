@@ -105,7 +105,8 @@ def _bus_lines(out: CheckOut) -> list[str]:
         f"[bold]traffic[/]      {counts.instructions} instructions: {lost}",
         f"[bold]calibration[/]  {calibration}",
         f"[bold]touch[/]        presses with {out.touch_force.quick_n:.2g} N when it finds a part, with "
-        f"{out.touch_force.slow_n:.2g} N when it measures",
+        f"{out.touch_force.slow_n:.2g} N when it measures; a finger that nobody stops, with up to "
+        f"{out.touch_force.unstopped_n:.2g} N",
         *([] if out.hold is None else _hold_lines(out.hold)),
     ]
 

@@ -21,7 +21,7 @@ from palpate.drivers.dynamixel.specifications import supply_warnings
 from palpate.drivers.dynamixel.state import ServoState
 from palpate.drivers.transport.adapter import latency_timer_s
 from palpate.errors import DeviceError, InputError, counted
-from palpate.rig.contact_peak import expected_peak_n
+from palpate.rig.contact_peak import expected_peak_n, unstopped_peak_n
 from palpate.rig.diagnostics.array_check import check_array
 from palpate.rig.diagnostics.bus_selection import BusEndpoint
 from palpate.rig.diagnostics.latency_timer import timer_warnings
@@ -66,6 +66,7 @@ def check_rig(rig: RigFile, place: BusEndpoint, now: Callable[[str], None] = lam
     touch_force = TouchForceOut(
         quick_n=expected_peak_n(rig, rig.closing.search_mm_s),
         slow_n=expected_peak_n(rig, rig.closing.touch_speed_mm_s),
+        unstopped_n=unstopped_peak_n(rig),
     )
     warnings = [
         *supply_warnings(item.servo.model.name for item in servos),

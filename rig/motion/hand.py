@@ -116,9 +116,8 @@ class Hand:
         try:
             self._connect(open_port)
         except BaseException as error:
-            if isinstance(error, NotAnswering | DamagedAnswer | ArraySilent):
-                error.add_note(_OTHERS)
             _warn(error, self.close())
+            _hint(error)
             raise
 
     def __repr__(self) -> str:
@@ -130,11 +129,10 @@ class Hand:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        was_driven, failed = self._driven, self.close()
+        failed = self.close()
         if error is not None:
-            if not was_driven and isinstance(error, NotAnswering | DamagedAnswer):
-                error.add_note(_OTHERS)
             _warn(error, failed)
+            _hint(error)
             if self._renamed:
                 error.add_note(self._renamed)
             if not isinstance(error, Exception) and not failed:
@@ -486,3 +484,9 @@ def _warn(error: BaseException, failed: Sequence[DeviceError]) -> None:
             f"warning: {servos} did not confirm that torque is off ({failed[0]}); "
             "cut the power before you reach in"
         )
+
+
+def _hint(error: BaseException) -> None:
+    """Add to a device's silence what else it may be due to."""
+    if isinstance(error, NotAnswering | DamagedAnswer | ArraySilent | ArrayLost):
+        error.add_note(_OTHERS)

@@ -1,7 +1,7 @@
 """The firmware on a Cortex-M3 and a Cortex-M0 that QEMU emulates, instruction by instruction.
 
-The boards' time follows their instructions (`-icount`), so that a busy computer costs them nothing. QEMU carries
-a byte at once, whatever the baud rate.
+The boards' time follows their instructions (`-icount`), so that a busy computer costs them nothing. QEMU
+carries a byte at once, whatever the baud rate.
 """
 
 import os

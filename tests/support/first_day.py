@@ -67,7 +67,7 @@ ROWS: tuple[Row, ...] = (
     Row(
         "bus's hub stalls for 100 … 400 ms",
         "bus_adapter = {stall_ms = [100, 400], stall_every_s = 5}",
-        _GONE + "|too late",
+        _GONE + "|too late|above max_force_n",
     ),
     Row(
         "arrays' hub stalls for 20 … 80 ms", "array_adapter = {stall_ms = [20, 80], stall_every_s = 1}", _GONE

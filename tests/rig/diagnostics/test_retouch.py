@@ -44,7 +44,7 @@ CHECKED = CheckOut(
     arrays=(),
     loop=None,
     bus=BusCountsOut(instructions=1, silent=0, damaged=0, retries=0, alerts=0, reconnects=0, stale=0),
-    touch_force=TouchForceOut(quick_n=2.8, slow_n=0.5),
+    touch_force=TouchForceOut(quick_n=2.8, slow_n=0.5, unstopped_n=15.5),
     calibration=CalibrationCheckOut(
         file="rig.calibration.toml",
         made="2026-05-04T12:30:00Z",
