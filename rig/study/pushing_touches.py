@@ -20,7 +20,7 @@ from palpate.rig.emulated.driven_tips import DrivenTip, DrivenTips
 from palpate.rig.emulated.scene import Placement, moved, outline_at
 from palpate.rig.motion.contact_load import TouchStage
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
-from palpate.rig.study.mismeasurement import Mismeasurement
+from palpate.rig.study.mismeasurement import FingerErrors
 from palpate.rig.study.simulated_finger import SimulatedFinger
 from palpate.rig.study.simulated_touches import PlacedShapes
 
@@ -50,7 +50,8 @@ class PushingTouches:
     ) -> None:
         """`part`: as placed; `noise`: of each finger's array. Tips and gains are drawn in their bounds."""
         self._rig, self._put, self._part, self._noise, self._rng = rig, placement, part, noise, rng
-        self._shapes, self._resolution = PlacedShapes(placement), resolution or resolution_of(rig)
+        self._shapes = PlacedShapes(placement)
+        self._errors = FingerErrors(resolution or resolution_of(rig), rng)
         self._outlines = {at: outline_at(placement, at) for at in {item.height_mm for item in rig.fingers}}
         stiffness = [
             item.tip.stiffness_n_per_mm * (1 + item.tip.stiffness_spread * rng.uniform(-1, 1))
@@ -94,7 +95,7 @@ class PushingTouches:
         index = approach.finger_index
         spec = self._rig.fingers[index]
         unnoticed = undetected_dent_mm(spec, self._rig.closing)
-        error = Mismeasurement.draw(self._resolution, self._rng, unnoticed)
+        error = self._errors.draw(approach, unnoticed)
         tip = DrivenTip(self._skins[index], spec.height_mm, self._outlines[spec.height_mm])
         gain, noise = self._gains[index], self._noise[index]
         return SimulatedFinger(self._rig, approach, tip, error, gain, noise, self._rng)

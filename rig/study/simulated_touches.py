@@ -14,7 +14,7 @@ from palpate.drivers.emulators.part import IN_PLACE
 from palpate.recognizer import FingerApproach, Resolution
 from palpate.rig.emulated.scene import Placement, shape_of
 from palpate.rig.motion.guarded_approach import GripPhase, Touch
-from palpate.rig.study.mismeasurement import Mismeasurement
+from palpate.rig.study.mismeasurement import FingerErrors
 
 __all__ = ["PlacedShapes", "SimulatedTouches"]
 
@@ -39,13 +39,12 @@ class PlacedShapes:
 class SimulatedTouches:
     """Carries out grips on a part, as `search` has them carried out.
 
-    A touch declares the rig's `resolution`: its place is off by anything up to that, its normal anywhere in
-    a range of that width.
+    A touch declares the rig's `resolution`; its place and its normal are off by less than that.
     """
 
     def __init__(self, placement: Placement, resolution: Resolution, rng: np.random.Generator) -> None:
         self.placement = placement
-        self._shapes, self._resolution, self._rng = PlacedShapes(placement), resolution, rng
+        self._shapes, self._errors = PlacedShapes(placement), FingerErrors(resolution, rng)
 
     def __call__(
         self, grip: Sequence[FingerApproach], tell: Callable[[GripPhase], None] | None = None
@@ -55,7 +54,7 @@ class SimulatedTouches:
         return [self._touch(approach) for approach in grip]
 
     def _touch(self, approach: FingerApproach) -> Touch:
-        error = Mismeasurement.draw(self._resolution, self._rng)
+        error = self._errors.draw(approach)
         shape, far = self._shapes.at(approach.finger.height_mm), approach.travel_mm
         contact = error.contact(approach, shape, IN_PLACE, far) or error.miss(approach, far)
         return Touch(approach.finger_index, contact, None, (math.nan, math.nan))
