@@ -35,7 +35,7 @@ from palpate.drivers.transport.reopened_port import ReopenedPort
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.arrays import array_of, extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
-from palpate.rig.drives import Drive
+from palpate.rig.drives import AIM_TOLERANCE_RAD, Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.motion.homing import (
@@ -49,6 +49,7 @@ from palpate.rig.motion.homing import (
 )
 from palpate.rig.motion.load_meter import LoadMeter
 from palpate.rig.motion.standby import come_to_standby
+from palpate.rig.reach.free_space import stage_range_rad
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem
@@ -219,10 +220,7 @@ class Hand:
         self._reader.arrange()
         if self.stage is not None:
             self.stage.prepare()
-            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
-            wrong = self.stage.start_problem(at)
-            if wrong is not None:
-                raise DeviceError(wrong)
+            self._check_stage(self.stage)
         unknown = []
         for finger in self.fingers:
             recalled = is_homable(finger) and home is not Home.ALL and recall_turn(self.bus, finger)
@@ -471,6 +469,22 @@ class Hand:
         if any(map(_is_slide, fingers)):
             return "push its finger back by hand until it is retracted, then start again"
         return "then start again"
+
+    def _check_stage(self, stage: HostStage) -> None:
+        """Raise DeviceError for a stage outside of its range, or with an obstacle between it and angle 0."""
+        at = self.states([stage.servo])[stage.servo.dxl_id].position_rad
+        wrong = stage.start_problem(at)
+        if wrong is None and self.rig.obstacles:
+            angle, slack = stage.turn(at).angle_rad, stage.turn(at).angle_bound_rad + AIM_TOLERANCE_RAD
+            lo, hi = stage_range_rad(self.rig)
+            if not lo - slack <= angle <= hi + slack:
+                wrong = (
+                    f"the stage (servo {stage.servo.dxl_id}) stands at {math.degrees(angle):.1f}°, and "
+                    "between there and 0 a finger would meet an obstacle; with torque off, turn it by hand to "
+                    "about 0, then start again"
+                )
+        if wrong is not None:
+            raise DeviceError(wrong)
 
     def _check_start(self, finger: HostFinger, *, is_homed: bool) -> None:
         """Raise DeviceError if a finger stands where it must not start."""

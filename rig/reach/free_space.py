@@ -19,7 +19,7 @@ from palpate.rig.reach.standby_poses import StandbyPoses, clear_aims, free_range
 from palpate.rig.reach.swept_volume import Capsules, gap_mm, longest_way_mm, polygon_gap_mm
 from palpate.rig.turning_stage import planned_turn
 
-__all__ = ["free_paths", "furthest_mm"]
+__all__ = ["free_paths", "furthest_mm", "stage_range_rad"]
 
 _MARGIN_MM = 1.0
 _MOST = 1500  # candidates in all
@@ -47,6 +47,12 @@ def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
         for angle in _angles(rig, standby, obstacles, len(middle))
         for path in (middle if angle == 0.0 else paths_at(angle))
     ][:_MOST]
+
+
+def stage_range_rad(rig: RigFile) -> tuple[float, float]:
+    """Angles between which a rig's stage may turn, with every finger at its home."""
+    standby = [standby_poses_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
+    return _stage_range(rig, standby, [np.array(item.outline_mm) for item in rig.obstacles])
 
 
 def _angles(
@@ -111,8 +117,12 @@ def furthest_mm(rig: RigFile) -> float:
 
 
 def _unsure_mm(rig: RigFile) -> float:
-    """How far off a finger may be from an obstacle, because the stage's angle is."""
-    return planned_turn(rig.stage, 0.0).angle_bound_rad * furthest_mm(rig)
+    """How far off a finger may be from an obstacle, because the stage's angle and centre are."""
+    if rig.stage is None:
+        return 0.0
+    widest = math.radians(max(map(abs, rig.stage.range_deg)))
+    shifted = 2 * math.sin(min(widest, math.pi) / 2) * rig.stage.centre_bound_mm
+    return planned_turn(rig.stage, 0.0).angle_bound_rad * furthest_mm(rig) + shifted
 
 
 def _paths_at(

@@ -180,7 +180,7 @@ class Standby:
 
 def standby_of(rig: RigFile, turn: Turn) -> Standby:
     """Where fingers may wait with the stage at `turn`."""
-    unsure_mm = turn.angle_bound_rad * furthest_mm(rig)
+    unsure_mm = turn.angle_bound_rad * furthest_mm(rig) + turn.centre_bound_mm
     back = Turn(turn.centre_mm, -turn.angle_rad)
     obstacles = [
         np.array([back.point_mm((float(x), float(y))) for x, y in item.outline_mm]) for item in rig.obstacles

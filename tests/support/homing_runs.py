@@ -53,7 +53,7 @@ _STAGE = {
     "zero_deg": 180.0,
     "bound_deg": 0.02,
 }
-_PART = {"engine": "quasi-static", "mass_kg": [0.5, 1.0]}
+_PART = {"engine": "quasi-static", "mass_kg": [1.5, 3.0]}
 
 
 @cache
@@ -68,7 +68,7 @@ def anywhere_rig(kind: str = "slides") -> RigFile:
     data["emulation"] |= {"start": "anywhere"}
     if kind == "arms":
         data["emulation"] |= {"part": _PART}
-        data["search"] |= {"part_holds_n": 1.0, "part_support_mm": 20.0}
+        data["search"] |= {"part_holds_n": 4.0, "part_support_mm": 20.0}
     if kind == "stage":
         data["stage"] = _STAGE
         data["emulation"] |= {"stage_backlash_deg": 0.02, "stage_error_deg": 0.02}

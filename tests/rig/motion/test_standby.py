@@ -26,6 +26,11 @@ from palpate.rig.standby_geometry import wait_radius_mm
 ARMS = load_rig(EXAMPLES / "two-link-rig.toml")
 
 
+def anywhere(rig: RigFile) -> RigFile:
+    assert rig.emulation is not None
+    return rig.model_copy(update={"emulation": rig.emulation.model_copy(update={"start": "anywhere"})})
+
+
 def put(session: EmulatedSession, index: int, servos: Servos) -> None:
     """Let a finger stand elsewhere before anything has moved."""
     for servo, angle in zip(session.bench.fingers[index].servos, servos, strict=True):
@@ -67,11 +72,10 @@ def test_arms_come_to_standby_from_anywhere(seed: int) -> None:
 
 @pytest.mark.campaign
 def test_an_arm_that_meets_the_part_backs_off_and_goes_another_way() -> None:
-    """Its tip stands beyond the part: the shortest ways lead through that."""
-    session = emulated_session(seed=4, rig=ARMS)
-    put(session, 0, posture(0, (0.0, -45.0)))
+    """The second arm's tip stands beyond the part: the best way leads through that."""
+    session = emulated_session(seed=0, rig=anywhere(ARMS))
     prepared(session)
-    assert 0.1 < session.bench.fingers[0].hardest_n < 2.5
+    assert 0.1 < session.bench.fingers[1].hardest_n < 2.5
 
 
 def test_a_joint_outside_its_range_is_refused() -> None:
@@ -97,6 +101,30 @@ def test_a_stage_starts_anywhere() -> None:
     assert abs(session.bench.stage.angle_rad) > 0.1
     prepared(session)
     assert all(finger.hardest_n < 0.1 for finger in session.bench.fingers)
+
+
+def test_a_stage_behind_a_post_is_refused() -> None:
+    """Between where it stands and angle 0 a retracted finger would meet the post."""
+    rig = anywhere_rig("stage")
+    post = [[-35.0, 105.0], [-29.0, 105.0], [-29.0, 111.0], [-35.0, 111.0]]
+    data = rig.model_dump(mode="json", exclude_unset=True)
+    blocked = RigFile.model_validate(data | {"obstacles": [{"name": "post", "outline_mm": post}]})
+    session = emulated_session(seed=3, rig=blocked, objects=small_objects())
+    assert session.bench.stage is not None
+    put_stage(session, 0.45)
+    with (
+        pytest.raises(DeviceError, match=r"stage .* a finger would meet an obstacle; with torque off"),
+        connect(session.bench_rig) as hand,
+    ):
+        hand.prepare()
+    assert not any(session.torque().values())
+
+
+def put_stage(session: EmulatedSession, angle_rad: float) -> None:
+    stage, spec = session.bench.stage, session.rig.stage
+    assert stage is not None
+    assert spec is not None
+    stage.servo._unit.motion.shaft_rad = math.radians(spec.zero_deg) - math.pi + spec.gear_ratio * angle_rad
 
 
 def gap_mm(rig: RigFile, servos: Sequence[Servos], index: int) -> float:
