@@ -480,8 +480,8 @@ class Hand:
             if not lo - slack <= angle <= hi + slack:
                 wrong = (
                     f"the stage (servo {stage.servo.dxl_id}) stands at {math.degrees(angle):.1f}°, and "
-                    "between there and 0 a finger would meet an obstacle; with torque off, turn it by hand to "
-                    "about 0, then start again"
+                    "between there and 0 a finger would meet an obstacle; with torque off, turn it by hand "
+                    "to about 0, then start again"
                 )
         if wrong is not None:
             raise DeviceError(wrong)
