@@ -1,12 +1,13 @@
 """Runs from random postures, and runs after a blink of power: what comes of them.
 
-    python benchmarks/bench_homing.py [--postures 100] [--blinks 50]
+    python benchmarks/bench_homing.py [--postures 100] [--blinks 50] [--kind slides|arms|stage]
 
-Postures: each seed is a small bench of another hidden truth, with its aims anywhere in their ranges and its
-slides anywhere in their travel, and a part. Blinks: in a run on such a bench one servo is without power for a
-moment, at an instant drawn from the whole run; then the same bench runs once more from where everything came
-to rest. Right: the part is identified and lies within the bounds. Message: an error's line. Wrong: anything
-else. Torque is read from the emulated servos themselves.
+Postures: each seed is a small bench of another hidden truth, with a part, and with its joints and its stage
+anywhere in their ranges and its slides anywhere in their travel. Blinks: in a run on such a bench of slides
+one servo is without power for a moment, at an instant drawn from the whole run; then the same bench runs once
+more from where everything came to rest. Right: the part is identified and lies within the bounds. Message: an
+error's line. Wrong: anything else. Torque is read from the emulated servos; so is what tips pressed
+with until the first grip, and how far the part was moved by it. A line a run goes to stderr.
 """
 
 import argparse
@@ -16,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 
-from homing_runs import Outcome, run_after_blink, run_from_anywhere
+from homing_runs import RIGS, Outcome, run_after_blink, run_from_anywhere
 
 
 def _table(name: str, outcomes: list[Outcome]) -> None:
@@ -25,10 +26,18 @@ def _table(name: str, outcomes: list[Outcome]) -> None:
     homed = sum(outcome.homed > 0 for outcome in outcomes)
     print(
         f"| {name} | {len(outcomes)} | {kinds['right']} | {kinds['message']} | {kinds['unresolved']} | "
-        f"{kinds['wrong']} | {torque} | {homed} | {max(outcome.hardest_n for outcome in outcomes):.1f} |"
+        f"{kinds['wrong']} | {torque} | {homed} | {max(outcome.hardest_n for outcome in outcomes):.1f} | "
+        f"{max(outcome.at_start_n for outcome in outcomes):.1f} | "
+        f"{max(outcome.moved_mm for outcome in outcomes):.2f} |"
     )
     for text, count in Counter(o.text for o in outcomes if o.kind != "right").most_common():
         print(f"    {count} × {text}")
+
+
+def _told(seed: int, kind: str) -> Outcome:
+    outcome = run_from_anywhere(seed, kind)
+    print(seed, outcome, file=sys.stderr, flush=True)
+    return outcome
 
 
 def main() -> None:
@@ -36,12 +45,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--postures", type=int, default=100)
     parser.add_argument("--blinks", type=int, default=50)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kind", choices=RIGS, default="slides")
     asked = parser.parse_args()
-    print("| runs | n | right | message | not resolved | wrong | torque on | homed | hardest, N |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print(
+        "| runs | n | right | message | not resolved | wrong | torque on | began | hardest, N | "
+        "before the first grip, N | part moved by then, mm |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     if asked.postures:
-        _table("from a random posture", [run_from_anywhere(seed) for seed in range(asked.postures)])
-    if asked.blinks:
+        seeds = range(asked.first, asked.first + asked.postures)
+        _table(f"{asked.kind}, from a random posture", [_told(seed, asked.kind) for seed in seeds])
+    if asked.blinks and asked.kind == "slides":
         pairs = [run_after_blink(seed) for seed in range(asked.blinks)]
         _table("in which power blinks", [first for first, _ in pairs])
         _table("after it", [second for _, second in pairs])

@@ -16,6 +16,7 @@ from palpate.config.calibration_finger import (
     PlaceCalibration,
     TactileCalibration,
 )
+from palpate.config.calibration_frame import frame_offset_bound_mm
 from palpate.config.fields import FileModel
 from palpate.config.rig_file import RigFile
 from palpate.config.rig_fingers import FingerConfig, SlideFingerConfig, TaxelsConfig
@@ -30,7 +31,8 @@ _SIGMAS = 3.3
 
 _NOT_GEOMETRY = frozenset(
     {
-        "port", "baudrate_bps", "bounds", "bound_mm", "bound_deg", "zero_bound_mm", "mm_per_turn_spread",
+        "port", "baudrate_bps", "bounds", "bound_mm", "bound_deg", "centre_bound_mm", "zero_bound_mm",
+        "mm_per_turn_spread",
         "radius_bound_mm", "heading_bound_deg", "stiffness_spread", "gain_spread", "drift_counts_per_s",
         "backlash_mm", "backlash_deg", "friction_a", "taxels",
     }
@@ -94,7 +96,12 @@ def apply_calibration(rig: RigFile, file: CalibrationFile) -> RigFile:
     off of the rig as described, and that is more than calibration leaves.
     """
     fingers = [_calibrated(finger, found) for finger, found in zip(rig.fingers, file.fingers, strict=True)]
-    return rig.model_copy(update={"fingers": fingers})
+    stage = rig.stage
+    if stage is not None and any(found.place is not None for found in file.fingers):
+        # It is not measured, and the calibration's frame may be another than the drawing's.
+        wide = stage.centre_bound_mm + frame_offset_bound_mm(rig, stage.centre_mm)
+        stage = stage.model_copy(update={"centre_bound_mm": wide})
+    return rig.model_copy(update={"fingers": fingers, "stage": stage})
 
 
 def _calibrated(finger: FingerConfig, found: FingerCalibration) -> FingerConfig:

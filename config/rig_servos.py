@@ -137,6 +137,9 @@ class StageConfig(RotaryConfig):
     bound_deg: Annotated[Length, Field(le=45)] = Field(
         description="Bound: the ring's angle is off by at most this, besides its play."
     )
+    centre_bound_mm: Length = Field(
+        default=0.0, description="Bound: the ring's axis is within this distance of centre_mm."
+    )
 
     @model_validator(mode="after")
     def _starts_within_one_turn(self) -> Self:

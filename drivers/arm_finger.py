@@ -43,6 +43,10 @@ class Joint:
         """Joint angle for a servo angle."""
         return (servo_rad - self.zero_rad) / self.gear_ratio
 
+    def within_range(self, servo_rad: float) -> float:
+        """The nearest servo angle at which the joint is in its range."""
+        return self.zero_rad + self.gear_ratio * min(max(self.angle_rad(servo_rad), self.lo_rad), self.hi_rad)
+
 
 @dataclass(frozen=True)
 class ArmKinematics:
@@ -87,6 +91,10 @@ class ArmKinematics:
         across = math.atan2(self.fore_mm * math.sin(elbow), self.upper_mm + self.fore_mm * math.cos(elbow))
         shoulder = math.remainder(math.atan2(y, x) - across - self.heading_rad, 2 * math.pi)
         return self.shoulder.servo_rad(shoulder), self.elbow.servo_rad(elbow)
+
+    def within_ranges(self, servos_rad: Servos) -> Servos:
+        """The nearest servo angles at which both joints are in their ranges."""
+        return self.shoulder.within_range(servos_rad[0]), self.elbow.within_range(servos_rad[1])
 
     def centre_mm(self, servos_rad: Servos) -> tuple[float, float]:
         """Tip's centre."""
@@ -145,12 +153,15 @@ class ArmKinematics:
         # Beyond a right angle the worst torques have the other sign.
         return math.sin(min(between, math.pi - between) / 2)
 
-    def largest_torques_nm(self, servos_rad: Servos, force_n: float) -> tuple[float, float]:
+    def largest_torques_nm(
+        self, servos_rad: Servos, force_n: float, least_transmission: float = 0.0
+    ) -> tuple[float, float]:
         """Torques of shoulder and elbow joint that cannot push the tip harder than a force, in this posture.
 
         A torque τ at an axis at distance d is balanced by a force with component τ / d across the way to the
         axis. Two components of f each across directions γ apart come from a force of f / sin(γ/2) at most
-        (f / cos(γ/2) for the other signs), so each may be force · sin(γ/2).
+        (f / cos(γ/2) for the other signs), so each may be force · sin(γ/2). A transmission below
+        `least_transmission` counts as that: along its links a stretched arm may press harder then.
         """
-        share = force_n * self.force_transmission(servos_rad) / 1000
+        share = force_n * max(self.force_transmission(servos_rad), least_transmission) / 1000
         return share * math.dist(self.base_mm, self.centre_mm(servos_rad)), share * self.fore_mm

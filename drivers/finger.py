@@ -88,11 +88,12 @@ class FingerKinematics(Protocol):
 
 @dataclass(frozen=True)
 class Turn:
-    """The turning stage at an angle: from the ring's frame to W. Without a stage: angle 0, no bound."""
+    """The turning stage at an angle: from the ring's frame to W. Without a stage: angle 0, no bounds."""
 
     centre_mm: tuple[float, float] = (0.0, 0.0)
     angle_rad: float = 0.0
     angle_bound_rad: float = 0.0
+    centre_bound_mm: float = 0.0
 
     def point_mm(self, point_mm: tuple[float, float]) -> tuple[float, float]:
         """A point of the ring in W."""
@@ -107,8 +108,12 @@ class Turn:
         return Line(self._turned(line.start_mm, -self.angle_rad), line.direction_rad - self.angle_rad)
 
     def position_bound_mm(self, point_mm: tuple[float, float]) -> float:
-        """How much further off a point of the ring may be, because the stage's angle is."""
-        return self.angle_bound_rad * math.dist(point_mm, self.centre_mm)
+        """How much further off a point of the ring may be, because the stage's angle and centre are.
+
+        About a centre that is elsewhere by c, a turn by φ brings every point elsewhere by 2 c sin(φ/2).
+        """
+        shifted = 2 * abs(math.sin(self.angle_rad / 2)) * self.centre_bound_mm
+        return self.angle_bound_rad * (math.dist(point_mm, self.centre_mm) + self.centre_bound_mm) + shifted
 
     def _turned(self, point_mm: tuple[float, float], angle_rad: float) -> tuple[float, float]:
         if angle_rad == 0.0:

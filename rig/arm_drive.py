@@ -19,8 +19,9 @@ from palpate.drivers.dynamixel.control_table import OperatingMode
 from palpate.drivers.dynamixel.guarded import ServoGoals
 from palpate.drivers.dynamixel.servo import Servo
 from palpate.drivers.finger import Line, Servos
+from palpate.geometry import Floats
 from palpate.rig.drives import ARM_AIM_SPEED_MM_S, Limits
-from palpate.rig.standby_geometry import on_circle
+from palpate.rig.standby_geometry import LEAST_FORCE_TRANSMISSION, on_circle
 
 __all__ = ["ArmDrive"]
 
@@ -34,12 +35,12 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Motion:
-    """A way of some length: `place` by travel, begun at `begun_s`, with a ramp up and down.
+    """A way of some length: `posture` by travel, begun at `begun_s`, with a ramp up and down.
 
     `entry_mm_s`: speed at its begin, from which it slows down; 0 from standing still.
     """
 
-    place: Callable[[float], Place]
+    posture: Callable[[float], Servos]
     length_mm: float
     speed_mm_s: float
     begun_s: float
@@ -75,7 +76,7 @@ class _Motion:
         left_mm = self.length_mm - gone
         if entry <= speed_mm_s or entry**2 / 2 / _ACCELERATION_MM_S2 >= left_mm:
             return self
-        return _Motion(lambda travel: self.place(gone + travel), left_mm, speed_mm_s, now, entry)
+        return _Motion(lambda travel: self.posture(gone + travel), left_mm, speed_mm_s, now, entry)
 
     def _speed_mm_s(self, now: float) -> float:
         after = max(now - self.begun_s, 0.0)
@@ -132,7 +133,7 @@ class ArmDrive:
             servo.clear_profile()
         k = self._kinematics
         angle = math.atan2(k.base_mm[1], k.base_mm[0])
-        self._limit([on_circle(self._wait_mm, angle)])
+        self._limit([k.servos_at(on_circle(self._wait_mm, angle))])
 
     def retract(self) -> ServoGoals:
         """Nothing: between approaches an arm is where it waits already."""
@@ -152,7 +153,7 @@ class ArmDrive:
             share = (travel_mm - inward) / arc if arc > 0 else 1.0
             return on_circle(self._wait_mm, angle + turn * min(share, 1.0))
 
-        return self._begin(_Motion(place, inward + arc, ARM_AIM_SPEED_MM_S, now))
+        return self._begin(self._motion_of(place, inward + arc, ARM_AIM_SPEED_MM_S, now))
 
     def go(self, line: Line, from_mm: float, to_mm: float, speed_mm_s: float, now: float) -> ServoGoals:
         """Go along the line, forward or back."""
@@ -161,7 +162,16 @@ class ArmDrive:
         def place(travel_mm: float) -> Place:
             return line.point_mm(from_mm + sign * travel_mm)
 
-        return self._begin(_Motion(place, abs(to_mm - from_mm), speed_mm_s, now))
+        return self._begin(self._motion_of(place, abs(to_mm - from_mm), speed_mm_s, now))
+
+    def follow(self, postures_rad: Floats, travel_mm: Floats, speed_mm_s: float, now: float) -> ServoGoals:
+        """Go through postures (m, 2), at travels (m,) of the tip that ascend from 0; even in between."""
+        near, far = postures_rad.T
+
+        def posture(travel: float) -> Servos:
+            return float(np.interp(travel, travel_mm, near)), float(np.interp(travel, travel_mm, far))
+
+        return self._begin(_Motion(posture, float(travel_mm[-1]), speed_mm_s, now))
 
     def slow_down(self, speed_mm_s: float, now: float) -> ServoGoals:
         """From the next goal on."""
@@ -180,7 +190,7 @@ class ArmDrive:
         travel = self._motion.travel_mm(now)
         if travel > self._limited_mm:
             self._limit_from(self._motion, travel)
-        return self._angles(self._motion.place(travel))
+        return self._angles(self._motion.posture(travel))
 
     def under_way(self, now: float) -> bool:
         """Until the last goal is due."""
@@ -188,7 +198,7 @@ class ArmDrive:
 
     def targets(self) -> ServoGoals:
         """Angles at the end of the way."""
-        return {} if self._motion is None else self._angles(self._motion.place(self._motion.length_mm))
+        return {} if self._motion is None else self._angles(self._motion.posture(self._motion.length_mm))
 
     def reached_rad(self, servo: Servo, gap_mm: float) -> float:
         """Each servo may use half of the gap."""
@@ -207,17 +217,24 @@ class ArmDrive:
         """Set currents for the next stretch of a way, and a little before it, because the tip lags behind."""
         self._limited_mm = travel_mm + _STRETCH_MM
         first, last = max(travel_mm - _LAG_MM, 0.0), min(self._limited_mm + _LAG_MM, motion.length_mm)
-        self._limit([motion.place(float(at)) for at in np.linspace(first, last, _POSTURES)])
+        self._limit([motion.posture(float(at)) for at in np.linspace(first, last, _POSTURES)])
 
-    def _limit(self, places: list[Place]) -> None:
+    def _motion_of(
+        self, place: Callable[[float], Place], length_mm: float, speed_mm_s: float, now: float
+    ) -> _Motion:
+        """Motion of the tip through places."""
+        return _Motion(lambda travel: self._kinematics.servos_at(place(travel)), length_mm, speed_mm_s, now)
+
+    def _limit(self, postures: list[Servos]) -> None:
         k = self._kinematics
-        postures = [k.servos_at(place) for place in places]
-        torques = [k.largest_torques_nm(servos, self._force_n) for servos in postures]
+        torques = [
+            k.largest_torques_nm(servos, self._force_n, LEAST_FORCE_TRANSMISSION) for servos in postures
+        ]
         joints = k.shoulder, k.elbow
         for index, (servo, joint) in enumerate(zip(self._servos, joints, strict=True)):
             torque = min(pair[index] for pair in torques) / abs(joint.gear_ratio)
             current = min(torque / servo.model.known_torque.nm_per_a, servo.model.largest_current_a)
             servo.set_goal_current_a(current)
 
-    def _angles(self, place: Place) -> ServoGoals:
-        return dict(zip(self._servos, self._kinematics.servos_at(place), strict=True))
+    def _angles(self, posture: Servos) -> ServoGoals:
+        return dict(zip(self._servos, posture, strict=True))

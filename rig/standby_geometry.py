@@ -8,11 +8,11 @@ from palpate.config import ARM_MARGIN_MM, ArmFingerConfig, SlideFingerConfig
 from palpate.drivers.arm_finger import ArmKinematics
 from palpate.rig.conversion import slide_kinematics
 
-__all__ = ["is_steady", "on_circle", "wait_distance_mm", "wait_radius_mm"]
+__all__ = ["LEAST_FORCE_TRANSMISSION", "is_steady", "on_circle", "wait_distance_mm", "wait_radius_mm"]
 
 _MARGIN_MM = 1.0
 _END_RAD = math.radians(1.0)  # an arm keeps this far off its joints' ends
-_LEAST_FORCE_TRANSMISSION = 0.25
+LEAST_FORCE_TRANSMISSION = 0.25
 """Least `ArmKinematics.force_transmission` of a posture: torques that a part can bear still move the arm."""
 
 
@@ -37,7 +37,7 @@ def is_steady(kinematics: ArmKinematics, point_mm: tuple[float, float]) -> bool:
         joint.lo_rad + _END_RAD <= angle <= joint.hi_rad - _END_RAD
         for joint, angle in zip(ranges, angles, strict=True)
     )
-    return off_ends and kinematics.force_transmission(servos) >= _LEAST_FORCE_TRANSMISSION
+    return off_ends and kinematics.force_transmission(servos) >= LEAST_FORCE_TRANSMISSION
 
 
 def wait_distance_mm(spec: SlideFingerConfig, workspace_radius_mm: float) -> float:

@@ -29,7 +29,7 @@ def planned_turn(spec: StageConfig | None, angle_rad: float) -> Turn:
     if spec is None:
         return Turn()
     settled = AIM_TOLERANCE_RAD / abs(spec.gear_ratio)
-    return Turn(spec.centre_mm, angle_rad, _bound_rad(spec) + settled)
+    return Turn(spec.centre_mm, angle_rad, _bound_rad(spec) + settled, spec.centre_bound_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class HostStage:
     def turn(self, servo_rad: float) -> Turn:
         """Where the ring stands for a servo angle."""
         angle = (servo_rad - _servo_rad(self.spec, 0.0)) / self.spec.gear_ratio
-        return Turn(self.spec.centre_mm, angle, _bound_rad(self.spec))
+        return Turn(self.spec.centre_mm, angle, _bound_rad(self.spec), self.spec.centre_bound_mm)
 
     def start_problem(self, servo_rad: float) -> str | None:
         """Why the stage must not start from where it stands; None if it may."""

@@ -17,6 +17,9 @@ __all__ = ["drive_of", "start_problem"]
 _START_MM = 15.0  # an arm's tip may stand this far from where tips wait when it is switched on
 
 
+_JOINT_SLACK_DEG = 0.1  # an encoder step of a joint that stands at its end
+
+
 def drive_of(spec: FingerConfig, rig: RigFile, bus: Bus) -> Drive:
     """The servos of a finger, limited to its ranges, and what moves them."""
     closing, radius = rig.closing, rig.clear_radius_mm
@@ -43,9 +46,11 @@ def start_problem(
     """Why a finger must not start from where it stands; None if it may.
 
     A slide must be retracted, because its servo knows its angle within one turn only; one whose stops are
-    known may stand anywhere if it `is_homed` before it moves otherwise. An arm's tip must be
-    beside the workspace, where it waits: nothing is known of what is between there and another place.
+    known may stand anywhere if it `is_homed` before it moves otherwise. An arm's joints must be within their
+    ranges; if it does not come to standby first (not `is_homed`), its tip must be beside the workspace.
     """
+    if isinstance(spec, ArmFingerConfig) and is_homed:
+        return _joint_problem(spec, servos, angles_rad)
     if isinstance(spec, ArmFingerConfig):
         x, y = arm_kinematics(spec).centre_mm(angles_rad)
         radius = wait_radius_mm(spec, rig.clear_radius_mm)
@@ -70,6 +75,22 @@ def start_problem(
         f"{lo:g} … {hi:g} mm; with torque off, push the finger back by hand until it is retracted within the "
         "servo's first turn, then start again"
     )
+
+
+def _joint_problem(spec: ArmFingerConfig, servos: tuple[Servo, Servo], angles_rad: Servos) -> str | None:
+    """Why an arm cannot be moved: its servos' turn is only known where its joints are within their ranges."""
+    arm = arm_kinematics(spec)
+    joints = zip(spec.servos.items(), (arm.shoulder, arm.elbow), servos, angles_rad, strict=True)
+    for (key, config), joint, servo, angle in joints:
+        at = math.degrees(joint.angle_rad(angle))
+        lo, hi = config.range_deg
+        slack = config.backlash_deg + _JOINT_SLACK_DEG
+        if not lo - slack <= at <= hi + slack:
+            return (
+                f"its {key} (servo {servo.dxl_id}) stands at {at:.1f}°, outside its range {lo:g} … {hi:g}°; "
+                "with torque off, turn it back by hand, then start again"
+            )
+    return None
 
 
 def _ends(spec: FingerConfig) -> tuple[tuple[float, ...], tuple[float, ...]]:

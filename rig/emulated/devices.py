@@ -37,7 +37,7 @@ from palpate.rig.emulated.emulated_truth import (
 from palpate.rig.emulated.mechanics_truth import roughen, with_cables
 from palpate.rig.emulated.part_truth import PartTruth, draw_part, part_of
 from palpate.rig.emulated.scene import Placement, outline_at
-from palpate.rig.emulated.start_postures import start_postures
+from palpate.rig.emulated.start_postures import start_postures, start_stage_rad
 
 __all__ = ["EmulatedRig", "MockRig", "description_of", "emulate", "on_mock_wires"]
 
@@ -108,9 +108,10 @@ def emulate(rig: RigFile, placement: Placement | None, seed: int) -> EmulatedRig
     def advance(now: float) -> None:
         bench_of[0].advance(now)
 
-    stage, part = _stage(rig, seed), draw_part(rig.emulation.part, placement, seed)
+    turned = start_stage_rad(rig, np.random.default_rng([seed, 15]))
+    stage, part = _stage(rig, turned, seed), draw_part(rig.emulation.part, placement, seed)
     tip_friction = 0.0 if part is None else part.tip_friction
-    postures = start_postures(rig, placement, np.random.default_rng([seed, 14]))
+    postures = start_postures(rig, placement, turned, np.random.default_rng([seed, 14]))
     for index, finger in enumerate(rig.fingers):
         newer = np.random.default_rng([seed, 4, index])
         truth = truth_of(finger, rig.emulation, rng, newer)
@@ -178,13 +179,13 @@ def on_mock_wires(rig: EmulatedRig) -> MockRig:
     return MockRig(rig, hub, clock, urls)
 
 
-def _stage(rig: RigFile, seed: int) -> EmulatedStage | None:
-    """The emulated stage, at angle 0 as far as people can tell; its draw leaves the fingers' as they are."""
+def _stage(rig: RigFile, start_rad: float, seed: int) -> EmulatedStage | None:
+    """The emulated stage, at an angle as far as people can tell; its draw leaves the fingers' as they are."""
     if rig.stage is None or rig.emulation is None:
         return None
     spec, rng = rig.stage, np.random.default_rng([seed, 2])
     joint = joint_truth(spec.gear_ratio, spec.zero_deg, rig.emulation.stage_backlash_deg, rng)
-    start = joint.zero_rad
+    start = joint.zero_rad + spec.gear_ratio * start_rad
     off = math.radians(rig.emulation.stage_error_deg) * rng.uniform(-1, 1)
     joint = replace(joint, zero_rad=joint.zero_rad - spec.gear_ratio * off)
     return EmulatedStage(spec.centre_mm, joint, _servo(rig, spec.dxl_id, spec.model, start))

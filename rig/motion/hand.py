@@ -35,7 +35,7 @@ from palpate.drivers.transport.reopened_port import ReopenedPort
 from palpate.errors import DeviceError, SafetyStop
 from palpate.rig.arrays import array_of, extractor_of, threshold_problem
 from palpate.rig.conversion import kinematics_of
-from palpate.rig.drives import Drive
+from palpate.rig.drives import AIM_TOLERANCE_RAD, Drive
 from palpate.rig.host_finger import HostFinger
 from palpate.rig.motion.array_guard import ArrayGuard, ArrayReading
 from palpate.rig.motion.homing import (
@@ -48,6 +48,8 @@ from palpate.rig.motion.homing import (
     recall_turn,
 )
 from palpate.rig.motion.load_meter import LoadMeter
+from palpate.rig.motion.standby import come_to_standby
+from palpate.rig.reach.free_space import stage_range_rad
 from palpate.rig.reach.standby_poses import home_line
 from palpate.rig.turning_stage import HostStage
 from palpate.rig.wiring import drive_of, start_problem
@@ -206,26 +208,23 @@ class Hand:
         return failed
 
     def prepare(self, *, home: Home = Home.UNKNOWN) -> None:
-        """Write and check limits, switch torque on where everything stands, and home slides.
+        """Write and check limits, switch torque on where everything stands, home slides, come to standby.
 
-        `home`: which of the slides with `stops_mm`. Where none is, those whose turn is unknown must be
-        retracted in their first turn, as slides without stops.
+        `home`: which of the slides with `stops_mm`. Where none is, nothing moves: those whose turn is unknown
+        must be retracted in their first turn, as slides without stops, and arms be where they wait.
         """
         self._driven = False
         self.disarm()  # one that has tripped in an earlier run refuses goals
         self._reader.arrange()
         if self.stage is not None:
             self.stage.prepare()
-            at = self.states([self.stage.servo])[self.stage.servo.dxl_id].position_rad
-            wrong = self.stage.start_problem(at)
-            if wrong is not None:
-                raise DeviceError(wrong)
+            self._check_stage(self.stage)
         unknown = []
         for finger in self.fingers:
             recalled = is_homable(finger) and home is not Home.ALL and recall_turn(self.bus, finger)
             finger.drive.prepare()
             if home is Home.NONE or not is_homable(finger):
-                self._check_start(finger)
+                self._check_start(finger, is_homed=home is not Home.NONE and not _is_slide(finger))
             elif not (recalled and is_within_stops(finger, self.servos_of([finger])[finger][1])):
                 unknown.append(finger)
         for finger in unknown:
@@ -237,6 +236,8 @@ class Hand:
             servo.enable_torque()
         self._driven = True
         home_slides(self, unknown)
+        if home is not Home.NONE:
+            come_to_standby(self)
 
     @property
     def turn(self) -> Turn:
@@ -463,17 +464,37 @@ class Hand:
         fingers = [finger for finger in self.fingers if finger.drive.servos[1].dxl_id == error.dxl_ids[0]]
         if any(map(is_homable, fingers)):
             return "then start again: the next run, or palpate home, homes it"
-        if any(isinstance(finger.spec, SlideFingerConfig) for finger in fingers):
+        if any(map(_is_slide, fingers)):
             return "push its finger back by hand until it is retracted, then start again"
         return "then start again"
 
-    def _check_start(self, finger: HostFinger) -> None:
+    def _check_stage(self, stage: HostStage) -> None:
+        """Raise DeviceError for a stage outside of its range, or with an obstacle between it and angle 0."""
+        at = self.states([stage.servo])[stage.servo.dxl_id].position_rad
+        wrong = stage.start_problem(at)
+        if wrong is None and self.rig.obstacles:
+            angle, slack = stage.turn(at).angle_rad, stage.turn(at).angle_bound_rad + AIM_TOLERANCE_RAD
+            lo, hi = stage_range_rad(self.rig)
+            if not lo - slack <= angle <= hi + slack:
+                wrong = (
+                    f"the stage (servo {stage.servo.dxl_id}) stands at {math.degrees(angle):.1f}°, and "
+                    "between there and 0 a finger would meet an obstacle; with torque off, turn it by hand "
+                    "to about 0, then start again"
+                )
+        if wrong is not None:
+            raise DeviceError(wrong)
+
+    def _check_start(self, finger: HostFinger, *, is_homed: bool) -> None:
         """Raise DeviceError if a finger stands where it must not start."""
         states = self.states(finger.drive.servos)
         near, far = (states[servo.dxl_id].position_rad for servo in finger.drive.servos)
-        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far), is_homed=False)
+        wrong = start_problem(finger.spec, self.rig, finger.drive.servos, (near, far), is_homed=is_homed)
         if wrong is not None:
             raise DeviceError(f"finger {finger.name}: {wrong}")
+
+
+def _is_slide(finger: HostFinger) -> bool:
+    return isinstance(finger.spec, SlideFingerConfig)
 
 
 def _warn(error: BaseException, failed: Sequence[DeviceError]) -> None:

@@ -19,7 +19,7 @@ from palpate.rig.reach.standby_poses import StandbyPoses, clear_aims, free_range
 from palpate.rig.reach.swept_volume import Capsules, gap_mm, longest_way_mm, polygon_gap_mm
 from palpate.rig.turning_stage import planned_turn
 
-__all__ = ["free_paths"]
+__all__ = ["free_paths", "furthest_mm", "stage_range_rad"]
 
 _MARGIN_MM = 1.0
 _MOST = 1500  # candidates in all
@@ -49,6 +49,12 @@ def free_paths(rig: RigFile, aims: int) -> list[tuple[float, ApproachPath]]:
     ][:_MOST]
 
 
+def stage_range_rad(rig: RigFile) -> tuple[float, float]:
+    """Angles between which a rig's stage may turn, with every finger at its home."""
+    standby = [standby_poses_of(spec, rig.clear_radius_mm) for spec in rig.fingers]
+    return _stage_range(rig, standby, [np.array(item.outline_mm) for item in rig.obstacles])
+
+
 def _angles(
     rig: RigFile, standby: Sequence[StandbyPoses], obstacles: Sequence[Floats], each: int
 ) -> list[float]:
@@ -70,7 +76,7 @@ def _stage_range(
     """The connected range of stage angles round 0 at which every finger's home is clear."""
     assert rig.stage is not None
     lo, hi = (math.radians(angle) for angle in rig.stage.range_deg)
-    step = _STEP_MM / _lever_mm(rig)
+    step = _STEP_MM / furthest_mm(rig)
     homes = [poses.capsules.of(poses.capsules.owner == poses.home) for poses in standby]
     least = rig.closing.clearance_mm + _unsure_mm(rig) + _STEP_MM
 
@@ -100,7 +106,7 @@ def _turned_back(rig: RigFile, obstacles: Sequence[Floats], angle_rad: float) ->
     return [np.array([back.point_mm((float(x), float(y))) for x, y in corners]) for corners in obstacles]
 
 
-def _lever_mm(rig: RigFile) -> float:
+def furthest_mm(rig: RigFile) -> float:
     """No part of a finger that can meet anything is further from the stage's centre."""
     centre = rig.stage.centre_mm if rig.stage else (0.0, 0.0)
     parts = [
@@ -111,8 +117,12 @@ def _lever_mm(rig: RigFile) -> float:
 
 
 def _unsure_mm(rig: RigFile) -> float:
-    """How far off a finger may be from an obstacle, because the stage's angle is."""
-    return planned_turn(rig.stage, 0.0).angle_bound_rad * _lever_mm(rig)
+    """How far off a finger may be from an obstacle, because the stage's angle and centre are."""
+    if rig.stage is None:
+        return 0.0
+    widest = math.radians(max(map(abs, rig.stage.range_deg)))
+    shifted = 2 * math.sin(min(widest, math.pi) / 2) * rig.stage.centre_bound_mm
+    return planned_turn(rig.stage, 0.0).angle_bound_rad * furthest_mm(rig) + shifted
 
 
 def _paths_at(

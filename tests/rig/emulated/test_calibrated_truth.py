@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from repository import EXAMPLES
 
-from palpate.config import load_objects, load_rig, shipped_objects
+from palpate.calibration.gauge_freedom import BasePose, align_to_nominal
+from palpate.config import RigFile, load_objects, load_rig, shipped_objects
+from palpate.config.calibration_frame import frame_offset_bound_mm
 from palpate.drivers.emulators.mechanics import FingerTruth
+from palpate.drivers.finger import Turn
 from palpate.rig.emulated.calibrated_truth import in_hand_frame
 from palpate.rig.emulated.devices import emulate
 from palpate.rig.emulated.scene import Placement, draw_placement
@@ -58,3 +61,28 @@ def test_a_drawn_hand_sees_the_part_elsewhere_by_what_its_fingers_are_off() -> N
 
 def pose(placement: Placement) -> tuple[float, float, float]:
     return placement.x_mm, placement.y_mm, placement.theta_rad
+
+
+def test_a_stage_turns_about_where_its_centre_bound_allows_in_the_calibrations_frame() -> None:
+    """Points of the ring, by the drawing's centre and by the true one, in the frame of the calibration."""
+    data = FRESH.model_dump(mode="json", exclude_unset=True)
+    rng, widest = np.random.default_rng(6), 0.0
+    for seed in range(40):
+        centre = tuple(rng.uniform(-8.0, 8.0, 2).tolist())
+        stage = {"centre_mm": centre, "dxl_id": 1, "model": "XM430-W350", "gear_ratio": 5.0}
+        stage |= {"range_deg": [-30.0, 30.0], "backlash_deg": 0.0, "zero_deg": 180.0, "bound_deg": 0.0}
+        rig = RigFile.model_validate(data | {"stage": stage})
+        assert rig.stage is not None
+        truths = slides(seed)
+        drawn = [BasePose(item.base_mm, math.radians(item.heading_deg)) for item in rig.fingers]
+        frame = align_to_nominal(drawn, [BasePose(item.base_mm, item.heading_rad) for item in truths])
+        bound = frame_offset_bound_mm(rig, rig.stage.centre_mm)
+        true_centre = frame.point_mm(rig.stage.centre_mm)
+        assert math.dist(true_centre, rig.stage.centre_mm) <= bound
+        angle = float(rng.uniform(-0.52, 0.52))
+        point = tuple(rng.uniform(-60.0, 60.0, 2).tolist())
+        believed = Turn(rig.stage.centre_mm, angle, 0.0, bound)
+        off = math.dist(believed.point_mm(point), Turn(true_centre, angle).point_mm(point))
+        assert off <= believed.position_bound_mm(point) + 1e-9
+        widest = max(widest, off)
+    assert widest > 0.3, "more than such rigs' contacts are bounded by"

@@ -141,20 +141,6 @@ def test_a_dead_elbow_ends_the_run_with_torque_off() -> None:
     assert session.rest(1.0) < 0.05
 
 
-def test_an_arm_that_starts_in_the_workspace_is_refused() -> None:
-    session = emulated_session(rig=ARMS)
-    finger = session.bench.fingers[0]
-    spec, k = arm()
-    inside = k.servos_at((0.0, 60.0))
-    for servo, angle in zip(finger.servos, inside, strict=True):
-        servo._unit.motion.shaft_rad = angle
-    wanted = r"finger a1: its tip \(servos 11 and 12\) stands at \(\S+, \S+\) mm; with torque off, push it"
-    with pytest.raises(DeviceError, match=wanted), connect(session.bench_rig) as hand:
-        hand.prepare()
-    assert not any(session.torque().values())
-    assert spec.name == "a1"
-
-
 def test_a_catalogue_with_a_part_that_is_too_high_is_refused() -> None:
     data: dict[str, Any] = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
     for finger in data["fingers"]:
