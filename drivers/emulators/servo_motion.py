@@ -165,10 +165,8 @@ class ShaftMotion:
 
     def step(self, dt_s: float, load_nm: float) -> None:
         """Integrate over `dt_s` with a constant outside torque; positive pushes towards +position."""
-        if load_nm == self._rest_nm:
+        if load_nm == self._rest_nm or (load_nm == 0.0 and self._stands(dt_s)):
             return  # friction has held the shaft against this torque, and nothing has changed since
-        if load_nm == 0.0 and dt_s == self._fixed_s:
-            return
         self._fixed_s = math.nan
         while dt_s > _LONGEST_STEP_S * 1.001:
             self._step(_LONGEST_STEP_S, load_nm)
@@ -177,6 +175,8 @@ class ShaftMotion:
 
     def reach_rad(self, dt_s: float, steps: int) -> float:
         """The furthest that so many steps of `dt_s` may turn an unloaded shaft; may be infinite."""
+        if self._stands(dt_s):
+            return 0.0
         push = self._max_current_a * self._nm_per_a / self._inertia if self.driven else 0.0
         return dt_s * steps * (abs(self.velocity_rad_s) + push * dt_s * (steps + 1) / 2)
 
@@ -186,7 +186,7 @@ class ShaftMotion:
         Returns the angle (rad) after each step that was taken and the current (A) in it; what is left of the
         steps changes neither. The same as so many times `step`, quicker.
         """
-        if self._rest_nm == 0.0 or dt_s == self._fixed_s:
+        if self._stands(dt_s):
             return [], []
         self._fixed_s = math.nan
         if self.driven and self.law is None and self._extras is None:
@@ -239,6 +239,10 @@ class ShaftMotion:
                 break
         self.velocity_rad_s, self.shaft_rad, self.duty, self.current_a = velocity, shaft, duty, current
         return angles, currents
+
+    def _stands(self, dt_s: float) -> bool:
+        """Whether steps of `dt_s` without a load are known to change nothing."""
+        return self._rest_nm == 0.0 or dt_s == self._fixed_s
 
     def _disturb(self) -> None:
         """Note that what turns the shaft may have changed: it may not stand still any more."""
