@@ -167,7 +167,7 @@ class ShaftMotion:
         """Integrate over `dt_s` with a constant outside torque; positive pushes towards +position."""
         if load_nm == self._rest_nm or (load_nm == 0.0 and self._stands(dt_s)):
             return  # friction has held the shaft against this torque, and nothing has changed since
-        self._fixed_s = math.nan
+        self._disturb()
         while dt_s > _LONGEST_STEP_S * 1.001:
             self._step(_LONGEST_STEP_S, load_nm)
             dt_s -= _LONGEST_STEP_S
@@ -188,7 +188,7 @@ class ShaftMotion:
         """
         if self._stands(dt_s):
             return [], []
-        self._fixed_s = math.nan
+        self._disturb()
         if self.driven and self.law is None and self._extras is None:
             return self._run_to_goal(dt_s, steps)
         angles: list[float] = []
